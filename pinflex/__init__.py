@@ -1,0 +1,77 @@
+"""pinflex: rigid-flexible multibody dynamics on Pinocchio, from a URDF and one small YAML.
+
+    import pinflex as pf
+
+    robot = pf.load("3rrr")
+    rigid = pf.solve(robot, level="rigid")
+    flexible = pf.solve(robot, level="coupled")
+    print(flexible.deviation_from(rigid, "platform").max())
+
+Quantities are SI, angles radians, arrays time-first. Notation: q rigid coordinates, eta elastic
+ones, y = (q, eta), lam closure multipliers.
+"""
+
+from pinflex.comparison import comparison
+from pinflex.errors import (
+    AssemblyError,
+    ConvergenceError,
+    DescriptionError,
+    MotionError,
+    PinflexError,
+    SceneError,
+    SingularityError,
+)
+from pinflex.integrators import generalized_alpha, hht, newmark
+from pinflex.mechanism import Mechanism, load
+from pinflex.modes import Modes, modes
+from pinflex.motion import (
+    Motion,
+    circle,
+    cycloid,
+    harmonic,
+    hold,
+    quintic,
+    sampled,
+    spin_up,
+    trapezoid,
+)
+from pinflex.quasistatic import Equilibrium, linear_statics, static_equilibrium
+from pinflex.result import Result
+from pinflex.rigid import inverse_dynamics
+from pinflex.solve import LEVELS, solve
+from pinflex.view import view
+
+__all__ = [
+    "LEVELS",
+    "AssemblyError",
+    "ConvergenceError",
+    "DescriptionError",
+    "Equilibrium",
+    "Mechanism",
+    "Modes",
+    "Motion",
+    "MotionError",
+    "PinflexError",
+    "Result",
+    "SceneError",
+    "SingularityError",
+    "circle",
+    "comparison",
+    "cycloid",
+    "generalized_alpha",
+    "harmonic",
+    "hht",
+    "hold",
+    "inverse_dynamics",
+    "linear_statics",
+    "load",
+    "modes",
+    "newmark",
+    "quintic",
+    "sampled",
+    "solve",
+    "spin_up",
+    "static_equilibrium",
+    "trapezoid",
+    "view",
+]

@@ -1,0 +1,380 @@
+"""Loop closures: residual c, Jacobian J and their exact derivatives, all loops in one batch.
+
+Every kind is made of three sorts of rows between frame a (on body A) and frame b (on body B):
+
+    point      c = u . (p_b - p_a)                  u an axis of a
+    direction  c = e_a . e_b                        an axis of a, an axis of b
+    distance   c = (|p_b - p_a|^2 - l^2) / (2 l)
+
+Each row is W (twist of B - twist of A), twists taken at the world origin, so with J the world
+Jacobians of Pinocchio the closure Jacobian is (W J) times the difference of the bodies' supports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.supplement import Loop
+from pinflex.expansion import Attachment
+
+# p @ _SKEW gives the 3x3 matrix of p x (.) for every row of p.
+_SKEW = np.array(
+    [
+        [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
+    ],
+    dtype=float,
+).reshape(3, 9)
+
+# Points held along these axes of a, and pairs (axis of a, axis of b) held perpendicular.
+_ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
+    "weld": ((0, 1, 2), ((0, 1), (1, 2), (2, 0))),
+    "revolute": ((0, 1, 2), ((0, 2), (1, 2))),
+    "prismatic": ((0, 1), ((0, 1), (1, 2), (2, 0))),
+    "cylindrical": ((0, 1), ((0, 2), (1, 2))),
+    "universal": ((0, 1, 2), ((2, 0),)),
+    "spherical": ((0, 1, 2), ()),
+    "planar": ((0, 1), ()),
+    "distance": ((), ()),
+}
+_AXES = "xyz"
+
+
+def skew(p: Array) -> Array:
+    """Matrices of p x (.), shape (n, 3, 3), for p of shape (n, 3)."""
+    return (p @ _SKEW).reshape(-1, 3, 3)
+
+
+@dataclass(frozen=True)
+class Closures:
+    """The loop closures of one (rigid or expanded) model.
+
+    Attributes:
+        names, kinds: One per loop.
+        labels: One per row, "loop: what is held".
+        loop_of: Loop of each row.
+        bodies: Joints of A then B, shape (2 loops,).
+        local: Frames a then b in their joints, [R | p], shape (2 loops, 3, 4).
+        point_rows, point_axes: Rows of point type and the axis of a they use.
+        dot_rows, dot_a, dot_b: Rows of direction type and the axes they use.
+        distance_rows, lengths: Rows of distance type and their lengths in m.
+        support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
+        row_mask: support_b - support_a of each row's loop, shape (rows, nV).
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    labels: tuple[str, ...]
+    loop_of: IntArray
+    bodies: IntArray
+    local: Array
+    point_rows: IntArray
+    point_axes: IntArray
+    dot_rows: IntArray
+    dot_a: IntArray
+    dot_b: IntArray
+    distance_rows: IntArray
+    lengths: Array
+    support_a: Array
+    support_b: Array
+    row_mask: Array
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return len(self.labels)
+
+    def select(self, rows: Sequence[int] | IntArray) -> Closures:
+        """The same loops with some rows only (the independent ones)."""
+        rows = np.asarray(rows, dtype=np.intp)
+        renumber = np.full(self.n, -1, dtype=np.intp)
+        renumber[rows] = np.arange(len(rows))
+
+        def kept(sort: IntArray) -> Array:
+            return renumber[sort] >= 0
+
+        p, d, s = kept(self.point_rows), kept(self.dot_rows), kept(self.distance_rows)
+        return replace(
+            self,
+            labels=tuple(self.labels[r] for r in rows),
+            loop_of=self.loop_of[rows],
+            point_rows=renumber[self.point_rows[p]],
+            point_axes=self.point_axes[p],
+            dot_rows=renumber[self.dot_rows[d]],
+            dot_a=self.dot_a[d],
+            dot_b=self.dot_b[d],
+            distance_rows=renumber[self.distance_rows[s]],
+            lengths=self.lengths[s],
+            row_mask=self.row_mask[rows],
+        )
+
+
+def closures(
+    loops: Sequence[Loop], frames: Mapping[str, Attachment], model: pin.Model
+) -> Closures:
+    """Gather the loops of a description on a model.
+
+    Args:
+        loops: Described loops; a distance without a length gets NaN, to be set at assembly.
+        frames: Where each frame sits in the model.
+        model: Rigid or expanded model.
+    Returns:
+        All rows, redundant ones included.
+    """
+    ends = [(frames[loop.frame_a], frames[loop.frame_b]) for loop in loops]
+    turn_a = [_axes(loop.axis, None) for loop in loops]
+    # A universal joint holds the axis of a (z) perpendicular to the axis of b (x here).
+    turn_b = [
+        _axes(None, loop.axis_b) if loop.kind == "universal" else _axes(loop.axis, None)
+        for loop in loops
+    ]
+    labels: list[str] = []
+    owner: list[int] = []
+    points: list[tuple[int, int]] = []
+    dots: list[tuple[int, int, int]] = []
+    distances: list[tuple[int, float]] = []
+    for number, loop in enumerate(loops):
+        held, square = _ROWS[loop.kind]
+        for axis in held:
+            points.append((len(labels), axis))
+            labels.append(f"{loop.name}: position along {_AXES[axis]}")
+        for a, b in square:
+            dots.append((len(labels), a, b))
+            about = _AXES[3 - a - b] if a != b else _AXES[a]
+            labels.append(f"{loop.name}: rotation about {about}")
+        if loop.kind == "distance":
+            distances.append((len(labels), np.nan if loop.length is None else loop.length))
+            labels.append(f"{loop.name}: distance")
+        owner.extend([number] * (len(labels) - len(owner)))
+    sides = [e[0] for e in ends] + [e[1] for e in ends]
+    local = np.zeros((len(sides), 3, 4))
+    for k, (end, turn) in enumerate(zip(sides, turn_a + turn_b, strict=True)):
+        local[k, :, :3] = end.placement.rotation @ turn
+        local[k, :, 3] = end.placement.translation
+    support_a = _supports(model, [e[0].joint for e in ends])
+    support_b = _supports(model, [e[1].joint for e in ends])
+    loop_of = np.array(owner, dtype=np.intp)
+    return Closures(
+        names=tuple(loop.name for loop in loops),
+        kinds=tuple(loop.kind for loop in loops),
+        labels=tuple(labels),
+        loop_of=loop_of,
+        bodies=np.array([s.joint for s in sides], dtype=np.intp),
+        local=local,
+        point_rows=np.array([p[0] for p in points], dtype=np.intp),
+        point_axes=np.array([p[1] for p in points], dtype=np.intp),
+        dot_rows=np.array([d[0] for d in dots], dtype=np.intp),
+        dot_a=np.array([d[1] for d in dots], dtype=np.intp),
+        dot_b=np.array([d[2] for d in dots], dtype=np.intp),
+        distance_rows=np.array([d[0] for d in distances], dtype=np.intp),
+        lengths=np.array([d[1] for d in distances], dtype=float),
+        support_a=support_a,
+        support_b=support_b,
+        row_mask=(support_b - support_a)[loop_of],
+    )
+
+
+def _axes(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
+    """A rotation whose z (or x) axis is the given one, the identity where it can be."""
+    if z is None and x is None:
+        return np.eye(3)
+    k, wish = (2, z) if z is not None else (0, x)
+    axis = np.array(wish, float) / np.linalg.norm(np.array(wish, float))
+    helper = np.eye(3)[(k + 1) % 3]
+    if abs(axis @ helper) > 0.9:
+        helper = np.eye(3)[(k + 2) % 3]
+    second = helper - axis * (axis @ helper)
+    second /= np.linalg.norm(second)
+    columns = [np.zeros(3)] * 3
+    columns[k] = axis
+    if abs(helper[(k + 1) % 3]) > 0.5:
+        columns[(k + 1) % 3] = second
+        columns[(k + 2) % 3] = np.cross(axis, second)
+    else:
+        columns[(k + 2) % 3] = second
+        columns[(k + 1) % 3] = np.cross(second, axis)
+    return np.column_stack(columns)
+
+
+def _supports(model: pin.Model, joints: Sequence[int]) -> Array:
+    support = np.zeros((len(joints), model.nv))
+    for k, joint in enumerate(joints):
+        for above in model.supports[joint]:
+            if above:
+                step = model.joints[above]
+                support[k, step.idx_v : step.idx_v + step.nv] = 1.0
+    return support
+
+
+class JointPoses:
+    """Rotations and translations of all joints, read straight from Pinocchio's memory.
+
+    Pinocchio keeps the poses of a `Data` in one block (12 numbers each); one strided view of it
+    spares a Python call per joint. The layout is checked once; if it ever changes, poses are copied.
+    """
+
+    def __init__(self, model: pin.Model, data: pin.Data) -> None:
+        self._data = data
+        self.rotation = np.zeros((model.njoints, 3, 3))
+        self.translation = np.zeros((model.njoints, 3))
+        q = pin.randomConfiguration(model) if model.nq < 200 else pin.neutral(model)
+        pin.forwardKinematics(model, data, q)
+        rotation, translation = data.oMi[0].rotation, data.oMi[0].translation
+        shape, n = np.lib.stride_tricks.as_strided, model.njoints
+        views = (
+            shape(rotation, (n, 3, 3), (96, *rotation.strides)),
+            shape(translation, (n, 3), (96, *translation.strides)),
+        )
+        self._direct = not rotation.flags.owndata and all(
+            np.array_equal(views[0][k], data.oMi[k].rotation)
+            and np.array_equal(views[1][k], data.oMi[k].translation)
+            for k in range(n)
+        )
+        if self._direct:
+            self.rotation, self.translation = views
+
+    def refresh(self) -> None:
+        """Make the arrays current (nothing to do when they are views)."""
+        if not self._direct:
+            for k, pose in enumerate(self._data.oMi):
+                self.rotation[k], self.translation[k] = pose.rotation, pose.translation
+
+
+class ClosureState:
+    """Closures evaluated at one configuration: c, W and what their derivatives need."""
+
+    def __init__(self, closed: Closures, model: pin.Model, data: pin.Data) -> None:
+        self.closed = closed
+        self._poses = JointPoses(model, data)
+        self._model, self._data = model, data
+        loops = len(closed.names)
+        self._loops = loops
+        self.c = np.zeros(closed.n)
+        self.W = np.zeros((closed.n, 6))
+        self.J = np.zeros((closed.n, model.nv))
+        self._point_loop = closed.loop_of[closed.point_rows]
+        self._dot_loop = closed.loop_of[closed.dot_rows]
+        self._distance_loop = closed.loop_of[closed.distance_rows]
+
+    def evaluate(self) -> None:
+        """c, W and J from the joint poses and Jacobians in the data (both must be current)."""
+        cl = self.closed
+        self._poses.refresh()
+        frames = self._poses.rotation[cl.bodies] @ cl.local
+        frames[:, :, 3] += self._poses.translation[cl.bodies]
+        a, b = frames[: self._loops], frames[self._loops :]
+        self.frames_a, self.frames_b = a, b
+        self.gap = b[:, :, 3] - a[:, :, 3]
+        self._arm = skew(b[:, :, 3])
+        rows, loop, axes = cl.point_rows, self._point_loop, cl.point_axes
+        if len(rows):
+            u = a[loop, :, axes]
+            self.c[rows] = (u * self.gap[loop]).sum(1)
+            self.W[rows, :3] = u
+            self.W[rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
+        if len(cl.dot_rows):
+            loop = self._dot_loop
+            e_a, e_b = a[loop, :, cl.dot_a], b[loop, :, cl.dot_b]
+            self.c[cl.dot_rows] = (e_a * e_b).sum(1)
+            self.W[cl.dot_rows, 3:] = (skew(e_b) @ e_a[:, :, None])[:, :, 0]
+        if len(cl.distance_rows):
+            loop = self._distance_loop
+            d = self.gap[loop]
+            self.c[cl.distance_rows] = ((d * d).sum(1) - cl.lengths**2) / (2 * cl.lengths)
+            u = d / cl.lengths[:, None]
+            self.W[cl.distance_rows, :3] = u
+            self.W[cl.distance_rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
+        np.matmul(self.W, self._data.J, out=self.J)
+        self.J *= cl.row_mask
+
+    def wrenches(self, lam: Array) -> Array:
+        """World wrench [force; moment about the origin] on each B, shape (loops, 6)."""
+        F = np.zeros((self._loops, 6))
+        np.add.at(F, self.closed.loop_of, self.W * lam[:, None])
+        return F
+
+    def bias(self, V: Array) -> Array:
+        """Jdot V, shape (rows,): needs J and dJ (time variation) current in the data."""
+        cl, data = self.closed, self._data
+        twist_a = (cl.support_a * V) @ data.J.T
+        twist_b = (cl.support_b * V) @ data.J.T
+        relative = twist_b - twist_a
+        turned = (cl.support_b - cl.support_a) * V @ data.dJ.T
+        rate = np.zeros_like(self.W)
+        spin_a, spin_b = skew(twist_a[:, 3:]), skew(twist_b[:, 3:])
+        p_b = self.frames_b[:, :, 3]
+        v_b = twist_b[:, :3] + (spin_b @ p_b[:, :, None])[:, :, 0]
+        v_a = twist_a[:, :3] + (spin_a @ self.frames_a[:, :, 3:])[:, :, 0]
+        swept = skew(v_b)
+
+        def point(rows: IntArray, loop: IntArray, u: Array, du: Array) -> None:
+            rate[rows, :3] = du
+            turn = swept[loop] @ u[:, :, None] + self._arm[loop] @ du[:, :, None]
+            rate[rows, 3:] = turn[:, :, 0]
+
+        if len(cl.point_rows):
+            loop = self._point_loop
+            u = self.frames_a[loop, :, cl.point_axes]
+            point(cl.point_rows, loop, u, (spin_a[loop] @ u[:, :, None])[:, :, 0])
+        if len(cl.dot_rows):
+            loop = self._dot_loop
+            e_a = self.frames_a[loop, :, cl.dot_a]
+            e_b = self.frames_b[loop, :, cl.dot_b]
+            de_a = (spin_a[loop] @ e_a[:, :, None])[:, :, 0]
+            de_b = (spin_b[loop] @ e_b[:, :, None])[:, :, 0]
+            rate[cl.dot_rows, 3:] = np.cross(de_b, e_a) + np.cross(e_b, de_a)
+        if len(cl.distance_rows):
+            loop = self._distance_loop
+            u = self.gap[loop] / cl.lengths[:, None]
+            du = (v_b - v_a)[loop] / cl.lengths[:, None]
+            point(cl.distance_rows, loop, u, du)
+        loop = cl.loop_of
+        total: Array = (rate * relative[loop]).sum(1) + (self.W * turned[loop]).sum(1)
+        return total
+
+    def force_tangent(self, lam: Array) -> Array:
+        """Part of d(J' lam)/dQ that Pinocchio's derivatives with fixed local forces miss.
+
+        The closure force follows frame a in direction and frame b in its point of attack, so in
+        the bodies' own frames it changes with the relative motion of the two.
+
+        Args:
+            lam: Multipliers, shape (rows,).
+        Returns:
+            Shape (nV, nV).
+        """
+        cl, J = self.closed, self._data.J
+        on_a, on_b = np.zeros((self._loops, 6, 6)), np.zeros((self._loops, 6, 6))
+        force = np.zeros((self._loops, 3))
+        np.add.at(force, self._point_loop, self.W[cl.point_rows, :3] * lam[cl.point_rows, None])
+        pull = self.W[cl.distance_rows, :3] * lam[cl.distance_rows, None]
+        np.add.at(force, self._distance_loop, pull)
+        f, arm = skew(force), self._arm
+        on_b[:, :3, 3:] += f
+        on_b[:, 3:, 3:] += arm @ f
+        on_a[:, 3:, :3] -= f
+        on_a[:, 3:, 3:] += f @ arm
+        for row, loop in zip(cl.distance_rows, self._distance_loop, strict=True):
+            k = lam[row] / cl.lengths[list(cl.distance_rows).index(row)]
+            move = np.hstack([np.eye(3), -arm[loop]]) * k
+            for side in (on_a, on_b):
+                side[loop, :3] += move
+                side[loop, 3:] += arm[loop] @ move
+        if len(cl.dot_rows):
+            loop = self._dot_loop
+            mu = lam[cl.dot_rows, None, None]
+            e_a = skew(self.frames_a[loop, :, cl.dot_a])
+            e_b = skew(self.frames_b[loop, :, cl.dot_b])
+            np.add.at(on_b[:, 3:, 3:], loop, mu * (e_b @ e_a))
+            np.add.at(on_a[:, 3:, 3:], loop, mu * (e_a @ e_b))
+        total = np.zeros((J.shape[1], J.shape[1]))
+        for k in range(self._loops):
+            J_a, J_b = J * cl.support_a[k], J * cl.support_b[k]
+            total += (J_b.T @ on_b[k] - J_a.T @ on_a[k]) @ (J_b - J_a)
+        return total

@@ -1,0 +1,416 @@
+"""The expanded Pinocchio model: rigid joints plus the stations and interfaces of flexible links.
+
+A flexible link is a set of stations (small rigid slices carrying its mass) and interfaces (where
+other links attach). Each is a joint on the link's own frame, and its coordinates are functions of
+the link's modal coordinates eta, right to second order:
+
+    u = Phi eta + 1/2 eta' G eta,      X = du/deta = Phi + G eta
+
+With the rigid coordinates q kept as they are, minimal coordinates y = (q, eta) map to expanded ones
+Q = T(y), V = X v, A = X a + Xdot v, and Pinocchio does the rest on Q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.basis import FlexibleBody
+from pinflex.flexible import EndMass
+from pinflex.parts import FlexiblePart
+from pinflex.tree import Link
+
+_POINT = np.zeros((3, 3))
+_TURNS: tuple[Callable[[], pin.JointModel], ...] = (
+    pin.JointModelRZ,
+    pin.JointModelRY,
+    pin.JointModelRX,
+)
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Where a frame sits in the expanded model: a joint and the pose in that joint's frame."""
+
+    joint: int
+    placement: pin.SE3
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A section that carries something: its place x [m], its joint and its velocity rows."""
+
+    x: float
+    attachment: Attachment
+    force_rows: IntArray
+    moment_rows: IntArray
+    turns: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One flexible body in the expanded model: its eta slice, stations and interfaces."""
+
+    link: str
+    offset: float
+    body: FlexibleBody
+    eta: slice
+    root: Attachment
+    stations: IntArray
+    twists: IntArray
+    interfaces: tuple[Interface, ...]
+
+
+@dataclass(frozen=True)
+class CurvedRows:
+    """Second-order rows of equal bodies, stacked: X[rows, cols] = Phi + G eta.
+
+    Attributes:
+        G: Shape (bodies, rows, n, n).
+        rows: Expanded velocity rows, shape (bodies, rows).
+        flat: Positions of these rows' entries in X.ravel(), shape (bodies * rows * n,).
+        Phi: First-order part at the same entries, shape (bodies * rows * n,).
+        eta: Slice of eta that covers the stacked bodies.
+    """
+
+    G: Array
+    rows: IntArray
+    flat: IntArray
+    Phi: Array
+    eta: slice
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """An expanded model and the constant parts of its coordinate map.
+
+    Attributes:
+        model: Expanded Pinocchio model.
+        q_at, v_at: Where the rigid q and v sit in Q and V.
+        station_q, station_v: Where station and interface coordinates sit in Q and V.
+        Phi: First-order rows, shape (nV, n_eta).
+        curved: Second-order rows, grouped by equal bodies (none without second order).
+        frames: Attachment of every link frame, by name.
+        slots: The flexible bodies.
+    """
+
+    model: pin.Model
+    q_at: IntArray
+    v_at: IntArray
+    station_q: IntArray
+    station_v: IntArray
+    Phi: Array
+    curved: tuple[CurvedRows, ...]
+    frames: Mapping[str, Attachment]
+    slots: tuple[Slot, ...]
+    n_eta: int
+
+
+@dataclass
+class _Assembler:
+    """Adds joints depth first: every joint of a subtree before any joint of another."""
+
+    links: Sequence[Link]
+    parts: Mapping[str, FlexiblePart]
+    needed: frozenset[str]
+    flexible: bool
+    model: pin.Model
+    frames: dict[str, Attachment] = field(default_factory=dict)
+    slots: list[Slot] = field(default_factory=list)
+    first_order: list[tuple[IntArray, slice, Array]] = field(default_factory=list)
+    second_order: list[list[tuple[int, Array]]] = field(default_factory=list)
+    n_eta: int = 0
+
+    def __post_init__(self) -> None:
+        self.children: list[list[int]] = [[] for _ in self.links]
+        for number, link in enumerate(self.links):
+            if link.parent >= 0:
+                self.children[link.parent].append(number)
+
+    def run(self) -> None:
+        for number, link in enumerate(self.links):
+            if link.parent < 0:
+                self._link(number, Attachment(0, link.placement))
+
+    def _link(self, number: int, here: Attachment) -> None:
+        link = self.links[number]
+        self.frames[link.name] = here
+        if link.name in self.needed:
+            body = pin.FrameType.BODY
+            self.model.addFrame(pin.Frame(link.name, here.joint, 0, here.placement, body))
+        part = self.parts.get(link.name)
+        if part is None:
+            self._append(here, link.inertia)
+            for child in self.children[number]:
+                self._child(child, here, self.links[child].placement)
+        elif not self.flexible:
+            for inertia in part.rigid_inertias():
+                self._append(here, inertia)
+            for child in self.children[number]:
+                self._child(child, here, self.links[child].placement)
+        else:
+            self._flexible_link(number, here, part)
+
+    def _matters(self, number: int) -> bool:
+        """A massless, fixed frame that nothing refers to needs no section of its own."""
+        link = self.links[number]
+        if link.steps or link.inertia.mass > 0 or link.name in self.needed:
+            return True
+        return any(self._matters(child) for child in self.children[number])
+
+    def _child(self, number: int, here: Attachment, placement: pin.SE3) -> None:
+        """Hang a link, by its joints, at a pose in the frame of an attachment."""
+        link = self.links[number]
+        joint, placement = here.joint, here.placement * placement
+        for step in link.steps:
+            joint = self.model.addJoint(joint, step.model, placement, step.name)
+            placement = pin.SE3.Identity()
+        self._link(number, Attachment(joint, placement))
+
+    def _flexible_link(self, number: int, here: Attachment, part: FlexiblePart) -> None:
+        """Chain the segments, each with its stations, and hang the children where they sit."""
+        at_section: dict[float, list[int]] = {}
+        for child in self.children[number]:
+            if self._matters(child):
+                x = part.section_of(self.links[child].placement.translation)
+                at_section.setdefault(x, []).append(child)
+        if part.tip is not None:
+            at_section.setdefault(part.length, [])
+        root = Attachment(here.joint, here.placement * part.placement)
+        for k, body in enumerate(part.bodies):
+            start = k * body.length
+            last = k == len(part.bodies) - 1
+            inside = {
+                x: c
+                for x, c in at_section.items()
+                if start < x <= start + body.length * (1 + 1e-9) or (x <= start and k == 0)
+            }
+            if not last:
+                inside.setdefault(start + body.length, [])
+            root = self._body(part, body, k, root, inside)
+
+    def _body(
+        self,
+        part: FlexiblePart,
+        body: FlexibleBody,
+        k: int,
+        root: Attachment,
+        inside: Mapping[float, Sequence[int]],
+    ) -> Attachment:
+        offset = k * body.length
+        eta = slice(self.n_eta, self.n_eta + body.n)
+        self.n_eta += body.n
+        self.second_order.append([])
+        stations = self._stations(body, root, eta)
+        twists = self._twists(body, root, eta)
+        slot_number = len(self.slots)
+        self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, ()))
+        interfaces: list[Interface] = []
+        following = root
+        sections = dict(sorted(inside.items()))
+        if body.root_moves and k == 0:
+            sections.setdefault(0.0, [])
+        elif k == 0 and part.root is not None:
+            self._append(root, _end_inertia(part.root))
+        for x, children in sorted(sections.items()):
+            local = x - offset
+            if local <= 0 and not body.root_moves:
+                carrier, section = root, root.placement
+            else:
+                interface = self._interface(body, root, eta, local)
+                interfaces.append(interface)
+                carrier, section = interface.attachment, pin.SE3.Identity()
+            if x <= 0 and body.root_moves and part.root is not None:
+                self._append(carrier, _end_inertia(part.root))
+            if x >= part.length * (1 - 1e-9) and part.tip is not None:
+                self._append(carrier, _end_inertia(part.tip))
+            to_section = part.placement * pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+            for child in children:
+                placement = to_section.actInv(self.links[child].placement)
+                self._child(child, Attachment(carrier.joint, section), placement)
+            if abs(x - offset - body.length) <= 1e-9 * body.length:
+                following = Attachment(carrier.joint, section)
+        slot = self.slots[slot_number]
+        self.slots[slot_number] = Slot(
+            slot.link, offset, body, eta, root, stations, twists, tuple(interfaces)
+        )
+        return following
+
+    def _stations(self, body: FlexibleBody, root: Attachment, eta: slice) -> IntArray:
+        rows = np.empty((len(body.x), 3), dtype=np.intp)
+        for k, x in enumerate(body.x):
+            joint = self._slide(root, x)
+            rows[k] = self._rows(joint)
+            self._map(rows[k], eta, body.Phi[k], None if body.G is None else body.G[k])
+            tensor = _POINT
+            if body.rotary:
+                joint, turned = self._turn(joint, eta, body.Phi_r[k], body.G_r, k)
+                del turned
+                tensor = np.diag(body.inertia[k])
+            self._inertia(joint, pin.Inertia(float(body.mass[k]), np.zeros(3), tensor))
+        return rows
+
+    def _twists(self, body: FlexibleBody, root: Attachment, eta: slice) -> IntArray:
+        rows = np.empty(len(body.xt), dtype=np.intp)
+        for k, inertia in enumerate(body.It):
+            placement = root.placement
+            joint = self.model.addJoint(
+                root.joint, pin.JointModelRX(), placement, f"twist {self.model.njoints}"
+            )
+            rows[k] = self.model.joints[joint].idx_v
+            self._map(rows[k : k + 1], eta, body.Phi_t[k : k + 1], _pick(body.G_t, k))
+            tensor = np.diag([float(inertia), 0.0, 0.0])
+            self._inertia(joint, pin.Inertia(0.0, np.zeros(3), tensor))
+        return rows
+
+    def _interface(self, body: FlexibleBody, root: Attachment, eta: slice, x: float) -> Interface:
+        Phi, G = body.rows(min(x, body.length))
+        joint = self._slide(root, x)
+        slide = self._rows(joint)
+        self._map(slide, eta, Phi[:3], None if G is None else G[:3])
+        joint, turned = self._turn(joint, eta, Phi[3:], None if G is None else G[None, 3:], 0)
+        rows = np.array([row for _, row in turned], dtype=np.intp)
+        turns = tuple(direction for direction, _ in turned)
+        return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, rows, turns)
+
+    def _slide(self, root: Attachment, x: float) -> int:
+        placement = root.placement * pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+        name = f"section {self.model.njoints}"
+        return int(self.model.addJoint(root.joint, pin.JointModelTranslation(), placement, name))
+
+    def _turn(
+        self, joint: int, eta: slice, Phi: Array, G: Array | None, k: int
+    ) -> tuple[int, list[tuple[int, int]]]:
+        """Rotations z, y, x of a section: only the ones that move become joints."""
+        turned = []
+        for direction, turn in enumerate(_TURNS):
+            curve = None if G is None else G[k, direction]
+            if not np.any(Phi[direction]) and (curve is None or not np.any(curve)):
+                continue
+            name = f"turn {self.model.njoints}"
+            joint = int(self.model.addJoint(joint, turn(), pin.SE3.Identity(), name))
+            row = self.model.joints[joint].idx_v
+            turned.append((direction, row))
+            self._map(
+                np.array([row]), eta, Phi[direction][None], None if curve is None else curve[None]
+            )
+        return joint, turned
+
+    def _rows(self, joint: int) -> IntArray:
+        start = self.model.joints[joint].idx_v
+        return np.arange(start, start + self.model.joints[joint].nv)
+
+    def _map(self, rows: IntArray, eta: slice, Phi: Array, G: Array | None) -> None:
+        self.first_order.append((rows, eta, Phi))
+        if G is not None:
+            found = self.second_order[-1]
+            found.extend((int(r), g) for r, g in zip(rows, G, strict=True) if np.any(g))
+
+    def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
+        if here.joint:
+            self._inertia(here.joint, here.placement.act(inertia))
+
+    def _inertia(self, joint: int, inertia: pin.Inertia) -> None:
+        self.model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+
+
+def _pick(G: Array | None, k: int) -> Array | None:
+    return None if G is None else G[k : k + 1]
+
+
+def _end_inertia(end: EndMass) -> pin.Inertia:
+    return pin.Inertia(end.mass, np.zeros(3), np.diag(np.array(end.inertia, float)))
+
+
+def expand(
+    links: Sequence[Link],
+    parts: Mapping[str, FlexiblePart],
+    needed: frozenset[str],
+    rigid: pin.Model | None,
+    gravity: Array,
+) -> Expansion:
+    """Build the expanded model, or, with `rigid=None`, the rigid tree itself.
+
+    Args:
+        links: The link tree, parents first.
+        parts: Flexible links by name.
+        needed: Frames that closures or outputs use.
+        rigid: The rigid model whose coordinates q keeps; None builds that model.
+        gravity: Shape (3,), m/s^2.
+    Returns:
+        The expanded model with its maps.
+    """
+    model = pin.Model()
+    model.gravity.linear = np.array(gravity, float)
+    work = _Assembler(links, parts, needed, rigid is not None, model)
+    work.run()
+    reference = model if rigid is None else rigid
+    q_at, v_at = _rigid_indices(reference, model)
+    Phi = np.zeros((model.nv, work.n_eta))
+    for rows, eta, values in work.first_order:
+        Phi[rows, eta] = values
+    station_v = np.setdiff1d(np.arange(model.nv), v_at)
+    station_q = np.setdiff1d(np.arange(model.nq), q_at)
+    curved = _stack(work, Phi, reference.nv)
+    return Expansion(
+        model,
+        q_at,
+        v_at,
+        station_q.astype(np.intp),
+        station_v.astype(np.intp),
+        Phi,
+        curved,
+        work.frames,
+        tuple(work.slots),
+        work.n_eta,
+    )
+
+
+def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
+    """Pinocchio's own model as an expansion with nothing added."""
+    frames: dict[str, Attachment] = {}
+    for link in links:
+        frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
+        frames[link.name] = Attachment(int(frame.parentJoint), frame.placement)
+    none = np.zeros(0, dtype=np.intp)
+    q_at, v_at = np.arange(model.nq), np.arange(model.nv)
+    return Expansion(model, q_at, v_at, none, none, np.zeros((model.nv, 0)), (), frames, (), 0)
+
+
+def _rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:
+    q_at = np.empty(rigid.nq, dtype=np.intp)
+    v_at = np.empty(rigid.nv, dtype=np.intp)
+    for joint, name in zip(rigid.joints[1:], rigid.names[1:], strict=True):
+        there = model.joints[model.getJointId(name)]
+        q_at[joint.idx_q : joint.idx_q + joint.nq] = there.idx_q + np.arange(joint.nq)
+        v_at[joint.idx_v : joint.idx_v + joint.nv] = there.idx_v + np.arange(joint.nv)
+    return q_at, v_at
+
+
+def _stack(work: _Assembler, Phi: Array, nv: int) -> tuple[CurvedRows, ...]:
+    """Group neighbouring bodies of equal shape, so that one product serves them all."""
+    groups: list[list[int]] = []
+    shapes = [(len(rows), slot.body.n) for slot, rows in zip(work.slots, work.second_order)]
+    for number, shape in enumerate(shapes):
+        if shape[0] == 0:
+            continue
+        if groups and shapes[groups[-1][0]] == shape and groups[-1][-1] == number - 1:
+            groups[-1].append(number)
+        else:
+            groups.append([number])
+    width = nv + work.n_eta
+    stacked = []
+    for group in groups:
+        rows = np.array([[r for r, _ in work.second_order[k]] for k in group], dtype=np.intp)
+        G = np.array([[g for _, g in work.second_order[k]] for k in group])
+        n = shapes[group[0]][1]
+        first, last = work.slots[group[0]].eta.start, work.slots[group[-1]].eta.stop
+        cols = first + n * np.arange(len(group))[:, None, None] + np.arange(n)
+        flat = (rows[:, :, None] * width + nv + cols).ravel()
+        values = Phi[rows[:, :, None], cols].ravel()
+        stacked.append(CurvedRows(G, rows, flat, values, slice(first, last)))
+    return tuple(stacked)

@@ -1,0 +1,245 @@
+"""The block `flexible` of a description: which links bend, of what they are, in which basis."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any, Literal
+
+from pinflex import material, schema, section
+from pinflex.errors import DescriptionError, nearest
+from pinflex.material import Material
+from pinflex.schema import Vec3
+from pinflex.section import Section
+from pinflex.urdf import Urdf
+
+Switch = bool | Literal["auto"]
+_BASIS_KEYS: dict[str, tuple[str, ...]] = {
+    "craig_bampton": ("internal",),
+    "finite_element": ("elements", "order"),
+    "assumed": ("boundary", "modes"),
+}
+ORDERS = ("cubic", "quintic")
+BOUNDARIES = (
+    "clamped_free",
+    "pinned_free",
+    "pinned_pinned",
+    "clamped_pinned",
+    "clamped_clamped",
+    "free_free",
+)
+
+
+@dataclass(frozen=True)
+class EndMass:
+    """A rigid mass at an end of a flexible link: mass [kg], moments of inertia [kg m^2]."""
+
+    mass: float = 0.0
+    inertia: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The shapes in which a link deforms.
+
+    Attributes:
+        kind: craig_bampton, finite_element or assumed.
+        internal: craig_bampton: internal modes per direction beside the static end shapes.
+        elements: finite_element: number of beam elements.
+        order: finite_element: cubic (12 coordinates) or quintic (18).
+        boundary: assumed: end conditions of the analytic modes, root first.
+        modes: assumed: number of modes per bending direction.
+    """
+
+    kind: str = "craig_bampton"
+    internal: int = 2
+    elements: int = 4
+    order: str = "cubic"
+    boundary: str = "clamped_free"
+    modes: int = 3
+
+
+@dataclass(frozen=True)
+class FlexibleLink:
+    """A link of the URDF that deforms as a beam.
+
+    Attributes:
+        link: URDF link.
+        material: Elastic constants and density.
+        section: Cross-section.
+        basis: Shapes.
+        start: Frame where the span begins; None: the link's own joint.
+        end: Frame where it ends; None: the joint of the child link.
+        length: Span [m], if not the distance of start and end.
+        up: Direction of the beam's z axis in the link frame; None: the axis of the link's joint.
+        bending_y: Deflects along beam y; "auto": where the mechanism moves or loads it.
+        bending_z: Deflects along beam z.
+        torsion: Twists.
+        axial: Stretches.
+        rotary_inertia: Sections have rotary inertia in bending.
+        second_order: Foreshortening and bending-torsion coupling to second order.
+        shear: Timoshenko shear flexibility.
+        segments: Number of flexible bodies the link is cut into.
+        root: Rigid mass at the start.
+        tip: Rigid mass at the end.
+        rayleigh: Damping alpha M + beta K: (alpha [1/s], beta [s]).
+        modal_damping: Damping ratio of every mode [-].
+    """
+
+    link: str
+    material: Material
+    section: Section
+    basis: Basis = Basis()
+    start: str | None = None
+    end: str | None = None
+    length: float | None = None
+    up: Vec3 | None = None
+    bending_y: Switch = "auto"
+    bending_z: Switch = "auto"
+    torsion: Switch = "auto"
+    axial: Switch = "auto"
+    rotary_inertia: bool = False
+    second_order: bool = True
+    shear: bool = False
+    segments: int = 1
+    root: EndMass | None = None
+    tip: EndMass | None = None
+    rayleigh: tuple[float, float] = (0.0, 0.0)
+    modal_damping: float = 0.0
+
+
+_SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
+_KEYS = (
+    ("material", "section", "basis", "start", "end", "length", "up", *_SWITCHES)
+    + ("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping")
+)  # fmt: skip
+
+
+def expand(value: object, where: str, urdf: Urdf) -> dict[str, Any]:
+    """One block per link, from keys that are link names, lists of them, or globs.
+
+    Args:
+        value: The parsed block `flexible`.
+        where: Its place.
+        urdf: The links there are.
+    """
+    found: dict[str, Any] = {}
+    written: dict[str, str] = {}
+    for key, block in schema.mapping(value, where).items():
+        for name in _links(key, schema.at(where, key), urdf):
+            if name in found:
+                raise DescriptionError(
+                    f'{schema.at(where, key)}: the link "{name}" is already described under '
+                    f'"{written[name]}". Describe each link once.'
+                )
+            found[name], written[name] = copy.deepcopy(block), key
+    return found
+
+
+def _links(key: str, where: str, urdf: Urdf) -> list[str]:
+    links: list[str] = []
+    for part in (p.strip() for p in key.split(",")):
+        matches = [part] if part in urdf.links else []
+        if not matches and schema.WILD.search(part):
+            matches = [link for link in urdf.links if fnmatchcase(link, part)]
+        if not matches:
+            raise DescriptionError(
+                f"{where}: no such link in {urdf.file}.{nearest(part, urdf.links)}", link=part
+            )
+        links += matches
+    return links
+
+
+def from_spec(
+    spec: object, link: str, where: str, urdf: Urdf, damping: tuple[tuple[float, float], float]
+) -> FlexibleLink:
+    """A flexible link from its YAML block.
+
+    Args:
+        spec: The parsed block.
+        link: URDF link it describes.
+        where: Its place.
+        urdf: The links there are.
+        damping: (rayleigh, modal) of a link that has no damping of its own.
+    """
+    block = schema.mapping(spec, where, _KEYS, ("material", "section"))
+    place = {key: schema.at(where, key) for key in _KEYS}
+    fields: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
+    if "basis" in block:
+        fields["basis"] = basis_from_spec(block["basis"], place["basis"])
+    for key in block.keys() & {"start", "end"}:
+        what = f"link in {urdf.file}"
+        fields[key] = schema.known(block[key], place[key], urdf.links, what)
+    if "length" in block:
+        fields["length"] = schema.number(block["length"], place["length"], above=0)
+    if "up" in block:
+        fields["up"] = schema.direction(block["up"], place["up"])
+    for key in _SWITCHES:
+        if key in block and block[key] != "auto":
+            if not isinstance(block[key], bool):
+                schema.choice(block[key], place[key], ("auto", "true", "false"))
+            fields[key] = schema.boolean(block[key], place[key])
+    if all(fields.get(key) is False for key in _SWITCHES):
+        raise DescriptionError(
+            f"{where}: {', '.join(_SWITCHES)} are all false, so nothing deforms. Leave one of them "
+            "on, or remove the link from `flexible`."
+        )
+    for key in block.keys() & {"rotary_inertia", "second_order", "shear"}:
+        fields[key] = schema.boolean(block[key], place[key])
+    if "segments" in block:
+        fields["segments"] = schema.integer(block["segments"], place["segments"], low=1)
+    for key in block.keys() & {"root", "tip"}:
+        fields[key] = _end_mass(block[key], place[key])
+    if "damping" in block:
+        rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
+        fields |= {"rayleigh": rayleigh, "modal_damping": modal}
+    return FlexibleLink(
+        link,
+        material.from_spec(block["material"], place["material"]),
+        section.from_spec(block["section"], place["section"]),
+        **fields,
+    )
+
+
+def basis_from_spec(spec: object, where: str) -> Basis:
+    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
+    every = tuple(key for keys in _BASIS_KEYS.values() for key in keys)
+    block = schema.mapping(spec, where, ("kind", *every))
+    kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), _BASIS_KEYS)
+    fields: dict[str, Any] = {}
+    for key, value in block.items():
+        place = schema.at(where, key)
+        if key == "kind":
+            continue
+        if key not in _BASIS_KEYS[kind]:
+            owner = next(name for name, keys in _BASIS_KEYS.items() if key in keys)
+            raise DescriptionError(
+                f"{place}: has no meaning for the kind {kind}, which takes "
+                f"{', '.join(_BASIS_KEYS[kind])}. Remove it, or write kind: {owner}."
+            )
+        if key in ("order", "boundary"):
+            fields[key] = schema.choice(value, place, ORDERS if key == "order" else BOUNDARIES)
+        else:
+            fields[key] = schema.integer(value, place, low=0 if key == "internal" else 1)
+    return Basis(kind, **fields)
+
+
+def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:
+    """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}."""
+    block = schema.mapping(spec, where, ("rayleigh", "modal"))
+    if len(block) != 1:
+        raise DescriptionError(
+            f"{where}: {schema.shown(spec)} is not one kind of damping. Write "
+            "{rayleigh: [alpha, beta]} or {modal: zeta}."
+        )
+    if "modal" in block:
+        return (0.0, 0.0), schema.number(block["modal"], schema.at(where, "modal"), 0, 1)
+    alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, low=0)
+    return (alpha, beta), 0.0
+
+
+def _end_mass(spec: object, where: str) -> EndMass:
+    block = schema.mapping(spec, where, ("mass", "inertia"))
+    inertia = schema.vector(block.get("inertia", (0, 0, 0)), schema.at(where, "inertia"), low=0)
+    return EndMass(schema.number(block.get("mass", 0), schema.at(where, "mass"), low=0), inertia)

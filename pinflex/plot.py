@@ -1,0 +1,304 @@
+"""Figures of results: torques, platform deviation, stress along the links, spectra.
+
+Every function returns a matplotlib Figure made with the object interface: no window, no global
+state. Colours are the colour-blind-safe set of Okabe and Ito (2008).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError, nearest
+from pinflex.result import Result, peak, same_grid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RIGID = "#000000"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+WIDTH, HEIGHT, DPI = 7.0, 4.5, 150  # [in], [in], [dots/in]
+_PADDING = 4  # spectra are computed on a grid this many times finer than 1 / duration
+_COMPONENTS = ("u", "v", "w", "rx", "ry", "rz")
+
+
+def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
+    """One panel per motor, rigid and flexible, with the difference from rigid below it."""
+    motors = rigid.motors
+    if not motors:
+        raise DescriptionError("torques: the result has no motors. Name them under `actuated`.")
+    for run in others.values():
+        same_grid(run, rigid)
+    columns = min(3, len(motors))
+    bands = -(-len(motors) // columns)
+    figure, axes = _panels(
+        2 * bands, columns, bands * HEIGHT, height_ratios=[3, 1.4] * bands, sharex=True
+    )
+    for i, motor in enumerate(motors):
+        band, column = divmod(i, columns)
+        above, below = axes[2 * band, column], axes[2 * band + 1, column]
+        above.plot(rigid.t, rigid.torque[:, i], color=RIGID, lw=1.1, label="rigid")
+        for colour, (label, run) in zip(_cycle(len(others)), others.items(), strict=True):
+            above.plot(run.t, run.torque[:, i], color=colour, lw=0.9, label=label)
+            below.plot(run.t, run.torque[:, i] - rigid.torque[:, i], color=colour, lw=0.9)
+        _title(above, motor)
+        below.axhline(0.0, color="0.6", lw=0.6, zorder=0)
+        unit, word = rigid.unit(f"torque/{motor}"), _torque_word(rigid, motor)
+        if column == 0 or unit != rigid.unit(f"torque/{motors[i - 1]}"):
+            above.set_ylabel(f"{word} [{unit}]")
+            below.set_ylabel(f"difference [{unit}]")
+        below.set_xlabel("time [s]")
+        below.tick_params(labelbottom=True)
+    for spare in range(len(motors), bands * columns):
+        band, column = divmod(spare, columns)
+        axes[2 * band, column].remove()
+        axes[2 * band + 1, column].remove()
+    figure.align_ylabels()
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def deviation(rigid: Result, flexible: Result, frame: str = "platform") -> Figure:
+    """Position [mm] and rotation [mrad] of a frame relative to the rigid run, in world axes."""
+    away = flexible.deviation_from(rigid, frame)
+    figure, axes = _panels(2, 1, sharex=True)
+    for ax, values, names, label in (
+        (axes[0, 0], 1e3 * away.position, ("x", "y", "z"), "position [mm]"),
+        (axes[1, 0], 1e3 * away.rotation, ("rx", "ry", "rz"), "rotation [mrad]"),
+    ):
+        ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
+        for i, name in enumerate(names):
+            # a planar mechanism has components at round-off: they would only clutter
+            if peak(values[:, i]) > 1e-6 * peak(values) or peak(values) == 0:
+                ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
+        ax.set_ylabel(label)
+        ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
+        ax.margins(y=0.15)
+    _title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}")
+    axes[1, 0].set_xlabel("time [s]")
+    figure.align_ylabels()
+    return figure
+
+
+def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
+    """Von Mises stress [MPa] of each flexible link over time and place, on one colour scale."""
+    names = tuple(result.links if links is None else links)
+    if not names:
+        raise DescriptionError(
+            f"stress_map: a {result.level} result has no flexible links to show. "
+            'Solve with level="quasistatic", "ked" or "coupled".'
+        )
+    views = [result.link(name) for name in names]
+    top = max(peak(view.von_mises) for view in views) / 1e6 or 1.0
+    figure, axes = _panels(len(views), 1, max(HEIGHT, 0.6 + 1.3 * len(views)), sharex=True)
+    for ax, view in zip(axes[:, 0], views, strict=True):
+        image = ax.pcolormesh(
+            result.t,
+            1e3 * view.x,
+            view.von_mises.T / 1e6,
+            cmap="cividis",
+            vmin=0.0,
+            vmax=top,
+            shading="gouraud",
+            rasterized=True,
+        )
+        when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
+        spot = (result.t[when], 1e3 * view.x[where])
+        ax.plot(*spot, "o", mfc="none", mec="white", ms=6, mew=1.1, clip_on=False)
+        _title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
+        ax.set_ylabel("x [mm]")
+    axes[-1, 0].set_xlabel("time [s]")
+    bar = figure.colorbar(image, ax=list(axes[:, 0]), pad=0.02, aspect=30)
+    bar.set_label("von Mises stress [MPa]", size=9)
+    bar.ax.tick_params(width=0.6, labelsize=8)
+    bar.outline.set_visible(False)
+    return figure
+
+
+def spectrum(
+    result: Result,
+    quantity: str,
+    reference: Result | None = None,
+    after: float = 0.0,
+    peaks: int = 4,
+) -> Figure:
+    """Amplitude spectrum of one quantity, its highest peaks labelled in Hz.
+
+    Args:
+        result: The run to look at.
+        quantity: "torque/MOTOR", "joint/JOINT", "frame/FRAME/x|y|z" or "link/LINK/u|v|w|rx|ry|rz"
+            (at the station where that deflection is largest).
+        reference: A run whose same quantity is subtracted first, usually the rigid one.
+        after: Start of the window [s]; the end of the motion leaves the free vibration.
+        peaks: How many peaks to label.
+    """
+    values, label, unit = signal(result, quantity)
+    if reference is not None:
+        same_grid(result, reference)
+        values = values - signal(reference, quantity)[0]
+        label += f" minus {reference.level}"
+    frequency, amplitude = amplitudes(result.t, values, after)
+    found = _highest(frequency, amplitude, peaks)
+    figure, axes = _panels(1, 1)
+    ax = axes[0, 0]
+    ax.plot(frequency, amplitude, color=COLOURS[0], lw=1.0)
+    for f, a in found:
+        ax.plot(f, a, "o", color=COLOURS[1], ms=4)
+        ax.annotate(
+            f"{f:.1f} Hz", (f, a), (0, 6), textcoords="offset points", ha="center", fontsize=9
+        )
+    _title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
+    ax.set_xlabel("frequency [Hz]")
+    ax.set_ylabel(f"amplitude [{unit}]")
+    # beyond the peaks there is only the decay of the window
+    end = min(frequency[-1], 2.5 * max((f for f, _ in found), default=frequency[-1]))
+    shown = amplitude[frequency <= end]
+    ax.set_xlim(0.0, end)
+    if shown.max() > 0:  # a quantity that never moves has no logarithm
+        ax.set_yscale("log")
+        ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 2.5 * shown.max())
+    return figure
+
+
+def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
+    """Time series, label and unit of a quantity named as in `spectrum`."""
+    kind, _, name = quantity.partition("/")
+    if kind == "torque":
+        view = result.joint(name)
+        return view.torque, f"{_torque_word(result, name)} {name}", result.unit(quantity)
+    if kind == "joint" and result.joint(name).position.ndim == 1:
+        return result.joint(name).position, f"position {name}", result.unit(f"joint/q/{name}")
+    name, _, axis = name.rpartition("/")
+    if kind == "frame" and axis in ("x", "y", "z"):
+        return result.frame(name).position[:, "xyz".index(axis)], f"{name} {axis}", "m"
+    if kind == "link" and axis in _COMPONENTS:
+        field = result.link(name).deflection[:, :, _COMPONENTS.index(axis)]
+        station = int(np.argmax(np.abs(field).max(axis=0)))
+        unit = "m" if axis in "uvw" else "rad"
+        at = f"x = {1e3 * result.link(name).x[station]:.4g} mm"
+        return field[:, station], f"{name} {axis} at {at}", unit
+    forms = ("torque/MOTOR", "joint/JOINT", "frame/FRAME/x", "link/LINK/v")
+    raise DescriptionError(
+        f"spectrum: quantity {quantity!r} is not known." + nearest(quantity, forms),
+        quantity=quantity,
+    )
+
+
+def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Array]:
+    """One-sided amplitude spectrum (Hann window, trend removed, padded to four times).
+
+    Returns:
+        Frequencies [Hz] and amplitudes in the unit of values: a sine of height a peaks at a.
+    """
+    from scipy.signal import detrend
+
+    keep = t >= after
+    if np.count_nonzero(keep) < 16:
+        raise DescriptionError(
+            f"spectrum: {np.count_nonzero(keep)} instants after {after:g} s are too few (16). "
+            f"Choose an earlier start than {after:g} s, or solve with more samples."
+        )
+    grid = np.linspace(t[keep][0], t[-1], np.count_nonzero(keep))  # equal steps, as the FFT needs
+    window = np.hanning(len(grid))
+    series = window * detrend(np.interp(grid, t, values))
+    count = _PADDING * len(grid)
+    amplitude = 2 * np.abs(np.fft.rfft(series, count)) / window.sum()
+    return np.fft.rfftfreq(count, grid[1] - grid[0]), np.asarray(amplitude)
+
+
+def save_all(rigid: Result, others: Mapping[str, Result], folder: str | Path) -> list[Path]:
+    """Write every figure that the results allow as .png files; returns their paths."""
+    figures = {"torques": torques(rigid, others)} if rigid.motors else {}
+    for label, run in others.items():
+        if rigid.meta.get("platform"):
+            figures[f"deviation_{label}"] = deviation(rigid, run, rigid.meta["platform"])
+        if run.links:
+            figures[f"stress_{label}"] = stress_map(run)
+            quantity = _liveliest(run)
+            if len(run.t) >= 16:
+                figures[f"spectrum_{label}"] = spectrum(run, quantity)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, figure in figures.items():
+        paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
+        figure.savefig(paths[-1], dpi=DPI)
+    return paths
+
+
+def _liveliest(run: Result) -> str:
+    """The bending deflection that is largest over all links."""
+    height = {
+        f"link/{name}/{axis}": peak(run.link(name).deflection[:, :, column])
+        for name in run.links
+        for column, axis in ((1, "v"), (2, "w"))
+    }
+    return max(height, key=lambda quantity: height[quantity])
+
+
+def _highest(frequency: Array, amplitude: Array, count: int) -> list[tuple[float, float]]:
+    """The highest peaks (Hz, amplitude), placed between bins by a parabola through three."""
+    from scipy.signal import find_peaks
+
+    if not amplitude.max() > 0:
+        return []
+    level = np.log(np.maximum(amplitude, 1e-12 * amplitude.max()))
+    bins, _ = find_peaks(level, prominence=np.log(2), height=level.max() - np.log(100))
+    kept: list[int] = []
+    for i in sorted(bins, key=lambda i: -amplitude[i]):
+        # lobes of a higher peak fall like 1 / (pi d (d^2 - 1)) at d unpadded bins (Hann)
+        away = [max(abs(i - k) / _PADDING, 1.5) for k in kept]
+        lobes = [amplitude[k] / (np.pi * d * (d**2 - 1)) for k, d in zip(kept, away, strict=True)]
+        if amplitude[i] > 2 * max(lobes, default=0.0):
+            kept.append(int(i))
+    found = []
+    for i in kept[:count]:
+        left, top, right = level[i - 1 : i + 2]
+        shift = 0.5 * (left - right) / (left - 2 * top + right)
+        height = np.exp(top - 0.25 * (left - right) * shift)
+        found.append((float(frequency[i] + shift * frequency[1]), float(height)))
+    return sorted(found)
+
+
+def _torque_word(result: Result, motor: str) -> str:
+    return "force" if result.unit(f"torque/{motor}") == "N" else "torque"
+
+
+def _cycle(count: int) -> list[str]:
+    return [COLOURS[i % len(COLOURS)] for i in range(count)]
+
+
+def _panels(rows: int, columns: int, height: float = HEIGHT, **grid: Any) -> tuple[Figure, Any]:
+    """A figure of constrained layout and its axes (rows, columns), with open, thin frames."""
+    from matplotlib.figure import Figure
+
+    ratios = grid.pop("height_ratios", None)
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained")
+    axes = figure.subplots(
+        rows, columns, squeeze=False, gridspec_kw={"height_ratios": ratios}, **grid
+    )
+    for ax in axes.flat:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.spines[["left", "bottom"]].set_linewidth(0.6)
+        ax.tick_params(width=0.6, labelsize=8)
+        ax.xaxis.label.set_size(9)
+        ax.yaxis.label.set_size(9)
+        ax.margins(x=0.01)
+    return figure, axes
+
+
+def _title(ax: Axes, text: str) -> None:
+    ax.set_title(text, loc="left", fontsize=9)
+
+
+def _legend(figure: Figure, ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=len(labels), frameon=False, fontsize=9
+    )

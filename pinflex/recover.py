@@ -1,0 +1,255 @@
+"""From states to what users ask for: frames, reactions, deflections, section forces, stresses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex import stress
+from pinflex.arrays import Array, IntArray
+from pinflex.dynamics import Dynamics
+from pinflex.expansion import Attachment
+from pinflex.mechanism import Mechanism
+from pinflex.nominal import Nominal
+from pinflex.run import Run
+
+_SECTIONS = 21  # per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola
+
+
+def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:
+    """Arrays of a Result, by flat key.
+
+    Args:
+        mechanism: Mechanism.
+        run: States at the samples.
+        rigid_path: The rigid mechanism at the same motor positions (None: the run is rigid itself).
+    Returns:
+        Arrays as documented in `pinflex.result`.
+    """
+    system = run.system
+    nq, nv = int(system.rigid.nq), int(system.rigid.nv)
+    out: dict[str, Array] = {
+        "joint/q": run.y[:, :nq],
+        "joint/v": run.v[:, :nv],
+        "joint/a": run.a[:, :nv],
+        "torque": run.torque,
+        "multiplier": run.lam,
+    }
+    if system.n_eta:
+        out["eta"], out["eta_v"] = run.y[:, nq:], run.v[:, nv:]
+        out["eta_a"] = run.a[:, nv:]
+    samples = _Samples(mechanism, run)
+    samples.collect()
+    out.update(samples.out)
+    bodies = _bodies(mechanism)
+    out.update(_poses("pose", samples.poses, bodies, system.expansion.frames))
+    reference = samples.poses
+    if rigid_path is not None:
+        reference = _joint_poses(mechanism, rigid_path)
+        out.update(_poses("pose_rigid", reference, bodies, mechanism.rigid.expansion.frames))
+    else:
+        for name in bodies:
+            out[f"body/{name}/pose_rigid"] = out[f"body/{name}/pose"]
+    if system.n_eta:
+        out.update(_links(mechanism, run, samples, reference))
+    return out
+
+
+def _bodies(mechanism: Mechanism) -> list[str]:
+    return [
+        link.name
+        for link in mechanism.links
+        if link.name not in mechanism.parts and link.name in mechanism.flexible.expansion.frames
+    ]
+
+
+class _Samples:
+    """One pass over the samples: everything that needs Pinocchio."""
+
+    def __init__(self, mechanism: Mechanism, run: Run) -> None:
+        self.mechanism, self.run = mechanism, run
+        self.dynamics = Dynamics(run.system)
+        model, nt = run.system.expansion.model, len(run.t)
+        self.poses = np.empty((nt, model.njoints, 3, 4))
+        self.g = np.empty((nt, model.nv))
+        self.f = np.empty((nt, model.njoints, 6))
+        self.out: dict[str, Array] = {}
+
+    def collect(self) -> None:
+        run, dynamics = self.run, self.dynamics
+        model, data, nt = dynamics.model, dynamics.data, len(run.t)
+        frames = self._frames()
+        place = {name: np.empty((nt, 3, 4)) for name in frames}
+        rate = {name: np.empty((nt, 2, 6)) for name in frames}
+        wrench = np.empty((nt, len(run.system.closed.names), 6))
+        energy = np.empty((nt, 4))
+        gap = np.zeros(nt)
+        newton = np.zeros(nt)
+        free = run.system.free
+        for k in range(nt):
+            y, v, a, lam = run.y[k], run.v[k], run.a[k], run.lam[k]
+            r = dynamics.joint_forces(y, v, a, lam)
+            newton[k] = np.max(np.abs(r[free]), initial=0.0)
+            self.g[k] = dynamics.g
+            for j in range(1, model.njoints):
+                self.f[k, j] = data.f[j].vector
+            V, A = dynamics.expand_motion(v, a)
+            pin.forwardKinematics(model, data, dynamics.Q, V, A)
+            for j in range(model.njoints):
+                pose = data.oMi[j]
+                self.poses[k, j, :, :3], self.poses[k, j, :, 3] = pose.rotation, pose.translation
+            for name, here in frames.items():
+                place[name][k], rate[name][k] = _frame(data, here)
+            if dynamics.looped:
+                gap[k] = np.max(np.abs(dynamics.closed.c))
+                at = dynamics.closed.frames_b[:, :, 3]
+                F = dynamics.closed.wrenches(lam)
+                wrench[k, :, :3] = F[:, :3]
+                wrench[k, :, 3:] = F[:, 3:] - np.cross(at, F[:, :3])
+            energy[k] = dynamics.energies(y, v)
+        out = self.out
+        for name in frames:
+            out[f"frame/{name}/position"] = place[name][:, :, 3]
+            out[f"frame/{name}/rotation"] = place[name][:, :, :3]
+            out[f"frame/{name}/velocity"] = rate[name][:, 0]
+            out[f"frame/{name}/acceleration"] = rate[name][:, 1]
+        for k, name in enumerate(run.system.closed.names):
+            out[f"loop/{name}/wrench"] = wrench[:, k]
+        for name in self.mechanism.rigid.rigid.names[1:]:
+            out[f"reaction/{name}"] = self.f[:, model.getJointId(name)]
+        for k, name in enumerate(("kinetic", "gravity", "elastic", "spring")):
+            out[f"energy/{name}"] = energy[:, k]
+        out["residual/closure"], out["residual/newton"] = gap, newton
+
+    def _frames(self) -> dict[str, Attachment]:
+        description = self.mechanism.description
+        names: list[str] = list(description.frames)
+        if description.platform is not None and description.platform not in names:
+            names.insert(0, description.platform)
+        return {name: self.run.system.expansion.frames[name] for name in names}
+
+
+def _frame(data: pin.Data, here: Attachment) -> tuple[Array, Array]:
+    """Pose (3, 4) of a frame, and its velocity and classical acceleration (2, 6) in the world."""
+    pose = data.oMi[here.joint] * here.placement
+    R = pose.rotation
+    v, a = here.placement.actInv(data.v[here.joint]), here.placement.actInv(data.a[here.joint])
+    linear = a.linear + np.cross(v.angular, v.linear)
+    place = np.column_stack([R, pose.translation])
+    rates = np.array(
+        [
+            np.concatenate([R @ v.linear, R @ v.angular]),
+            np.concatenate([R @ linear, R @ a.angular]),
+        ]
+    )
+    return place, rates
+
+
+def _joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
+    model = mechanism.rigid.expansion.model
+    data = model.createData()
+    poses = np.empty((len(path.t), model.njoints, 3, 4))
+    for k, q in enumerate(path.q):
+        pin.forwardKinematics(model, data, q)
+        for j in range(model.njoints):
+            pose = data.oMi[j]
+            poses[k, j, :, :3], poses[k, j, :, 3] = pose.rotation, pose.translation
+    return poses
+
+
+def _at(poses: Array, here: Attachment) -> Array:
+    """Poses (nt, 3, 4) of something attached to a joint."""
+    joint = poses[:, here.joint]
+    local = np.column_stack([here.placement.rotation, here.placement.translation])
+    moved: Array = joint[:, :, :3] @ local
+    moved[:, :, 3] += joint[:, :, 3]
+    return moved
+
+
+def _poses(
+    key: str, poses: Array, names: Sequence[str], frames: Any
+) -> dict[str, Array]:
+    return {f"body/{name}/{key}": _at(poses, frames[name]) for name in names}
+
+
+def _links(
+    mechanism: Mechanism, run: Run, samples: _Samples, reference: Array
+) -> dict[str, Array]:
+    """Deflection, section forces, stress and world shape of every flexible link."""
+    out: dict[str, Array] = {}
+    for name, part in mechanism.parts.items():
+        slots = [s for s in run.system.expansion.slots if s.link == name]
+        cuts = [stress.cut(body, _SECTIONS) for body in part.bodies[:1]] * len(slots)
+        pieces: dict[str, list[Array]] = {}
+        home = _at(samples.poses, slots[0].root)
+        for number, (slot, section) in enumerate(zip(slots, cuts, strict=True)):
+            eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
+            d = stress.deflections(section, eta)
+            loads = [(i.x, *_load(samples, i.attachment.joint, i.force_rows)) for i in slot.interfaces]
+            forces = stress.resultants(
+                section, slot.body, d, samples.g[:, slot.stations], samples.g[:, slot.twists],
+                loads, eta,
+            )  # fmt: skip
+            root = _at(samples.poses, slot.root)
+            local = d[:, :, :3].copy()
+            local[:, :, 0] += section.x
+            line = np.einsum("tij,txj->txi", root[:, :, :3], local) + root[:, None, :, 3]
+            turned = root[:, None, :, :3] @ _turn(d[:, :, 3:])
+            keep = slice(0 if number == 0 else 1, None)
+            for key, value in (
+                ("x", (slot.offset + section.x)[None]),
+                ("resultant", forces),
+                ("centreline", line),
+                ("turned", turned),
+            ):
+                pieces.setdefault(key, []).append(value[:, keep])
+        joined = {key: np.concatenate(value, axis=1) for key, value in pieces.items()}
+        x, line, turned = joined["x"][0], joined["centreline"], joined["turned"]
+        back = np.einsum("tji,txj->txi", home[:, :, :3], line - home[:, None, :, 3])
+        back[:, :, 0] -= x
+        spin = _rotation_vectors(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
+        key = f"link/{name}"
+        out[f"{key}/x"] = x
+        out[f"{key}/deflection"] = np.concatenate([back, spin], axis=2)
+        out[f"{key}/resultant"] = joined["resultant"]
+        for kind, value in stress.stresses(part.spec.section, joined["resultant"]).items():
+            out[f"{key}/stress/{kind}"] = value
+        out[f"{key}/centreline"] = line
+        out[f"{key}/section_y"] = turned[:, :, :, 1]
+        frame = mechanism.rigid.expansion.frames[name]
+        straight = _at(reference, Attachment(frame.joint, frame.placement * part.placement))
+        out[f"{key}/centreline_rigid"] = (
+            straight[:, None, :, 3] + straight[:, None, :, 0] * x[None, :, None]
+        )
+    return out
+
+
+def _load(samples: _Samples, joint: int, rows: IntArray) -> tuple[Array, Array]:
+    """Force and moment, in the beam frame, that what hangs on an interface needs."""
+    model = samples.dynamics.model
+    # The interface is a chain: a translation that carries the turns. The translation's own force
+    # has all six components, about the displaced section, in the beam frame.
+    while model.joints[joint].idx_v != rows[0]:
+        joint = model.parents[joint]
+    return samples.f[:, joint, :3], samples.f[:, joint, 3:]
+
+
+def _turn(angles: Array) -> Array:
+    """Rz(rz) Ry(ry) Rx(rx) for angles (..., 3)."""
+    z, y, x = (angles[..., k] for k in range(3))
+    cz, sz, cy, sy, cx, sx = np.cos(z), np.sin(z), np.cos(y), np.sin(y), np.cos(x), np.sin(x)
+    R = np.empty((*angles.shape[:-1], 3, 3))
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = -sy, cy * sx, cy * cx
+    return R
+
+
+def _rotation_vectors(R: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat.reshape(*R.shape[:-2], 3))

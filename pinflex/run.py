@@ -1,0 +1,39 @@
+"""What a level hands over: the states of a system over time, before anything is recovered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from pinflex.arrays import Array
+from pinflex.dynamics import System
+
+
+@dataclass(frozen=True)
+class Run:
+    """States of one system over time.
+
+    Attributes:
+        system: The system that was solved.
+        t: Times, shape (nt,).
+        y: Coordinates [q; eta], shape (nt, nq). v, a: Shape (nt, nv).
+        lam: Multipliers of the independent closure rows, shape (nt, rows).
+        torque: Motor torques (N m | N), shape (nt, nm).
+        cost: Counts (steps, newton, tangents, ...).
+        settings: What the level used (dt, integrator, ...).
+        work: Energy put in by the motors and taken by damping, shape (nt, 2), or None.
+        warnings: Plain sentences.
+        stopped: Why the run ended early, "" when it is complete.
+    """
+
+    system: System
+    t: Array
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    torque: Array
+    cost: dict[str, float]
+    settings: dict[str, object] = field(default_factory=dict)
+    work: Array | None = None
+    warnings: tuple[str, ...] = ()
+    stopped: str = ""

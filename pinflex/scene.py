@@ -1,0 +1,340 @@
+"""What a picture of a run needs, from its Result alone: world positions, fields, arrows, curves.
+
+Everything that moves is kept twice, as it is and as the rigid mechanism has it, so that a drawing
+can put a material point at r_rigid + mag (r - r_rigid). Scaled that way (and not link by link) the
+points shared by two bodies stay shared, and no joint opens at any magnification.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.carried import Carrier
+from pinflex.named import rotation_vector
+from pinflex.result import Result
+
+FRAMES = 600  # a page holds at most this many instants
+STATIONS = 25  # and this many stations of a link, besides those where a field peaks
+SHARE = 0.06  # automatic magnification: largest displacement over robot size
+FIELDS = {  # key: label, unit, shown = SI * factor
+    "von_mises": ("von Mises stress", "MPa", 1e-6),
+    "bending": ("bending stress", "MPa", 1e-6),
+    "axial": ("axial stress", "MPa", 1e-6),
+    "shear": ("shear stress", "MPa", 1e-6),
+    "displacement": ("displacement", "mm", 1e3),
+}
+LEVELS = {"ked": "kineto-elastodynamic", "coupled": "coupled rigid-flexible"}
+
+
+def build_scene(
+    result: Result, rigid: Result | None = None, scale: float | str = "auto"
+) -> dict[str, Any]:
+    """Plain data of one run; arrays are thinned in time and along the links, extremes kept.
+
+    Args:
+        result: The run to draw.
+        rigid: The same motion without elasticity: its torques and platform path are compared.
+        scale: Magnification of displacements, or "auto" (1, 2 or 5 times a power of ten).
+    """
+    links = {name: _link(result, name) for name in result.links}
+    track = _track(result, rigid)
+    keep = _frames(result, links, track)
+    size = _size(result, links, keep)
+    largest = max(
+        [float(np.linalg.norm(link["disp"], axis=2).max()) for link in links.values()]
+        + ([float(track["deviation"].max())] if track else [])
+        + [0.0]
+    )
+    notes = list(result.meta.get("warnings", ()))
+    if len(keep) < len(result.t):
+        notes.insert(0, f"{len(keep)} of {len(result.t)} instants kept, extremes among them")
+    if result.meta.get("status", "complete") != "complete":
+        notes.insert(0, f"{result.meta['status']}: {result.meta.get('message', '')}")
+    carrier = Carrier(result)
+    return {
+        "name": str(result.meta.get("name", "result")),
+        "level": LEVELS.get(result.level, result.level),
+        "mode": None,
+        "t": result.t[keep],
+        "size": size,
+        "scale": automatic_scale(largest, size) if scale == "auto" else float(scale),
+        "largest": largest,
+        "links": [_thin(link, keep) for link in links.values()],
+        "bodies": [_body(result, name, keep, size) for name in _bodies(result)],
+        "track": track and {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in track.items()},
+        "forces": [_rows(arrow, keep) for arrow in carrier.forces()],
+        "torques": [_rows(arrow, keep) for arrow in carrier.torques()],
+        "plots": _plots(result, rigid, links, track, keep),
+        "fields": _fields(links),
+        "notes": notes,
+    }
+
+
+def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
+    """Magnification 1, 2 or 5 times a power of ten that shows `largest` as a share of `size`.
+
+    A displacement that is large as it is stays at 1: nothing is ever drawn smaller.
+    """
+    if not 0.0 < largest < share * size:
+        return 1.0
+    wanted = np.log10(share * size / largest)
+    steps = [np.log10(s) + np.floor(wanted) for s in (1, 2, 5, 10)]
+    return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
+
+
+def _link(result: Result, name: str) -> dict[str, Any]:
+    """One flexible link at every instant, with the stations worth keeping."""
+    get = {k[len(f"link/{name}/") :]: v for k, v in result.arrays.items() if k.startswith(f"link/{name}/")}
+    about = result.meta.get("links", {}).get(name, {})
+    centre, x = get["centreline"], get["x"]
+    rigid = get.get("centreline_rigid", centre)
+    fields = {k: get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get}
+    station = np.unique(np.linspace(0, len(x) - 1, min(STATIONS, len(x))).round().astype(np.intp))
+    peaks = [np.abs(f).max(axis=0).argmax() for f in fields.values()]
+    station = np.union1d(station, np.array(peaks, dtype=np.intp))
+    section_y = get["section_y"] if "section_y" in get else _any_normal(rigid)
+    outline = about.get("section", {}).get("outline") or _circle(0.01 * float(about.get("length", x[-1])))
+    return {
+        "name": name,
+        "x": x[station],
+        "length": float(about.get("length", x[-1])),
+        "outline": outline,
+        "shape": about.get("section", {}).get("shape", ""),
+        "material": about.get("material", {}).get("name", "") or "",
+        "rigid": rigid[:, station],
+        "disp": (centre - rigid)[:, station],
+        "y_rigid": _rigid_normal(centre, rigid, section_y),
+        "y": section_y[:, station],
+        "fields": {k: f[:, station] for k, f in fields.items()},
+    }
+
+
+def _rigid_normal(centre: Array, rigid: Array, section_y: Array) -> Array:
+    """World direction of the section's y axis in the rigid pose, shape (nt, 3).
+
+    The root section is turned back by the smallest rotation that takes its tangent to the rigid one.
+    """
+    a, b = _unit(centre[:, 1] - centre[:, 0]), _unit(rigid[:, 1] - rigid[:, 0])
+    w, c, y = np.cross(a, b), np.sum(a * b, axis=1)[:, None], section_y[:, 0]
+    lean = np.cross(w, y)
+    return np.asarray(_unit(y + lean + np.cross(w, lean) / np.maximum(1.0 + c, 1e-6)))
+
+
+def _thin(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+    out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid")}}
+    out["fields"] = {k: f[keep] for k, f in link["fields"].items()}
+    # a direction needs no more than 16 bits: 0.002 degrees
+    out["y"] = np.round(32767 * np.clip(link["y"][keep], -1, 1)).astype(np.int16)
+    ends = out["rigid"][:, [0, -1]]
+    share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
+    line = ends[:, :1] * (1 - share) + ends[:, 1:] * share
+    if np.abs(line - out["rigid"]).max() < 1e-6 * link["length"]:  # straight: two ends say it all
+        out["rigid"] = ends
+    return out
+
+
+def _bodies(result: Result) -> list[str]:
+    names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
+    return [name for name in names if result.meta.get("bodies", {}).get(name, {}).get("points")]
+
+
+def _body(result: Result, name: str, keep: IntArray, size: float) -> dict[str, Any]:
+    """A rigid link as a shape in its own frame: balls at its joints, rods and plates between them."""
+    about = result.meta["bodies"][name]
+    pose = result.arrays[f"body/{name}/pose"]
+    rigid = result.arrays.get(f"body/{name}/pose_rigid", pose)
+    points = _distinct(np.asarray(about["points"], dtype=float).reshape(-1, 3), 1e-6 * size)
+    radius = float(np.clip(about.get("radius", 0.0) or 0.0, 0.007 * size, 0.03 * size))
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=True)
+    across = spread[1] / max(float(spread[1][0]), 1e-12)
+    rods: list[list[list[float]]] = []
+    plate = None
+    if len(points) == 2:
+        rods = [points.tolist()]
+    elif len(points) > 2 and across[1] < 0.05:  # on one line
+        order = points[np.argsort(points @ spread[2][0])]
+        rods = [[order[0].tolist(), order[-1].tolist()]]
+    elif len(points) > 2 and (len(across) < 3 or across[2] < 0.2):  # flat
+        plate = _plate(points, spread[2], 1.5 * radius)
+    elif len(points) > 2:
+        rods = [[points.mean(axis=0).tolist(), p.tolist()] for p in points]
+    still = bool(np.ptp(pose, axis=0).max() < 1e-9 and np.abs(rigid - pose).max() < 1e-9)
+    return {
+        "name": name,
+        "radius": radius,
+        "base": still,
+        "platform": name == result.meta.get("platform"),
+        "points": points.tolist(),
+        "rods": rods,
+        "plate": plate,
+        "pose": pose[keep[:1] if still else keep].reshape(-1, 12),
+        "rigid": None if np.array_equal(rigid, pose) else rigid[keep].reshape(-1, 12),
+    }
+
+
+def _plate(points: Array, axes: Array, margin: float) -> dict[str, Any]:
+    """Outline of a flat body: the convex hull of discs about its joints."""
+    centre = points.mean(axis=0)
+    flat = (points - centre) @ axes[:2].T
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    discs = flat[:, None] + margin * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    hull = _hull(discs.reshape(-1, 2))
+    normal = np.cross(axes[0], axes[1])
+    return {"outline": (centre + hull @ axes[:2]).tolist(), "normal": normal.tolist()}
+
+
+def _hull(points: Array) -> Array:
+    """Convex hull, counter-clockwise (Andrew's monotone chain)."""
+    order = sorted(map(tuple, points.tolist()))
+    chains: list[list[tuple[float, ...]]] = []
+    for run in (order, order[::-1]):
+        chain: list[tuple[float, ...]] = []
+        for p in run:
+            while len(chain) > 1:
+                (ax, ay), (bx, by) = chain[-2], chain[-1]
+                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 1e-12:
+                    break
+                chain.pop()
+            chain.append(p)
+        chains.append(chain[:-1])
+    return np.array(chains[0] + chains[1])
+
+
+def _track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
+    """Path of the platform (or of the tip that moves most) and how far it is from rigid."""
+    name = result.meta.get("platform")
+    if name and f"frame/{name}/position" in result.arrays:
+        position = result.arrays[f"frame/{name}/position"]
+        turn = result.arrays.get(f"frame/{name}/rotation")
+        if rigid is not None and f"frame/{name}/position" in rigid.arrays:
+            other, turned = _at(rigid, f"frame/{name}/position", result.t), None
+            if turn is not None and len(rigid.t) == len(result.t):
+                turned = rigid.arrays.get(f"frame/{name}/rotation")
+        else:
+            other, turned = Carrier(result).rigid_frame(name)
+    elif result.links:
+        ends = {n: result.arrays[f"link/{n}/centreline"][:, -1] for n in result.links}
+        still = {
+            n: result.arrays.get(f"link/{n}/centreline_rigid", result.arrays[f"link/{n}/centreline"])[:, -1]
+            for n in result.links
+        }
+        link = max(ends, key=lambda n: float(np.abs(ends[n] - still[n]).max()))
+        name, position, other, turn, turned = f"tip of {link}", ends[link], still[link], None, None
+    else:
+        return None
+    other = position if other is None else other
+    angle = np.zeros(len(result.t))
+    if turn is not None and turned is not None:
+        angle = np.linalg.norm(rotation_vector(turn @ np.swapaxes(turned, 1, 2)), axis=1)
+    deviation = np.linalg.norm(position - other, axis=1)
+    return {"name": name, "position": position, "rigid": other, "deviation": deviation, "angle": angle}
+
+
+def _plots(
+    result: Result,
+    rigid: Result | None,
+    links: dict[str, dict[str, Any]],
+    track: dict[str, Any] | None,
+    keep: IntArray,
+) -> list[dict[str, Any]]:
+    plots: list[dict[str, Any]] = []
+    torque, still = result.arrays.get("torque"), result.arrays.get("rigid/torque")
+    if rigid is not None and rigid.motors and rigid.motors == result.motors:
+        still = _at(rigid, "torque", result.t)
+    if torque is not None and torque.shape[1]:
+        curves = [_curve(n, torque[keep, i], i) for i, n in enumerate(result.motors)]
+        if still is not None:
+            curves += [
+                _curve(f"{n}, rigid", still[keep, i], i, rigid=True)
+                for i, n in enumerate(result.motors)
+            ]
+        unit = result.unit(f"torque/{result.motors[0]}") if result.motors else ""
+        plots.append({"title": "motor torque", "unit": unit or "N m", "curves": curves})
+    if track is not None and float(track["deviation"].max()) > 0.0:
+        curve = _curve(track["name"], 1e3 * track["deviation"][keep], 0)
+        plots.append({"title": f"{track['name']} off rigid", "unit": "mm", "curves": [curve]})
+    stress = {n: k["fields"]["von_mises"] for n, k in links.items() if "von_mises" in k["fields"]}
+    if stress:
+        curves = [_curve(n, 1e-6 * s[keep].max(axis=1), i) for i, (n, s) in enumerate(stress.items())]
+        plots.append({"title": "peak von Mises", "unit": "MPa", "curves": curves})
+    return plots
+
+
+def _curve(name: str, y: Array, colour: int, rigid: bool = False) -> dict[str, Any]:
+    return {"name": name, "y": y, "colour": colour, "rigid": rigid}
+
+
+def _frames(result: Result, links: dict[str, dict[str, Any]], track: dict[str, Any] | None) -> IntArray:
+    """Instants to keep: evenly spread, and every one where something is largest or smallest."""
+    n = len(result.t)
+    if n <= FRAMES:
+        return np.arange(n)
+    rows = [result.arrays["torque"]] if "torque" in result.arrays else []
+    rows += [np.abs(f).max(axis=1)[:, None] for k in links.values() for f in k["fields"].values()]
+    rows += [np.linalg.norm(k["disp"], axis=2).max(axis=1)[:, None] for k in links.values()]
+    rows += [track["deviation"][:, None]] if track else []
+    extremes = {int(pick(column)) for r in rows for column in r.T for pick in (np.argmax, np.argmin)}
+    extremes |= {0, n - 1}
+    spread = np.linspace(0, n - 1, max(FRAMES - len(extremes), 2)).round().astype(np.intp)
+    return np.union1d(spread, np.array(sorted(extremes), dtype=np.intp))[:FRAMES]
+
+
+def _fields(links: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+    if not links:
+        return []
+    known = set.intersection(*[set(link["fields"]) for link in links.values()]) | {"displacement"}
+    return [
+        {"key": k, "label": label, "unit": unit, "factor": factor}
+        for k, (label, unit, factor) in FIELDS.items()
+        if k in known
+    ]
+
+
+def _size(result: Result, links: dict[str, dict[str, Any]], keep: IntArray) -> float:
+    """Largest diagonal of the box about the rigid mechanism [m]."""
+    clouds = [link["rigid"][keep] for link in links.values()]
+    for name in _bodies(result):
+        pose = result.arrays[f"body/{name}/pose"][keep]
+        points = np.asarray(result.meta["bodies"][name]["points"], dtype=float).reshape(-1, 3)
+        clouds.append(np.einsum("tij,pj->tpi", pose[:, :, :3], points) + pose[:, None, :, 3])
+    if not clouds:
+        return 1.0
+    cloud = np.concatenate(clouds, axis=1)
+    return float(np.linalg.norm(np.ptp(cloud, axis=1), axis=1).max()) or 1.0
+
+
+def _at(result: Result, key: str, t: Array) -> Array:
+    """An array of another run at the instants t, linear in between; shape (nt, n)."""
+    values = result.arrays[key]
+    return np.stack([np.interp(t, result.t, column) for column in values.T], axis=1)
+
+
+def _rows(arrow: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+    return {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in arrow.items()}
+
+
+def _distinct(points: Array, within: float) -> Array:
+    kept: list[Array] = []
+    for p in points:
+        if all(np.linalg.norm(p - k) > within for k in kept):
+            kept.append(p)
+    return np.array(kept)
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-30))
+
+
+def _any_normal(rigid: Array) -> Array:
+    """A direction across the link, for a result without section directions."""
+    along = _unit(rigid[:, -1] - rigid[:, 0])
+    pick = np.eye(3)[np.abs(along).mean(axis=0).argmin()]
+    return np.broadcast_to(_unit(np.cross(along, pick))[:, None], rigid.shape)
+
+
+def _circle(radius: float) -> list[list[float]]:
+    turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    return [[float(radius * np.cos(a)), float(radius * np.sin(a))] for a in turn]

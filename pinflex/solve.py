@@ -1,0 +1,276 @@
+"""solve(): one call from a mechanism and a motion to a Result, at any level."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.coupled import integrate
+from pinflex.drive import TorqueDrive, motor_path
+from pinflex.dynamics import Dynamics
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
+from pinflex.integrators import scheme
+from pinflex.ked import solve_ked
+from pinflex.mechanism import Mechanism
+from pinflex.meta import describe
+from pinflex.motion import Motion, from_spec, hold
+from pinflex.nominal import Nominal, motor_axes, nominal
+from pinflex.quasistatic import balance, solve_quasistatic
+from pinflex.recover import recover
+from pinflex.result import Result
+from pinflex.rigid import solve_rigid
+from pinflex.run import Run
+from pinflex.start import straight_start
+from pinflex.supplement import SolveSpec
+
+LEVELS = ("rigid", "quasistatic", "ked", "coupled")
+SAMPLES = 401
+Progress = Callable[[int, int], None]
+
+
+def solve(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    level: str | None = None,
+    *,
+    until: float | None = None,
+    dt: float | None = None,
+    samples: int | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Result:
+    """Solve a scene at one level.
+
+    Args:
+        mechanism: From `load`.
+        motion: Default: the motion of the YAML.
+        level: rigid, quasistatic, ked or coupled; default: the YAML's.
+        until: End time in s; default: the YAML's, or the motion's duration.
+        dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
+        samples: Number of output times; default 401.
+        progress: Called with (step, steps) on long work.
+        **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive, kp, kd,
+            start; and `ked="full"|"structural"`, `tolerance` (Newton's).
+    Returns:
+        The result. If a run stops early, the error carries `.result` up to the last good step.
+    Raises:
+        DescriptionError: An unknown level or option.
+        MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
+    """
+    ked_terms = options.pop("ked", "full")
+    tolerance = options.pop("tolerance", None)
+    spec = _spec(mechanism, level, until, dt, samples, options)
+    motion = motion if motion is not None else _default_motion(mechanism)
+    end = spec.until if spec.until is not None else motion.duration
+    if not end > 0:
+        raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time in s above zero.")
+    began = time.perf_counter()
+    run: Run
+    try:
+        run = _run(mechanism, motion, spec, end, ked_terms, tolerance, progress)
+    except ConvergenceError as error:
+        if isinstance(error.result, Run):
+            error.result = _result(mechanism, motion, error.result, spec, began, stopped=str(error))
+        raise
+    return _result(mechanism, motion, run, spec, began)
+
+
+def _spec(
+    mechanism: Mechanism,
+    level: str | None,
+    until: float | None,
+    dt: float | None,
+    samples: int | None,
+    options: dict[str, Any],
+) -> SolveSpec:
+    given = {"level": level, "until": until, "dt": dt, "samples": samples}
+    known = set(SolveSpec.__dataclass_fields__)
+    for name in options:
+        if name not in known:
+            raise DescriptionError(
+                f"solve: {name}: no such option.{nearest(name, sorted(known | {'ked'}))}"
+            )
+    changes = {k: v for k, v in {**given, **options}.items() if v is not None}
+    spec = replace(mechanism.description.solve, **changes)
+    if spec.level not in LEVELS:
+        raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
+    if spec.dt is not None and not spec.dt > 0:
+        raise DescriptionError(f"solve.dt: {spec.dt}. Give a step in s above zero.")
+    if spec.samples is not None and spec.samples < 2:
+        raise DescriptionError(f"solve.samples: {spec.samples}. Give at least 2.")
+    return spec
+
+
+def _default_motion(mechanism: Mechanism) -> Motion:
+    block = mechanism.description.motion
+    if block is None:
+        return hold(duration=1.0)
+    path = mechanism.description.path
+    folder = None if path is None else path.parent
+    return from_spec(block, f"{mechanism.name}.yaml: motion", folder)
+
+
+def _run(
+    mechanism: Mechanism,
+    motion: Motion,
+    spec: SolveSpec,
+    end: float,
+    ked_terms: str,
+    tolerance: float | None,
+    progress: Progress | None,
+) -> Run:
+    samples = spec.samples or SAMPLES
+    at_samples = np.linspace(0.0, end, samples)
+    if spec.level == "rigid" and spec.drive == "prescribed":
+        return solve_rigid(mechanism, motion, at_samples)
+    if spec.level == "quasistatic":
+        _need_prescribed(mechanism, spec)
+        return solve_quasistatic(mechanism, motion, at_samples, progress)
+    dt = spec.dt if spec.dt is not None else default_step(mechanism, end)
+    every = max(1, int(np.ceil(end / dt / (samples - 1) - 1e-9)))
+    t = np.linspace(0.0, end, every * (samples - 1) + 1)
+    rho = 0.8 if spec.rho_inf is None else spec.rho_inf
+    if spec.level == "ked":
+        _need_prescribed(mechanism, spec)
+        method = scheme("newmark", coefficients=spec.newmark)
+        if ked_terms not in ("full", "structural"):
+            raise DescriptionError(
+                f"ked: {ked_terms}.{nearest(ked_terms, ('full', 'structural'))}"
+            )
+        structural = ked_terms == "structural"
+        static = spec.start == "static"
+        run = solve_ked(mechanism, motion, t, method, static, structural, progress)
+    else:
+        run = _coupled(mechanism, motion, spec, t, rho, tolerance, progress)
+    return thin(run, every)
+
+
+def _need_prescribed(mechanism: Mechanism, spec: SolveSpec) -> None:
+    if spec.drive != "prescribed":
+        raise DescriptionError(
+            f"{mechanism.name}: solve.drive: torque needs level coupled (or rigid); "
+            f"{spec.level} follows the nominal motion."
+        )
+
+
+def _coupled(
+    mechanism: Mechanism,
+    motion: Motion,
+    spec: SolveSpec,
+    t: Array,
+    rho: float,
+    tolerance: float | None,
+    progress: Progress | None,
+) -> Run:
+    system = mechanism.rigid if spec.level == "rigid" else mechanism.flexible
+    dynamics = Dynamics(system)
+    path = motor_path(mechanism, motion, t)
+    y, v = straight_start(mechanism, motion, path, dynamics)
+    drive = None
+    if spec.drive == "torque":
+        drive = _torque_drive(mechanism, motion, spec, t)
+    if spec.start == "static":
+        a = np.zeros(system.nv)
+        n = int(system.rigid.nv)
+        if mechanism.report.mobility == len(system.motors):
+            a[:n] = nominal(mechanism, motion, t[:1]).a[0]
+        y = balance(dynamics, y, v, a, system.free).y
+    method = scheme(spec.integrator, rho, spec.newmark)
+    keys = {} if tolerance is None else {"tolerance": tolerance}
+    return integrate(mechanism, dynamics, (y, v), path, method, drive, progress=progress, **keys)
+
+
+def _torque_drive(mechanism: Mechanism, motion: Motion, spec: SolveSpec, t: Array) -> TorqueDrive:
+    count = len(mechanism.rigid.motors)
+    coarse = t[:: max(1, (len(t) - 1) // 400)]
+    try:
+        rigid = solve_rigid(mechanism, motion, coarse).torque
+    except MotionError:
+        rigid = np.zeros((len(coarse), count))
+    forward = np.column_stack([np.interp(t, coarse, column) for column in rigid.T])
+    return TorqueDrive(np.full(count, spec.kp), np.full(count, spec.kd), forward)
+
+
+def default_step(mechanism: Mechanism, end: float) -> float:
+    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
+    from pinflex.modes import modes
+
+    step = end / 400.0
+    if mechanism.flexible.n_eta == 0:
+        return step
+    found = modes(mechanism, count=9, preload="none").frequencies
+    alive = found[found > 0]
+    if not len(alive):
+        return step
+    third = float(alive[min(2, len(alive) - 1)])
+    return min(step, 1.0 / (40.0 * third))
+
+
+def thin(run: Run, every: int) -> Run:
+    """Every k-th step of a run."""
+    if every == 1:
+        return run
+    k = slice(None, None, every)
+    work = None if run.work is None else run.work[k]
+    return replace(
+        run, t=run.t[k], y=run.y[k], v=run.v[k], a=run.a[k], lam=run.lam[k],
+        torque=run.torque[k], work=work,
+    )  # fmt: skip
+
+
+def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal | None:
+    """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame."""
+    if run.system is mechanism.rigid:
+        return None
+    if run.settings.get("drive") != "torque" and mechanism.report.mobility == len(run.system.motors):
+        return nominal(mechanism, motion, run.t)
+    from pinflex.assembly import close_loops
+
+    dynamics, axes = Dynamics(mechanism.rigid), motor_axes(mechanism)
+    passive = mechanism.rigid.free
+    n = int(mechanism.rigid.nq)
+    q = np.empty((len(run.t), n))
+    for k, y in enumerate(run.y):
+        pose = y[:n].copy()
+        axes.write(pose, axes.read(y[:n]))
+        q[k] = close_loops(dynamics, pose, passive)[0] if dynamics.looped else pose
+    empty = np.zeros((len(run.t), int(mechanism.rigid.nv)))
+    return Nominal(run.t, q, empty, empty)
+
+
+def _result(
+    mechanism: Mechanism,
+    motion: Motion,
+    run: Run,
+    spec: SolveSpec,
+    began: float,
+    stopped: str = "",
+) -> Result:
+    solved = time.perf_counter()
+    run = replace(run, settings={**run.settings, "drive": spec.drive})
+    arrays = recover(mechanism, run, _rigid_reference(mechanism, motion, run))
+    arrays.update(_energy_flow(arrays, run))
+    recovered = time.perf_counter()
+    cost = {**run.cost, "seconds": solved - began, "recovery_seconds": recovered - solved}
+    meta = describe(mechanism, run, spec.level, cost, arrays, stopped)
+    return Result(run.t, arrays, meta)
+
+
+def _energy_flow(arrays: dict[str, Array], run: Run) -> dict[str, Array]:
+    """Work of the motors and energy taken by damping: of every step, or by the sampled power."""
+    if run.work is not None:
+        return {"energy/work": run.work[:, 0], "energy/dissipated": run.work[:, 1]}
+    speed = run.v[:, run.system.motors]
+    power = np.sum(run.torque * speed, axis=1)
+    loss = np.einsum("ti,ij,tj->t", run.v, run.system.D, run.v)
+    dt = np.diff(run.t)
+
+    def total(p: Array) -> Array:
+        return np.concatenate([[0.0], np.cumsum(0.5 * dt * (p[1:] + p[:-1]))])
+
+    return {"energy/work": total(power), "energy/dissipated": total(loss)}

@@ -1,0 +1,86 @@
+"""The comparison table holds the numbers of the results, and always fits its page."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pinflex.comparison import comparison
+from pinflex.errors import DescriptionError
+from pinflex.result import Result, peak, rms
+from tests.synthetic import synthetic_result
+
+
+@pytest.fixture(scope="module")
+def flexible() -> Result:
+    return synthetic_result()
+
+
+@pytest.fixture(scope="module")
+def rigid() -> Result:
+    return synthetic_result("rigid")
+
+
+def test_the_comparison_holds_the_numbers_of_the_arrays(rigid, flexible):
+    table = comparison(rigid, {"coupled": flexible}, frequencies=range(10, 100, 10), first=4)
+    row = table.torques[1]
+    difference = flexible.torque[:, 1] - rigid.torque[:, 1]
+    assert (row.motor, row.level, row.unit) == ("motor_2", "coupled", "N m")
+    assert row.max_difference == peak(difference)
+    assert row.rms_percent == pytest.approx(100 * rms(difference) / peak(rigid.torque[:, 1]))
+    platform = table.platform[0]
+    deviation = flexible.deviation_from(rigid)
+    assert platform.position == deviation.max()
+    assert platform.position_time == flexible.t[np.argmax(deviation.norm)]
+    stress = table.stresses[0]
+    assert (stress.link, stress.fraction) == (
+        "distal_1",
+        pytest.approx(0.5),
+    )  # half a sine peaks at mid-span
+    assert stress.von_mises == peak(flexible.link("distal_1").von_mises)
+    assert table.frequencies == (10.0, 20.0, 30.0, 40.0)
+    assert [c.level for c in table.costs] == ["rigid", "coupled"]
+
+
+def test_the_comparison_of_a_run_with_itself_is_zero(flexible):
+    table = comparison(flexible, {"same": flexible})
+    assert {row.max_difference for row in table.torques} == {0.0}
+    assert {row.rms_percent for row in table.torques} == {0.0}
+    assert table.platform[0].position == 0.0
+
+
+def test_no_percentage_is_given_of_a_motor_at_rest(rigid, flexible):
+    idle = rigid.torque * [1.0, 0.0, 1e-15]
+    still = replace(rigid, arrays={**rigid.arrays, "torque": idle})
+    table = comparison(still, {"coupled": flexible})
+    assert [row.max_percent is None for row in table.torques] == [False, True, True]
+    assert json.loads(table.to_json())["torques"][1]["max_percent"] is None
+    assert " -" in table.text()
+
+
+def test_the_table_fits_100_columns_of_ascii_whatever_the_names(rigid, flexible):
+    long = [f"a_very_long_motor_name_of_the_left_arm_{i}" for i in range(3)]
+
+    def renamed(run: Result) -> Result:
+        wild = {**run.arrays, "torque": run.torque * [1e-5, 1e8, 1.2345]}
+        return replace(run, arrays=wild, meta={**run.meta, "actuated": long})
+
+    runs = {"coupled with 8 segments": renamed(flexible)}
+    text = comparison(renamed(rigid), runs, [1.0]).text()
+    assert text.isascii()
+    assert max(map(len, text.splitlines())) <= 100
+    assert all(f"m_{i} " in text for i in range(3))  # the number at the end survives shortening
+
+
+def test_the_json_has_stable_keys_and_si_units(rigid, flexible):
+    data = json.loads(comparison(rigid, {"coupled": flexible}).to_json())
+    assert list(data) == ["name", "torques", "platform", "stresses", "frequencies", "costs"]
+    assert data["stresses"][0]["von_mises"] > 1e6  # Pa
+    assert 1e-4 < data["platform"][0]["position"] < 1e-3  # m
+
+
+def test_runs_of_different_models_are_not_compared(rigid, flexible):
+    other = replace(flexible, meta={**flexible.meta, "actuated": ["a", "b", "c"]})
+    with pytest.raises(DescriptionError, match="Compare runs of one model"):
+        comparison(rigid, {"other": other})

@@ -1,0 +1,168 @@
+"""Figures hold the right curves, labels and peaks; nobody compares pixels."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pinflex import plot
+from pinflex.errors import DescriptionError
+from pinflex.result import Result, peak
+from tests.synthetic import BENDING, synthetic_result
+
+matplotlib = pytest.importorskip("matplotlib")
+
+
+@pytest.fixture(scope="module")
+def flexible() -> Result:
+    return synthetic_result()
+
+
+@pytest.fixture(scope="module")
+def rigid() -> Result:
+    return synthetic_result("rigid")
+
+
+def labels(ax):
+    return [line.get_label() for line in ax.lines if not line.get_label().startswith("_")]
+
+
+def with_motors(run: Result, count: int) -> Result:
+    torque = np.tile(run.torque, (1, 2))[:, :count]
+    names = [f"m{i}" for i in range(count)]
+    meta = {**run.meta, "actuated": names, "units": {"torque/m1": "N"}}
+    return replace(run, arrays={**run.arrays, "torque": torque}, meta=meta)
+
+
+def test_each_motor_has_its_torques_above_and_their_difference_below(rigid, flexible):
+    figure = plot.torques(rigid, {"coupled": flexible})
+    assert len(figure.axes) == 6
+    above, below = figure.axes[1], figure.axes[4]
+    assert above.get_title("left") == "motor_2"
+    assert labels(above) == ["rigid", "coupled"]
+    assert figure.axes[0].get_ylabel() == "torque [N m]"
+    assert below.get_xlabel() == "time [s]"
+    assert np.array_equal(above.lines[1].get_ydata(), flexible.torque[:, 1])
+    assert np.array_equal(below.lines[0].get_ydata(), flexible.torque[:, 1] - rigid.torque[:, 1])
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["rigid", "coupled"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 6])
+def test_any_number_of_motors_fills_rows_of_three_without_empty_frames(rigid, flexible, count):
+    figure = plot.torques(with_motors(rigid, count), {"c": with_motors(flexible, count)})
+    assert len(figure.axes) == 2 * count
+    assert figure.get_size_inches()[1] == pytest.approx(4.5 * (1 + (count > 3)))
+
+
+def test_a_linear_motor_is_labelled_as_a_force(rigid, flexible):
+    figure = plot.torques(with_motors(rigid, 2), {"c": with_motors(flexible, 2)})
+    assert figure.axes[1].get_ylabel() == "force [N]"
+
+
+def test_deviation_is_drawn_in_millimetres_and_milliradians(rigid, flexible):
+    figure = plot.deviation(rigid, flexible)
+    position, rotation = figure.axes
+    away = flexible.deviation_from(rigid)
+    assert position.get_ylabel() == "position [mm]"
+    assert rotation.get_ylabel() == "rotation [mrad]"
+    assert labels(position) == ["x", "y"]  # a planar mechanism leaves z out
+    assert labels(rotation) == ["rz"]
+    assert np.allclose(position.lines[1].get_ydata(), 1e3 * away.position[:, 0])
+    assert np.allclose(rotation.lines[1].get_ydata(), 1e3 * away.rotation[:, 2])
+
+
+def test_the_stress_map_shows_every_link_on_one_scale_in_megapascal(flexible):
+    figure = plot.stress_map(flexible)
+    *panels, bar = figure.axes
+    assert bar.get_ylabel() == "von Mises stress [MPa]"
+    assert [p.get_title("left").split(":")[0] for p in panels] == list(flexible.links)
+    top = max(peak(flexible.link(name).von_mises) for name in flexible.links) / 1e6
+    for panel, name in zip(panels, flexible.links, strict=True):
+        mesh = panel.collections[0]
+        assert mesh.get_clim() == (0.0, pytest.approx(top))
+        expected = flexible.link(name).von_mises.T / 1e6
+        assert np.allclose(np.asarray(mesh.get_array()).ravel(), expected.ravel())
+        when, where = np.unravel_index(np.argmax(expected.T), expected.T.shape)
+        mark = panel.lines[0].get_xydata()[0]
+        assert np.allclose(mark, [flexible.t[when], 1e3 * flexible.link(name).x[where]])
+
+
+def test_a_rigid_result_has_no_stress_to_map(rigid):
+    with pytest.raises(DescriptionError, match="no flexible links.*quasistatic"):
+        plot.stress_map(rigid)
+
+
+def test_a_sine_peaks_at_its_frequency_with_its_amplitude():
+    t = np.linspace(0.0, 2.0, 2001)
+    frequency, amplitude = plot.amplitudes(t, 0.3 * np.sin(2 * np.pi * 37.3 * t) + 5 * t - 2)
+    best = int(np.argmax(amplitude))
+    assert frequency[best] == pytest.approx(37.3, abs=0.07)  # half a bin of 1 / (4 * 2 s)
+    assert amplitude[best] == pytest.approx(0.3, rel=0.01)
+
+
+def test_two_close_sines_are_both_labelled_and_side_lobes_are_not(flexible):
+    t = np.linspace(0.0, 2.0, 2001)
+    q = np.sin(2 * np.pi * 30.2 * t) + 0.2 * np.sin(2 * np.pi * 41.7 * t)
+    run = Result(t, {"joint/q": q[:, None]}, {"joints": ["a"], "level": "ked"})
+    ax = plot.spectrum(run, "joint/a").axes[0]
+    found = [float(text.get_text().removesuffix(" Hz")) for text in ax.texts]
+    assert found == pytest.approx([30.2, 41.7], abs=0.05)  # labels carry one decimal
+
+
+def test_the_spectrum_of_the_free_vibration_finds_the_bending_frequency(rigid, flexible):
+    figure = plot.spectrum(flexible, "torque/motor_1", reference=rigid, after=0.1)
+    ax = figure.axes[0]
+    assert [float(t.get_text().removesuffix(" Hz")) for t in ax.texts] == pytest.approx(
+        [BENDING], abs=1.0
+    )  # a window of 0.1 s resolves 10 Hz; the parabola places the peak to a tenth of that
+    assert ax.get_xlabel() == "frequency [Hz]"
+    assert ax.get_ylabel() == "amplitude [N m]"
+    assert ax.get_title("left") == "torque motor_1 minus rigid, coupled, after 0.1 s"
+
+
+def test_each_quantity_is_found_by_its_name(flexible):
+    values, label, unit = plot.signal(flexible, "link/distal_2/v")
+    assert (label, unit) == ("distal_2 v at x = 110 mm", "m")
+    assert np.array_equal(values, flexible.link("distal_2").deflection[:, 10, 1])
+    values, label, unit = plot.signal(flexible, "frame/platform/y")
+    assert np.array_equal(values, flexible.frame("platform").position[:, 1])
+    assert plot.signal(flexible, "joint/elbow_1")[1:] == ("position elbow_1", "rad")
+
+
+@pytest.mark.parametrize("quantity", ["torqe/motor_1", "link/distal_1/q", "frame/platform", ""])
+def test_an_unknown_quantity_is_answered_with_the_forms(flexible, quantity):
+    with pytest.raises(DescriptionError, match=r"torque/MOTOR|no frame|no flexible link"):
+        plot.signal(flexible, quantity)
+
+
+def test_too_few_instants_make_no_spectrum(flexible):
+    with pytest.raises(DescriptionError, match="too few"):
+        plot.spectrum(flexible, "torque/motor_1", after=0.199)
+
+
+def test_a_quantity_that_never_moves_has_an_empty_spectrum(flexible, tmp_path):
+    figure = plot.spectrum(flexible, "link/distal_1/w")
+    assert not figure.axes[0].texts
+    figure.savefig(tmp_path / "flat.png")
+
+
+def test_save_all_writes_every_figure_the_results_allow(rigid, flexible, tmp_path):
+    paths = plot.save_all(rigid, {"coupled, 2 segments": flexible}, tmp_path / "plots")
+    assert [p.name for p in paths] == [
+        "torques.png",
+        "deviation_coupled_2_segments.png",
+        "stress_coupled_2_segments.png",
+        "spectrum_coupled_2_segments.png",
+    ]
+    assert all(p.read_bytes()[:4] == b"\x89PNG" for p in paths)
+
+
+def test_plotting_leaves_no_global_state_and_importing_it_is_light():
+    code = (
+        "import sys, pinflex.plot as p; assert 'matplotlib' not in sys.modules\n"
+        "from tests.synthetic import synthetic_result as s\n"
+        "p.torques(s('rigid'), {'c': s()}); assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
