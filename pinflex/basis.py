@@ -221,7 +221,8 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
         if direction in BENDING:
             return assumed(length, basis.boundary, basis.modes)
         return sines(length, basis.modes)
-    n = basis.internal + (2 if direction in BENDING else 1)
+    # Stretch and twist live far above bending: two internal modes fewer cost nothing there.
+    n = basis.internal + 2 if direction in BENDING else max(basis.internal - 2, 0) + 1
     return polynomial(length, n, direction, ratio, ratio > 0.0 and link.rotary_inertia)
 
 

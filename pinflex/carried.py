@@ -7,6 +7,7 @@ which axis a motor turns, is read from the URDF text that the Result carries.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 from xml.etree import ElementTree
 
@@ -36,11 +37,10 @@ class Carrier:
 
     def forces(self) -> list[dict[str, Any]]:
         """Joint and loop forces [N] on the child: {name, at, at_rigid, vector}, each (nt, 3)."""
-        arrays, arrows = self.result.arrays, []
-        joints = self.joints()
+        arrays, arrows = self.result.arrays, list[dict[str, Any]]()
         for key in sorted(k for k in arrays if k.startswith("reaction/")):
-            joint = joints.get(key[9:])
-            place = joint and self.point(joint.child)
+            joint = self.joints.get(key[9:])
+            place = self.point(joint.child) if joint else None
             turn = self.rotation(joint.child) if joint else None
             if place is not None and turn is not None:
                 force = np.einsum("tij,tj->ti", turn, arrays[key][:, :3])
@@ -53,10 +53,10 @@ class Carrier:
 
     def torques(self) -> list[dict[str, Any]]:
         """Motor torques: {name, at, at_rigid, vector (axis, nt x 3), value (nt), unit}."""
-        joints, arrows = self.joints(), []
+        arrows: list[dict[str, Any]] = []
         for i, name in enumerate(self.result.motors):
-            joint = joints.get(name)
-            place = joint and self.point(joint.child)
+            joint = self.joints.get(name)
+            place = self.point(joint.child) if joint else None
             turn = self.rotation(joint.child) if joint else None
             if joint is None or place is None or turn is None or "torque" not in self.result.arrays:
                 continue
@@ -66,6 +66,7 @@ class Carrier:
             arrows.append(arrow)
         return arrows
 
+    @cached_property
     def joints(self) -> dict[str, Joint]:
         """Joints by name, from the first URDF text that can be read."""
         for text in self.result.meta.get("sources", {}).values():
@@ -89,9 +90,9 @@ class Carrier:
             return self._station(name, 0)
         if f"frame/{name}/position" in arrays:
             position = arrays[f"frame/{name}/position"]
-            rigid, _ = self.rigid_frame(name)
-            return position, position if rigid is None else rigid
-        above = [j for j in self.joints().values() if j.child == name and j.kind == "fixed"]
+            still, _ = self.rigid_frame(name)
+            return position, position if still is None else still
+        above = [j for j in self.joints.values() if j.child == name and j.kind == "fixed"]
         for joint in above:  # a frame fixed to a link: at its origin, or at the far end of a beam
             if f"link/{joint.parent}/centreline" in arrays:
                 return self._station(joint.parent, -1 if np.any(joint.origin) else 0)
@@ -148,7 +149,7 @@ class Carrier:
 
     def _beam(self, name: str) -> Array | None:
         """Beam axes in the link's frame by the default rule: x to the child, z by the own axis."""
-        joints = self.joints().values()
+        joints = self.joints.values()
         spans = [j.origin for j in joints if j.parent == name and np.any(j.origin)]
         above = [j for j in joints if j.child == name]
         if not spans or not above:
@@ -164,13 +165,15 @@ class Carrier:
 
     def _loops(self) -> dict[str, list[str]]:
         """Frames each loop joint ties, from meta or else from the YAML text."""
-        loops = {x["name"]: x["between"] for x in self.result.meta.get("loops", ()) if "between" in x}
+        loops = {
+            x["name"]: x["between"] for x in self.result.meta.get("loops", ()) if "between" in x
+        }
         if loops:
             return loops
         for name, text in self.result.meta.get("sources", {}).items():
             if not name.endswith((".yaml", ".yml")):
                 continue
-            import yaml
+            import yaml  # type: ignore[import-untyped,unused-ignore]
 
             try:
                 read = yaml.safe_load(text)
@@ -206,4 +209,6 @@ def _joint(node: ElementTree.Element) -> Joint | None:
 
 
 def _numbers(node: ElementTree.Element | None, key: str, default: str) -> Array:
-    return np.array([float(x) for x in (default if node is None else node.get(key, default)).split()])
+    return np.array(
+        [float(x) for x in (default if node is None else node.get(key, default)).split()]
+    )

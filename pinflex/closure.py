@@ -12,7 +12,7 @@ Jacobians of Pinocchio the closure Jacobian is (W J) times the difference of the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -223,8 +223,9 @@ class JointPoses:
         self._data = data
         self.rotation = np.zeros((model.njoints, 3, 3))
         self.translation = np.zeros((model.njoints, 3))
-        q = pin.randomConfiguration(model) if model.nq < 200 else pin.neutral(model)
-        pin.forwardKinematics(model, data, q)
+        # Any pose in which all joints differ shows whether the view reads the right numbers.
+        move = np.linspace(0.1, 0.2, model.nv)
+        pin.forwardKinematics(model, data, pin.integrate(model, pin.neutral(model), move))
         rotation, translation = data.oMi[0].rotation, data.oMi[0].translation
         shape, n = np.lib.stride_tricks.as_strided, model.njoints
         views = (
@@ -261,26 +262,38 @@ class ClosureState:
         self._point_loop = closed.loop_of[closed.point_rows]
         self._dot_loop = closed.loop_of[closed.dot_rows]
         self._distance_loop = closed.loop_of[closed.distance_rows]
+        self._frames = np.zeros((2 * loops, 3, 4))
+        self.frames_a, self.frames_b = self._frames[:loops], self._frames[loops:]
+        self.gap = np.zeros((loops, 3))
+        self._arm = np.zeros((loops, 3, 3))
+        # Flat positions of u = a[loop, :, axis] among the frames: one `take` instead of indexing.
+        self._u_at = (
+            self._point_loop[:, None] * 12 + 4 * np.arange(3) + closed.point_axes[:, None]
+        )
+        self._plain = closed.n == len(closed.point_rows)
 
     def evaluate(self) -> None:
         """c, W and J from the joint poses and Jacobians in the data (both must be current)."""
-        cl = self.closed
+        cl, loops = self.closed, self._loops
         self._poses.refresh()
-        frames = self._poses.rotation[cl.bodies] @ cl.local
-        frames[:, :, 3] += self._poses.translation[cl.bodies]
-        a, b = frames[: self._loops], frames[self._loops :]
-        self.frames_a, self.frames_b = a, b
-        self.gap = b[:, :, 3] - a[:, :, 3]
-        self._arm = skew(b[:, :, 3])
-        rows, loop, axes = cl.point_rows, self._point_loop, cl.point_axes
-        if len(rows):
-            u = a[loop, :, axes]
-            self.c[rows] = (u * self.gap[loop]).sum(1)
-            self.W[rows, :3] = u
-            self.W[rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
+        np.matmul(self._poses.rotation.take(cl.bodies, axis=0), cl.local, out=self._frames)
+        self._frames[:, :, 3] += self._poses.translation.take(cl.bodies, axis=0)
+        origin = self._frames[:, :, 3]
+        np.subtract(origin[loops:], origin[:loops], out=self.gap)
+        np.matmul(origin[loops:], _SKEW, out=self._arm.reshape(loops, 9))
+        if len(cl.point_rows):
+            u, loop = self._frames.take(self._u_at), self._point_loop
+            c = np.einsum("ij,ij->i", u, self.gap.take(loop, axis=0))
+            turned = np.matmul(self._arm.take(loop, axis=0), u[:, :, None])[:, :, 0]
+            if self._plain:
+                self.c, self.W[:, :3], self.W[:, 3:] = c, u, turned
+            else:
+                rows = cl.point_rows
+                self.c[rows], self.W[rows, :3], self.W[rows, 3:] = c, u, turned
         if len(cl.dot_rows):
             loop = self._dot_loop
-            e_a, e_b = a[loop, :, cl.dot_a], b[loop, :, cl.dot_b]
+            e_a = self.frames_a[loop, :, cl.dot_a]
+            e_b = self.frames_b[loop, :, cl.dot_b]
             self.c[cl.dot_rows] = (e_a * e_b).sum(1)
             self.W[cl.dot_rows, 3:] = (skew(e_b) @ e_a[:, :, None])[:, :, 0]
         if len(cl.distance_rows):
@@ -338,16 +351,17 @@ class ClosureState:
         total: Array = (rate * relative[loop]).sum(1) + (self.W * turned[loop]).sum(1)
         return total
 
-    def force_tangent(self, lam: Array) -> Array:
-        """Part of d(J' lam)/dQ that Pinocchio's derivatives with fixed local forces miss.
+    def force_tangent(self, lam: Array, times_map: Callable[[Array], Array]) -> Array:
+        """Part of d(J' lam)/dy that Pinocchio's derivatives with fixed local forces miss.
 
         The closure force follows frame a in direction and frame b in its point of attack, so in
         the bodies' own frames it changes with the relative motion of the two.
 
         Args:
             lam: Multipliers, shape (rows,).
+            times_map: D (k, nV) to D X (k, nv).
         Returns:
-            Shape (nV, nV).
+            Shape (nv, nv).
         """
         cl, J = self.closed, self._data.J
         on_a, on_b = np.zeros((self._loops, 6, 6)), np.zeros((self._loops, 6, 6))
@@ -373,8 +387,11 @@ class ClosureState:
             e_b = skew(self.frames_b[loop, :, cl.dot_b])
             np.add.at(on_b[:, 3:, 3:], loop, mu * (e_b @ e_a))
             np.add.at(on_a[:, 3:, 3:], loop, mu * (e_a @ e_b))
-        total = np.zeros((J.shape[1], J.shape[1]))
-        for k in range(self._loops):
-            J_a, J_b = J * cl.support_a[k], J * cl.support_b[k]
-            total += (J_b.T @ on_b[k] - J_a.T @ on_a[k]) @ (J_b - J_a)
+        n = J.shape[1]
+        J_a = times_map((J * cl.support_a[:, None]).reshape(-1, n)).reshape(self._loops, 6, -1)
+        J_b = times_map((J * cl.support_b[:, None]).reshape(-1, n)).reshape(self._loops, 6, -1)
+        pushed = on_b @ (J_b - J_a), on_a @ (J_b - J_a)
+        width = J_a.shape[2]
+        total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)
+        total -= J_a.reshape(-1, width).T @ pushed[1].reshape(-1, width)
         return total

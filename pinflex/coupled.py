@@ -62,11 +62,11 @@ class _Newton:
     def refresh(self, step: _Step) -> None:
         """New tangent at a state; raises numpy's LinAlgError when it is singular."""
         scheme, h, n = self.scheme, self.h, self.n
-        M, C, K = self.dynamics.tangent(step.y, step.v, step.a, step.lam)
+        weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
+        full = self.dynamics.iteration_matrix(step.y, step.v, step.a, step.lam, weights, False)
         if self.drive is not None:
-            K[self.motors, self.motors] += self.drive.kp
-            C[self.motors, self.motors] += self.drive.kd
-        full = scheme.mass_factor * M + (scheme.gamma * h) * C + (scheme.beta * h * h) * K
+            push = weights[2] * self.drive.kp + weights[1] * self.drive.kd
+            full[self.motors, self.motors] += push
         S = self.S
         S[:n, :n] = full[np.ix_(self.free, self.free)]
         self.weight = np.abs(np.diag(S)[:n]).copy()
@@ -123,7 +123,6 @@ def integrate(
     axes, motors = motor_axes(mechanism), system.motors
     newton = _Newton(dynamics, scheme, h, drive)
     prescribed = drive is None
-    held = motors if prescribed else motors[:0]
     y, v = start[0].copy(), start[1].copy()
     nm = len(motors)
     Y, V = np.empty((steps + 1, system.nq)), np.empty((steps + 1, system.nv))
@@ -147,7 +146,7 @@ def integrate(
     damped = dynamics.damped
     power0 = _power(T[0], step.v, motors, system.D, damped)
     slow = True
-    a_last = step.a
+    a_last, change = step.a, np.zeros(system.nv)
     for k in range(1, steps + 1):
         extrapolated = step.a if k < 3 else 2.0 * step.a - a_last
         s = ((1.0 - af) * extrapolated + af * step.a - am * step.s) / (1.0 - am)
@@ -157,16 +156,13 @@ def integrate(
         if prescribed:
             now.a[motors] = path.acceleration[k]
             now.s[motors] = path.acceleration[k]
-        target = path.position[k]
 
-        def place(now: _Step) -> None:
-            now.y = dynamics.integrate(step.y, move + (h * h * beta) * now.s)
-            now.v = swift + (h * gamma) * now.s
-            if prescribed:
-                axes.write(now.y, target)
-                now.v[motors] = path.velocity[k]
-
-        place(now)
+        move += (h * h * beta) * now.s
+        now.y = dynamics.integrate(step.y, move)
+        now.v = swift + (h * gamma) * now.s
+        if prescribed:
+            axes.write(now.y, path.position[k])
+            now.v[motors] = path.velocity[k]
         if slow:
             newton.refresh(now)
         previous = 0.0
@@ -181,14 +177,26 @@ def integrate(
             size = float(np.sqrt((newton.weight * ds) @ ds))
             if not np.isfinite(size):
                 break
-            now.s[free] += ds
-            now.a[free] += mf * ds
+            change[free] = ds
+            now.s += change
+            now.a += mf * change
+            now.v += (h * gamma) * change
             now.lam += dlam
-            place(now)
-            reference = max(reference, float(np.sqrt((newton.weight * now.a[free]) @ now.a[free])))
+            if dynamics.vector_space:
+                now.y += (h * h * beta) * change
+            else:
+                move += (h * h * beta) * change
+                now.y = dynamics.integrate(step.y, move)
+                if prescribed:
+                    axes.write(now.y, path.position[k])
             if iteration:
                 newton.rate = max(size / previous, 1e-3) if previous > 0 else newton.rate
-            if newton.rate < 0.9 and size * newton.rate / (1 - newton.rate) <= tolerance * reference:
+            rate = newton.rate
+            left = size * rate / (1 - rate) if rate < 0.9 else np.inf
+            if left > tolerance * reference:
+                a_free = now.a[free]
+                reference = max(reference, float(np.sqrt((newton.weight * a_free) @ a_free)))
+            if left <= tolerance * reference:
                 converged = True
                 break
             if iteration and newton.rate > 0.3 and not fresh:
@@ -211,7 +219,6 @@ def integrate(
         counts["steps"] = k
         if progress is not None and k % 64 == 0:
             progress(k, steps)
-    del held
     return run(steps)
 
 

@@ -8,6 +8,7 @@ rows of motors give the torque that the motion needs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.closure import Closures, ClosureState
-from pinflex.expansion import Expansion
+from pinflex.expansion import Block, Expansion
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,38 @@ class System:
         return np.setdiff1d(np.arange(self.nv), self.motors).astype(np.intp)
 
 
+class _Map:
+    """One stacked block of X and its rates, on preallocated arrays."""
+
+    def __init__(self, block: Block) -> None:
+        self.block = block
+        bodies, rows, n = block.Phi.shape
+        self.curved = block.G.shape[1]
+        self.shape = (bodies, n, 1)
+        self.X = block.Phi.copy()
+        self.X_curved = self.X[:, : self.curved]
+        self.X_turned = self.X.transpose(0, 2, 1)
+        self.Phi_curved = block.Phi[:, : self.curved]
+        self._G = block.G.reshape(bodies, self.curved * n, n)
+        self._bent_shape = (bodies, self.curved, n)
+        self.rate = np.zeros(self._bent_shape)
+        self.force_rows = block.rows.reshape(-1)
+
+    def bend(self, eta: Array) -> Array:
+        """G eta of the curved rows, shape (bodies, Rc, n), for eta of the stacked bodies."""
+        return np.matmul(self._G, eta.reshape(self.shape)).reshape(self._bent_shape)
+
+    def place(self, eta: Array) -> Array:
+        """Sets X; returns the coordinates Phi eta + 1/2 eta' G eta, flat."""
+        column = eta.reshape(self.shape)
+        lift = np.matmul(self.block.Phi, column)
+        if self.curved:
+            bent = self.bend(eta)
+            np.add(self.Phi_curved, bent, out=self.X_curved)
+            lift[:, : self.curved] += 0.5 * np.matmul(bent, column)
+        return lift.reshape(-1)
+
+
 class Dynamics:
     """A run's own workspace on a system (it owns the pin.Data; make one per run)."""
 
@@ -92,16 +125,12 @@ class Dynamics:
         self.sprung = len(system.springs.v_at) > 0
         self.closed = ClosureState(system.closed, self.model, self.data)
         self.looped = system.closed.n > 0
-        nV, nv = self.model.nv, system.nv
+        nV = int(self.model.nv)
         self.Q = pin.neutral(self.model)
-        self.X = np.zeros((nV, nv))
-        self.X[expansion.v_at, np.arange(self.n_rigid)] = 1.0
-        self.X[:, self.n_rigid :] = expansion.Phi
-        self._Xdot = np.zeros((nV, nv))
+        self._maps = [_Map(block) for block in expansion.blocks]
         self._K_eta = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
-        self._lift = np.zeros(nV)
-        self._eta_pair = np.zeros((system.n_eta, 2))
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
+        self._V, self._A = np.zeros(nV), np.zeros(nV)
         self.g = np.zeros(nV)
 
     # Configuration -------------------------------------------------------------------------
@@ -127,39 +156,75 @@ class Dynamics:
         return dy
 
     def place(self, y: Array) -> None:
-        """Q = T(y) and X = dQ/dy."""
-        n = self.nq_rigid
+        """Q = T(y) and the blocks of X = dQ/dy."""
         if not self.flexible:
             self.Q = y
             return
-        expansion, m = self.system.expansion, self.n_rigid
+        n = self.nq_rigid
+        self.Q[self.system.expansion.q_at] = y[:n]
         eta = y[n:]
-        self.Q[expansion.q_at] = y[:n]
-        lift = self._lift
-        np.matmul(expansion.Phi, eta, out=lift)
-        if expansion.curved:
-            flat = self.X.reshape(-1)
-            for curved in expansion.curved:
-                flat[curved.flat] = curved.Phi + _bend(curved.G, eta[curved.eta])
-            lift += self.X[:, m:] @ eta
-            lift *= 0.5
-        self.Q[expansion.station_q] = lift[expansion.station_v]
+        for one in self._maps:
+            self.Q[one.block.q_rows] = one.place(eta[one.block.eta])
 
     def expand_motion(self, v: Array, a: Array) -> tuple[Array, Array]:
         """V = X v and A = X a + Xdot v at the placed configuration."""
         if not self.flexible:
             return v, a
-        expansion, m = self.system.expansion, self.n_rigid
-        V, A = self.X @ v, self.X @ a
-        if expansion.curved:
-            self._rates(v)
-            A += self._Xdot[:, m:] @ v[m:]
+        V, A, m, at = self._V, self._A, self.n_rigid, self.system.expansion.v_at
+        V[at], A[at] = v[:m], a[:m]
+        v_eta, a_eta = v[m:], a[m:]
+        for one in self._maps:
+            rate = v_eta[one.block.eta]
+            column = rate.reshape(one.shape)
+            V[one.force_rows] = np.matmul(one.X, column).reshape(-1)
+            gain = np.matmul(one.X, a_eta[one.block.eta].reshape(one.shape))
+            if one.curved:
+                one.rate = one.bend(rate)
+                gain[:, : one.curved] += np.matmul(one.rate, column)
+            A[one.force_rows] = gain.reshape(-1)
         return V, A
 
-    def _rates(self, v: Array) -> None:
-        flat, m = self._Xdot.reshape(-1), self.n_rigid
-        for curved in self.system.expansion.curved:
-            flat[curved.flat] = _bend(curved.G, v[m:][curved.eta])
+    def project(self, g: Array) -> Array:
+        """X' g, shape (nv,), for expanded forces g (nV,)."""
+        if not self.flexible:
+            return np.array(g)
+        m = self.n_rigid
+        r = np.empty(self.system.nv)
+        r[:m] = g[self.system.expansion.v_at]
+        for one in self._maps:
+            bodies, rows, _ = one.X.shape
+            force = g[one.force_rows].reshape(bodies, rows, 1)
+            r[m:][one.block.eta] = np.matmul(one.X_turned, force).reshape(-1)
+        return r
+
+    def times_map(self, D: Array) -> Array:
+        """D X, shape (k, nv), for D of shape (k, nV)."""
+        if not self.flexible:
+            return D.copy()
+        m = self.n_rigid
+        out = np.empty((len(D), self.system.nv))
+        out[:, :m] = D[:, self.system.expansion.v_at]
+        for one in self._maps:
+            self._block_product(D, one, one.X, slice(None), out[:, m:])
+        return out
+
+    def _block_product(
+        self, D: Array, one: _Map, factor: Array, rows: slice, out: Array, add: bool = False
+    ) -> None:
+        """Columns D[:, rows of the bodies] times stacked factors, into the bodies' columns."""
+        at = one.block.rows[:, rows]
+        bodies, count = at.shape
+        columns = D[:, at.reshape(-1)].reshape(len(D), bodies, count).transpose(1, 0, 2)
+        product = np.matmul(columns, factor).transpose(1, 0, 2).reshape(len(D), -1)
+        if add:
+            out[:, one.block.eta] += product
+        else:
+            out[:, one.block.eta] = product
+
+    @property
+    def X(self) -> Array:
+        """dQ/dy as one dense matrix, shape (nV, nv) (for tests and reports)."""
+        return self.times_map(np.eye(int(self.model.nv)))
 
     # Forces --------------------------------------------------------------------------------
 
@@ -181,8 +246,7 @@ class Dynamics:
             self.closed.evaluate()
             g = g - self.closed.J.T @ lam
         self.g = g
-        r = self.X.T @ g if self.flexible else np.array(g)
-        return self._add_elastic(r, y, v)
+        return self._add_elastic(self.project(g), y, v)
 
     def _add_elastic(self, r: Array, y: Array, v: Array) -> Array:
         if self.flexible:
@@ -212,8 +276,7 @@ class Dynamics:
 
     def jacobian(self) -> Array:
         """J = J_Q X of the last evaluation."""
-        J = self.closed.J
-        return J @ self.X if self.flexible else J.copy()
+        return self.times_map(self.closed.J)
 
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, shape (rows,)."""
@@ -229,66 +292,106 @@ class Dynamics:
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
         self.place(y)
-        M = _symmetric(pin.crba(self.model, self.data, self.Q))
-        return self.X.T @ M @ self.X if self.flexible else M
+        return self._both_sides(pin.crba(self.model, self.data, self.Q))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array, Array]:
         """M, C, K: exact derivatives of the residual by a, v and y, each (nv, nv)."""
+        M, C, K = (self.iteration_matrix(y, v, a, lam, w) for w in np.eye(3))
+        return M, C, K
+
+    def iteration_matrix(
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        weights: Sequence[float] | Array,
+        exact: bool = True,
+    ) -> Array:
+        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy, shape (nv, nv).
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,).
+            weights: Of M, C and K.
+            exact: False leaves out the rates of the second-order rows, which Newton does not miss:
+                they are of the order of the step times the elastic rates.
+        """
+        w_a, w_v, w_y = weights
         self.place(y)
         V, A = self.expand_motion(v, a)
-        extra = None
+        follow = None
         if self.looped:
             pin.computeJointJacobians(self.model, self.data, self.Q)
             self.closed.evaluate()
-            extra = self.closed.force_tangent(lam)
+            if w_y:
+                follow = self.closed.force_tangent(lam, self.times_map)
             self._load(lam)
-        dQ, dV, M = (
-            np.array(part)
-            for part in pin.computeRNEADerivatives(
-                self.model, self.data, self.Q, V, A, self._loads
-            )
+        dQ, dV, M = pin.computeRNEADerivatives(
+            self.model, self.data, self.Q, V, A, self._loads
         )
-        M = _symmetric(M)
-        if extra is not None:
-            dQ -= extra
-        if not self.flexible:
-            K, C = dQ, dV
-        else:
-            X, m = self.X, self.n_rigid
-            XM, XC = X.T @ M, X.T @ dV
-            K, C = X.T @ (dQ @ X), XC @ X
-            if self.system.expansion.curved:
-                moving = self._Xdot[:, m:]
-                C[:, m:] += 2.0 * (XM @ moving)
-                K[:, m:] += XC @ moving
-                K[:, m:] += XM @ self._bent(a[m:])
-                self._add_geometric(K)
-            M = XM @ X
-        K = K + self.system.K
+        D = w_a * M
+        D += w_v * dV
+        D += w_y * dQ
+        S = self._both_sides(D)
+        if self.flexible:
+            if exact and (w_v or w_y):
+                self._add_rates(S, M, dV, a[self.n_rigid :], w_v, w_y)
+            if w_y:
+                self._add_geometric(S, w_y)
+        if follow is not None:
+            S -= w_y * follow
+        S += w_v * self.system.D + w_y * self.system.K
         s = self.system.springs
-        K[s.v_at, s.v_at] += s.stiffness
-        return M, C + self.system.D, K
+        S[s.v_at, s.v_at] += w_y * s.stiffness
+        return S
 
-    def _bent(self, a_eta: Array) -> Array:
-        """dX/deta contracted with eta's acceleration: rows G a, shape (nV, n_eta)."""
-        bent = np.zeros((self.model.nv, self.system.nv))
-        flat = bent.reshape(-1)
-        for curved in self.system.expansion.curved:
-            flat[curved.flat] = _bend(curved.G, a_eta[curved.eta])
-        return bent[:, self.n_rigid :]
+    def _both_sides(self, D: Array) -> Array:
+        """X' D X."""
+        if not self.flexible:
+            return np.array(D)
+        right = self.times_map(D)
+        return self._left(right)
 
-    def _add_geometric(self, K: Array) -> None:
+    def _left(self, right: Array) -> Array:
+        """X' B for B of shape (nV, k)."""
+        m = self.n_rigid
+        out = np.empty((self.system.nv, right.shape[1]))
+        out[:m] = right[self.system.expansion.v_at]
+        for one in self._maps:
+            bodies, rows, _ = one.X.shape
+            part = right[one.force_rows].reshape(bodies, rows, -1)
+            out[m:][one.block.eta] = np.matmul(one.X_turned, part).reshape(-1, right.shape[1])
+        return out
+
+    def _add_rates(
+        self, S: Array, M: Array, dV: Array, a_eta: Array, w_v: float, w_y: float
+    ) -> None:
+        """What the changing second-order rows bring into C and K."""
+        extra = np.zeros((int(self.model.nv), self.system.n_eta))
+        for one in self._maps:
+            if not one.curved:
+                continue
+            rows = slice(0, one.curved)
+            inertial = 2.0 * w_v * one.rate + w_y * one.bend(a_eta[one.block.eta])
+            self._block_product(M, one, inertial, rows, extra, add=True)
+            if w_y:
+                self._block_product(dV, one, w_y * one.rate, rows, extra, add=True)
+        S[:, self.n_rigid :] += self._left(extra)
+
+    def _add_geometric(self, S: Array, w_y: float) -> None:
         """Geometric stiffness: sum of G_k weighted by the force g_k on each curved row."""
-        g = self._row_forces()
-        for curved in self.system.expansion.curved:
-            bodies, _, n, _ = curved.G.shape
-            stiff = np.einsum("br,brij->bij", g[curved.rows], curved.G, optimize=True)
-            for k in range(bodies):
-                at = slice(
-                    self.n_rigid + curved.eta.start + k * n,
-                    self.n_rigid + curved.eta.start + (k + 1) * n,
-                )
-                K[at, at] += stiff[k]
+        m, g = self.n_rigid, self._row_forces()
+        for one in self._maps:
+            if not one.curved:
+                continue
+            n = one.shape[1]
+            weights = g[one.block.rows[:, : one.curved]]
+            stiff = np.matmul(
+                weights[:, None, :], one.block.G.reshape(len(weights), one.curved, n * n)
+            ).reshape(-1, n, n)
+            for k, part in enumerate(stiff):
+                start = m + one.block.eta.start + k * n
+                S[start : start + n, start : start + n] += w_y * part
 
     def _row_forces(self) -> Array:
         """Expanded forces rnea - J_Q' lam of the last tangent (Pinocchio keeps them in tau)."""
@@ -314,8 +417,7 @@ class Dynamics:
             self.closed.evaluate()
             self._load(lam)
         self.g = np.array(pin.rnea(self.model, self.data, self.Q, V, A, self._loads))
-        r = self.X.T @ self.g if self.flexible else self.g.copy()
-        return self._add_elastic(r, y, v)
+        return self._add_elastic(self.project(self.g), y, v)
 
     # Energies ------------------------------------------------------------------------------
 
@@ -323,7 +425,7 @@ class Dynamics:
         """Kinetic, gravity, elastic and spring energy, J."""
         self.place(y)
         V, _ = self.expand_motion(v, np.zeros_like(v))
-        kinetic = 0.5 * float(V @ _symmetric(pin.crba(self.model, self.data, self.Q)) @ V)
+        kinetic = 0.5 * float(V @ pin.crba(self.model, self.data, self.Q) @ V)
         gravity = float(pin.computePotentialEnergy(self.model, self.data, self.Q))
         eta = y[self.nq_rigid :]
         elastic = 0.5 * float(eta @ self._K_eta @ eta)
@@ -331,14 +433,3 @@ class Dynamics:
         stretch = self._spring_angles(y) - s.rest
         return kinetic, gravity, elastic, 0.5 * float(stretch @ (s.stiffness * stretch))
 
-
-def _bend(G: Array, eta: Array) -> Array:
-    """G eta of stacked bodies, flat: (b, r, n, n) with eta (b n,) gives (b r n,)."""
-    bodies, rows, n, _ = G.shape
-    return np.matmul(G.reshape(bodies, rows * n, n), eta.reshape(bodies, n, 1)).reshape(-1)
-
-
-def _symmetric(M: Array) -> Array:
-    """Full matrix from Pinocchio's upper triangle."""
-    upper = np.triu(M)
-    return upper + np.triu(M, 1).T

@@ -66,21 +66,23 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class CurvedRows:
-    """Second-order rows of equal bodies, stacked: X[rows, cols] = Phi + G eta.
+class Block:
+    """The coordinate maps of equal bodies, stacked, so that one product serves them all.
+
+    X is the identity on the rigid rows and one small block per body; nothing else is stored.
 
     Attributes:
-        G: Shape (bodies, rows, n, n).
-        rows: Expanded velocity rows, shape (bodies, rows).
-        flat: Positions of these rows' entries in X.ravel(), shape (bodies * rows * n,).
-        Phi: First-order part at the same entries, shape (bodies * rows * n,).
+        rows: Expanded velocity rows of each body, the curved ones first, shape (bodies, R).
+        q_rows: Where these coordinates sit in Q, shape (bodies * R,).
+        Phi: First-order part, shape (bodies, R, n).
+        G: Second-order part of the first Rc rows, shape (bodies, Rc, n, n).
         eta: Slice of eta that covers the stacked bodies.
     """
 
-    G: Array
     rows: IntArray
-    flat: IntArray
+    q_rows: IntArray
     Phi: Array
+    G: Array
     eta: slice
 
 
@@ -91,9 +93,7 @@ class Expansion:
     Attributes:
         model: Expanded Pinocchio model.
         q_at, v_at: Where the rigid q and v sit in Q and V.
-        station_q, station_v: Where station and interface coordinates sit in Q and V.
-        Phi: First-order rows, shape (nV, n_eta).
-        curved: Second-order rows, grouped by equal bodies (none without second order).
+        blocks: Maps from eta to station and interface coordinates, grouped by equal bodies.
         frames: Attachment of every link frame, by name.
         slots: The flexible bodies.
     """
@@ -101,10 +101,7 @@ class Expansion:
     model: pin.Model
     q_at: IntArray
     v_at: IntArray
-    station_q: IntArray
-    station_v: IntArray
-    Phi: Array
-    curved: tuple[CurvedRows, ...]
+    blocks: tuple[Block, ...]
     frames: Mapping[str, Attachment]
     slots: tuple[Slot, ...]
     n_eta: int
@@ -121,8 +118,7 @@ class _Assembler:
     model: pin.Model
     frames: dict[str, Attachment] = field(default_factory=dict)
     slots: list[Slot] = field(default_factory=list)
-    first_order: list[tuple[IntArray, slice, Array]] = field(default_factory=list)
-    second_order: list[list[tuple[int, Array]]] = field(default_factory=list)
+    maps: list[list[tuple[int, Array, Array | None]]] = field(default_factory=list)
     n_eta: int = 0
 
     def __post_init__(self) -> None:
@@ -204,10 +200,10 @@ class _Assembler:
         offset = k * body.length
         eta = slice(self.n_eta, self.n_eta + body.n)
         self.n_eta += body.n
-        self.second_order.append([])
-        stations = self._stations(body, root, eta)
-        twists = self._twists(body, root, eta)
         slot_number = len(self.slots)
+        self.maps.append([])
+        stations = self._stations(body, root, slot_number)
+        twists = self._twists(body, root, slot_number)
         self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, ()))
         interfaces: list[Interface] = []
         following = root
@@ -221,7 +217,7 @@ class _Assembler:
             if local <= 0 and not body.root_moves:
                 carrier, section = root, root.placement
             else:
-                interface = self._interface(body, root, eta, local)
+                interface = self._interface(body, root, slot_number, local)
                 interfaces.append(interface)
                 carrier, section = interface.attachment, pin.SE3.Identity()
             if x <= 0 and body.root_moves and part.root is not None:
@@ -240,21 +236,21 @@ class _Assembler:
         )
         return following
 
-    def _stations(self, body: FlexibleBody, root: Attachment, eta: slice) -> IntArray:
+    def _stations(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
         rows = np.empty((len(body.x), 3), dtype=np.intp)
         for k, x in enumerate(body.x):
             joint = self._slide(root, x)
             rows[k] = self._rows(joint)
-            self._map(rows[k], eta, body.Phi[k], None if body.G is None else body.G[k])
+            self._map(slot, rows[k], body.Phi[k], None if body.G is None else body.G[k])
             tensor = _POINT
-            if body.rotary:
-                joint, turned = self._turn(joint, eta, body.Phi_r[k], body.G_r, k)
-                del turned
+            if body.inertia is not None and body.Phi_r is not None:
+                turn = None if body.G_r is None else body.G_r[k]
+                joint, _ = self._turn(joint, slot, body.Phi_r[k], turn)
                 tensor = np.diag(body.inertia[k])
             self._inertia(joint, pin.Inertia(float(body.mass[k]), np.zeros(3), tensor))
         return rows
 
-    def _twists(self, body: FlexibleBody, root: Attachment, eta: slice) -> IntArray:
+    def _twists(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
         rows = np.empty(len(body.xt), dtype=np.intp)
         for k, inertia in enumerate(body.It):
             placement = root.placement
@@ -262,17 +258,18 @@ class _Assembler:
                 root.joint, pin.JointModelRX(), placement, f"twist {self.model.njoints}"
             )
             rows[k] = self.model.joints[joint].idx_v
-            self._map(rows[k : k + 1], eta, body.Phi_t[k : k + 1], _pick(body.G_t, k))
+            G = None if body.G_t is None else body.G_t[k : k + 1]
+            self._map(slot, rows[k : k + 1], body.Phi_t[k : k + 1], G)
             tensor = np.diag([float(inertia), 0.0, 0.0])
             self._inertia(joint, pin.Inertia(0.0, np.zeros(3), tensor))
         return rows
 
-    def _interface(self, body: FlexibleBody, root: Attachment, eta: slice, x: float) -> Interface:
+    def _interface(self, body: FlexibleBody, root: Attachment, slot: int, x: float) -> Interface:
         Phi, G = body.rows(min(x, body.length))
         joint = self._slide(root, x)
         slide = self._rows(joint)
-        self._map(slide, eta, Phi[:3], None if G is None else G[:3])
-        joint, turned = self._turn(joint, eta, Phi[3:], None if G is None else G[None, 3:], 0)
+        self._map(slot, slide, Phi[:3], None if G is None else G[:3])
+        joint, turned = self._turn(joint, slot, Phi[3:], None if G is None else G[3:])
         rows = np.array([row for _, row in turned], dtype=np.intp)
         turns = tuple(direction for direction, _ in turned)
         return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, rows, turns)
@@ -283,32 +280,30 @@ class _Assembler:
         return int(self.model.addJoint(root.joint, pin.JointModelTranslation(), placement, name))
 
     def _turn(
-        self, joint: int, eta: slice, Phi: Array, G: Array | None, k: int
+        self, joint: int, slot: int, Phi: Array, G: Array | None
     ) -> tuple[int, list[tuple[int, int]]]:
         """Rotations z, y, x of a section: only the ones that move become joints."""
         turned = []
         for direction, turn in enumerate(_TURNS):
-            curve = None if G is None else G[k, direction]
+            curve = None if G is None else G[direction]
             if not np.any(Phi[direction]) and (curve is None or not np.any(curve)):
                 continue
             name = f"turn {self.model.njoints}"
             joint = int(self.model.addJoint(joint, turn(), pin.SE3.Identity(), name))
             row = self.model.joints[joint].idx_v
             turned.append((direction, row))
-            self._map(
-                np.array([row]), eta, Phi[direction][None], None if curve is None else curve[None]
-            )
+            bend = None if curve is None else curve[None]
+            self._map(slot, np.array([row]), Phi[direction][None], bend)
         return joint, turned
 
     def _rows(self, joint: int) -> IntArray:
         start = self.model.joints[joint].idx_v
         return np.arange(start, start + self.model.joints[joint].nv)
 
-    def _map(self, rows: IntArray, eta: slice, Phi: Array, G: Array | None) -> None:
-        self.first_order.append((rows, eta, Phi))
-        if G is not None:
-            found = self.second_order[-1]
-            found.extend((int(r), g) for r, g in zip(rows, G, strict=True) if np.any(g))
+    def _map(self, slot: int, rows: IntArray, Phi: Array, G: Array | None) -> None:
+        for k, row in enumerate(rows):
+            curve = G[k] if G is not None and np.any(G[k]) else None
+            self.maps[slot].append((int(row), Phi[k], curve))
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
         if here.joint:
@@ -316,10 +311,6 @@ class _Assembler:
 
     def _inertia(self, joint: int, inertia: pin.Inertia) -> None:
         self.model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-
-
-def _pick(G: Array | None, k: int) -> Array | None:
-    return None if G is None else G[k : k + 1]
 
 
 def _end_inertia(end: EndMass) -> pin.Inertia:
@@ -348,26 +339,10 @@ def expand(
     model.gravity.linear = np.array(gravity, float)
     work = _Assembler(links, parts, needed, rigid is not None, model)
     work.run()
-    reference = model if rigid is None else rigid
-    q_at, v_at = _rigid_indices(reference, model)
-    Phi = np.zeros((model.nv, work.n_eta))
-    for rows, eta, values in work.first_order:
-        Phi[rows, eta] = values
-    station_v = np.setdiff1d(np.arange(model.nv), v_at)
-    station_q = np.setdiff1d(np.arange(model.nq), q_at)
-    curved = _stack(work, Phi, reference.nv)
+    q_at, v_at = _rigid_indices(model if rigid is None else rigid, model)
     return Expansion(
-        model,
-        q_at,
-        v_at,
-        station_q.astype(np.intp),
-        station_v.astype(np.intp),
-        Phi,
-        curved,
-        work.frames,
-        tuple(work.slots),
-        work.n_eta,
-    )
+        model, q_at, v_at, _stack(work), work.frames, tuple(work.slots), work.n_eta
+    )  # fmt: skip
 
 
 def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
@@ -376,9 +351,7 @@ def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
     for link in links:
         frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
         frames[link.name] = Attachment(int(frame.parentJoint), frame.placement)
-    none = np.zeros(0, dtype=np.intp)
-    q_at, v_at = np.arange(model.nq), np.arange(model.nv)
-    return Expansion(model, q_at, v_at, none, none, np.zeros((model.nv, 0)), (), frames, (), 0)
+    return Expansion(model, np.arange(model.nq), np.arange(model.nv), (), frames, (), 0)
 
 
 def _rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:
@@ -391,26 +364,33 @@ def _rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArr
     return q_at, v_at
 
 
-def _stack(work: _Assembler, Phi: Array, nv: int) -> tuple[CurvedRows, ...]:
-    """Group neighbouring bodies of equal shape, so that one product serves them all."""
+def _stack(work: _Assembler) -> tuple[Block, ...]:
+    """Group neighbouring bodies of equal shape."""
+    sorted_maps = [
+        [m for m in maps if m[2] is not None] + [m for m in maps if m[2] is None]
+        for maps in work.maps
+    ]
+    shapes = [
+        (len(maps), sum(m[2] is not None for m in maps), slot.body.n)
+        for maps, slot in zip(sorted_maps, work.slots, strict=True)
+    ]
     groups: list[list[int]] = []
-    shapes = [(len(rows), slot.body.n) for slot, rows in zip(work.slots, work.second_order)]
     for number, shape in enumerate(shapes):
-        if shape[0] == 0:
-            continue
-        if groups and shapes[groups[-1][0]] == shape and groups[-1][-1] == number - 1:
+        if groups and shapes[groups[-1][0]] == shape:
             groups[-1].append(number)
         else:
             groups.append([number])
-    width = nv + work.n_eta
-    stacked = []
+    q_of = np.empty(work.model.nv, dtype=np.intp)
+    for joint in work.model.joints[1:]:
+        if joint.nq == joint.nv:
+            q_of[joint.idx_v : joint.idx_v + joint.nv] = joint.idx_q + np.arange(joint.nv)
+    blocks = []
     for group in groups:
-        rows = np.array([[r for r, _ in work.second_order[k]] for k in group], dtype=np.intp)
-        G = np.array([[g for _, g in work.second_order[k]] for k in group])
-        n = shapes[group[0]][1]
-        first, last = work.slots[group[0]].eta.start, work.slots[group[-1]].eta.stop
-        cols = first + n * np.arange(len(group))[:, None, None] + np.arange(n)
-        flat = (rows[:, :, None] * width + nv + cols).ravel()
-        values = Phi[rows[:, :, None], cols].ravel()
-        stacked.append(CurvedRows(G, rows, flat, values, slice(first, last)))
-    return tuple(stacked)
+        _, curved, n = shapes[group[0]]
+        rows = np.array([[m[0] for m in sorted_maps[k]] for k in group], dtype=np.intp)
+        Phi = np.array([[m[1] for m in sorted_maps[k]] for k in group], dtype=float)
+        G = np.array([[m[2] for m in sorted_maps[k][:curved]] for k in group], dtype=float)
+        eta = slice(work.slots[group[0]].eta.start, work.slots[group[-1]].eta.stop)
+        G = G.reshape(len(group), curved, n, n)
+        blocks.append(Block(rows, q_of[rows.ravel()], Phi, G, eta))
+    return tuple(blocks)

@@ -285,7 +285,7 @@ function plate(outline, normal, thickness, material) {
 function makeScene(run) {
   const size = run.size, nt = run.t.length, root = new THREE.Group(), soft = new THREE.Group();
   const s = {size, nt, root, soft, links: [], bodies: [], balls: [], besides: [], peaks: {}, notes: run.notes.slice()};
-  const ghost = phong(COLOUR.ghost, {transparent: true, opacity: 0.2, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 2});
+  const ghost = phong(COLOUR.ghost, {blending: THREE.CustomBlending, blendSrcAlpha: THREE.OneFactor, blendDstAlpha: THREE.OneMinusSrcAlphaFactor, opacity: 0.2, depthWrite: false});
   s.ghostMaterial = ghost;
   s.lut = new THREE.DataTexture(new Uint8Array(4 * 1024), 1024, 1, THREE.RGBAFormat);
   s.lut.magFilter = s.lut.minFilter = THREE.LinearFilter;
@@ -300,6 +300,7 @@ function makeScene(run) {
     const outline = k.outline.map((p) => [p[0] * grow[0], p[1] * grow[1]]);
     const sweep = new Sweep(outline, m, coloured), shade = new Sweep(outline, straight ? 2 : m, ghost);
     shade.mesh.castShadow = shade.mesh.receiveShadow = false;
+    shade.mesh.renderOrder = -1;                    // before the robot, which then covers it: no tint on the colours
     root.add(sweep.mesh); soft.add(shade.mesh);
     const move = new Float32Array(nt * m);          // size of the displacement, a field as any other
     for (let i = 0; i < nt * m; i++) move[i] = Math.hypot(k.disp[3 * i], k.disp[3 * i + 1], k.disp[3 * i + 2]);
@@ -310,6 +311,11 @@ function makeScene(run) {
   }
   if (thin !== null) s.notes.push(`thin sections are drawn at least ${digits(1e3 * least, 2)} mm thick (true ${digits(1e3 * thin, 2)} mm)`);
   const ballGeometry = new THREE.SphereGeometry(1, 20, 14), jointMaterial = phong(COLOUR.joint);
+  const place0 = (b, p) => { const m = b.pose; return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); };
+  const corners = run.bodies.filter((b) => b.points.length > 1 || b.base).flatMap((b) => b.points.map((p) => place0(b, p)));
+  const ends = run.links.flatMap((k) => { const n = 3 * (k.x.length - 1), r = k.rigid, q = 3 * (r.shape[1] - 1);
+    return [V(r[0] + k.disp[0], r[1] + k.disp[1], r[2] + k.disp[2]), V(r[q] + k.disp[n], r[q + 1] + k.disp[n + 1], r[q + 2] + k.disp[n + 2])]; });
+  const meeting = (at) => corners.concat(ends).some((p) => p.distanceTo(at) < 0.01 * size);
   for (const b of run.bodies) {
     const material = phong(b.base ? COLOUR.base : b.platform ? COLOUR.platform : COLOUR.body);
     const group = new THREE.Group(), shade = b.base ? null : new THREE.Group();
@@ -318,16 +324,18 @@ function makeScene(run) {
       const mesh = make(material);
       mesh.castShadow = mesh.receiveShadow = true;
       group.add(mesh);
-      if (shade) shade.add(make(ghost));
+      if (shade) { const pale = make(ghost); pale.renderOrder = -1; shade.add(pale); }
     };
     for (const [p, q] of b.rods) if (!b.base || b.rods.length === 1) add((m) => rod(p, q, b.radius, m));
     if (b.plate && !b.base) add((m) => plate(b.plate.outline, b.plate.normal, 0.9 * b.radius, m));
     if (b.base) baseMarkers(b, run, size).forEach((mesh) => group.add(mesh));
     root.add(group);
     if (shade) { shade.matrixAutoUpdate = false; soft.add(shade); }
+    const lone = b.points.length === 1 && !b.base;  // a frame on something else: that has its own ball
     for (const p of b.points) {
+      if ((b.base && b.walled) || (lone && meeting(place0(b, p)))) continue;
       const ball = new THREE.Mesh(ballGeometry, jointMaterial);
-      ball.scale.setScalar(1.25 * b.radius);
+      ball.scale.setScalar(Math.min(1.25 * b.radius, 0.018 * size) + (b.rods.length && b.radius > 0.014 * size ? b.radius - 0.014 * size : 0));
       ball.castShadow = true;
       root.add(ball);
       s.balls.push({ball, p: V(...p), body: s.bodies.length});
@@ -338,9 +346,6 @@ function makeScene(run) {
     }
     s.bodies.push({data: b, group, shade, matrix: new THREE.Matrix4()});
   }
-  const corners = run.bodies.flatMap((b) => b.points.map((p) => { const m = b.pose; return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); }));
-  const ends = run.links.flatMap((k) => { const n = 3 * (k.x.length - 1), r = k.rigid, q = 3 * (r.shape[1] - 1);
-    return [V(r[0] + k.disp[0], r[1] + k.disp[1], r[2] + k.disp[2]), V(r[q] + k.disp[n], r[q + 1] + k.disp[n + 1], r[q + 2] + k.disp[n + 2])]; });
   for (const [n, k] of s.links.entries()) for (const e of [0, 1]) { // a ball where a link meets something; none at a free end
     const here = ends[2 * n + e], meets = (p) => p !== here && p.distanceTo(here) < 0.01 * size;
     if (!corners.some(meets) && !ends.some(meets)) continue;
@@ -356,7 +361,7 @@ function makeScene(run) {
     s.pathRigid = new Sweep(circle(0.0013 * size, 6), nt, over(COLOUR.pathRigid));
     s.dot = new THREE.Mesh(ballGeometry, over(COLOUR.path));
     [s.pathRigid.mesh, s.path.mesh, s.dot].forEach((mesh, i) => { mesh.renderOrder = 5 + i; });   // seen through the platform
-    s.dot.scale.setScalar(0.008 * size);
+    s.dot.scale.setScalar(0.0065 * size);
     s.pathRigid.set(run.track.rigid, across(run.track.rigid));
     s.pathGroup = new THREE.Group();
     s.pathGroup.add(s.path.mesh, s.pathRigid.mesh, s.dot);
@@ -412,6 +417,7 @@ function baseMarkers(b, run, size) {
     wall.quaternion.setFromUnitVectors(V(1, 0, 0), t);
     wall.position.copy(p).addScaledVector(t, -0.01 * size);
     wall.castShadow = wall.receiveShadow = true;
+    b.walled = true;
     return [wall];
   }
   flange(p, V(0, 0, 1));
@@ -545,7 +551,7 @@ function fitCamera(points) {
   const up = V(0, 0, 1), right = V().crossVectors(up, d).normalize(), top = V().crossVectors(d, right);
   const w = $("stage").clientWidth || 1, h = $("stage").clientHeight || 1, tall = Math.tan(16 * Math.PI / 180), wide = tall * w / h;
   /* the legend covers the left edge of a wide page and the top of a narrow one */
-  const narrow = w < 700, padX = narrow ? 1.02 : 1.06, padY = narrow ? 1.3 : 1.1, shift = narrow || !S.ui ? 0 : Math.min(0.5, 110 / w);
+  const narrow = w < 700, padX = narrow ? 1.02 : 1.06, padY = narrow ? 1.3 : 1.1, side = narrow ? 0 : Math.min(0.35, 190 / w);
   const rim = 0.035 * scene.size;                   // points stand for joints and feet with a size
   let centre = V().addVectors(low, high).multiplyScalar(0.5), distance = 1;
   for (let pass = 0; pass < 4; pass++) {            // centre what is seen, then step back just enough
@@ -553,13 +559,16 @@ function fitCamera(points) {
     let l = Infinity, r = -Infinity, b = Infinity, t = -Infinity;
     for (const p of points) {
       const q = V().subVectors(p, centre), x = q.dot(right), y = q.dot(top), z = q.dot(d);
-      distance = Math.max(distance, z + (Math.abs(x) * padX + rim) / wide / (1 - shift), z + (Math.abs(y) * padY + rim) / tall);
+      distance = Math.max(distance, z + (Math.abs(x) * padX + rim) / wide / (1 - side), z + (Math.abs(y) * padY + rim) / tall);
       l = Math.min(l, x); r = Math.max(r, x); b = Math.min(b, y); t = Math.max(t, y);
     }
     centre.addScaledVector(right, (l + r) / 2).addScaledVector(top, (b + t) / 2);
   }
   distance = Math.max(distance, 0.6 * scene.size);
-  const target = centre.clone().addScaledVector(right, -shift * wide * distance * 0.9);
+  let half = 0;
+  for (const p of points) { const q = V().subVectors(p, centre); half = Math.max(half, (Math.abs(q.dot(right)) + rim) / wide / (distance - q.dot(d))); }
+  const shift = clamp(2 * side - 1 + half, narrow ? 0 : 0.03, side); // no further from the middle than the legend asks
+  const target = centre.clone().addScaledVector(right, -shift * wide * distance);
   if (narrow) target.addScaledVector(top, 0.06 * tall * distance);
   const world = (p) => V(p.x, p.z, -p.y);           // meshcat's camera lives in a y-up world
   viewer.controls.target.copy(world(target));
@@ -573,11 +582,26 @@ function fitCamera(points) {
 }
 
 /* ---------------------------------------------------------------- motion */
-const lerp = (a, n, k, w, out) => {                // row k + w of an array with n numbers a row
-  const p = k * n, q = w > 0 ? p + n : p;
-  for (let i = 0; i < n; i++) out[i] = a[p + i] * (1 - w) + a[q + i] * w;
+/* Row k + w of an array with n numbers a row: a cubic through the instants about it, with the same
+   weights for every point, so that shared points stay shared and fast turns keep their radius. */
+const lerp = (a, n, k, w, out) => {
+  if (w === 0) { for (let i = 0, p = k * n; i < n; i++) out[i] = a[p + i]; return out; }
+  const [u0, u1, u2, u3] = weights(k, w), p1 = k * n, p2 = p1 + n, p0 = Math.max(p1 - n, 0), p3 = k + 2 < R.t.length ? p2 + n : p2;
+  for (let i = 0; i < n; i++) out[i] = u0 * a[p0 + i] + u1 * a[p1 + i] + u2 * a[p2 + i] + u3 * a[p3 + i];
   return out;
 };
+let weightsAt = [-1, 0, null, null];
+function weights(k, w) {
+  if (weightsAt[0] === k && weightsAt[1] === w && weightsAt[2] === R) return weightsAt[3];
+  const T = R.t, h = T[k + 1] - T[k], w2 = w * w, w3 = w2 * w, u = [0, 2 * w3 - 3 * w2 + 1, 3 * w2 - 2 * w3, 0];
+  const slope = (f, i) => {                         // slope at instant k + i, times h f; one-sided at the ends
+    const j = k + i, a = Math.max(j - 1, 0), b = Math.min(j + 1, T.length - 1), d = h * f / (T[b] - T[a]);
+    u[b - k + 1] += d; u[a - k + 1] -= d;
+  };
+  slope(w3 - 2 * w2 + w, 0); slope(w3 - w2, 1);
+  weightsAt = [k, w, R, u];
+  return u;
+}
 const row = new Float32Array(12), rowRigid = new Float32Array(12), three = new Float32Array(3), threeRigid = new Float32Array(3);
 
 function frameOf(t) {
@@ -646,7 +670,7 @@ function seek(t) {
   move(k, w);
   scene.soft.visible = S.ghost !== "off";
   scene.soft.position.copy(S.ghost === "beside" ? scene.aside : V(0, 0, 0));
-  scene.ghostMaterial.opacity = S.ghost === "beside" ? 0.75 : 0.2;
+  scene.ghostMaterial.opacity = S.ghost === "beside" ? 0.8 : 0.22;
   for (const mesh of scene.besides) mesh.visible = S.ghost === "beside";
   scene.ghostMaterial.depthWrite = S.ghost === "beside";
   if (scene.path) {
@@ -760,7 +784,7 @@ function refresh(k, w) {
   if (R.track && !R.mode && maxAbs(R.track.deviation) > 0) {
     const d = R.track.deviation[k] * (1 - w) + (w > 0 ? R.track.deviation[k + 1] * w : 0);
     const a = R.track.angle[k] * (1 - w) + (w > 0 ? R.track.angle[k + 1] * w : 0);
-    parts.push(el("span", {}, `${R.track.name}: ${digits(1e3 * d)} mm${a > 0 ? `, ${digits(1e3 * a)} mrad` : ""} off rigid`));
+    parts.push(el("span", {}, `${R.track.name}: ${digits(R.track.factor * d)} ${R.track.unit}${a > 0 ? `, ${digits(R.track.angle_factor * a)} ${R.track.angle_unit}` : ""} off rigid`));
   }
   $("readout").replaceChildren(...parts);
   scene.top = null;
@@ -860,7 +884,7 @@ function drawPlots() {
     const X = (t) => left + (w - left - right) * (t - T[0]) / (T[T.length - 1] - T[0] || 1), Y = (y) => h - low - (h - low - 5) * (y - y0) / (y1 - y0);
     for (let y = y0; y <= y1 + step / 2; y += step) {
       svg.append(el("line", {x1: left, x2: w - right, y1: Y(y), y2: Y(y), class: Math.abs(y) < step / 2 ? "axis zero" : "axis"}),
-        el("text", {x: left - 5, y: Y(y) + 3.5, "text-anchor": "end"}, minus(+y.toPrecision(6))));
+        el("text", {x: left - 5, y: Y(y) + 3.5, "text-anchor": "end"}, minus(+(Math.round(y / step) * step).toPrecision(6))));
     }
     const dt = nice((T[T.length - 1] - T[0]) / 4 || 1);
     for (let t = Math.ceil(T[0] / dt - 1e-6) * dt; t <= T[T.length - 1] + dt / 1e3; t += dt)
@@ -1056,6 +1080,8 @@ function show(index, from = {}) {
 
 function start() {
   buildPage();
+  const wish = (new URLSearchParams(location.hash.slice(1)).get("size") || "").match(/^(\d+)x(\d+)$/);
+  if (wish) Object.assign($("app").style, {width: wish[1] + "px", height: wish[2] + "px"});  // a film of that size in any window
   if (matchMedia("(min-width: 900px)").matches) $("options").open = false;
   makeViewer();
   const from = readHash();
@@ -1080,6 +1106,12 @@ function start() {
     pixel: (name, i) => { const b = link(name); return project(b.c[3 * i], b.c[3 * i + 1], b.c[3 * i + 2]).slice(0, 2); },
     frame: () => { viewer.render(); return true; },
   };
+  const shots = parseInt(new URLSearchParams(location.hash.slice(1)).get("shots"), 10);
+  if (shots > 0) {                                 // a film for `pinflex view --gif`: the page prints its own pictures
+    const a = R.t[0], b = R.t[R.t.length - 1], last = R.mode ? shots : Math.max(shots - 1, 1), pictures = el("pre", {hidden: true, id: "pinflex-shots"});
+    for (let i = 0; i < shots; i++) { seek(a + (b - a) * i / last); pictures.append(image() + "\n"); }
+    document.body.append(pictures);
+  }
   requestAnimationFrame(() => requestAnimationFrame(() => { viewer.render(); place(); window.pinflex.ready = true; announce(); }));
 }
 start();

@@ -15,6 +15,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.carried import Carrier
 from pinflex.named import rotation_vector
 from pinflex.result import Result
+from pinflex.skeleton import Skeleton, drawn, skeletons
 
 FRAMES = 600  # a page holds at most this many instants
 STATIONS = 25  # and this many stations of a link, besides those where a field peaks
@@ -42,7 +43,9 @@ def build_scene(
     links = {name: _link(result, name) for name in result.links}
     track = _track(result, rigid)
     keep = _frames(result, links, track)
-    size = _size(result, links, keep)
+    carrier = Carrier(result)
+    bones = skeletons(result, carrier)
+    size = _size(bones, links, keep)
     largest = max(
         [float(np.linalg.norm(link["disp"], axis=2).max()) for link in links.values()]
         + ([float(track["deviation"].max())] if track else [])
@@ -53,7 +56,6 @@ def build_scene(
         notes.insert(0, f"{len(keep)} of {len(result.t)} instants kept, extremes among them")
     if result.meta.get("status", "complete") != "complete":
         notes.insert(0, f"{result.meta['status']}: {result.meta.get('message', '')}")
-    carrier = Carrier(result)
     return {
         "name": str(result.meta.get("name", "result")),
         "level": LEVELS.get(result.level, result.level),
@@ -63,8 +65,9 @@ def build_scene(
         "scale": automatic_scale(largest, size) if scale == "auto" else float(scale),
         "largest": largest,
         "links": [_thin(link, keep) for link in links.values()],
-        "bodies": [_body(result, name, keep, size) for name in _bodies(result)],
-        "track": track and {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in track.items()},
+        "bodies": [drawn(bone, keep, size) for bone in bones],
+        "track": track
+        and {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in track.items()},
         "forces": [_rows(arrow, keep) for arrow in carrier.forces()],
         "torques": [_rows(arrow, keep) for arrow in carrier.torques()],
         "plots": _plots(result, rigid, links, track, keep),
@@ -87,7 +90,11 @@ def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
 
 def _link(result: Result, name: str) -> dict[str, Any]:
     """One flexible link at every instant, with the stations worth keeping."""
-    get = {k[len(f"link/{name}/") :]: v for k, v in result.arrays.items() if k.startswith(f"link/{name}/")}
+    get = {
+        k[len(f"link/{name}/") :]: v
+        for k, v in result.arrays.items()
+        if k.startswith(f"link/{name}/")
+    }
     about = result.meta.get("links", {}).get(name, {})
     centre, x = get["centreline"], get["x"]
     rigid = get.get("centreline_rigid", centre)
@@ -96,7 +103,9 @@ def _link(result: Result, name: str) -> dict[str, Any]:
     peaks = [np.abs(f).max(axis=0).argmax() for f in fields.values()]
     station = np.union1d(station, np.array(peaks, dtype=np.intp))
     section_y = get["section_y"] if "section_y" in get else _any_normal(rigid)
-    outline = about.get("section", {}).get("outline") or _circle(0.01 * float(about.get("length", x[-1])))
+    outline = about.get("section", {}).get("outline") or _circle(
+        0.01 * float(about.get("length", x[-1]))
+    )
     return {
         "name": name,
         "x": x[station],
@@ -115,7 +124,7 @@ def _link(result: Result, name: str) -> dict[str, Any]:
 def _rigid_normal(centre: Array, rigid: Array, section_y: Array) -> Array:
     """World direction of the section's y axis in the rigid pose, shape (nt, 3).
 
-    The root section is turned back by the smallest rotation that takes its tangent to the rigid one.
+    The root section, turned back by the smallest rotation between its tangent and the rigid one.
     """
     a, b = _unit(centre[:, 1] - centre[:, 0]), _unit(rigid[:, 1] - rigid[:, 0])
     w, c, y = np.cross(a, b), np.sum(a * b, axis=1)[:, None], section_y[:, 0]
@@ -136,76 +145,12 @@ def _thin(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
     return out
 
 
-def _bodies(result: Result) -> list[str]:
-    names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
-    return [name for name in names if result.meta.get("bodies", {}).get(name, {}).get("points")]
-
-
-def _body(result: Result, name: str, keep: IntArray, size: float) -> dict[str, Any]:
-    """A rigid link as a shape in its own frame: balls at its joints, rods and plates between them."""
-    about = result.meta["bodies"][name]
-    pose = result.arrays[f"body/{name}/pose"]
-    rigid = result.arrays.get(f"body/{name}/pose_rigid", pose)
-    points = _distinct(np.asarray(about["points"], dtype=float).reshape(-1, 3), 1e-6 * size)
-    radius = float(np.clip(about.get("radius", 0.0) or 0.0, 0.007 * size, 0.03 * size))
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=True)
-    across = spread[1] / max(float(spread[1][0]), 1e-12)
-    rods: list[list[list[float]]] = []
-    plate = None
-    if len(points) == 2:
-        rods = [points.tolist()]
-    elif len(points) > 2 and across[1] < 0.05:  # on one line
-        order = points[np.argsort(points @ spread[2][0])]
-        rods = [[order[0].tolist(), order[-1].tolist()]]
-    elif len(points) > 2 and (len(across) < 3 or across[2] < 0.2):  # flat
-        plate = _plate(points, spread[2], 1.5 * radius)
-    elif len(points) > 2:
-        rods = [[points.mean(axis=0).tolist(), p.tolist()] for p in points]
-    still = bool(np.ptp(pose, axis=0).max() < 1e-9 and np.abs(rigid - pose).max() < 1e-9)
-    return {
-        "name": name,
-        "radius": radius,
-        "base": still,
-        "platform": name == result.meta.get("platform"),
-        "points": points.tolist(),
-        "rods": rods,
-        "plate": plate,
-        "pose": pose[keep[:1] if still else keep].reshape(-1, 12),
-        "rigid": None if np.array_equal(rigid, pose) else rigid[keep].reshape(-1, 12),
-    }
-
-
-def _plate(points: Array, axes: Array, margin: float) -> dict[str, Any]:
-    """Outline of a flat body: the convex hull of discs about its joints."""
-    centre = points.mean(axis=0)
-    flat = (points - centre) @ axes[:2].T
-    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    discs = flat[:, None] + margin * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    hull = _hull(discs.reshape(-1, 2))
-    normal = np.cross(axes[0], axes[1])
-    return {"outline": (centre + hull @ axes[:2]).tolist(), "normal": normal.tolist()}
-
-
-def _hull(points: Array) -> Array:
-    """Convex hull, counter-clockwise (Andrew's monotone chain)."""
-    order = sorted(map(tuple, points.tolist()))
-    chains: list[list[tuple[float, ...]]] = []
-    for run in (order, order[::-1]):
-        chain: list[tuple[float, ...]] = []
-        for p in run:
-            while len(chain) > 1:
-                (ax, ay), (bx, by) = chain[-2], chain[-1]
-                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 1e-12:
-                    break
-                chain.pop()
-            chain.append(p)
-        chains.append(chain[:-1])
-    return np.array(chains[0] + chains[1])
-
-
 def _track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
     """Path of the platform (or of the tip that moves most) and how far it is from rigid."""
     name = result.meta.get("platform")
+    other: Array | None
+    turn: Array | None
+    turned: Array | None
     if name and f"frame/{name}/position" in result.arrays:
         position = result.arrays[f"frame/{name}/position"]
         turn = result.arrays.get(f"frame/{name}/rotation")
@@ -218,7 +163,9 @@ def _track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
     elif result.links:
         ends = {n: result.arrays[f"link/{n}/centreline"][:, -1] for n in result.links}
         still = {
-            n: result.arrays.get(f"link/{n}/centreline_rigid", result.arrays[f"link/{n}/centreline"])[:, -1]
+            n: result.arrays.get(
+                f"link/{n}/centreline_rigid", result.arrays[f"link/{n}/centreline"]
+            )[:, -1]
             for n in result.links
         }
         link = max(ends, key=lambda n: float(np.abs(ends[n] - still[n]).max()))
@@ -230,7 +177,12 @@ def _track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
     if turn is not None and turned is not None:
         angle = np.linalg.norm(rotation_vector(turn @ np.swapaxes(turned, 1, 2)), axis=1)
     deviation = np.linalg.norm(position - other, axis=1)
-    return {"name": name, "position": position, "rigid": other, "deviation": deviation, "angle": angle}
+    track = {"name": name, "position": position, "rigid": other}
+    track |= {"deviation": deviation, "angle": angle}
+    fine, finer = deviation.max() < 1e-5, angle.max() < 1e-4
+    track |= {"factor": 1e6, "unit": "µm"} if fine else {"factor": 1e3, "unit": "mm"}
+    track |= {"angle_factor": 1e6 if finer else 1e3, "angle_unit": "µrad" if finer else "mrad"}
+    return track
 
 
 def _plots(
@@ -254,11 +206,14 @@ def _plots(
         unit = result.unit(f"torque/{result.motors[0]}") if result.motors else ""
         plots.append({"title": "motor torque", "unit": unit or "N m", "curves": curves})
     if track is not None and float(track["deviation"].max()) > 0.0:
-        curve = _curve(track["name"], 1e3 * track["deviation"][keep], 0)
-        plots.append({"title": f"{track['name']} off rigid", "unit": "mm", "curves": [curve]})
+        curve = _curve(track["name"], track["factor"] * track["deviation"][keep], 0)
+        title = f"{track['name']} off rigid"
+        plots.append({"title": title, "unit": track["unit"], "curves": [curve]})
     stress = {n: k["fields"]["von_mises"] for n, k in links.items() if "von_mises" in k["fields"]}
     if stress:
-        curves = [_curve(n, 1e-6 * s[keep].max(axis=1), i) for i, (n, s) in enumerate(stress.items())]
+        curves = [
+            _curve(n, 1e-6 * s[keep].max(axis=1), i) for i, (n, s) in enumerate(stress.items())
+        ]
         plots.append({"title": "peak von Mises", "unit": "MPa", "curves": curves})
     return plots
 
@@ -267,7 +222,9 @@ def _curve(name: str, y: Array, colour: int, rigid: bool = False) -> dict[str, A
     return {"name": name, "y": y, "colour": colour, "rigid": rigid}
 
 
-def _frames(result: Result, links: dict[str, dict[str, Any]], track: dict[str, Any] | None) -> IntArray:
+def _frames(
+    result: Result, links: dict[str, dict[str, Any]], track: dict[str, Any] | None
+) -> IntArray:
     """Instants to keep: evenly spread, and every one where something is largest or smallest."""
     n = len(result.t)
     if n <= FRAMES:
@@ -276,7 +233,9 @@ def _frames(result: Result, links: dict[str, dict[str, Any]], track: dict[str, A
     rows += [np.abs(f).max(axis=1)[:, None] for k in links.values() for f in k["fields"].values()]
     rows += [np.linalg.norm(k["disp"], axis=2).max(axis=1)[:, None] for k in links.values()]
     rows += [track["deviation"][:, None]] if track else []
-    extremes = {int(pick(column)) for r in rows for column in r.T for pick in (np.argmax, np.argmin)}
+    extremes = {
+        int(pick(column)) for r in rows for column in r.T for pick in (np.argmax, np.argmin)
+    }
     extremes |= {0, n - 1}
     spread = np.linspace(0, n - 1, max(FRAMES - len(extremes), 2)).round().astype(np.intp)
     return np.union1d(spread, np.array(sorted(extremes), dtype=np.intp))[:FRAMES]
@@ -293,12 +252,11 @@ def _fields(links: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _size(result: Result, links: dict[str, dict[str, Any]], keep: IntArray) -> float:
+def _size(bones: list[Skeleton], links: dict[str, dict[str, Any]], keep: IntArray) -> float:
     """Largest diagonal of the box about the rigid mechanism [m]."""
     clouds = [link["rigid"][keep] for link in links.values()]
-    for name in _bodies(result):
-        pose = result.arrays[f"body/{name}/pose"][keep]
-        points = np.asarray(result.meta["bodies"][name]["points"], dtype=float).reshape(-1, 3)
+    for bone in bones:
+        pose, points = bone.pose[keep], bone.points
         clouds.append(np.einsum("tij,pj->tpi", pose[:, :, :3], points) + pose[:, None, :, 3])
     if not clouds:
         return 1.0
@@ -314,14 +272,6 @@ def _at(result: Result, key: str, t: Array) -> Array:
 
 def _rows(arrow: dict[str, Any], keep: IntArray) -> dict[str, Any]:
     return {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in arrow.items()}
-
-
-def _distinct(points: Array, within: float) -> Array:
-    kept: list[Array] = []
-    for p in points:
-        if all(np.linalg.norm(p - k) > within for k in kept):
-            kept.append(p)
-    return np.array(kept)
 
 
 def _unit(vector: Array) -> Array:

@@ -26,13 +26,14 @@ import numpy as np
 
 from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.result import Result
-from pinflex.scene import FIELDS, automatic_scale, build_scene
+from pinflex.scene import FIELDS, build_scene
 
 MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}; \
-style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; base-uri 'none'; form-action 'none'">
+style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; base-uri 'none'; \
+form-action 'none'">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="generator" content="pinflex"><title>{title}</title>
 <style>{css}</style></head><body><div id="app"></div>
@@ -104,7 +105,9 @@ def write_modes_html(
     return _write(scenes, path, title or f"{scenes[0]['name']}: mode shapes", page)
 
 
-def view(result: Result, path: str | Path | None = None, open_browser: bool = False, **options: Any) -> Path:
+def view(
+    result: Result, path: str | Path | None = None, open_browser: bool = False, **options: Any
+) -> Path:
     """Write the page of a run and, on a desktop, open it.
 
     Args:
@@ -151,7 +154,9 @@ def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) ->
     )
 
 
-def _write(scenes: list[dict[str, Any]], path: str | Path, title: str, page: dict[str, Any]) -> Path:
+def _write(
+    scenes: list[dict[str, Any]], path: str | Path, title: str, page: dict[str, Any]
+) -> Path:
     path = Path(path)
     if path.is_dir():
         path = path / f"{_slug(scenes[0]['name'])}.html"

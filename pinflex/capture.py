@@ -1,0 +1,164 @@
+"""Pictures and films of a page, by a headless Chromium where there is one.
+
+One run of the browser makes one picture or a whole film: the page itself draws every instant and
+leaves the pictures in its own text, which the browser prints. No port is opened, and no process
+stays behind.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from urllib.parse import urlencode
+
+from pinflex.errors import DescriptionError, PinflexError
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+MACOS = "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome"
+FLAGS = (
+    "--headless=new",
+    "--disable-gpu",
+    "--enable-unsafe-swiftshader",  # software WebGL where there is no graphics card
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--hide-scrollbars",
+)
+
+
+def browser() -> str:
+    """Path of a Chromium; PINFLEX_BROWSER names another one."""
+    for name in (os.environ.get("PINFLEX_BROWSER", ""), *BROWSERS, MACOS):
+        found = shutil.which(name) if name else None
+        if found:
+            return found
+    raise PinflexError(
+        f"capture: no Chromium was found (looked for {', '.join(BROWSERS)}). Pictures and films "
+        "are drawn by it. Install chromium, or name one in PINFLEX_BROWSER; the page itself "
+        "saves a picture or a film from its Display menu."
+    )
+
+
+def picture(
+    page: str | Path,
+    path: str | Path,
+    at: float | None = None,
+    size: tuple[int, int] = (1280, 800),
+    **state: object,
+) -> Path:
+    """Save the whole page at one instant as a .png.
+
+    Args:
+        page: A page written by `write_html`.
+        path: The .png to write.
+        at: Instant [s]; default the first.
+        size: Width and height [px].
+        **state: What the page's address may say: mag=30, field="bending", ghost="off", ui=0, ...
+    """
+    path = Path(path).resolve()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if at is not None:
+        state["t"] = at
+    window = (size[0], size[1])
+    _run(page, state, window, [f"--screenshot={path}"])
+    if not path.is_file():
+        raise PinflexError(f"capture: {browser()} wrote no {path.name}. Open {page} in it to see why.")
+    return path
+
+
+def film(
+    page: str | Path,
+    path: str | Path,
+    *,
+    seconds: float = 6.0,
+    fps: int = 20,
+    size: tuple[int, int] = (960, 600),
+    **state: object,
+) -> Path:
+    """Save the whole motion as a .gif, .mp4 or .webm with its legend.
+
+    Args:
+        page: A page written by `write_html` or `write_modes_html`.
+        path: The file to write; the ending says which kind. Films other than .gif need ffmpeg.
+        seconds: Length of the film, whatever the motion takes.
+        fps: Pictures a second.
+        size: Width and height [px].
+        **state: What the page's address may say: mag=30, field="bending", ghost="off", run=2, ...
+    """
+    path = Path(path)
+    if path.suffix not in (".gif", ".mp4", ".webm"):
+        raise DescriptionError(
+            f"capture: {path.name}: {path.suffix!r} is no film. Allowed: .gif, .mp4, .webm."
+        )
+    ffmpeg = shutil.which("ffmpeg")
+    if path.suffix != ".gif" and ffmpeg is None:
+        raise PinflexError(
+            f"capture: {path.name}: ffmpeg was not found. Install it, or ask for a .gif."
+        )
+    state |= {"shots": max(2, round(seconds * fps)), "size": f"{size[0]}x{size[1]}", "ui": 0}
+    printed = _run(page, state, size, ["--dump-dom"])
+    own = printed[printed.rfind('id="pinflex-shots"') :]  # before it: icons of the viewer
+    found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", own)
+    shots = [base64.b64decode(s) for s in found]
+    if not shots:
+        raise PinflexError(f"capture: {browser()} drew nothing of {page}. Open it there to see why.")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".gif":
+        _gif(shots, path, fps)
+    else:
+        _encode(str(ffmpeg), shots, path, fps)
+    return path
+
+
+def _run(page: str | Path, state: dict[str, object], size: tuple[int, int], task: list[str]) -> str:
+    page = Path(page).resolve()
+    if not page.is_file():
+        raise DescriptionError(f"capture: {page}: no such page. Write it with pinflex.view first.")
+    address = f"{page.as_uri()}#{urlencode(state)}"
+    sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
+    with tempfile.TemporaryDirectory(prefix="pinflex-browser-", ignore_cleanup_errors=True) as profile:
+        command = [browser(), *FLAGS, *sandbox, f"--user-data-dir={profile}"]
+        command += [f"--window-size={size[0]},{size[1]}", "--virtual-time-budget=10000"]
+        try:
+            done = subprocess.run(
+                [*command, *task, address], capture_output=True, text=True, timeout=600, check=False
+            )
+        except subprocess.TimeoutExpired as error:
+            raise PinflexError(
+                f"capture: {command[0]} did not finish in {error.timeout:g} s. Ask for fewer or "
+                "smaller pictures (fps, seconds, size)."
+            ) from None
+    if done.returncode:
+        raise PinflexError(
+            f"capture: {command[0]} failed ({done.returncode}): {done.stderr.strip()[-300:]}"
+        )
+    return done.stdout
+
+
+def _gif(shots: list[bytes], path: Path, fps: int) -> None:
+    from PIL import Image  # comes with matplotlib
+
+    frames = [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
+    palette = frames[len(frames) // 2].quantize(colors=255)  # one palette: no flicker
+    still = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    still[0].save(
+        path, save_all=True, append_images=still[1:], duration=round(1000 / fps), loop=0
+    )
+
+
+def _encode(ffmpeg: str, shots: list[bytes], path: Path, fps: int) -> None:
+    codec = ["-c:v", "libx264", "-crf", "18"] if path.suffix == ".mp4" else ["-crf", "30", "-b:v", "0"]
+    command = [ffmpeg, "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(fps)]
+    command += ["-c:v", "png", "-i", "-", *codec, "-pix_fmt", "yuv420p"]
+    command += ["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", str(path)]
+    done = subprocess.run(command, input=b"".join(shots), capture_output=True, check=False)
+    if done.returncode:
+        raise PinflexError(f"capture: ffmpeg failed: {done.stderr.decode(errors='replace')[-300:]}")

@@ -1,0 +1,79 @@
+"""Aligned plain text for people: numbers of four digits, tables of at most 100 columns, ASCII."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+COLUMNS = 100  # width that every block of text fits
+
+
+def number(x: float) -> str:
+    """Four significant digits in at most eight characters (nine if negative)."""
+    return "0" if x == 0 else f"{x:#.4g}".rstrip(".") if 1e-3 <= abs(x) < 1e4 else f"{x:.2e}"
+
+
+def length(x: float) -> str:
+    """A length or deviation [m] in the unit a person would say."""
+    if x == 0:
+        return "0"
+    factor, unit = (1.0, "m") if abs(x) >= 1 else (1e3, "mm") if abs(x) >= 1e-5 else (1e6, "um")
+    return f"{number(factor * x)} {unit}"
+
+
+def angle(x: float) -> str:
+    """A small rotation [rad] in mrad or urad."""
+    if x == 0:
+        return "0"
+    return f"{number(1e3 * x)} mrad" if abs(x) >= 1e-5 else f"{number(1e6 * x)} urad"
+
+
+def short(name: str, width: int) -> str:
+    """A long name keeps both ends, which carry the side and the number."""
+    if len(name) <= width:
+        return name
+    tail = (width - 2) // 2
+    return f"{name[: width - 2 - tail]}..{name[-tail:]}"
+
+
+def paragraph(text: str, indent: str = "", first: str | None = None) -> str:
+    """Text broken into lines that fit, each indented."""
+    start = indent if first is None else first
+    return textwrap.fill(
+        text, COLUMNS, initial_indent=start, subsequent_indent=indent, break_long_words=False
+    )
+
+
+def table(
+    title: str,
+    header: str,
+    rows: Sequence[Sequence[str]],
+    widths: Sequence[int] = (18, 18),
+    last_is_text: bool = False,
+) -> str:
+    """A title and aligned columns between rules; empty without rows.
+
+    Args:
+        title: Line above the table.
+        header: Column names, joined by "|".
+        rows: Cells.
+        widths: The first columns are names: left-aligned, and shortened to these widths.
+        last_is_text: The last column is text too.
+    """
+    if not rows:
+        return ""
+    names = len(widths)
+    named = [[short(c, w) for c, w in zip(r, widths, strict=False)] + [*r[names:]] for r in rows]
+    cells = [header.split("|"), *named]
+    sizes = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    gap = "  " if sum(sizes) + 2 * len(sizes) <= COLUMNS else " "
+    text = {*range(names)} | ({len(sizes) - 1} if last_is_text else set())
+    lines = [
+        gap.join(
+            cell.ljust(size) if i in text else cell.rjust(size)
+            for i, (cell, size) in enumerate(zip(row, sizes, strict=True))
+        ).rstrip()
+        for row in cells
+    ]
+    rule = "-" * max(map(len, lines))
+    return "\n".join([title, rule, lines[0], rule, *lines[1:], rule])
