@@ -147,7 +147,13 @@ def _gif(shots: list[bytes], path: Path, fps: int) -> None:
     from PIL import Image  # comes with matplotlib
 
     frames = [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
-    palette = frames[len(frames) // 2].quantize(colors=255)  # one palette: no flicker
+    # one palette for all (no flicker), with room for the colours of the legend at the left edge
+    middle = frames[len(frames) // 2]
+    sample = Image.new("RGB", (middle.width, 2 * middle.height))
+    sample.paste(middle)
+    strip = middle.crop((22, 94, 34, 274)).resize((middle.width, middle.height))
+    sample.paste(strip, (0, middle.height))
+    palette = sample.quantize(colors=255)
     still = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     still[0].save(
         path, save_all=True, append_images=still[1:], duration=round(1000 / fps), loop=0

@@ -22,7 +22,7 @@ from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError
 from pinflex.integrators import AlphaScheme
 from pinflex.mechanism import Mechanism
-from pinflex.nominal import motor_axes
+from pinflex.nominal import MotorAxes, motor_axes
 from pinflex.run import Run
 from pinflex.start import consistent_acceleration
 
@@ -41,6 +41,7 @@ class _Step:
     a: Array
     s: Array
     lam: Array
+    torque: Array
 
 
 class _Newton:
@@ -63,13 +64,15 @@ class _Newton:
         """New tangent at a state; raises numpy's LinAlgError when it is singular."""
         scheme, h, n = self.scheme, self.h, self.n
         weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
-        full = self.dynamics.iteration_matrix(step.y, step.v, step.a, step.lam, weights, False)
+        full = self.dynamics.iteration_matrix(step.y, step.v, step.a, step.lam, weights)
         if self.drive is not None:
             push = weights[2] * self.drive.kp + weights[1] * self.drive.kd
             full[self.motors, self.motors] += push
         S = self.S
         S[:n, :n] = full[np.ix_(self.free, self.free)]
         self.weight = np.abs(np.diag(S)[:n]).copy()
+        # Positions are known to 1e-15 (m, rad); as accelerations that is this much noise.
+        self.noise = 1e-15 / (scheme.beta * h * h) * float(np.sqrt(self.weight.sum()))
         if self.rows:
             J = self.dynamics.jacobian()
             S[:n, n:] = J[:, self.free].T
@@ -82,6 +85,11 @@ class _Newton:
         self.count += 1
         self.rate = 1e-2
 
+    def size(self, a: Array) -> float:
+        """Norm of an acceleration (nv,) in the weights of the matrix."""
+        free = a[self.free]
+        return float(np.sqrt((self.weight * free) @ free))
+
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
         """ds (n,) and dlam (rows,) from the residual."""
         b = np.empty(self.n + self.rows)
@@ -90,6 +98,125 @@ class _Newton:
             np.multiply(c, -1.0 / (self.scheme.beta * self.h * self.h), out=b[self.n :])
         x, _ = self._solve(self.lu, self.pivots, b)
         return x[: self.n], -x[self.n :]
+
+
+class _March:
+    """One run: the step, its predictor and its Newton iteration."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        dynamics: Dynamics,
+        path: MotorPath,
+        scheme: AlphaScheme,
+        drive: TorqueDrive | None,
+        tolerance: float,
+    ) -> None:
+        self.h = float(path.t[-1] - path.t[0]) / (len(path.t) - 1)
+        self.dynamics, self.path, self.scheme, self.drive = dynamics, path, scheme, drive
+        self.axes, self.motors = motor_axes(mechanism), dynamics.system.motors
+        self.newton = _Newton(dynamics, scheme, self.h, drive)
+        self.tolerance, self.reference = tolerance, 0.0
+        self.iterations, self.slow = 0, True
+        self._change = np.zeros(dynamics.system.nv)
+
+    def step(self, before: _Step, guess: Array, k: int) -> _Step:
+        """The state at step k.
+
+        Args:
+            before: State at step k - 1.
+            guess: Predicted acceleration, shape (nv,).
+            k: Step number.
+        Raises:
+            _NoConvergence: With the residual it stopped at.
+        """
+        scheme, h, motors, newton = self.scheme, self.h, self.motors, self.newton
+        dynamics, path, prescribed = self.dynamics, self.path, self.drive is None
+        am, af = scheme.alpha_m, scheme.alpha_f
+        to_y, to_v, to_a = scheme.beta * h * h, scheme.gamma * h, scheme.mass_factor
+        s = ((1.0 - af) * guess + af * before.a - am * before.s) / (1.0 - am)
+        if prescribed:
+            guess[motors] = s[motors] = path.acceleration[k]
+        move = h * before.v + (h * h * (0.5 - scheme.beta)) * before.s + to_y * s
+        v = before.v + (h * (1.0 - scheme.gamma)) * before.s + to_v * s
+        now = _Step(dynamics.integrate(before.y, move), v, guess, s, before.lam.copy(), before.torque)
+        if prescribed:
+            self.axes.write(now.y, path.position[k])
+            now.v[motors] = path.velocity[k]
+        if self.slow:
+            newton.refresh(now)
+        fresh, previous, change = self.slow, 0.0, self._change
+        for iteration in range(_MAX_ITERATIONS):
+            r = dynamics.residual(now.y, now.v, now.a, now.lam)
+            if self.drive is not None:
+                now.torque = _torque(self.drive, k, path, self.axes, now.y, now.v)
+                r[motors] -= now.torque
+            ds, dlam = newton.step(r[newton.free], dynamics.closed.c)
+            self.iterations += 1
+            size = float(np.sqrt((newton.weight * ds) @ ds))
+            if not np.isfinite(size):
+                break
+            change[newton.free] = ds
+            now.s += change
+            now.a += to_a * change
+            now.v += to_v * change
+            now.lam += dlam
+            if dynamics.vector_space:
+                now.y += to_y * change
+            else:
+                move += to_y * change
+                now.y = dynamics.integrate(before.y, move)
+                if prescribed:
+                    self.axes.write(now.y, path.position[k])
+            # The first correction is the predictor's error, the second what it bent the closures
+            # by; only from then on do ratios show how the iteration contracts.
+            if iteration >= 2 and previous > 0:
+                newton.rate = max(size / previous, 1e-3)
+            rate = newton.rate if iteration else 0.5
+            left = size * rate / (1 - rate) if rate < 0.9 else np.inf
+            if left > max(self.tolerance * self.reference, newton.noise):
+                self.reference = max(self.reference, newton.size(now.a))
+            if left <= max(self.tolerance * self.reference, newton.noise):
+                if prescribed:
+                    now.torque = r[motors] + newton.motor_rows @ ds
+                    if newton.rows:
+                        now.torque -= newton.J_motors.T @ dlam
+                self.slow = newton.rate > 0.1 or iteration >= 4
+                return now
+            if iteration >= 2 and newton.rate > 0.3 and (not fresh or iteration > 4):
+                newton.refresh(now)
+                fresh = True
+            previous = size
+        raise _NoConvergence(r[newton.free])
+
+    def quiet_start(self, first: _Step, k: int) -> _Step:
+        """A state at step k whose velocity lets the multipliers start without an O(h) transient.
+
+        The scheme's own solution meets J v = 0 only to O(h^2); an exact v0 is off that solution and
+        rings in lam. The normal part of v0 is set so that the first step ends with the multipliers
+        that belong to its pose and velocity (cf. Arnold, Bruels and Cardona 2015, section 5).
+        """
+        dynamics, newton = self.dynamics, self.newton
+        if not newton.rows:
+            return first
+        after = self.step(first, first.a.copy(), k + 1)
+        held = self.motors if self.drive is None else self.motors[:0]
+        tau = None if self.drive is None else after.torque
+        a_held = self.path.acceleration[k + 1][: len(held)]
+        _, lam = consistent_acceleration(dynamics, after.y, after.v, held, a_held, tau)
+        free, scheme = newton.free, self.scheme
+        M = dynamics.mass(first.y)[np.ix_(free, free)]
+        J = dynamics.close(first.y)[1][:, free]
+        mu = (scheme.beta * self.h / scheme.mass_factor) * (after.lam - lam)
+        v = first.v.copy()
+        v[free] += np.linalg.lstsq(M, J.T @ mu, rcond=1e-14)[0]
+        return _Step(first.y, v, first.a, first.s, first.lam, first.torque)
+
+
+class _NoConvergence(Exception):
+    def __init__(self, residual: Array) -> None:
+        super().__init__()
+        self.residual = residual
 
 
 def integrate(
@@ -117,194 +244,122 @@ def integrate(
     Raises:
         ConvergenceError: With `.result` (a Run) up to the last good step.
     """
-    system = dynamics.system
-    t, steps = path.t, len(path.t) - 1
-    h = float(t[-1] - t[0]) / steps
-    axes, motors = motor_axes(mechanism), system.motors
-    newton = _Newton(dynamics, scheme, h, drive)
-    prescribed = drive is None
-    y, v = start[0].copy(), start[1].copy()
-    nm = len(motors)
+    system, t, steps = dynamics.system, path.t, len(path.t) - 1
+    march = _March(mechanism, dynamics, path, scheme, drive, tolerance)
     Y, V = np.empty((steps + 1, system.nq)), np.empty((steps + 1, system.nv))
     A, L = np.empty_like(V), np.empty((steps + 1, system.closed.n))
-    T, work = np.empty((steps + 1, nm)), np.zeros((steps + 1, 2))
-    step, T[0] = _first_state(dynamics, y, v, path, h, scheme, drive, axes)
-    Y[0], V[0], A[0], L[0] = step.y, step.v, step.a, step.lam
-    reference = _force_scale(dynamics, step, newton)
-    counts = {"steps": 0, "newton": 0, "tangents": 0}
+    T, work = np.empty((steps + 1, len(system.motors))), np.zeros((steps + 1, 2))
 
     def run(upto: int, stopped: str = "") -> Run:
-        counts["tangents"] = newton.count
+        counts = {"steps": upto, "newton": march.iterations, "tangents": march.newton.count}
         k = slice(0, upto + 1)
         return Run(
-            system, t[k], Y[k], V[k], A[k], L[k], T[k], dict(counts),
-            {"integrator": scheme.name, "dt": h}, work[k], (), stopped,
+            system, t[k], Y[k], V[k], A[k], L[k], T[k], counts,
+            {"integrator": scheme.name, "dt": march.h}, work[k], (), stopped,
         )  # fmt: skip
 
-    af, am, beta, gamma = scheme.alpha_f, scheme.alpha_m, scheme.beta, scheme.gamma
-    mf, free = scheme.mass_factor, newton.free
-    damped = dynamics.damped
-    power0 = _power(T[0], step.v, motors, system.D, damped)
-    slow = True
-    a_last, change = step.a, np.zeros(system.nv)
-    for k in range(1, steps + 1):
-        extrapolated = step.a if k < 3 else 2.0 * step.a - a_last
-        s = ((1.0 - af) * extrapolated + af * step.a - am * step.s) / (1.0 - am)
-        move = h * step.v + (h * h * (0.5 - beta)) * step.s
-        swift = step.v + (h * (1.0 - gamma)) * step.s
-        now = _Step(step.y, step.v, extrapolated.copy(), s, step.lam.copy())
-        if prescribed:
-            now.a[motors] = path.acceleration[k]
-            now.s[motors] = path.acceleration[k]
+    def keep(k: int, now: _Step) -> Array:
+        Y[k], V[k], A[k], L[k], T[k] = now.y, now.v, now.a, now.lam, now.torque
+        loss = float(now.v @ system.D @ now.v) if dynamics.damped else 0.0
+        return np.array([float(now.torque @ now.v[system.motors]), loss])
 
-        move += (h * h * beta) * now.s
-        now.y = dynamics.integrate(step.y, move)
-        now.v = swift + (h * gamma) * now.s
-        if prescribed:
-            axes.write(now.y, path.position[k])
-            now.v[motors] = path.velocity[k]
-        if slow:
-            newton.refresh(now)
-        previous = 0.0
-        converged, fresh = False, slow
-        for iteration in range(_MAX_ITERATIONS):
-            r = dynamics.residual(now.y, now.v, now.a, now.lam)
-            if drive is not None:
-                tau = _torque(drive, k, path, axes, now)
-                r[motors] -= tau
-            ds, dlam = newton.step(r[free], dynamics.closed.c)
-            counts["newton"] += 1
-            size = float(np.sqrt((newton.weight * ds) @ ds))
-            if not np.isfinite(size):
-                break
-            change[free] = ds
-            now.s += change
-            now.a += mf * change
-            now.v += (h * gamma) * change
-            now.lam += dlam
-            if dynamics.vector_space:
-                now.y += (h * h * beta) * change
-            else:
-                move += (h * h * beta) * change
-                now.y = dynamics.integrate(step.y, move)
-                if prescribed:
-                    axes.write(now.y, path.position[k])
-            if iteration:
-                newton.rate = max(size / previous, 1e-3) if previous > 0 else newton.rate
-            rate = newton.rate
-            left = size * rate / (1 - rate) if rate < 0.9 else np.inf
-            if left > tolerance * reference:
-                a_free = now.a[free]
-                reference = max(reference, float(np.sqrt((newton.weight * a_free) @ a_free)))
-            if left <= tolerance * reference:
-                converged = True
-                break
-            if iteration and newton.rate > 0.3 and not fresh:
-                newton.refresh(now)
-                fresh = True
-            elif iteration > 4 and newton.rate > 0.5:
-                newton.refresh(now)
-            previous = size
-        if not converged:
-            raise _diverged(mechanism, dynamics, now, t[k], k, h, r[free], run(k - 1, "diverged"))
-        slow = iteration >= 3 or newton.rate > 0.2
-        torque = tau if drive is not None else r[motors] + newton.motor_rows @ ds
-        if prescribed and newton.rows:
-            torque -= newton.J_motors.T @ dlam
-        a_last, step = step.a, now
-        Y[k], V[k], A[k], L[k], T[k] = now.y, now.v, now.a, now.lam, torque
-        power = _power(torque, now.v, motors, system.D, damped)
-        work[k] = work[k - 1] + (0.5 * h) * (power0 + power)
-        power0 = power
-        counts["steps"] = k
-        if progress is not None and k % 64 == 0:
-            progress(k, steps)
+    now = _first_state(march, start[0], start[1], 0)
+    power = keep(0, now)
+    march.reference = _force_scale(dynamics, now, march.newton)
+    k, a_last, fresh = 0, now.a, kinks(path)
+    try:
+        for k in range(1, steps + 1):
+            if k - 1 in fresh:
+                if k > 1:
+                    now = _first_state(march, now.y, now.v, k - 1)
+                now, a_last = march.quiet_start(now, k - 1), now.a
+            guess = 2.0 * now.a - a_last
+            a_last, now = now.a, march.step(now, guess, k)
+            new = keep(k, now)
+            work[k] = work[k - 1] + (0.5 * march.h) * (power + new)
+            power = new
+            if progress is not None and k % 64 == 0:
+                progress(k, steps)
+    except (_NoConvergence, np.linalg.LinAlgError) as error:
+        r = getattr(error, "residual", np.array([np.nan]))
+        good = max(k - 1, 0)
+        raise _diverged(mechanism, march, t[max(k, 1)], max(k, 1), r, run(good, "diverged")) from None
     return run(steps)
 
 
-def _first_state(
-    dynamics: Dynamics,
-    y: Array,
-    v: Array,
-    path: MotorPath,
-    h: float,
-    scheme: AlphaScheme,
-    drive: TorqueDrive | None,
-    axes: object,
-) -> tuple[_Step, Array]:
-    """Consistent accelerations, and s one averaging interval on, which keeps lam at second order.
+def kinks(path: MotorPath) -> frozenset[int]:
+    """Steps at which the motor accelerations bend: the start, and wherever a motion piece ends.
 
-    s approximates a(t0 + (alpha_m - alpha_f) h); its slope comes from a second consistent state a
-    fraction of a step away (Arnold, Bruels and Cardona 2015, section 5).
+    There the slope of a jumps, and s has to follow, or lam is of first order after it. The second
+    difference of a is h times the jump at a bend and of the order of h^2 elsewhere.
     """
-    system = dynamics.system
-    motors = system.motors
+    a = path.acceleration
+    if len(a) < 8 or not a.shape[1]:
+        return frozenset({0})
+    bend = np.zeros(len(a))
+    bend[1:-1] = np.max(np.abs(a[2:] - 2 * a[1:-1] + a[:-2]), axis=1)
+    around = np.maximum(np.roll(bend, 2), np.roll(bend, -2))
+    sharp = (bend > 4.0 * around) & (bend > 1e-6 * np.max(np.abs(a)))
+    found = np.flatnonzero(sharp[3:-3]) + 3
+    # A rough sampled motion bends everywhere: then the steps are what limits it.
+    return frozenset({0, *found.tolist()}) if len(found) <= 32 else frozenset({0})
+
+
+def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
+    """Consistent accelerations and multipliers, and s = a(t + (alpha_m - alpha_f) h), at step k.
+
+    The slope of a comes from a second consistent state a fraction of a step away.
+    """
+    dynamics, path, drive, scheme = march.dynamics, march.path, march.drive, march.scheme
+    motors, motor_a = march.motors, path.acceleration
 
     def accelerate(y: Array, v: Array, part: float) -> tuple[Array, Array]:
         if drive is None:
-            a_motor = path.acceleration[0] * (1 - part) + path.acceleration[1] * part
+            a_motor = motor_a[k] * (1 - part) + motor_a[k + 1] * part
             return consistent_acceleration(dynamics, y, v, motors, a_motor, None)
-        return consistent_acceleration(
-            dynamics, y, v, motors[:0], np.zeros(0), drive.feed_forward[0]
-        )
+        tau = _torque(drive, k, path, march.axes, y, v)
+        return consistent_acceleration(dynamics, y, v, motors[:0], np.zeros(0), tau)
 
     a, lam = accelerate(y, v, 0.0)
     part = 0.01
-    dt = part * h
+    dt = part * march.h
     ahead = dynamics.integrate(y, dt * v + 0.5 * dt * dt * a)
     a_ahead, _ = accelerate(ahead, v + dt * a, part)
     s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
     r = dynamics.residual(y, v, a, lam)
-    torque = r[motors] if drive is None else drive.feed_forward[0]
-    return _Step(y, v, a, s, lam), np.array(torque)
+    torque = r[motors] if drive is None else _torque(drive, k, path, march.axes, y, v)
+    return _Step(y.copy(), v.copy(), a, s, lam, torque)
 
 
-def _force_scale(dynamics: Dynamics, step: _Step, newton: _Newton) -> float:
+def _force_scale(dynamics: Dynamics, now: _Step, newton: _Newton) -> float:
     """Acceleration scale of the run before it has moved: what its static forces could do."""
-    newton.refresh(step)
-    still = np.zeros(dynamics.system.nv)
-    straight = step.y.copy()
+    newton.refresh(now)
+    still, straight = np.zeros(dynamics.system.nv), now.y.copy()
     straight[dynamics.nq_rigid :] = 0.0
-    weight = dynamics.residual(straight, still, still, np.zeros(dynamics.system.closed.n))
-    force = weight[newton.free]
-    moving = (newton.weight * step.a[newton.free]) @ step.a[newton.free]
-    static = float(force @ (force / np.maximum(newton.weight, 1e-300)))
-    return float(np.sqrt(max(static, moving, 1e-24)))
+    none = np.zeros(dynamics.system.closed.n)
+    force = dynamics.residual(straight, still, still, none)[newton.free]
+    static = float(np.sqrt(force @ (force / np.maximum(newton.weight, 1e-300))))
+    return max(static, newton.size(now.a), 1e-12)
 
 
 def _torque(
-    drive: TorqueDrive, k: int, path: MotorPath, axes: object, now: _Step
+    drive: TorqueDrive, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array
 ) -> Array:
-    read = axes.read  # type: ignore[attr-defined]
-    position_error = path.position[k] - read(now.y)
-    velocity_error = path.velocity[k] - now.v[axes.v_at]  # type: ignore[attr-defined]
-    torque: Array = drive.feed_forward[k] + drive.kp * position_error + drive.kd * velocity_error
-    return torque
-
-
-def _power(torque: Array, v: Array, motors: Array, D: Array, damped: bool) -> Array:
-    return np.array([float(torque @ v[motors]), float(v @ D @ v) if damped else 0.0])
+    position = path.position[k] - axes.read(y)
+    velocity = path.velocity[k] - v[axes.v_at]
+    return np.asarray(drive.feed_forward[k] + drive.kp * position + drive.kd * velocity)
 
 
 def _diverged(
-    mechanism: Mechanism,
-    dynamics: Dynamics,
-    now: _Step,
-    time: float,
-    k: int,
-    h: float,
-    r: Array,
-    run: Run,
+    mechanism: Mechanism, march: _March, time: float, k: int, r: Array, run: Run
 ) -> ConvergenceError:
-    del now
-    names = list(mechanism.coordinates) + [
-        f"{slot.link} {label}" for slot in dynamics.system.expansion.slots for label in slot.body.labels
-    ]
-    free = dynamics.system.free
-    worst = int(np.nanargmax(np.abs(r))) if np.any(np.isfinite(r)) else 0
-    where = names[free[worst]] if worst < len(free) else "?"
+    slots = march.dynamics.system.expansion.slots
+    names = list(mechanism.coordinates)
+    names += [f"{slot.link} {label}" for slot in slots for label in slot.body.labels]
+    known = np.any(np.isfinite(r)) and len(r) == len(march.newton.free)
+    where = names[march.newton.free[int(np.nanargmax(np.abs(r)))]] if known else "?"
     error = ConvergenceError(
-        f"t = {time:.6g} s, step {k}, dt = {h:.3g} s: Newton stopped at |r| = "
+        f"t = {time:.6g} s, step {k}, dt = {march.h:.3g} s: Newton stopped at |r| = "
         f"{float(np.max(np.abs(r))):.2g} after {_MAX_ITERATIONS} iterations, largest in {where}. "
         "Halve dt, or use level=ked if deflections are small. error.result holds the run so far.",
         time=time,

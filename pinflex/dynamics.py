@@ -296,49 +296,63 @@ class Dynamics:
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array, Array]:
         """M, C, K: exact derivatives of the residual by a, v and y, each (nv, nv)."""
-        M, C, K = (self.iteration_matrix(y, v, a, lam, w) for w in np.eye(3))
+        found = self._derivatives(y, v, a, lam, True)
+        M, C, K = (self._weighted(found, a, weights, True) for weights in np.eye(3))
         return M, C, K
 
     def iteration_matrix(
-        self,
-        y: Array,
-        v: Array,
-        a: Array,
-        lam: Array,
-        weights: Sequence[float] | Array,
-        exact: bool = True,
+        self, y: Array, v: Array, a: Array, lam: Array, weights: Sequence[float]
     ) -> Array:
-        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy, shape (nv, nv).
+        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy for Newton, shape (nv, nv).
+
+        The rates of the second-order rows are left out: they are of the order of the step times the
+        elastic rates, and Newton does not miss them.
 
         Args:
             y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,).
             weights: Of M, C and K.
-            exact: False leaves out the rates of the second-order rows, which Newton does not miss:
-                they are of the order of the step times the elastic rates.
         """
-        w_a, w_v, w_y = weights
+        found = self._derivatives(y, v, a, lam, weights[2] != 0.0)
+        return self._weighted(found, a, weights, False)
+
+    def _derivatives(
+        self, y: Array, v: Array, a: Array, lam: Array, loads: bool
+    ) -> tuple[Array, Array, Array, Array | None]:
+        """Pinocchio's dQ, dV, M on the expanded model, and what closure forces add to K."""
         self.place(y)
         V, A = self.expand_motion(v, a)
         follow = None
         if self.looped:
             pin.computeJointJacobians(self.model, self.data, self.Q)
             self.closed.evaluate()
-            if w_y:
+            if loads:
                 follow = self.closed.force_tangent(lam, self.times_map)
             self._load(lam)
         dQ, dV, M = pin.computeRNEADerivatives(
             self.model, self.data, self.Q, V, A, self._loads
         )
-        D = w_a * M
-        D += w_v * dV
-        D += w_y * dQ
+        return dQ, dV, M, follow
+
+    def _weighted(
+        self,
+        found: tuple[Array, Array, Array, Array | None],
+        a: Array,
+        weights: Sequence[float] | Array,
+        rates: bool,
+    ) -> Array:
+        dQ, dV, M, follow = found
+        w_a, w_v, w_y = (float(w) for w in weights)
+        parts = [w * part for w, part in zip((w_a, w_v, w_y), (M, dV, dQ), strict=True) if w]
+        D = parts[0]
+        for part in parts[1:]:
+            D += part
         S = self._both_sides(D)
         if self.flexible:
-            if exact and (w_v or w_y):
+            if rates and (w_v or w_y):
                 self._add_rates(S, M, dV, a[self.n_rigid :], w_v, w_y)
             if w_y:
                 self._add_geometric(S, w_y)
-        if follow is not None:
+        if follow is not None and w_y:
             S -= w_y * follow
         S += w_v * self.system.D + w_y * self.system.K
         s = self.system.springs

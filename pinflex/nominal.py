@@ -37,9 +37,13 @@ class MotorAxes:
     q_at: IntArray
     v_at: IntArray
     paired: IntArray
+    simple: bool
 
     def write(self, y: Array, angle: Array) -> None:
         """Put motor positions (rad | m), shape (nm,), into y."""
+        if self.simple:
+            y[self.q_at] = angle
+            return
         plain = self.paired == 0
         y[self.q_at[plain]] = angle[plain]
         for k in np.flatnonzero(self.paired):
@@ -73,7 +77,10 @@ def motor_axes(mechanism: Mechanism) -> MotorAxes:
         v_at.append(joint.idx_v)
         paired.append(int(joint.nq == 2))
     return MotorAxes(
-        np.array(q_at, dtype=np.intp), np.array(v_at, dtype=np.intp), np.array(paired, np.intp)
+        np.array(q_at, dtype=np.intp),
+        np.array(v_at, dtype=np.intp),
+        np.array(paired, dtype=np.intp),
+        not any(paired),
     )
 
 

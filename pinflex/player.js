@@ -17,7 +17,7 @@ const MAPS = {                                     // viridis and cividis read t
   viridis: "44015448186a472d7b4240863b528b33638d2c728e26828e21918c1fa08828ae803fbc735ec96284d44baddc30d8e219fde725",
   cividis: "00224e002e6a1a386f32436d434e6c535a6d61656f6f70737d7c788c88789b9476aba072bcae6ccdbb63dec958f0d846fee838",
   turbo: "30123b4040a2466be34294ff28bceb18ddc232f2986dfe62a4fc3ccdec34eecf3afdac34fb7e21eb500ed02f05a916017a0403",
-  signed: "0530611752902a71b23f8ec06bacd19bc9e0c2ddece0ecf3f7f6f6fbe5d8fbccb4f5aa89e48066d05548ba2832930e2667001f",
+  signed: "3b4cc04e68d86282ea779af78db0fea3c2feb9d0f9ccd9eddddcdcecd3c5f5c4acf7b093f4987aeb7d62dd5f4bca3b37b40426",
 };
 const OVER = [204, 0, 102];                        // above the limit: in none of the maps
 const CURVES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#7a6a00", "#56b4e9", "#444b57", "#e69f00"];
@@ -483,7 +483,14 @@ function makeViewer() {
     this.set_dirty();
   };
   window.onload = null;
-  new ResizeObserver(() => { viewer.set_3d_pane_size(); if (R && !cameraMoved) fitCamera(); drawPlots(); place(); }).observe(stage);
+  new ResizeObserver(() => {
+    viewer.set_3d_pane_size();
+    if (!R) return;
+    if (!cameraMoved) fitCamera();
+    drawPlots();
+    viewer.render();                                // at once: a screenshot may be taken before the next frame
+    place();
+  }).observe(stage);
   const gl = viewer.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
   soft = /swiftshader|llvmpipe|software/i.test(info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "");
   const wish = new URLSearchParams(location.hash.slice(1)).get("shadow");

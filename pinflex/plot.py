@@ -25,7 +25,14 @@ RIGID = "#000000"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 WIDTH, HEIGHT, DPI = 7.0, 4.5, 150  # [in], [in], [dots/in]
 _PADDING = 4  # spectra are computed on a grid this many times finer than 1 / duration
-_COMPONENTS = ("u", "v", "w", "rx", "ry", "rz")
+_COMPONENTS = {  # of a section, in the beam frame
+    "u": "stretch",
+    "v": "deflection",
+    "w": "deflection",
+    "rx": "twist",
+    "ry": "slope",
+    "rz": "slope",
+}
 
 
 def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
@@ -43,7 +50,16 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
     for i, motor in enumerate(motors):
         band, column = divmod(i, columns)
         above, below = axes[2 * band, column], axes[2 * band + 1, column]
-        above.plot(rigid.t, rigid.torque[:, i], color=RIGID, lw=1.1, label="rigid")
+        # dashed and on top: where the levels agree, rigid stays visible
+        above.plot(
+            rigid.t,
+            rigid.torque[:, i],
+            color=RIGID,
+            lw=1.0,
+            ls=(0, (5, 4)),
+            zorder=5,
+            label="rigid",
+        )
         for colour, (label, run) in zip(_cycle(len(others)), others.items(), strict=True):
             above.plot(run.t, run.torque[:, i], color=colour, lw=0.9, label=label)
             below.plot(run.t, run.torque[:, i] - rigid.torque[:, i], color=colour, lw=0.9)
@@ -65,17 +81,22 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
 
 
 def deviation(rigid: Result, flexible: Result, frame: str = "platform") -> Figure:
-    """Position [mm] and rotation [mrad] of a frame relative to the rigid run, in world axes."""
+    """Position and rotation of a frame relative to the rigid run, in world axes.
+
+    In mm and mrad, or in thousandths of them where that is all there is.
+    """
     away = flexible.deviation_from(rigid, frame)
     figure, axes = _panels(2, 1, sharex=True)
-    for ax, values, names, label in (
-        (axes[0, 0], 1e3 * away.position, ("x", "y", "z"), "position [mm]"),
-        (axes[1, 0], 1e3 * away.rotation, ("rx", "ry", "rz"), "rotation [mrad]"),
+    for ax, values, names, word, units in (
+        (axes[0, 0], away.position, ("x", "y", "z"), "position", ("mm", "µm")),
+        (axes[1, 0], away.rotation, ("rx", "ry", "rz"), "rotation", ("mrad", "µrad")),
     ):
+        fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
+        values, label = (1e6 if fine else 1e3) * values, f"{word} [{units[fine]}]"
         ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
         for i, name in enumerate(names):
             # a planar mechanism has components at round-off: they would only clutter
-            if peak(values[:, i]) > 1e-6 * peak(values) or peak(values) == 0:
+            if peak(values[:, i]) > 1e-3 * peak(values) or peak(values) == 0:
                 ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
         ax.set_ylabel(label)
         ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
@@ -127,6 +148,7 @@ def spectrum(
     reference: Result | None = None,
     after: float = 0.0,
     peaks: int = 4,
+    natural: Sequence[float] = (),
 ) -> Figure:
     """Amplitude spectrum of one quantity, its highest peaks labelled in Hz.
 
@@ -137,6 +159,7 @@ def spectrum(
         reference: A run whose same quantity is subtracted first, usually the rigid one.
         after: Start of the window [s]; the end of the motion leaves the free vibration.
         peaks: How many peaks to label.
+        natural: Natural frequencies [Hz] to mark by thin lines.
     """
     values, label, unit = signal(result, quantity)
     if reference is not None:
@@ -154,6 +177,9 @@ def spectrum(
             f"{f:.1f} Hz", (f, a), (0, 6), textcoords="offset points", ha="center", fontsize=9
         )
     _title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
+    for i, f in enumerate(natural):
+        name = None if i else "natural frequencies at home"
+        ax.axvline(f, color="0.55", lw=0.7, ls=(0, (2, 2)), zorder=0, label=name)
     ax.set_xlabel("frequency [Hz]")
     ax.set_ylabel(f"amplitude [{unit}]")
     # beyond the peaks there is only the decay of the window
@@ -163,6 +189,8 @@ def spectrum(
     if shown.max() > 0:  # a quantity that never moves has no logarithm
         ax.set_yscale("log")
         ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 2.5 * shown.max())
+    if len(natural):
+        _legend(figure, ax)
     return figure
 
 
@@ -178,11 +206,12 @@ def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
     if kind == "frame" and axis in ("x", "y", "z"):
         return result.frame(name).position[:, "xyz".index(axis)], f"{name} {axis}", "m"
     if kind == "link" and axis in _COMPONENTS:
-        field = result.link(name).deflection[:, :, _COMPONENTS.index(axis)]
+        field = result.link(name).deflection[:, :, list(_COMPONENTS).index(axis)]
         station = int(np.argmax(np.abs(field).max(axis=0)))
         unit = "m" if axis in "uvw" else "rad"
         at = f"x = {1e3 * result.link(name).x[station]:.4g} mm"
-        return field[:, station], f"{name} {axis} at {at}", unit
+        word = _COMPONENTS[axis]
+        return field[:, station], f"{name}: {word} {axis} at {at}", unit
     forms = ("torque/MOTOR", "joint/JOINT", "frame/FRAME/x", "link/LINK/v")
     raise DescriptionError(
         f"spectrum: quantity {quantity!r} is not known." + nearest(quantity, forms),
@@ -212,17 +241,28 @@ def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Arra
     return np.fft.rfftfreq(count, grid[1] - grid[0]), np.asarray(amplitude)
 
 
-def save_all(rigid: Result, others: Mapping[str, Result], folder: str | Path) -> list[Path]:
-    """Write every figure that the results allow as .png files; returns their paths."""
+def save_all(
+    rigid: Result,
+    others: Mapping[str, Result],
+    folder: str | Path,
+    natural: Sequence[float] = (),
+) -> list[Path]:
+    """Write every figure that the results allow as .png files; returns their paths.
+
+    Args:
+        rigid: The reference run.
+        others: Runs by label.
+        folder: Made if it is not there.
+        natural: Natural frequencies [Hz] to mark in the spectra.
+    """
     figures = {"torques": torques(rigid, others)} if rigid.motors else {}
     for label, run in others.items():
         if rigid.meta.get("platform"):
             figures[f"deviation_{label}"] = deviation(rigid, run, rigid.meta["platform"])
         if run.links:
             figures[f"stress_{label}"] = stress_map(run)
-            quantity = _liveliest(run)
-            if len(run.t) >= 16:
-                figures[f"spectrum_{label}"] = spectrum(run, quantity)
+            if len(run.t) >= 16 and run.level != "quasistatic":  # which has no vibration
+                figures[f"spectrum_{label}"] = spectrum(run, _liveliest(run), natural=natural)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     paths = []

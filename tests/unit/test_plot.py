@@ -124,7 +124,7 @@ def test_the_spectrum_of_the_free_vibration_finds_the_bending_frequency(rigid, f
 
 def test_each_quantity_is_found_by_its_name(flexible):
     values, label, unit = plot.signal(flexible, "link/distal_2/v")
-    assert (label, unit) == ("distal_2 v at x = 110 mm", "m")
+    assert (label, unit) == ("distal_2: deflection v at x = 110 mm", "m")
     assert np.array_equal(values, flexible.link("distal_2").deflection[:, 10, 1])
     values, label, unit = plot.signal(flexible, "frame/platform/y")
     assert np.array_equal(values, flexible.frame("platform").position[:, 1])

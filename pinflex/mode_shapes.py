@@ -1,0 +1,63 @@
+"""Mode shapes as runs of one period, so that the player can show them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.mechanism import Mechanism
+from pinflex.meta import describe
+from pinflex.modes import Modes
+from pinflex.nominal import Nominal
+from pinflex.recover import recover
+from pinflex.result import Result
+from pinflex.run import Run
+
+_INSTANTS = 41  # of one period: smooth on the screen
+_SWING = 1e-3  # [rad | m] largest coordinate of the drawn motion: small, so shapes stay linear
+
+
+def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
+    """Each oscillating mode as (frequency [Hz], one period of its motion).
+
+    Displacements are measured from the pose that was linearised about, sag included; fields that a
+    shape without size does not have (stress, forces) are left out.
+    """
+    return [
+        (float(f), _run(mechanism, found, k, float(f)))
+        for k, f in enumerate(found.frequencies)
+        if f > 0
+    ]
+
+
+def _run(mechanism: Mechanism, found: Modes, k: int, frequency: float) -> Result:
+    from pinflex.dynamics import Dynamics
+
+    system, dynamics = mechanism.flexible, Dynamics(mechanism.flexible)
+    t = np.linspace(0.0, 1.0 / frequency, _INSTANTS)
+    swing = np.sin(2 * np.pi * frequency * t)
+    shape = found.shapes[:, k] * (_SWING / np.max(np.abs(found.shapes[:, k])))
+    y = np.array([dynamics.integrate(found.y, s * shape) for s in swing])
+    still = np.zeros((len(t), system.nv))
+    run = Run(
+        system, t, y, still, still, np.zeros((len(t), system.closed.n)),
+        np.zeros((len(t), len(system.motors))), {},
+    )  # fmt: skip
+    q = np.tile(found.y[: int(system.rigid.nq)], (len(t), 1))
+    empty = np.zeros((len(t), int(system.rigid.nv)))
+    arrays = recover(mechanism, run, Nominal(t, q, empty, empty))
+    flow = {"energy/work": np.zeros(len(t)), "energy/dissipated": np.zeros(len(t))}
+    meta = describe(mechanism, run, "coupled", {}, {**arrays, **flow}, "")
+    meta |= {"warnings": [], "energy_balance": None}
+    kept = {
+        key: value
+        for key, value in arrays.items()
+        if key.startswith(("joint/q", "frame/", "body/", "link/"))
+        and not key.endswith(("resultant", "/velocity", "/acceleration"))
+        and "/stress/" not in key
+    }
+    # the pose at t = 0 is the one linearised about: the drawing's "undeformed"
+    for key in list(kept):
+        moving = key.replace("centreline_rigid", "centreline").replace("pose_rigid", "pose")
+        if moving != key:
+            kept[key] = np.broadcast_to(kept[moving][:1], kept[moving].shape)
+    return Result(t, kept, meta)

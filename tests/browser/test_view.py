@@ -1,0 +1,485 @@
+"""The page as a user meets it: in a real browser, from a file, without a network."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pinflex.capture import film, picture
+from pinflex.errors import DescriptionError
+from pinflex.result import Result
+from pinflex.scene import FRAMES, automatic_scale, build_scene
+from pinflex.view import write_html, write_modes_html
+from tests.synthetic import synthetic_result
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+EVIL = "</script><script>window.evil=1</script>"
+URDF = """<robot name="3rrr"><link name="base"/>{}</robot>""".format(
+    "".join(
+        f'<link name="crank_{i}"/><joint name="motor_{i}" type="revolute"><parent link="base"/>'
+        f'<child link="crank_{i}"/><axis xyz="0 0 1"/></joint>'
+        for i in (1, 2, 3)
+    )
+)
+
+
+@pytest.fixture(scope="session")
+def run() -> Result:
+    """The made-up planar robot, with the URDF text that says what its motors move."""
+    result = synthetic_result(samples=121)
+    sources = {**result.meta["sources"], "3rrr.urdf": URDF}
+    return dataclasses.replace(result, meta={**result.meta, "sources": sources})
+
+
+@pytest.fixture(scope="session")
+def page(run: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rigid = synthetic_result("rigid", samples=121)
+    return write_html(run, tmp_path_factory.mktemp("view") / "run.html", rigid=rigid)
+
+
+# ------------------------------------------------------------------ without a browser
+
+
+def test_the_page_is_small_and_written_at_once(run: Result, tmp_path: Path) -> None:
+    write_html(run, tmp_path / "warm.html")
+    start = time.perf_counter()
+    file = write_html(_six_links(run), tmp_path / "six.html")
+    assert time.perf_counter() - start < 1.0
+    assert file.stat().st_size < 2e6  # 121 frames, 6 links
+
+
+def test_a_long_run_is_thinned_keeps_its_extremes_and_says_so(tmp_path: Path) -> None:
+    result = synthetic_result(samples=3001)
+    scene = build_scene(result)
+    assert len(scene["t"]) <= FRAMES
+    for link in scene["links"]:
+        whole = result.link(link["name"]).von_mises
+        assert link["fields"]["von_mises"].max() == whole.max()
+    torque = scene["plots"][0]["curves"][0]["y"]
+    assert (torque.min(), torque.max()) == (result.torque[:, 0].min(), result.torque[:, 0].max())
+    assert any("of 3001 instants kept" in note for note in scene["notes"])
+    assert write_html(result, tmp_path / "long.html").stat().st_size < 8e6
+
+
+@pytest.mark.parametrize(
+    ("largest", "scale"), [(0.5, 1), (0.03, 2), (6e-4, 100), (6.1e-5, 1000), (0.0, 1), (1e-3, 50)]
+)
+def test_automatic_magnification_is_1_2_5(largest: float, scale: float) -> None:
+    assert automatic_scale(largest, 1.0) == scale  # 6 % of the size of the robot, rounded
+
+
+def test_names_never_become_markup(run: Result, tmp_path: Path) -> None:
+    text = write_html(_renamed(run), tmp_path / "evil.html", title=EVIL).read_text("utf-8")
+    assert text.count("<script") == 3  # data, viewer, player
+    assert "window.evil=1</script>" not in text
+
+
+def test_the_page_forbids_every_network_access(page: Path) -> None:
+    policy = page.read_text("utf-8").split('Content-Security-Policy" content="')[1].split('">')[0]
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "http" not in policy
+    assert "unsafe-eval" not in policy
+
+
+def test_wrong_options_are_told_with_the_right_ones(run: Result, tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match='Did you mean "bending"'):
+        write_html(run, tmp_path / "x.html", field="bendng")
+    with pytest.raises(DescriptionError, match="is no magnification"):
+        write_html(run, tmp_path / "x.html", scale="huge")
+    with pytest.raises(DescriptionError, match="no mode shape was given"):
+        write_modes_html([], tmp_path / "x.html")
+
+
+def test_a_saved_result_gives_the_same_page(run: Result, page: Path, tmp_path: Path) -> None:
+    again = Result.load(run.save(tmp_path / "run.npz"))
+    rigid = synthetic_result("rigid", samples=121)
+    text = write_html(again, tmp_path / "again.html", rigid=rigid).read_text("utf-8")
+    assert text == page.read_text("utf-8")
+
+
+# ------------------------------------------------------------------ in a browser
+
+
+class Browser:
+    """A headless Chromium that opens pages from disk."""
+
+    def __init__(self, profile: Path) -> None:
+        from selenium import webdriver
+        from selenium.webdriver.chrome.service import Service
+
+        options = webdriver.ChromeOptions()
+        options.binary_location = str(CHROMIUM)
+        for flag in (
+            "--headless=new --no-sandbox --disable-gpu --enable-unsafe-swiftshader "
+            "--disable-dev-shm-usage --disable-quic --no-first-run --disable-background-networking "
+            "--disable-component-update --disable-sync --hide-scrollbars --window-size=1000,843 "
+            f"--user-data-dir={profile}"
+        ).split():
+            options.add_argument(flag)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        self.driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+        self.driver.set_script_timeout(60)
+
+    def open(self, page: Path, state: str = "", size: tuple[int, int] | None = None) -> None:
+        metrics = {"width": 1000, "height": 700, "deviceScaleFactor": 1, "mobile": False}
+        if size is not None:
+            metrics |= {"width": size[0], "height": size[1], "mobile": True}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        self.driver.get("about:blank")
+        self.driver.get_log("browser")
+        self.driver.get(f"{page.as_uri()}#{state}")
+        for _ in range(300):
+            if self.run("return !!(window.pinflex && window.pinflex.ready)"):
+                return
+            time.sleep(0.1)
+        raise AssertionError(f"the page never got ready: {self.driver.get_log('browser')}")
+
+    def run(self, script: str, *values: Any) -> Any:
+        return self.driver.execute_script(script, *values)
+
+    def errors(self) -> list[str]:
+        log = self.driver.get_log("browser")
+        return [entry["message"] for entry in log if entry["level"] == "SEVERE"]
+
+    def pixels(self, script: str = "") -> np.ndarray[Any, Any]:
+        """The drawing alone, as an image array, after a script."""
+        from base64 import b64decode
+
+        from PIL import Image
+
+        url = self.run(
+            script + "; pinflex.frame(); return document.querySelector('#meshcat-pane canvas')"
+            ".toDataURL('image/png')"
+        )
+        return np.asarray(Image.open(io.BytesIO(b64decode(url.split(",")[1]))).convert("RGB"), int)
+
+    def centreline(self, name: str) -> np.ndarray[Any, Any]:
+        return np.array(self.run("return pinflex.centreline(arguments[0])", name)).reshape(-1, 3)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    pytest.importorskip("selenium", reason="selenium is not installed")
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip("chromium or chromedriver is not installed")
+    started = Browser(tmp_path_factory.mktemp("profile"))
+    yield started
+    started.driver.quit()
+
+
+def test_the_page_draws_without_an_error_and_asks_nothing_of_the_network(
+    browser: Browser, page: Path
+) -> None:
+    browser.open(page, "t=0.03")
+    assert browser.pixels().std() > 5  # not one flat colour
+    assert browser.errors() == []
+    assert browser.run("return performance.getEntriesByType('resource').length") == 0
+
+
+def test_the_policy_stops_requests_and_foreign_scripts(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    browser.run(
+        "window.stopped = [];"
+        "addEventListener('securitypolicyviolation', e => stopped.push(e.effectiveDirective));"
+        "const s = document.createElement('script'); s.textContent = 'window.injected = 1';"
+        "document.body.append(s); new Image().src = 'http://127.0.0.1:9/x.png';"
+        "return fetch('http://127.0.0.1:9/').catch(() => null)"
+    )
+    time.sleep(0.2)
+    stopped = browser.run("return stopped")
+    assert {"script-src-elem", "img-src", "connect-src"} <= set(stopped)
+    assert browser.run("return window.injected === undefined")
+
+
+def test_pictures_differ_over_time_and_are_equal_at_equal_times(
+    browser: Browser, page: Path
+) -> None:
+    browser.open(page)
+    first = browser.pixels("pinflex.seek(0.03)")
+    later = browser.pixels("pinflex.seek(0.08)")
+    again = browser.pixels("pinflex.seek(0.03)")
+    assert np.mean(np.any(first != later, axis=2)) > 0.005
+    assert np.array_equal(first, again)
+
+
+def test_magnification_is_linear_in_world_displacement(
+    browser: Browser, page: Path, run: Result
+) -> None:
+    browser.open(page, "t=0")
+    k = 18
+    lines = []
+    for mag in (0, 1, 10, 20):
+        browser.run("pinflex.seek(arguments[0]); pinflex.setMag(arguments[1])", run.t[k], mag)
+        lines.append(browser.centreline("distal_1"))
+    rigid = run.array("link/distal_1/centreline_rigid")[k]
+    true = run.array("link/distal_1/centreline")[k]
+    assert lines[0] == pytest.approx(rigid, abs=1e-6)  # float32 of a robot of 0.7 m
+    assert lines[1] == pytest.approx(true, abs=1e-6)
+    assert lines[3] - lines[0] == pytest.approx(2 * (lines[2] - lines[0]), abs=1e-6)
+
+
+@pytest.mark.parametrize("mag", [0, 1, 30, 200])
+@pytest.mark.parametrize("t", [0.03, 0.0713])  # at an instant of the run, and between two
+def test_joints_stay_joined(browser: Browser, page: Path, mag: float, t: float) -> None:
+    browser.open(page)
+    browser.run("pinflex.setMag(arguments[0]); pinflex.seek(arguments[1])", mag, t)
+    for leg in (1, 2, 3):
+        line = browser.centreline(f"distal_{leg}")
+        corner = browser.run("return pinflex.point('platform', arguments[0])", leg - 1)
+        elbow = browser.run("return pinflex.point(arguments[0], 1)", f"crank_{leg}")
+        assert line[-1] == pytest.approx(corner, abs=1e-5)
+        assert line[0] == pytest.approx(elbow, abs=1e-5)
+
+
+@pytest.mark.parametrize("field", ["von_mises", "bending", "axial", "displacement"])
+def test_legend_and_values_agree_with_the_result(
+    browser: Browser, page: Path, run: Result, field: str
+) -> None:
+    factor = 1e3 if field == "displacement" else 1e-6
+    values = {}
+    for name in run.links:
+        moved = run.array(f"link/{name}/centreline") - run.array(f"link/{name}/centreline_rigid")
+        length = np.linalg.norm(moved, axis=2)
+        values[name] = length if field == "displacement" else run.array(f"link/{name}/stress/{field}")
+    browser.open(page, f"field={field}")
+    legend = browser.run("return pinflex.legend")
+    largest = factor * max(np.abs(v).max() for v in values.values())
+    assert legend["max"] == pytest.approx(largest, rel=1e-6)
+    assert legend["min"] == pytest.approx(-largest if field == "axial" else 0.0, rel=1e-6)
+    assert legend["unit"] == ("mm" if field == "displacement" else "MPa")
+    for k in (7, 60):
+        browser.run("pinflex.seek(arguments[0])", run.t[k])
+        shown = browser.run("return pinflex.values('distal_2')")
+        assert shown == pytest.approx(factor * values["distal_2"][k], rel=1e-5, abs=1e-5 * largest)
+
+
+def test_hover_tells_the_value_under_the_pointer(browser: Browser, page: Path, run: Result) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    k, i = 40, 10
+    browser.open(page, f"t={run.t[k]}&peak=0")
+    x, y = browser.run("return pinflex.pixel('distal_3', arguments[0])", i)
+    body = browser.driver.find_element("tag name", "body")
+    size = body.size
+    ActionChains(browser.driver).move_to_element_with_offset(
+        body, round(x - size["width"] / 2), round(y - size["height"] / 2)
+    ).perform()
+    text = browser.run("return document.getElementById('tip').innerText")
+    assert "distal_3" in text
+    told = float(text.split("von Mises stress")[1].split("MPa")[0])
+    # the pointer stands on a whole pixel, and a station is about 10 pixels from the next
+    near = 1e-6 * run.link("distal_3").von_mises[k, i - 1 : i + 2]
+    assert near.min() * 0.99 <= told <= near.max() * 1.01
+
+
+def test_worst_instant_is_where_the_result_has_it(
+    browser: Browser, page: Path, run: Result
+) -> None:
+    browser.open(page)
+    browser.run("pinflex.worst()")
+    stress = np.stack([run.link(n).von_mises.max(axis=1) for n in run.links])
+    k = int(stress.max(axis=0).argmax())
+    assert browser.run("return pinflex.state.t") == pytest.approx(run.t[k], abs=1e-7)
+    marker = browser.run("return document.querySelector('.mark.peak').innerText")
+    assert float(marker.split()[0]) == pytest.approx(1e-6 * stress.max(), rel=0.01)
+
+
+def test_the_address_reproduces_the_picture(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    browser.run("pinflex.set({field: 'axial', force: true, names: true, limit: 20, ghost: 'off'})")
+    browser.run("pinflex.setMag(50); pinflex.seek(0.0625)")
+    time.sleep(0.6)  # the address is written at most four times a second
+    state = browser.run("return pinflex.state")
+    address = browser.run("return location.hash")
+    shown = browser.pixels()
+    browser.open(page, address[1:])
+    again = browser.run("return pinflex.state")
+    keys = ("t", "mag", "field", "force", "names", "limit", "ghost", "path", "play")
+    assert {k: again[k] for k in keys} == {k: state[k] for k in keys}
+    assert np.array_equal(browser.pixels(), shown)
+
+
+def test_play_loops_and_pauses_by_the_space_key(browser: Browser, page: Path) -> None:
+    from selenium.webdriver.common.by import By
+
+    browser.open(page, "speed=0.05")
+    body = browser.driver.find_element(By.TAG_NAME, "body")
+    body.send_keys(" ")
+    time.sleep(1.0)
+    moving = browser.run("return pinflex.state")
+    body.send_keys(" ")
+    rest = browser.run("return pinflex.state")
+    assert moving["play"]
+    assert moving["t"] > 0.0
+    assert not rest["play"]
+    body.send_keys("\ue010")  # End
+    assert browser.run("return pinflex.state.t") == pytest.approx(0.2, abs=1e-6)
+    body.send_keys("\ue011\ue014")  # Home, right arrow: one instant on
+    assert browser.run("return pinflex.state.t") == pytest.approx(0.2 / 120, abs=1e-6)
+    before = browser.run("return pinflex.state.mag")
+    body.send_keys("+")
+    assert browser.run("return pinflex.state.mag") > before
+
+
+def test_forces_and_torques_can_be_shown(browser: Browser, page: Path, run: Result) -> None:
+    browser.open(page, "t=0.03&peak=0")
+    plain = browser.pixels()
+    forces = browser.pixels("pinflex.set({force: true})")
+    both = browser.pixels("pinflex.set({torque: true})")
+    assert np.any(plain != forces)
+    assert np.any(both != forces)
+    text = browser.run("return document.getElementById('keys').innerText")
+    force = max(np.linalg.norm(run.joint(m).reaction[:, :3], axis=1).max() for m in run.motors)
+    assert f"joint force, longest {force:.1f} N" in text
+    assert f"motor torque, largest {np.abs(run.torque).max():.2f} N m" in text
+
+
+def test_stress_above_the_limit_is_told_and_coloured(browser: Browser, page: Path) -> None:
+    browser.open(page, "t=0.071&mag=20")
+    plain = browser.pixels()
+    limited = browser.pixels("pinflex.set({limit: 20, max: 15})")  # the legend ends below it
+    changed = limited[np.any(limited != plain, axis=2)]
+    pink = (changed[:, 0] > 100) & (changed[:, 1] < 60) & (changed[:, 2] > 40)
+    assert pink.sum() > 50
+    assert "limit 20.0 MPa, exceeded" in browser.run("return document.getElementById('keys').innerText")
+
+
+def test_a_link_named_like_markup_does_nothing(
+    browser: Browser, run: Result, tmp_path: Path
+) -> None:
+    file = write_html(_renamed(run), tmp_path / "evil.html", title=EVIL)
+    browser.open(file, "names=1")
+    assert browser.run("return window.evil === undefined")
+    assert browser.run("return pinflex.links") == [EVIL, "__proto__", "distal_3"]
+    shown = browser.run("return document.querySelector('.mark.name').textContent")
+    assert shown == EVIL
+    assert browser.run("return document.querySelector('h1').textContent") == EVIL
+    assert browser.errors() == []
+
+
+def test_a_phone_shows_everything_without_scrolling_sideways(browser: Browser, page: Path) -> None:
+    browser.open(page, "t=0.03", size=(420, 760))
+    assert browser.run("return document.documentElement.scrollWidth") <= 420
+    for name in ("play", "time", "mag", "legend", "plots", "readout"):
+        box = browser.run(
+            "const r = document.getElementById(arguments[0]).getBoundingClientRect();"
+            "return [r.left, r.top, r.right, r.bottom]", name
+        )  # fmt: skip
+        assert box[0] >= 0
+        assert box[2] <= 420.5
+        assert box[3] <= 760.5
+    assert "×20" in browser.run("return document.getElementById('readout').innerText")
+
+
+def test_every_control_has_a_name(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    nameless = browser.run(
+        "return [...document.querySelectorAll('#app button, #app select, #app input')].filter(e =>"
+        " !e.closest('.dg') && !(e.getAttribute('aria-label') || (e.tagName == 'BUTTON' &&"
+        " e.textContent) || (e.labels.length && e.labels[0].textContent.trim())))"
+        ".map(e => e.outerHTML)"
+    )
+    assert nameless == []
+    assert "von Mises" in browser.run(
+        "return document.getElementById('meshcat-pane').getAttribute('aria-label')"
+    )
+
+
+def test_reduced_motion_does_not_start_by_itself(browser: Browser, page: Path) -> None:
+    feature = [{"name": "prefers-reduced-motion", "value": "reduce"}]
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": feature})
+    try:
+        browser.open(page, "play=1")
+        assert not browser.run("return pinflex.state.play")
+    finally:
+        browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    browser.open(page, "play=1")
+    assert browser.run("return pinflex.state.play")
+
+
+def test_a_rigid_run_plays_without_colours(browser: Browser, tmp_path: Path) -> None:
+    file = write_html(synthetic_result("rigid", samples=61), tmp_path / "rigid.html")
+    browser.open(file, "t=0.05")
+    assert browser.pixels().std() > 5
+    assert browser.run("return pinflex.links") == []
+    assert browser.errors() == []
+
+
+def test_mode_shapes_share_the_player_and_have_a_picker(
+    browser: Browser, run: Result, tmp_path: Path
+) -> None:
+    shapes = [(61.0, _shape(run, 61.0, 1.0)), (140.0, _shape(run, 140.0, -2.0))]
+    file = write_modes_html(shapes, tmp_path / "modes.html")
+    browser.open(file, "play=0&t=0.004")
+    options = browser.run("return [...document.getElementById('run').options].map(o => o.text)")
+    assert options == ["mode 1 · 61.00 Hz", "mode 2 · 140.0 Hz"]
+    assert browser.run("return pinflex.legend.max") == pytest.approx(1.0)
+    first = browser.centreline("distal_1")
+    browser.run("pinflex.show(1); pinflex.set({play: false}); pinflex.seek(1 / 140 / 4)")
+    assert not np.allclose(first, browser.centreline("distal_1"), atol=1e-4)
+    assert "140.0 Hz" in browser.run("return document.getElementById('sub').textContent")
+    assert browser.errors() == []
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_pictures_and_films_are_saved(page: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    with Image.open(picture(page, tmp_path / "at.png", at=0.03, size=(900, 600))) as still:
+        assert still.size == (900, 600)
+        assert np.asarray(still.convert("RGB"), float).std() > 5
+    made = film(page, tmp_path / "run.gif", seconds=0.5, fps=10, size=(480, 320), ghost="off")
+    with Image.open(made) as moving:
+        assert moving.size == (480, 320)
+        assert moving.n_frames == 5
+    with pytest.raises(DescriptionError, match=r"Allowed: \.gif"):
+        film(page, tmp_path / "run.avi")
+
+
+# ------------------------------------------------------------------ made-up results
+
+
+def _six_links(run: Result) -> Result:
+    arrays, links = dict(run.arrays), dict(run.meta["links"])
+    for key, value in run.arrays.items():
+        if key.startswith("link/"):
+            arrays[key.replace("distal", "other")] = value
+    links |= {name.replace("distal", "other"): about for name, about in links.items()}
+    return Result(run.t, arrays, {**run.meta, "links": links})
+
+
+def _renamed(run: Result) -> Result:
+    names = {"distal_1": EVIL, "distal_2": "__proto__"}
+    arrays = {}
+    for key, value in run.arrays.items():
+        for old, new in names.items():
+            key = key.replace(f"link/{old}/", f"link/{new}/")
+        arrays[key] = value
+    links = {names.get(k, k): v for k, v in run.meta["links"].items()}
+    return Result(run.t, arrays, {**run.meta, "links": links, "name": EVIL})
+
+
+def _shape(run: Result, frequency: float, size: float) -> Result:
+    """One period of a motion about the first pose of a run."""
+    t = np.linspace(0.0, 1.0 / frequency, 41)
+    wave = size * np.sin(2 * np.pi * frequency * t)
+    arrays = {}
+    for key, value in run.arrays.items():
+        if key.startswith(("link/", "body/")):
+            arrays[key] = value if key.endswith("/x") else np.repeat(value[:1], len(t), axis=0)
+    for name in run.links:
+        rigid = arrays[f"link/{name}/centreline_rigid"]
+        bow = np.sin(np.pi * np.linspace(0, 1, rigid.shape[1]))
+        lift = wave[:, None, None] * bow[:, None] * np.array([0.0, 0.0, 0.01])
+        arrays[f"link/{name}/centreline"] = rigid + lift
+    return Result(t, arrays, {**run.meta, "frames": [], "platform": None, "actuated": []})
+
+

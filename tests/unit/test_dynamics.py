@@ -1,0 +1,271 @@
+"""The equations of motion of every shipped model, against differences and against Pinocchio."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinflex as pf
+from pinflex.arrays import Array
+from pinflex.description import model_names
+from pinflex.dynamics import Dynamics, System
+from tests.finite import by_configuration, by_time, by_vector, close, random_state
+from tests.scenes import Body, load
+
+# The differences are good to about 1e-10 of a column's largest entry; the smallest term that could be
+# missing is 1e-3 of it.
+DIFFERENCES = 1e-8
+ROUNDING = 1e-11  # of sums of a few hundred terms
+SEEDS = (1, 2)
+
+# A tree on a free base with ball, universal, continuous and sliding joints and two bent links in
+# two bases: every chart of the configuration manifold at once. Closed by a distance and a pin.
+MANIFOLD = (
+    Body("body", "base", mass=3.0, com=(0.1, 0.0, 0.05), inertia=(0.1, 0.2, 0.15)),
+    Body("boom", "body", "continuous", xyz=(0.3, 0.0, 0.1), axis=(0, 1, 0), mass=0.5),
+    Body("hand", "boom", "fixed", xyz=(0.8, 0.0, 0.1), mass=0.4, com=(0.1, 0.1, 0), inertia=(0.01, 0.02, 0.03)),
+    Body("grip", "hand", "prismatic", xyz=(0.1, 0, 0), axis=(0, 0.6, 0.8), mass=0.2, inertia=(0.01, 0.01, 0.01)),
+    Body("leg", "body", "continuous", xyz=(-0.3, 0.1, 0.0), axis=(0, 0, 1), mass=0.6),
+    Body("foot", "leg", "fixed", xyz=(0.2, 0.5, 0.0), mass=0.3, com=(0, 0, 0.1), inertia=(0.02, 0.01, 0.01)),
+    Body("eye", "grip", xyz=(0.0, 0.0, 0.1)),
+)  # fmt: skip
+MANIFOLD_YAML = """
+base: free_flyer
+actuated: [boom_joint]
+joints:
+  hand_joint: {type: spherical}
+  foot_joint: {type: universal, axes: [[1, 0, 0], [0, 0.6, 0.8]]}
+  grip_joint: {spring: 30, rest: 0.05, damper: 2}
+  leg_joint: {spring: 3, rest: 0.1, damper: 0.5, rotor_inertia: 0.02}
+home: {foot_joint: [0.2, 0.3], hand_joint: [0.3, -0.2, 0.4]}
+loops:
+  rope: {kind: distance, between: [eye, foot]}
+frames: [eye]
+flexible:
+  boom:
+    material: {E: 2.0e9, nu: 0.3, rho: 800}
+    section: {shape: rectangle, width: 0.03, thickness: 0.02}
+    axial: true
+    rotary_inertia: true
+    shear: true
+    segments: 2
+    tip: {mass: 0.1, inertia: [1e-4, 2e-4, 3e-4]}
+  leg:
+    material: {E: 2.0e9, nu: 0.3, rho: urdf}
+    section: {shape: tube, diameter: 0.03, wall: 0.002}
+    basis: {kind: finite_element, elements: 2, order: quintic}
+    axial: true
+    damping: {modal: 0.02}
+"""
+
+
+@cache
+def mechanism(name: str) -> pf.Mechanism:
+    return pf.load(name)
+
+
+def _bare(system: System) -> System:
+    """Without the beams' own stiffness, beside which all else drowns; it is linear and constant."""
+    return replace(system, K=np.zeros_like(system.K))
+
+
+@pytest.fixture(scope="session")
+def manifold(tmp_path_factory: pytest.TempPathFactory) -> pf.Mechanism:
+    return load(tmp_path_factory.mktemp("manifold"), MANIFOLD, MANIFOLD_YAML)
+
+
+@pytest.fixture(params=[f"{n}-{s}" for n in (*model_names(), "manifold") for s in ("rigid", "flexible")])
+def case(request: pytest.FixtureRequest) -> tuple[System, Array]:
+    """A system and its undeformed home."""
+    name, which = request.param.rsplit("-", 1)
+    m = request.getfixturevalue("manifold") if name == "manifold" else mechanism(name)
+    return (m.rigid, m.home) if which == "rigid" else (m.flexible, m.undeformed())
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_columns_of_crba_are_columns_of_rnea(case: tuple[System, Array], seed: int) -> None:
+    system, home = case
+    y, v, a, lam = random_state(system, home, seed)
+    d = Dynamics(_bare(system))
+    base = d.residual(y, v, np.zeros_like(a), lam)
+    columns = [d.residual(y, v, e, lam) - base for e in np.eye(system.nv)]
+    if columns:
+        M = d.mass(y)
+        close(np.array(columns).T, M, ROUNDING * 1e2)  # differences of forces far larger than M
+        np.testing.assert_allclose(M, M.T, atol=ROUNDING * np.abs(M).max())
+        assert np.linalg.eigvalsh(M).min() > -ROUNDING * np.abs(M).max()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_coordinate_map_has_X_for_derivative(case: tuple[System, Array], seed: int) -> None:
+    system, home = case
+    y, v, a, _ = random_state(system, home, seed)
+    d, model = Dynamics(system), system.expansion.model
+
+    def expanded(y: Array) -> Array:
+        d.place(y)
+        return np.array(d.Q)
+
+    centre = expanded(y)
+    X = by_configuration(d, lambda y: pin.difference(model, centre, expanded(y)), y)
+    d.place(y)
+    if system.nv:
+        close(d.X, X, DIFFERENCES)
+
+    def velocity(y: Array, v: Array) -> Array:
+        d.place(y)
+        return np.array(d.expand_motion(v, np.zeros_like(v))[0])
+
+    rate = by_time(d, velocity, y, v, a)
+    d.place(y)
+    _, A = d.expand_motion(v, a)
+    np.testing.assert_allclose(A, rate, atol=DIFFERENCES)  # of order one
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_closures_have_J_and_gamma_for_derivatives(
+    case: tuple[System, Array], seed: int
+) -> None:
+    system, home = case
+    if not system.closed.n:
+        pytest.skip("no loops")
+    y, v, a, _ = random_state(system, home, seed)
+    d = Dynamics(system)
+    J = by_configuration(d, lambda y: d.close(y)[0].copy(), y)
+    close(d.close(y)[1], J, DIFFERENCES)
+    rate = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, a)
+    gamma = d.closure_bias(y, v)
+    np.testing.assert_allclose(d.close(y)[1] @ a + gamma, rate, atol=DIFFERENCES)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_tangent_is_the_derivative_of_the_residual(
+    case: tuple[System, Array], seed: int
+) -> None:
+    system, home = case
+    if not system.nv:
+        pytest.skip("nothing moves")
+    bare = _bare(system)
+    y, v, a, lam = random_state(system, home, seed)
+    d = Dynamics(bare)
+    M, C, K = d.tangent(y, v, a, lam)
+    close(M, by_vector(lambda a: d.residual(y, v, a, lam), a), DIFFERENCES)
+    close(C, by_vector(lambda v: d.residual(y, v, a, lam), v), DIFFERENCES)
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam), y), DIFFERENCES)
+    stiff = Dynamics(system)
+    np.testing.assert_allclose(
+        stiff.tangent(y, v, a, lam)[2], K + system.K, atol=ROUNDING * np.abs(K + system.K).max()
+    )
+    elastic = system.K[:, int(system.rigid.nv) :] @ y[int(system.rigid.nq) :]
+    difference = stiff.residual(y, v, a, lam) - d.residual(y, v, a, lam)
+    np.testing.assert_allclose(
+        difference, elastic, atol=ROUNDING * max(1.0, np.abs(elastic).max(initial=0.0))
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_power_of_all_forces_is_the_rate_of_all_energies(
+    case: tuple[System, Array], seed: int
+) -> None:
+    system, home = case
+    y, v, a, lam = random_state(system, home, seed)
+    d = Dynamics(system)
+    rate = by_time(d, lambda y, v: np.array([sum(d.energies(y, v))]), y, v, a)[0]
+    r = d.residual(y, v, a, lam)
+    J = d.jacobian() if system.closed.n else np.zeros((0, system.nv))
+    power = v @ (r + J.T @ lam) - v @ system.D @ v
+    size = max(1.0, np.abs(v * r).sum())
+    assert power == pytest.approx(rate, abs=DIFFERENCES * size)
+
+
+@pytest.mark.parametrize("name", [*model_names(), "manifold"])
+def test_undeformed_links_weigh_and_pull_as_the_rigid_mechanism(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    m = request.getfixturevalue("manifold") if name == "manifold" else mechanism(name)
+    n = int(m.rigid.rigid.nv)
+    if not n:
+        pytest.skip("nothing moves rigidly")
+    q, v, a, _ = random_state(m.rigid, m.home, 3)
+    rigid, flexible = Dynamics(m.rigid), Dynamics(m.flexible)
+    still = np.zeros(m.flexible.n_eta)
+    y = np.concatenate([q, still])
+    expected = rigid.residual(q, v, a, np.zeros(m.rigid.closed.n))
+    found = flexible.residual(
+        y, np.concatenate([v, still]), np.concatenate([a, still]), np.zeros(m.flexible.closed.n)
+    )
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(found[:n], expected, atol=ROUNDING * scale)
+    M = rigid.mass(q)
+    np.testing.assert_allclose(
+        flexible.mass(y)[:n, :n], M, atol=ROUNDING * np.abs(M).max()
+    )
+
+
+@pytest.mark.parametrize("name", ["3rrr", "race_r1", "spinning_beam", "ur5"])
+def test_slender_beams_weigh_what_the_urdf_says(name: str) -> None:
+    """Pinocchio's own model of the URDF, against the beams that replace its links."""
+    m = mechanism(name)
+    d = m.description
+    model = pin.buildModelFromXML(d.urdf_text)
+    for joint, extra in d.joints.items():
+        model.armature[model.joints[model.getJointId(joint)].idx_v] = extra.rotor_inertia
+    M = pin.crba(model, model.createData(), m.home)
+    ours = Dynamics(m.rigid).mass(m.home)
+    # The links in the URDFs are rods as well, written to nine digits. Those of the ur5 are thicker and
+    # heavier at one end than its tubes, which changes the inertia about the shoulder by 17 %.
+    tolerance = 0.2 if name == "ur5" else 1e-8
+    np.testing.assert_allclose(np.diag(ours), np.diag(M), rtol=tolerance)
+
+
+def _loaded(name: str, folder: Path) -> pf.Mechanism:
+    path = folder / f"{name}.yaml"
+    path.write_text(f"urdf: example-robot-data:{name}\n")
+    return pf.load(path)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_robot_without_flexible_links_is_pinocchio_to_the_last_bit(
+    name: str, tmp_path: Path
+) -> None:
+    m = _loaded(name, tmp_path)
+    assert m.flexible is m.rigid
+    model = pin.buildModelFromXML(m.description.urdf_text)
+    data = model.createData()
+    rng = np.random.default_rng(4)
+    lower = np.maximum(model.lowerPositionLimit, -3.0)
+    upper = np.minimum(model.upperPositionLimit, 3.0)
+    q = rng.uniform(lower, upper, (20, model.nq))
+    v, a = rng.uniform(-2, 2, (2, 20, model.nv))
+    expected = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+    np.testing.assert_array_equal(pf.inverse_dynamics(m, q, v, a), expected)
+    d = Dynamics(m.rigid)
+    found = [d.residual(*row, np.zeros(0)) for row in zip(q, v, a, strict=True)]
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_every_level_of_a_robot_without_flexible_links_gives_pinocchios_torques(
+    name: str, tmp_path: Path
+) -> None:
+    m = _loaded(name, tmp_path)
+    joints = {motor: 0.2 * (-1) ** k for k, motor in enumerate(m.motors[:4])}
+    motion = pf.cycloid(joints=joints, duration=0.5)
+    model = m.rigid.rigid
+    data = model.createData()
+    for level in pf.LEVELS:
+        r = pf.solve(m, motion, level=level, dt=5e-3, samples=51)
+        j = r.arrays
+        expected = [
+            pin.rnea(model, data, *row)
+            for row in zip(j["joint/q"], j["joint/v"], j["joint/a"], strict=True)
+        ]
+        # The motors prescribe everything, so no step error is left: rigid is the same call, the
+        # others solve an empty system around it.
+        tolerance = 0.0 if level == "rigid" else 1e-12
+        np.testing.assert_allclose(r.torque, expected, rtol=0, atol=tolerance * np.abs(expected).max())
