@@ -62,7 +62,7 @@ def close_loops(
         step = -_least_norm(J[:, moving], c)
         # A joint never needs more than half a turn; longer steps come from nearly singular rows.
         longest = float(np.max(np.abs(step), initial=0.0))
-        step *= min(1.0, 1.0 / max(longest, 1e-300))
+        step = step * min(1.0, 1.0 / max(longest, 1e-300))
         accepted = False
         for _ in range(12):
             dy = np.zeros(J.shape[1])
@@ -73,7 +73,7 @@ def close_loops(
             if size_trial < size * (1 - 1e-4) or size_trial < CLOSED * 1e-2:
                 accepted = True
                 break
-            step *= 0.5
+            step = 0.5 * step
         if not accepted:
             break
         y, J, c, size = trial, J_trial, c_trial.copy(), size_trial
@@ -155,7 +155,7 @@ def assemble(
     raise AssemblyError(
         f'{where}: loop "{closed.names[closed.loop_of[row]]}" does not close from the home guess: '
         f"{closed.labels[row]} stays open by {abs(c[row]):.3g} (m or rad) after Newton. "
-        "Give `home` values nearer to a closed pose, or check the link lengths and the loop frames.",
+        "Give `home` values nearer to a closed pose, or check link lengths and loop frames.",
         gap=float(abs(c[row])),
         loop=closed.names[closed.loop_of[row]],
         pose=best[0],

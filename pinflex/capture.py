@@ -70,7 +70,9 @@ def picture(
     window = (size[0], size[1])
     _run(page, state, window, [f"--screenshot={path}"])
     if not path.is_file():
-        raise PinflexError(f"capture: {browser()} wrote no {path.name}. Open {page} in it to see why.")
+        raise PinflexError(
+            f"capture: {browser()} wrote no {path.name}. Open {page} in it to see why."
+        )
     return path
 
 
@@ -109,7 +111,9 @@ def film(
     found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", own)
     shots = [base64.b64decode(s) for s in found]
     if not shots:
-        raise PinflexError(f"capture: {browser()} drew nothing of {page}. Open it there to see why.")
+        raise PinflexError(
+            f"capture: {browser()} drew nothing of {page}. Open it there to see why."
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".gif":
         _gif(shots, path, fps)
@@ -124,7 +128,9 @@ def _run(page: str | Path, state: dict[str, object], size: tuple[int, int], task
         raise DescriptionError(f"capture: {page}: no such page. Write it with pinflex.view first.")
     address = f"{page.as_uri()}#{urlencode(state)}"
     sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
-    with tempfile.TemporaryDirectory(prefix="pinflex-browser-", ignore_cleanup_errors=True) as profile:
+    with tempfile.TemporaryDirectory(
+        prefix="pinflex-browser-", ignore_cleanup_errors=True
+    ) as profile:
         command = [browser(), *FLAGS, *sandbox, f"--user-data-dir={profile}"]
         command += [f"--window-size={size[0]},{size[1]}", "--virtual-time-budget=10000"]
         try:
@@ -155,13 +161,13 @@ def _gif(shots: list[bytes], path: Path, fps: int) -> None:
     sample.paste(strip, (0, middle.height))
     palette = sample.quantize(colors=255)
     still = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    still[0].save(
-        path, save_all=True, append_images=still[1:], duration=round(1000 / fps), loop=0
-    )
+    still[0].save(path, save_all=True, append_images=still[1:], duration=round(1000 / fps), loop=0)
 
 
 def _encode(ffmpeg: str, shots: list[bytes], path: Path, fps: int) -> None:
-    codec = ["-c:v", "libx264", "-crf", "18"] if path.suffix == ".mp4" else ["-crf", "30", "-b:v", "0"]
+    codec = (
+        ["-c:v", "libx264", "-crf", "18"] if path.suffix == ".mp4" else ["-crf", "30", "-b:v", "0"]
+    )
     command = [ffmpeg, "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(fps)]
     command += ["-c:v", "png", "-i", "-", *codec, "-pix_fmt", "yuv420p"]
     command += ["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", str(path)]

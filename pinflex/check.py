@@ -1,26 +1,21 @@
-"""What pinflex understood of a model: freedoms, loops, masses, planes, sag, frequencies, warnings."""
+"""What pinflex understood of a model: freedoms, loops, masses, planes, frequencies, warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex import check_urdf
-from pinflex.arrays import Array
 from pinflex.assembly import LoopReport
-from pinflex.dynamics import Dynamics
+from pinflex.check_statics import Statics, statics
 from pinflex.errors import ConvergenceError, SceneError
 from pinflex.mechanism import Mechanism
 from pinflex.modes import modes
 from pinflex.motion import from_spec
-from pinflex.named import rotation_vector
 from pinflex.nominal import nominal
 from pinflex.parts import FlexiblePart
-from pinflex.quasistatic import Equilibrium, linear_statics, static_equilibrium
-from pinflex.rigid import multipliers
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
 CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
@@ -71,34 +66,6 @@ class LinkCheck:
 
 
 @dataclass(frozen=True)
-class Sag:
-    """How far the platform moves under gravity with the motors locked: [m], rotation vector [rad]."""
-
-    position: tuple[float, float, float]
-    rotation: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Statics:
-    """Rest at home; what could not be found is None and `reason` says why.
-
-    Attributes:
-        linear, full: Sag of the platform in linear statics about the undeformed pose, and in the
-            full equilibrium.
-        holding_rigid, holding_linear, holding_full: Motor torques (N m | N) that hold it.
-        linear_reason, full_reason: Why there is none, "" when there is.
-    """
-
-    linear: Sag | None = None
-    full: Sag | None = None
-    holding_rigid: tuple[float, ...] | None = None
-    holding_linear: tuple[float, ...] | None = None
-    holding_full: tuple[float, ...] | None = None
-    linear_reason: str = ""
-    full_reason: str = ""
-
-
-@dataclass(frozen=True)
 class Check:
     """The report of `pinflex check`; `check_text.write` turns it into text.
 
@@ -142,7 +109,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         count: How many natural frequencies.
     """
     description = mechanism.description
-    statics = _statics(mechanism)
+    rest = statics(mechanism)
     frequencies, note = first_frequencies(mechanism, count)
     motion, motion_warning = _motion(mechanism)
     links = tuple(_link(mechanism, part) for part in mechanism.parts.values())
@@ -150,7 +117,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         *_freedom_warnings(mechanism),
         *(text for link in links for text in _link_warnings(link)),
         *check_urdf.ignored(description),
-        *check_urdf.beyond_limits(description, mechanism, statics.holding_full),
+        *check_urdf.beyond_limits(description, mechanism, rest.holding_full),
         *motion_warning,
     )
     return Check(
@@ -166,7 +133,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         loops=_loops(mechanism),
         links=links,
         platform=description.platform,
-        statics=statics,
+        statics=rest,
         frequencies=frequencies,
         frequency_note=note,
         motion=motion,
@@ -222,11 +189,11 @@ def _link(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
     ends = sum(end.mass for end in (part.root, part.tip) if end is not None)
     known = urdf.mass > 0
     trace = [float(np.trace(i.matrix()[3:, 3:])) for i in (beam, urdf)]  # about the link's frame
-    sizes = " x ".join(f"{name} {1e3 * value:.4g}" for name, value in section.dimensions)
+    sizes = " x ".join(f"{1e3 * value:.4g}" for _, value in section.dimensions)
     return LinkCheck(
         name=part.link,
         length=part.length,
-        section=f"{section.shape} ({sizes} mm)" if sizes else section.shape,
+        section=section.shape if section.shape == "given" else f"{section.shape} {sizes} mm",
         material=spec.material.name,
         basis=spec.basis.kind,
         coordinates=sum(body.n for body in part.bodies),
@@ -245,9 +212,8 @@ def _link(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
 def _link_warnings(link: LinkCheck) -> list[str]:
     """The beam's inertia takes the place of the URDF's: said where that changes the robot."""
     if link.mass_difference is None or link.centre_shift is None:
-        return [
-            f"{link.name}: the URDF gives no mass; the beam has {link.mass + link.end_masses:.4g} kg."
-        ]
+        mass = link.mass + link.end_masses
+        return [f"{link.name}: the URDF gives no mass; the beam has {mass:.4g} kg."]
     words = []
     if abs(link.mass_difference) > MASS_OFF:
         words.append(
@@ -258,9 +224,12 @@ def _link_warnings(link: LinkCheck) -> list[str]:
         words.append(f"its centre of mass moves by {1e3 * link.centre_shift:.3g} mm")
     if not words:
         return []
+    advice = "add what the beam does not have as root or tip mass."
+    if abs(link.mass_difference) > MASS_OFF:
+        advice = f"write material.rho: urdf to keep the mass, or {advice}"
     return [
         f"{link.name}: the beam replaces the URDF's inertia: {' and '.join(words)}. "
-        "Set material.rho: urdf to keep the mass, or add root / tip masses."
+        f"If that matters, {advice}"
     ]
 
 
@@ -275,8 +244,8 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
         )
     if motors > report.mobility:
         warnings.append(
-            f"{motors} motors for {report.mobility} degrees of freedom: redundantly actuated. Their "
-            "motions must agree; prescribe the platform's motion instead."
+            f"{motors} motors for {report.mobility} degrees of freedom: redundantly actuated. "
+            "Their motions must agree; prescribe the platform's motion instead."
         )
     every = dict.fromkeys((*report.redundant, *mechanism.flexible_report.redundant))
     if every:
@@ -297,91 +266,13 @@ def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     folder = None if description.path is None else description.path.parent
     motion = from_spec(description.motion, f"{mechanism.name}.yaml: motion", folder)
     names = ", ".join(motion.names)
-    words = f"{motion.kind} of the {motion.target}{f' ({names})' if names else ''}, {motion.duration:g} s"
+    moved = f" of the {motion.target} ({names})" if names else ""
+    end = description.solve.until or motion.duration
+    words = f"{motion.kind}{moved}, {end:g} s"
     if mechanism.report.mobility > len(mechanism.motors):
         return words, []
     try:
-        nominal(mechanism, motion, np.linspace(0.0, motion.duration, _ALONG_MOTION))
+        nominal(mechanism, motion, np.linspace(0.0, end, _ALONG_MOTION))
     except SceneError as error:
         return f"{words}: cannot be followed", [f"motion: {error}"]
     return f"{words}: the rigid mechanism can follow it", []
-
-
-# Statics ---------------------------------------------------------------------------------------
-
-
-def _statics(mechanism: Mechanism) -> Statics:
-    system, report = mechanism.flexible, mechanism.report
-    if mechanism.description.base == "free_flyer":
-        return _none("the base is free: nothing holds the robot")
-    if report.mobility > len(mechanism.motors):
-        return _none("the motors do not hold every degree of freedom")
-    rigid = _rigid_holding(mechanism)
-    if not system.n_eta:
-        why = "no flexible link"
-        return Statics(None, None, rigid, None, None, why, why)
-    if not any(mechanism.description.gravity):
-        why = "no gravity"
-        return Statics(None, None, rigid, None, None, why, why)
-    linear, linear_reason = _try(lambda: linear_statics(mechanism))
-    full, full_reason = _try(lambda: static_equilibrium(mechanism))
-    return Statics(
-        linear=_sag(mechanism, linear),
-        full=_sag(mechanism, full),
-        holding_rigid=rigid,
-        holding_linear=_holding(mechanism, linear),
-        holding_full=_holding(mechanism, full),
-        linear_reason=linear_reason,
-        full_reason=full_reason,
-    )
-
-
-def _rigid_holding(mechanism: Mechanism) -> tuple[float, ...]:
-    """Torques that hold the rigid mechanism at home; the smallest ones if they are not unique."""
-    system = mechanism.rigid
-    dynamics, still = Dynamics(system), np.zeros(system.nv)
-    r = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n))
-    J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
-    return _floats(multipliers(system, J, r)[1])
-
-
-def _none(why: str) -> Statics:
-    return Statics(linear_reason=why, full_reason=why)
-
-
-def _try(solve: Callable[[], Equilibrium]) -> tuple[Equilibrium | None, str]:
-    try:
-        return solve(), ""
-    except SceneError as error:
-        return None, str(error)
-    except np.linalg.LinAlgError:
-        return None, "something can move without any stiffness: the linear equations are singular"
-
-
-def _floats(values: Array) -> tuple[float, ...]:
-    return tuple(float(x) for x in values)
-
-
-def _holding(mechanism: Mechanism, found: Equilibrium | None) -> tuple[float, ...] | None:
-    return None if found is None else _floats(found.r[mechanism.flexible.motors])
-
-
-def _sag(mechanism: Mechanism, found: Equilibrium | None) -> Sag | None:
-    if found is None or mechanism.description.platform is None:
-        return None
-    straight = _platform(mechanism, mechanism.undeformed())
-    bent = _platform(mechanism, found.y)
-    moved = bent.translation - straight.translation
-    turned = rotation_vector((bent.rotation @ straight.rotation.T)[None])[0]
-    return Sag(
-        (float(moved[0]), float(moved[1]), float(moved[2])),
-        (float(turned[0]), float(turned[1]), float(turned[2])),
-    )
-
-
-def _platform(mechanism: Mechanism, y: Array) -> pin.SE3:
-    dynamics = Dynamics(mechanism.flexible)
-    dynamics.place(y)
-    pin.forwardKinematics(dynamics.model, dynamics.data, dynamics.Q)
-    here = mechanism.frame(str(mechanism.description.platform))
-    return dynamics.data.oMi[here.joint] * here.placement

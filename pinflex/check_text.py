@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from pinflex.check import Check, Sag, Statics
+from pinflex.check import Check
+from pinflex.check_statics import Sag, Statics
 from pinflex.text import angle, length, number, paragraph, table
 
 _PLANES = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
@@ -29,18 +30,19 @@ def write(c: Check) -> str:
 def _head(c: Check) -> str:
     r = c.report
     gravity = "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2"
+    closed = f"{c.joints} joint coordinates - {r.rank} independent closure rows"
     motors = f"{len(c.motors)} motor{'' if len(c.motors) == 1 else 's'}"
     if c.motors:
         motors += f" ({', '.join(c.motors)})"
     rows = [
         ("URDF", f"{c.urdf}, base {c.base}"),
         ("gravity", gravity),
-        (
-            "mobility",
-            f"{r.mobility} = {c.joints} joint coordinates - {r.rank} independent closure rows",
-        ),
+        ("mobility", f"{r.mobility}{f' = {closed}' if c.loops else ', no loops'}"),
         ("motors", motors),
-        ("elastic", f"{c.elastic} coordinates in {len(c.links)} flexible links"),
+        (
+            "elastic",
+            f"{c.elastic} coordinates in {len(c.links)} flexible link{'s'[: len(c.links) != 1]}",
+        ),
         ("platform", c.platform or "none named: no deviation can be reported"),
         ("motion", c.motion),
     ]
@@ -71,13 +73,17 @@ def _link_table(c: Check) -> str:
         off = (x.mass_difference, x.inertia_difference)
         rows.append([x.name, x.section, x.material, number(1e3 * x.length), str(x.coordinates)])
         rows[-1] += [number(x.mass + x.end_masses), number(x.urdf_mass)]
-        rows[-1] += ["-" if d is None else f"{100 * d:+.1f} %" for d in off]
+        rows[-1] += ["-" if d is None else _percent(d) for d in off]
     return table(
         "Flexible links (beam + end masses against the URDF)",
         "link|section|material|L [mm]|eta|beam [kg]|URDF [kg]|mass|inertia",
         rows,
-        (14, 30, 14),
+        (16, 24, 14),
     )
+
+
+def _percent(share: float) -> str:
+    return "0 %" if abs(share) < 5e-4 else f"{100 * share:+.1f} %"
 
 
 def _planes(c: Check) -> str:
@@ -109,7 +115,8 @@ def _sag(kind: str, sag: Sag | None, reason: str, platform: str | None) -> str:
         return start + (f"none: {reason}" if reason else "found, but no platform is named")
     move, turn = (math.sqrt(sum(x * x for x in v)) for v in (sag.position, sag.rotation))
     where = ", ".join(f"{axis} {length(x)}" for axis, x in zip("xyz", sag.position, strict=True))
-    return f"{start}{length(move)} and {angle(turn)} of {platform} ({where})"
+    turned = angle(turn) if turn else "no rotation"
+    return f"{start}{platform}: {length(move)} ({where}), {turned}"
 
 
 def _holding(c: Check, s: Statics) -> str:
@@ -118,7 +125,7 @@ def _holding(c: Check, s: Statics) -> str:
     if not c.motors or not known:
         return ""
     rows = [
-        [f"{motor} [{unit}]", *(number(values[k]) for _, values in known)]
+        [f"{motor} [{unit}]", *(f"{values[k]:.5g}" for _, values in known)]
         for k, (motor, unit) in enumerate(zip(c.motors, c.units, strict=True))
     ]
     header = "|".join(["holding torque", *(name for name, _ in known)])

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 from pinflex.description import Description
 from pinflex.mechanism import Mechanism
-from pinflex.nominal import motor_axes
+from pinflex.motors import motor_axes
 
 _SOME = 6  # names listed before "..."
 
@@ -57,9 +57,8 @@ def beyond_limits(
         lower, upper = _value(limit, "lower"), _value(limit, "upper")
         # the same two numbers mean that nobody wrote a limit
         if lower < upper and not lower - 1e-9 <= at_home[k] <= upper + 1e-9:
-            found.append(
-                f"{name}: home {at_home[k]:.4g} is outside the URDF's limits {lower:g} to {upper:g}."
-            )
+            at = f"{at_home[k]:.4g}"
+            found.append(f"{name}: home {at} is outside the URDF's limits {lower:g} to {upper:g}.")
         effort = _value(limit, "effort")
         if holding is not None and 0 < effort < abs(holding[k]):
             found.append(

@@ -16,11 +16,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.supplement import Loop
 from pinflex.expansion import Attachment
+from pinflex.supplement import Loop
 
 # p @ _SKEW gives the 3x3 matrix of p x (.) for every row of p.
 _SKEW = np.array(
@@ -48,7 +49,7 @@ _AXES = "xyz"
 
 def skew(p: Array) -> Array:
     """Matrices of p x (.), shape (n, 3, 3), for p of shape (n, 3)."""
-    return (p @ _SKEW).reshape(-1, 3, 3)
+    return np.asarray((p @ _SKEW).reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Closures:
         renumber = np.full(self.n, -1, dtype=np.intp)
         renumber[rows] = np.arange(len(rows))
 
-        def kept(sort: IntArray) -> Array:
+        def kept(sort: IntArray) -> npt.NDArray[np.bool_]:
             return renumber[sort] >= 0
 
         p, d, s = kept(self.point_rows), kept(self.dot_rows), kept(self.distance_rows)
@@ -115,9 +116,7 @@ class Closures:
         )
 
 
-def closures(
-    loops: Sequence[Loop], frames: Mapping[str, Attachment], model: pin.Model
-) -> Closures:
+def closures(loops: Sequence[Loop], frames: Mapping[str, Attachment], model: pin.Model) -> Closures:
     """Gather the loops of a description on a model.
 
     Args:
@@ -216,7 +215,7 @@ class JointPoses:
     """Rotations and translations of all joints, read straight from Pinocchio's memory.
 
     Pinocchio keeps the poses of a `Data` in one block (12 numbers each); one strided view of it
-    spares a Python call per joint. The layout is checked once; if it ever changes, poses are copied.
+    spares a Python call per joint. The layout is checked once; if it changes, poses are copied.
     """
 
     def __init__(self, model: pin.Model, data: pin.Data) -> None:
@@ -267,9 +266,7 @@ class ClosureState:
         self.gap = np.zeros((loops, 3))
         self._arm = np.zeros((loops, 3, 3))
         # Flat positions of u = a[loop, :, axis] among the frames: one `take` instead of indexing.
-        self._u_at = (
-            self._point_loop[:, None] * 12 + 4 * np.arange(3) + closed.point_axes[:, None]
-        )
+        self._u_at = self._point_loop[:, None] * 12 + 4 * np.arange(3) + closed.point_axes[:, None]
         self._plain = closed.n == len(closed.point_rows)
 
     def evaluate(self) -> None:

@@ -43,7 +43,9 @@ def _in_short(c: Comparison) -> str:
     off = [(r.max_difference, r) for r in c.torques if r.level == level and r.max_difference]
     if off:
         most, row = max(off, key=lambda pair: pair[0])
-        share = "" if row.max_percent is None else f" ({_percent(row.max_percent)} of its rigid peak)"
+        share = (
+            "" if row.max_percent is None else f" ({_percent(row.max_percent)} of its rigid peak)"
+        )
         motor = short(row.motor, 20)
         lines.append(f"motor torque  off by up to {number(most)} {row.unit}{share}, in {motor}")
     for place in c.platform:

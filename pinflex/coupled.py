@@ -17,17 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.drive import MotorPath, TorqueDrive
+from pinflex.drive import MotorPath, TorqueDrive, kinks
 from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError
 from pinflex.integrators import AlphaScheme
 from pinflex.mechanism import Mechanism
-from pinflex.nominal import MotorAxes, motor_axes
+from pinflex.motors import motor_axes
 from pinflex.run import Run
 from pinflex.start import consistent_acceleration
 
-# Newton stops when the estimated error of the acceleration, weighted by the iteration matrix, is this
-# fraction of the largest so far: torques then carry 1e-7 from Newton, below any step error in use.
+# Newton stops when the estimated error of the acceleration, weighted by the iteration matrix, is
+# this fraction of the largest so far: torques carry 1e-7 from Newton, below any step error in use.
 NEWTON = 1e-7
 _MAX_ITERATIONS = 12
 
@@ -47,7 +47,9 @@ class _Step:
 class _Newton:
     """Iteration matrix of one run: factored once, kept while it contracts."""
 
-    def __init__(self, dynamics: Dynamics, scheme: AlphaScheme, h: float, drive: TorqueDrive | None):
+    def __init__(
+        self, dynamics: Dynamics, scheme: AlphaScheme, h: float, drive: TorqueDrive | None
+    ):
         from scipy.linalg.lapack import dgetrf, dgetrs
 
         self._factor, self._solve = dgetrf, dgetrs
@@ -139,7 +141,9 @@ class _March:
             guess[motors] = s[motors] = path.acceleration[k]
         move = h * before.v + (h * h * (0.5 - scheme.beta)) * before.s + to_y * s
         v = before.v + (h * (1.0 - scheme.gamma)) * before.s + to_v * s
-        now = _Step(dynamics.integrate(before.y, move), v, guess, s, before.lam.copy(), before.torque)
+        now = _Step(
+            dynamics.integrate(before.y, move), v, guess, s, before.lam.copy(), before.torque
+        )
         if prescribed:
             self.axes.write(now.y, path.position[k])
             now.v[motors] = path.velocity[k]
@@ -149,7 +153,7 @@ class _March:
         for iteration in range(_MAX_ITERATIONS):
             r = dynamics.residual(now.y, now.v, now.a, now.lam)
             if self.drive is not None:
-                now.torque = _torque(self.drive, k, path, self.axes, now.y, now.v)
+                now.torque = self.drive.torque(k, path, self.axes, now.y, now.v)
                 r[motors] -= now.torque
             ds, dlam = newton.step(r[newton.free], dynamics.closed.c)
             self.iterations += 1
@@ -251,7 +255,11 @@ def integrate(
     T, work = np.empty((steps + 1, len(system.motors))), np.zeros((steps + 1, 2))
 
     def run(upto: int, stopped: str = "") -> Run:
-        counts = {"steps": upto, "newton": march.iterations, "tangents": march.newton.count}
+        counts: dict[str, float] = {
+            "steps": upto,
+            "newton": march.iterations,
+            "tangents": march.newton.count,
+        }
         k = slice(0, upto + 1)
         return Run(
             system, t[k], Y[k], V[k], A[k], L[k], T[k], counts,
@@ -283,26 +291,10 @@ def integrate(
     except (_NoConvergence, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
         good = max(k - 1, 0)
-        raise _diverged(mechanism, march, t[max(k, 1)], max(k, 1), r, run(good, "diverged")) from None
+        raise _diverged(
+            mechanism, march, t[max(k, 1)], max(k, 1), r, run(good, "diverged")
+        ) from None
     return run(steps)
-
-
-def kinks(path: MotorPath) -> frozenset[int]:
-    """Steps at which the motor accelerations bend: the start, and wherever a motion piece ends.
-
-    There the slope of a jumps, and s has to follow, or lam is of first order after it. The second
-    difference of a is h times the jump at a bend and of the order of h^2 elsewhere.
-    """
-    a = path.acceleration
-    if len(a) < 8 or not a.shape[1]:
-        return frozenset({0})
-    bend = np.zeros(len(a))
-    bend[1:-1] = np.max(np.abs(a[2:] - 2 * a[1:-1] + a[:-2]), axis=1)
-    around = np.maximum(np.roll(bend, 2), np.roll(bend, -2))
-    sharp = (bend > 4.0 * around) & (bend > 1e-6 * np.max(np.abs(a)))
-    found = np.flatnonzero(sharp[3:-3]) + 3
-    # A rough sampled motion bends everywhere: then the steps are what limits it.
-    return frozenset({0, *found.tolist()}) if len(found) <= 32 else frozenset({0})
 
 
 def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
@@ -317,7 +309,7 @@ def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
         if drive is None:
             a_motor = motor_a[k] * (1 - part) + motor_a[k + 1] * part
             return consistent_acceleration(dynamics, y, v, motors, a_motor, None)
-        tau = _torque(drive, k, path, march.axes, y, v)
+        tau = drive.torque(k, path, march.axes, y, v)
         return consistent_acceleration(dynamics, y, v, motors[:0], np.zeros(0), tau)
 
     a, lam = accelerate(y, v, 0.0)
@@ -327,7 +319,7 @@ def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
     a_ahead, _ = accelerate(ahead, v + dt * a, part)
     s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
     r = dynamics.residual(y, v, a, lam)
-    torque = r[motors] if drive is None else _torque(drive, k, path, march.axes, y, v)
+    torque = r[motors] if drive is None else drive.torque(k, path, march.axes, y, v)
     return _Step(y.copy(), v.copy(), a, s, lam, torque)
 
 
@@ -340,14 +332,6 @@ def _force_scale(dynamics: Dynamics, now: _Step, newton: _Newton) -> float:
     force = dynamics.residual(straight, still, still, none)[newton.free]
     static = float(np.sqrt(force @ (force / np.maximum(newton.weight, 1e-300))))
     return max(static, newton.size(now.a), 1e-12)
-
-
-def _torque(
-    drive: TorqueDrive, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array
-) -> Array:
-    position = path.position[k] - axes.read(y)
-    velocity = path.velocity[k] - v[axes.v_at]
-    return np.asarray(drive.feed_forward[k] + drive.kp * position + drive.kd * velocity)
 
 
 def _diverged(

@@ -86,7 +86,7 @@ class Description:
     frames: tuple[str, ...] = ()
     flexible: tuple[FlexibleLink, ...] = ()
     motion: dict[str, Any] | None = None
-    solve: SolveSpec = SolveSpec()
+    solve: SolveSpec = field(default_factory=SolveSpec)
 
     @property
     def sources(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What moves the motors: a prescribed motion (torque is the answer) or a torque (PD + feed-forward)."""
+"""What moves the motors: a prescribed motion (torque is the answer), or a torque (PD)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
-from pinflex.nominal import joint_path, motor_axes, nominal
+from pinflex.motors import MotorAxes, joint_path, motor_axes
+from pinflex.nominal import nominal
 
 # Interpolated motor motions (m, rad) are refined until the mid-interval error falls below this:
 # far below any step error, far above round-off of the second derivative.
@@ -58,9 +59,7 @@ def _at_nodes(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Ar
     return position, path.v[:, axes.v_at], path.a[:, axes.v_at]
 
 
-def _hermite(
-    t: Array, values: list[Array]
-) -> Callable[[Array], tuple[Array, Array, Array]]:
+def _hermite(t: Array, values: list[Array]) -> Callable[[Array], tuple[Array, Array, Array]]:
     from scipy.interpolate import BPoly
 
     curve = BPoly.from_derivatives(t, np.stack(values, axis=1))
@@ -81,3 +80,27 @@ class TorqueDrive:
     kp: Array
     kd: Array
     feed_forward: Array
+
+    def torque(self, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
+        """Motor torques at step k in the state (y, v), shape (nm,)."""
+        position = path.position[k] - axes.read(y)
+        velocity = path.velocity[k] - v[axes.v_at]
+        return np.asarray(self.feed_forward[k] + self.kp * position + self.kd * velocity)
+
+
+def kinks(path: MotorPath) -> frozenset[int]:
+    """Steps at which the motor accelerations bend: the start, and wherever a motion piece ends.
+
+    There the slope of a jumps, and s has to follow, or lam is of first order after it. The second
+    difference of a is h times the jump at a bend and of the order of h^2 elsewhere.
+    """
+    a = path.acceleration
+    if len(a) < 8 or not a.shape[1]:
+        return frozenset({0})
+    bend = np.zeros(len(a))
+    bend[1:-1] = np.max(np.abs(a[2:] - 2 * a[1:-1] + a[:-2]), axis=1)
+    around = np.maximum(np.roll(bend, 2), np.roll(bend, -2))
+    sharp = (bend > 4.0 * around) & (bend > 1e-6 * np.max(np.abs(a)))
+    found = np.flatnonzero(sharp[3:-3]) + 3
+    # A rough sampled motion bends everywhere: then the steps are what limits it.
+    return frozenset({0, *found.tolist()}) if len(found) <= 32 else frozenset({0})

@@ -82,7 +82,7 @@ class _Map:
 
     def __init__(self, block: Block) -> None:
         self.block = block
-        bodies, rows, n = block.Phi.shape
+        bodies, _, n = block.Phi.shape
         self.curved = block.G.shape[1]
         self.shape = (bodies, n, 1)
         self.X = block.Phi.copy()
@@ -96,12 +96,13 @@ class _Map:
 
     def bend(self, eta: Array) -> Array:
         """G eta of the curved rows, shape (bodies, Rc, n), for eta of the stacked bodies."""
-        return np.matmul(self._G, eta.reshape(self.shape)).reshape(self._bent_shape)
+        bent: Array = np.matmul(self._G, eta.reshape(self.shape))
+        return bent.reshape(self._bent_shape)
 
     def place(self, eta: Array) -> Array:
         """Sets X; returns the coordinates Phi eta + 1/2 eta' G eta, flat."""
         column = eta.reshape(self.shape)
-        lift = np.matmul(self.block.Phi, column)
+        lift: Array = np.matmul(self.block.Phi, column)
         if self.curved:
             bent = self.bend(eta)
             np.add(self.Phi_curved, bent, out=self.X_curved)
@@ -328,9 +329,7 @@ class Dynamics:
             if loads:
                 follow = self.closed.force_tangent(lam, self.times_map)
             self._load(lam)
-        dQ, dV, M = pin.computeRNEADerivatives(
-            self.model, self.data, self.Q, V, A, self._loads
-        )
+        dQ, dV, M = pin.computeRNEADerivatives(self.model, self.data, self.Q, V, A, self._loads)
         return dQ, dV, M, follow
 
     def _weighted(
@@ -446,4 +445,3 @@ class Dynamics:
         s = self.system.springs
         stretch = self._spring_angles(y) - s.rest
         return kinetic, gravity, elastic, 0.5 * float(stretch @ (s.stiffness * stretch))
-

@@ -111,8 +111,8 @@ class FlexibleLink:
 
 _SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
 _KEYS = (
-    ("material", "section", "basis", "start", "end", "length", "up", *_SWITCHES)
-    + ("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping")
+    *("material", "section", "basis", "start", "end", "length", "up", *_SWITCHES),
+    *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
 )  # fmt: skip
 
 

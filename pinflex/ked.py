@@ -118,8 +118,8 @@ def solve_ked(
 def _rigid_multipliers(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:
     """Closure forces of the rigid motion in the rows of the flexible mechanism.
 
-    They bring the geometric stiffness of the joint forces; any split between them and the deviation's
-    own multipliers satisfies the same equations.
+    They bring the geometric stiffness of the joint forces; any split between them and the
+    deviation's own multipliers satisfies the same equations.
     """
     system = dynamics.system
     if not system.closed.n:
@@ -127,16 +127,23 @@ def _rigid_multipliers(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Arra
     r = dynamics.residual(y, v, a, np.zeros(system.closed.n))
     passive = np.setdiff1d(np.arange(dynamics.n_rigid), system.motors)
     J = dynamics.jacobian()[:, passive]
-    lam: Array = np.linalg.lstsq(J.T, r[passive], rcond=1e-10)[0]
-    return lam
+    return np.asarray(np.linalg.lstsq(J.T, r[passive], rcond=1e-10)[0], dtype=float)
 
 
 def _blown_up(
-    system: System, t: Array, y: Array, v: Array, a: Array, lam: Array, torque: Array, k: int, h: float
+    system: System,
+    t: Array,
+    y: Array,
+    v: Array,
+    a: Array,
+    lam: Array,
+    torque: Array,
+    k: int,
+    h: float,
 ) -> ConvergenceError:
     error = ConvergenceError(
-        f"t = {t[k]:.6g} s, step {k}, dt = {h:.3g} s: the linear deviation has grown without bound. "
-        "Use level=coupled, or a smaller dt. error.result holds the run so far.",
+        f"t = {t[k]:.6g} s, step {k}, dt = {h:.3g} s: the linear deviation grows without "
+        "bound. Use level=coupled, or a smaller dt. error.result holds the run so far.",
         time=float(t[k]),
     )
     upto = slice(0, k)
@@ -145,5 +152,3 @@ def _blown_up(
         stopped="diverged",
     )  # fmt: skip
     return error
-
-

@@ -97,15 +97,13 @@ def load(source: str | Path | Description, overrides: Sequence[str] = ()) -> Mec
         tree = expand(links, parts, needed, None, gravity)
     else:
         tree = of_model(model, links)
-    _add_rotors(tree, tree.v_at, tree.model, description)
+    _add_rotors(tree.model, description)
     rigid_model = tree.model
     coordinates = _coordinates(rigid_model)
     motors = _motors(description, rigid_model)
     rigid, home, report = _rigid_system(description, tree, motors, coordinates)
     if not parts:
-        return Mechanism(
-            description, links, parts, rigid, rigid, home, coordinates, report, report
-        )
+        return Mechanism(description, links, parts, rigid, rigid, home, coordinates, report, report)
     expansion = expand(links, parts, needed, rigid_model, gravity)
     expansion.model.armature[expansion.v_at] = rigid_model.armature
     flexible, flexible_report = _flexible_system(description, expansion, parts, rigid, home)
@@ -166,14 +164,20 @@ def _motors(description: Description, model: pin.Model) -> IntArray:
     return np.array(rows, dtype=np.intp)
 
 
-def _add_rotors(
-    tree: Expansion, rows: IntArray, model: pin.Model, description: Description
-) -> None:
-    del tree, rows
+def _rows_of(model: pin.Model, name: str) -> list[int]:
+    """Velocity rows of a URDF joint; a universal joint is two: NAME.1 and NAME.2."""
+    rows: list[int] = []
+    for joint_name in (name, f"{name}.1", f"{name}.2"):
+        if model.existJointName(joint_name):
+            joint = model.joints[model.getJointId(joint_name)]
+            rows.extend(range(joint.idx_v, joint.idx_v + joint.nv))
+    return rows
+
+
+def _add_rotors(model: pin.Model, description: Description) -> None:
     for name, extra in description.joints.items():
         if extra.rotor_inertia:
-            joint = model.joints[model.getJointId(name)]
-            model.armature[joint.idx_v : joint.idx_v + joint.nv] = extra.rotor_inertia
+            model.armature[_rows_of(model, name)] = extra.rotor_inertia
 
 
 def _springs(description: Description, model: pin.Model) -> tuple[Springs, Array]:
@@ -181,26 +185,24 @@ def _springs(description: Description, model: pin.Model) -> tuple[Springs, Array
     damping = np.zeros(model.nv)
     found: list[tuple[int, int, int, float, float]] = []
     for name, extra in description.joints.items():
-        if not model.existJointName(name):
-            continue
-        joint = model.joints[model.getJointId(name)]
         if extra.damper:
-            damping[joint.idx_v : joint.idx_v + joint.nv] = extra.damper
+            damping[_rows_of(model, name)] = extra.damper
         if extra.spring:
-            if joint.nv != 1:
+            rows = _rows_of(model, name)
+            if len(rows) != 1:
                 raise DescriptionError(
-                    f"{description.name}: joints.{name}.spring: {joint.nv} axes in one joint. "
+                    f"{description.name}: joints.{name}.spring: {len(rows)} axes in one joint. "
                     "Springs act on single-axis joints; split the joint in the URDF."
                 )
+            joint = model.joints[model.getJointId(name)]
             paired = int(joint.nq == 2)
             found.append((joint.idx_v, joint.idx_q, paired, extra.spring, extra.rest))
-    columns = list(zip(*found, strict=True)) if found else [[], [], [], [], []]
     springs = Springs(
-        np.array(columns[0], dtype=np.intp),
-        np.array(columns[1], dtype=np.intp),
-        np.array(columns[2], dtype=np.intp),
-        np.array(columns[3], dtype=float),
-        np.array(columns[4], dtype=float),
+        np.array([f[0] for f in found], dtype=np.intp),
+        np.array([f[1] for f in found], dtype=np.intp),
+        np.array([f[2] for f in found], dtype=np.intp),
+        np.array([f[3] for f in found], dtype=float),
+        np.array([f[4] for f in found], dtype=float),
     )
     return springs, damping
 
@@ -271,7 +273,9 @@ def _with_lengths(system: System, guess: Array) -> Closures:
     closed = system.closed
     if not np.any(np.isnan(closed.lengths)):
         return closed
-    dynamics = Dynamics(replace(system, closed=replace(closed, lengths=np.ones(len(closed.lengths)))))
+    dynamics = Dynamics(
+        replace(system, closed=replace(closed, lengths=np.ones(len(closed.lengths))))
+    )
     dynamics.close(guess)
     loops = closed.loop_of[closed.distance_rows]
     measured = np.linalg.norm(dynamics.closed.gap[loops], axis=1)
@@ -299,7 +303,7 @@ def _home_guess(description: Description, model: pin.Model) -> Array:
                 "coordinates (a spherical joint takes a quaternion x, y, z, w)."
             )
         q[joint.idx_q : joint.idx_q + joint.nq] = values
-    return pin.normalize(model, q)
+    return np.asarray(pin.normalize(model, q))
 
 
 def _refuse_singular_home(
@@ -315,7 +319,7 @@ def _refuse_singular_home(
     _, J = dynamics.close(home)
     _, _, Vt = np.linalg.svd(J) if len(J) else (None, None, np.eye(dynamics.n_rigid))
     for motion in Vt[len(kept) :]:
-        # Far enough to raise a dependent row well over round-off, near enough to stay on the branch.
+        # Far enough to lift a dependent row over round-off, near enough to keep the branch.
         beside = dynamics.integrate(home, 1e-3 * motion)
         beside, size = assembly.close_loops(dynamics, beside, np.arange(dynamics.n_rigid))
         if size > 1e-9:

@@ -47,7 +47,7 @@ def describe(
         "platform": description.platform,
         "loops": _loops(mechanism, run),
         "links": _links(mechanism) if run.system.n_eta else {},
-        "bodies": _bodies(mechanism, run),
+        "bodies": _bodies(mechanism),
         "gravity": list(description.gravity),
         "settings": {k: _plain(v) for k, v in run.settings.items()},
         "cost": {k: float(v) for k, v in cost.items()},
@@ -74,10 +74,12 @@ def _loops(mechanism: Mechanism, run: Run) -> list[dict[str, Any]]:
     closed = run.system.closed
     flexible = run.system is not mechanism.rigid
     report = mechanism.flexible_report if flexible else mechanism.report
+    between = {p.name: [p.frame_a, p.frame_b] for p in mechanism.description.loops}
     return [
         {
             "name": name,
             "kind": kind,
+            "between": between[name],
             "rows": [r for r, k in zip(closed.labels, closed.loop_of, strict=True) if k == number],
             "redundant": [r for r in report.redundant if r.startswith(f"{name}: ")],
         }
@@ -108,6 +110,7 @@ def _links(mechanism: Mechanism) -> dict[str, Any]:
                 "G": material.G,
                 "rho": material.rho,
             },
+            "frame": [[float(x) for x in row] for row in part.placement.rotation],
             "planes": list(part.planes),
             "reason": part.reason,
             "basis": f"{part.spec.basis.kind}, {body.n} coordinates x {len(part.bodies)}",
@@ -115,9 +118,8 @@ def _links(mechanism: Mechanism) -> dict[str, Any]:
     return links
 
 
-def _bodies(mechanism: Mechanism, run: Run) -> dict[str, Any]:
+def _bodies(mechanism: Mechanism) -> dict[str, Any]:
     """Skeleton of every rigid link: its own joint and where other links hang, in its frame."""
-    del run
     bodies: dict[str, Any] = {}
     for number, link in enumerate(mechanism.links):
         if link.name in mechanism.parts:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinflex.dynamics import Dynamics
 from pinflex.mechanism import Mechanism
 from pinflex.meta import describe
 from pinflex.modes import Modes
@@ -22,17 +23,18 @@ def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
     Displacements are measured from the pose that was linearised about, sag included; fields that a
     shape without size does not have (stress, forces) are left out.
     """
+    dynamics = Dynamics(mechanism.flexible)
     return [
-        (float(f), _run(mechanism, found, k, float(f)))
+        (float(f), _run(mechanism, dynamics, found, k, float(f)))
         for k, f in enumerate(found.frequencies)
         if f > 0
     ]
 
 
-def _run(mechanism: Mechanism, found: Modes, k: int, frequency: float) -> Result:
-    from pinflex.dynamics import Dynamics
-
-    system, dynamics = mechanism.flexible, Dynamics(mechanism.flexible)
+def _run(
+    mechanism: Mechanism, dynamics: Dynamics, found: Modes, k: int, frequency: float
+) -> Result:
+    system = dynamics.system
     t = np.linspace(0.0, 1.0 / frequency, _INSTANTS)
     swing = np.sin(2 * np.pi * frequency * t)
     shape = found.shapes[:, k] * (_SWING / np.max(np.abs(found.shapes[:, k])))

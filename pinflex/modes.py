@@ -107,7 +107,9 @@ def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
     if not len(K):
         return np.zeros(0), np.zeros((0, 0))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
-    scale = np.where(np.diag(M) > 1e-14 * np.max(np.diag(M)), scale, 1.0 / np.sqrt(np.max(np.diag(M))))
+    scale = np.where(
+        np.diag(M) > 1e-14 * np.max(np.diag(M)), scale, 1.0 / np.sqrt(np.max(np.diag(M)))
+    )
     values, V = np.linalg.eigh(M * scale * scale[:, None])
     heavy = values > 1e-13 * values[-1]
     V = scale[:, None] * V

@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from pinflex import laws
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
+from pinflex.laws import SNAP, Kinematics
 
 PLATFORM_COORDINATES = ("x", "y", "z", "rz", "ry", "rx")
 OPTIONS = {  # unit and range of the numbers a motion may have
@@ -31,9 +33,6 @@ OPTIONS = {  # unit and range of the numbers a motion may have
     "radius": ("m", "above 0"),
     "phase": ("rad", ""),
 }
-SNAP = 1e-12  # [-] of the duration: a grid time that rounds to a switching instant is past it
-
-Kinematics = tuple[Array, Array, Array]
 Moves = Mapping[str, float] | None
 
 
@@ -70,79 +69,6 @@ class Motion:
         return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
 
 
-# Laws: module functions bound by partial, so that a Motion can be pickled.
-def _cycloid(u: Array) -> Kinematics:
-    w = 2.0 * np.pi
-    return u - np.sin(w * u) / w, 1.0 - np.cos(w * u), w * np.sin(w * u)
-
-
-def _quintic(u: Array) -> Kinematics:
-    s = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    return s, 30.0 * (u * (1.0 - u)) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
-
-
-def _trapezoid(r: float, u: Array) -> Kinematics:
-    """Speed 1/(1 - r) between ramps of length r; the acceleration is continuous from the right."""
-    speed, past = 1.0 / (1.0 - r), u + SNAP
-    rise, fall = 0.5 * speed / r * u**2, 1.0 - 0.5 * speed / r * (1.0 - u) ** 2
-    s = np.where(u < r, rise, np.where(u < 1.0 - r, speed * (u - 0.5 * r), fall))
-    ds = speed * np.minimum(1.0, np.minimum(u, 1.0 - u) / r)
-    return s, ds, speed / r * ((past < r).astype(np.float64) - (past >= 1.0 - r))
-
-
-def _move(
-    shape: Callable[[Array], Kinematics], delta: Array, duration: float, t: Array
-) -> Kinematics:
-    """delta s(t/T), then rest."""
-    u = np.minimum(t / duration, 1.0)
-    s, ds, dds = shape(u)
-    on, rate = u < 1.0 - SNAP, delta / duration
-    return np.outer(s, delta), np.outer(ds * on, rate), np.outer(dds * on, rate / duration)
-
-
-def _spin_up(speed: Array, duration: float, t: Array) -> Kinematics:
-    """Speed along the cycloid s(t/T), so that the angle starts with its first three rates zero."""
-    u = np.minimum(t / duration, 1.0)
-    s, ds, _ = _cycloid(u)
-    turn = duration * (0.5 * u**2 + (np.cos(2.0 * np.pi * u) - 1.0) / (4.0 * np.pi**2))
-    angle = turn + np.maximum(t - duration, 0.0)
-    return np.outer(angle, speed), np.outer(s, speed), np.outer(ds, speed / duration)
-
-
-def _harmonic(amplitude: Array, omega: float, phase: float, smooth: float, t: Array) -> Kinematics:
-    """f g: g = sin(omega t + phase) - sin(phase), f the quintic fade-in."""
-    angle = omega * t + phase
-    g, dg, ddg = np.sin(angle) - np.sin(phase), omega * np.cos(angle), -(omega**2) * np.sin(angle)
-    if smooth > 0.0:
-        f, df, ddf = _quintic(np.minimum(t / smooth, 1.0))
-        df, ddf = df / smooth, ddf / smooth**2
-        g, dg, ddg = f * g, df * g + f * dg, ddf * g + 2.0 * df * dg + f * ddg
-    return np.outer(g, amplitude), np.outer(dg, amplitude), np.outer(ddg, amplitude)
-
-
-def _circle(rest: Array, z0: complex, omega: float, ramp: float, t: Array) -> Kinematics:
-    """rest, with z0 exp(i theta) on its first two columns; theta' rises to omega as a quintic."""
-    theta, rate, gain = omega * t, np.full_like(t, omega), np.zeros_like(t)
-    if ramp > 0.0:
-        u = np.minimum(t / ramp, 1.0)
-        s, ds, _ = _quintic(u)
-        turned = ramp * u**4 * (2.5 - 3.0 * u + u**2)  # integral of s over the ramp [s]
-        theta = omega * (turned + np.maximum(t - ramp, 0.0))
-        rate, gain = omega * s, omega * ds / ramp
-    z = z0 * np.exp(1j * theta)
-    p, v, a = (np.zeros((len(t), len(rest))) for _ in range(3))
-    for out, x in ((p, z), (v, 1j * rate * z), (a, (1j * gain - rate**2) * z)):
-        out[:, 0], out[:, 1] = x.real, x.imag
-    return p + rest, v, a
-
-
-def _sampled(spline: Any, last: float, periodic: bool, t: Array) -> Kinematics:
-    u = np.mod(t, last) if periodic else np.minimum(t, last)
-    on = (t < last)[:, None] | periodic
-    return spline(u), np.where(on, spline(u, 1), 0.0), np.where(on, spline(u, 2), 0.0)
-
-
-# Checks: key path, what is wrong with the value, what is allowed or what to do.
 def _bad(where: str, text: str) -> DescriptionError:
     return DescriptionError(f"{where}: {text}", where=where)
 
@@ -241,28 +167,28 @@ def _motion(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
 def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Displacements along s(u) = u - sin(2 pi u)/(2 pi), u = t/duration [s]; then rest."""
     moves, n = _moves(joints, platform, "cycloid"), _options("cycloid", duration=duration)
-    return _motion("cycloid", moves, partial(_move, _cycloid, moves[2], n["duration"]), n)
+    return _motion("cycloid", moves, partial(laws.move, laws.cycloid, moves[2], n["duration"]), n)
 
 
 def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Displacements along s(u) = 10 u^3 - 15 u^4 + 6 u^5, u = t/duration [s]; then rest."""
     moves, n = _moves(joints, platform, "quintic"), _options("quintic", duration=duration)
-    return _motion("quintic", moves, partial(_move, _quintic, moves[2], n["duration"]), n)
+    return _motion("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
 
 
 def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
-    """Speeds [rad/s | m/s] reached in `duration` [s] along s(u) = u - sin(2 pi u)/(2 pi), then kept.
+    """Speeds [rad/s | m/s] reached in `duration` [s] along u - sin(2 pi u)/(2 pi), then kept.
 
     Source: Kane, Ryan and Banerjee (1987), the spin-up of a rotating beam.
     """
     moves, n = _moves(joints, platform, "spin_up"), _options("spin_up", duration=duration)
-    return _motion("spin_up", moves, partial(_spin_up, moves[2], n["duration"]), n)
+    return _motion("spin_up", moves, partial(laws.spin_up, moves[2], n["duration"]), n)
 
 
 def hold(*, duration: float) -> Motion:
     """Every motor rests at home; duration [s]."""
     n = _options("hold", duration=duration)
-    law = partial(_move, _quintic, np.zeros(0), n["duration"])
+    law = partial(laws.move, laws.quintic, np.zeros(0), n["duration"])
     return _motion("hold", ("joints", {}, None), law, n)
 
 
@@ -289,8 +215,8 @@ def trapezoid(
         most = end / 2.0 if speed is None else end - ramp
         why = f"two ramps of {ramp:g} s do not fit into {end:g} s"
         raise _bad("trapezoid.ramp", f"{why}. Give more than 0 and at most {most:g} s.")
-    shape = partial(_trapezoid, ramp / end)
-    return _motion("trapezoid", moves, partial(_move, shape, moves[2], end), n)
+    shape = partial(laws.trapezoid, ramp / end)
+    return _motion("trapezoid", moves, partial(laws.move, shape, moves[2], end), n)
 
 
 def harmonic(
@@ -311,7 +237,7 @@ def harmonic(
     n.setdefault("duration", n["smooth"] + 1.0 / n["frequency"])
     omega = 2.0 * np.pi * n["frequency"]
     return _motion(
-        "harmonic", moves, partial(_harmonic, moves[2], omega, n["phase"], n["smooth"]), n
+        "harmonic", moves, partial(laws.harmonic, moves[2], omega, n["phase"], n["smooth"]), n
     )
 
 
@@ -350,7 +276,7 @@ def circle(
         raise _bad("circle.direction", f"{direction!r} is no direction. Allowed: 1, -1.")
     n.setdefault("duration", 2.0 * np.pi / n["omega"] + 0.5 * n["ramp"])
     z0, rest = n["radius"] * np.exp(1j * n["phase"]), np.array([*at, *held.values()])
-    law = partial(_circle, rest, z0, direction * n["omega"], n["ramp"])
+    law = partial(laws.circle, rest, z0, direction * n["omega"], n["ramp"])
     spec = {"kind": "circle", "center": at, "plane": list(axes), "direction": direction}
     spec |= {"fixed": held, **n}
     return Motion("circle", "platform", (*axes, *held), n["duration"], law, True, spec)
@@ -407,7 +333,7 @@ def sampled(
     spec: dict[str, Any] = {"kind": "sampled", "t": times}
     spec |= {target: dict(zip(names, y.T.tolist(), strict=True))}
     spec |= {"absolute": absolute, "periodic": periodic}
-    law = partial(_sampled, spline, times[-1], periodic)
+    law = partial(laws.spline_law, spline, times[-1], periodic)
     return Motion("sampled", target, names, times[-1], law, absolute, spec)
 
 

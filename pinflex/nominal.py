@@ -15,9 +15,10 @@ import pinocchio as pin
 from pinflex import assembly
 from pinflex.arrays import Array, IntArray
 from pinflex.dynamics import Dynamics
-from pinflex.errors import DescriptionError, MotionError, SceneError, nearest
+from pinflex.errors import DescriptionError, MotionError, SceneError
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
+from pinflex.motors import joint_path, motor_axes
 
 
 @dataclass(frozen=True)
@@ -28,79 +29,6 @@ class Nominal:
     q: Array
     v: Array
     a: Array
-
-
-@dataclass(frozen=True)
-class MotorAxes:
-    """Where single-axis motors sit in q and v; a continuous joint keeps (cos, sin) in q."""
-
-    q_at: IntArray
-    v_at: IntArray
-    paired: IntArray
-    simple: bool
-
-    def write(self, y: Array, angle: Array) -> None:
-        """Put motor positions (rad | m), shape (nm,), into y."""
-        if self.simple:
-            y[self.q_at] = angle
-            return
-        plain = self.paired == 0
-        y[self.q_at[plain]] = angle[plain]
-        for k in np.flatnonzero(self.paired):
-            y[self.q_at[k]] = np.cos(angle[k])
-            y[self.q_at[k] + 1] = np.sin(angle[k])
-
-    def read(self, y: Array) -> Array:
-        """Motor positions (rad | m) of y, shape (nm,)."""
-        angle = np.array(y[self.q_at], float)
-        for k in np.flatnonzero(self.paired):
-            angle[k] = np.arctan2(y[self.q_at[k] + 1], y[self.q_at[k]])
-        return angle
-
-
-def motor_axes(mechanism: Mechanism) -> MotorAxes:
-    """Locate the motors.
-
-    Raises:
-        DescriptionError: A motor with more than one axis.
-    """
-    model = mechanism.rigid.rigid
-    q_at, v_at, paired = [], [], []
-    for name in mechanism.description.actuated:
-        joint = model.joints[model.getJointId(name)]
-        if joint.nv != 1:
-            raise DescriptionError(
-                f"{mechanism.name}: actuated: {name} has {joint.nv} axes. A motor has one axis; "
-                "split the joint in the URDF."
-            )
-        q_at.append(joint.idx_q)
-        v_at.append(joint.idx_v)
-        paired.append(int(joint.nq == 2))
-    return MotorAxes(
-        np.array(q_at, dtype=np.intp),
-        np.array(v_at, dtype=np.intp),
-        np.array(paired, dtype=np.intp),
-        not any(paired),
-    )
-
-
-def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
-    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
-    axes = motor_axes(mechanism)
-    names = list(mechanism.description.actuated)
-    home = axes.read(mechanism.home)
-    position = np.tile(home, (len(t), 1))
-    velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
-    p, v, a = motion.evaluate(t)
-    for k, name in enumerate(motion.names):
-        if name not in names:
-            raise DescriptionError(
-                f"{mechanism.name}: motion.joints.{name}: not a motor.{nearest(name, names)}"
-            )
-        column = names.index(name)
-        position[:, column] = p[:, k] if motion.absolute else home[column] + p[:, k]
-        velocity[:, column], acceleration[:, column] = v[:, k], a[:, k]
-    return position, velocity, acceleration
 
 
 def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
@@ -160,7 +88,7 @@ def _open_tree(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
 def _underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
     return MotionError(
         f"{mechanism.name}: the motors do not determine the motion of {', '.join(passive)}. "
-        "Actuate these joints or close loops over them, or use level=coupled, which lets them swing."
+        "Actuate these joints or close loops over them; level=coupled lets them swing."
     )
 
 
@@ -191,12 +119,14 @@ class _Path:
         if not self.platform:
             if equations < len(self.unknown):
                 J = self.dynamics.close(self.mechanism.home)[1][:, self.passive]
-                _, motion = assembly.null_motion(J, self.dynamics.system.closed, self._passive_names)
+                _, motion = assembly.null_motion(
+                    J, self.dynamics.system.closed, self._passive_names
+                )
                 return _underactuated(self.mechanism, [motion])
             return MotionError(
                 f"{where}: {len(self.axes.v_at)} motors drive a mechanism of mobility {mobility}: "
-                "their motions fight each other. Take motors out of `actuated`, or move the platform "
-                "(motion: platform), which gives consistent motor motions."
+                "their motions fight each other. Take motors out of `actuated`, or move the "
+                "platform (motion: platform), which gives consistent motor motions."
             )
         return MotionError(
             f"{where}: motion.platform imposes {len(self.columns)} coordinates "
@@ -217,9 +147,7 @@ class _Path:
                 f"{self.mechanism.name}: motion.platform needs `platform: FRAME` in the YAML."
             )
         self.frame = self.dynamics.model.getFrameId(name, pin.FrameType.BODY)
-        self.columns = [
-            ("x", "y", "z", "rz", "ry", "rx").index(name) for name in self.motion.names
-        ]
+        self.columns = [("x", "y", "z", "rz", "ry", "rx").index(name) for name in self.motion.names]
 
     def _pose(self, q: Array) -> Array:
         """Platform coordinates x, y, z, rz, ry, rx of the frame, from current kinematics."""
@@ -405,11 +333,11 @@ class _Path:
 
 
 def _bad(J: Array) -> bool:
-    return J.shape[0] != J.shape[1]
+    return bool(J.shape[0] != J.shape[1])
 
 
 def _solve(A: Array, b: Array) -> Array:
     try:
-        return np.linalg.solve(A, b)
+        return np.asarray(np.linalg.solve(A, b))
     except np.linalg.LinAlgError:
         return np.asarray(np.linalg.lstsq(A, b, rcond=1e-12)[0])

@@ -517,7 +517,7 @@ function light(size, centre, floor) {
     c.left = c.bottom = -1.1 * size; c.right = c.top = 1.1 * size; c.near = 0.5 * size; c.far = 6 * size;
     sun.shadow.radius = 4; sun.shadow.bias = -0.0006; sun.shadow.normalBias = 0.002 * size;
   }
-  viewer.set_object(["light", "sky"], new THREE.HemisphereLight(0xffffff, 0xb4bdcb, 0.56));
+  viewer.set_object(["light", "sky"], new THREE.HemisphereLight(0xffffff, 0xccd3de, 0.56));
   viewer.set_object(["light", "sun"], sun);
   viewer.set_object(["light", "aim"], sun.target);
   const cell = nice(size / 8), count = 2 * Math.ceil(3 * size / cell);
@@ -677,7 +677,7 @@ function seek(t) {
   move(k, w);
   scene.soft.visible = S.ghost !== "off";
   scene.soft.position.copy(S.ghost === "beside" ? scene.aside : V(0, 0, 0));
-  scene.ghostMaterial.opacity = S.ghost === "beside" ? 0.8 : 0.22;
+  scene.ghostMaterial.opacity = S.ghost === "beside" ? 1 : 0.22;
   for (const mesh of scene.besides) mesh.visible = S.ghost === "beside";
   scene.ghostMaterial.depthWrite = S.ghost === "beside";
   if (scene.path) {
@@ -1054,7 +1054,7 @@ function show(index, from = {}) {
   Object.assign(DEFAULT, S, {max: null});
   Object.assign(S, from);
   if (!fieldOf(S.field)) S.field = (R.fields[0] || {}).key;
-  if (!scene.moves) S.mag = 1;
+  if (!scene.moves) { S.mag = 1; S.ghost = "off"; }   // nothing to compare with
   document.body.classList.toggle("bare", !S.ui);
   document.body.classList.toggle("rigid", !scene.moves);
   document.body.classList.toggle("mode", !!R.mode);

@@ -10,7 +10,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
-from pinflex.nominal import motor_axes, nominal
+from pinflex.motors import motor_axes, nominal
 
 _STRIDE = 0.05  # [rad | m] of a motor between two closures: small against any link's reach
 
@@ -24,8 +24,10 @@ def pose(mechanism: Mechanism, motors: Mapping[str, float]) -> Array:
     Args:
         mechanism: Mechanism with its home pose.
         motors: Position (rad | m) by motor.
+
     Returns:
         q of the rigid mechanism, shape (nq,).
+
     Raises:
         DescriptionError: Not a motor, or not a finite number.
         MotionError, SingularityError: The pose cannot be reached from home.

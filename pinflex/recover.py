@@ -16,7 +16,9 @@ from pinflex.mechanism import Mechanism
 from pinflex.nominal import Nominal
 from pinflex.run import Run
 
-_SECTIONS = 21  # per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola
+_SECTIONS = (
+    21  # per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola
+)
 
 
 def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:
@@ -169,15 +171,11 @@ def _at(poses: Array, here: Attachment) -> Array:
     return moved
 
 
-def _poses(
-    key: str, poses: Array, names: Sequence[str], frames: Any
-) -> dict[str, Array]:
+def _poses(key: str, poses: Array, names: Sequence[str], frames: Any) -> dict[str, Array]:
     return {f"body/{name}/{key}": _at(poses, frames[name]) for name in names}
 
 
-def _links(
-    mechanism: Mechanism, run: Run, samples: _Samples, reference: Array
-) -> dict[str, Array]:
+def _links(mechanism: Mechanism, run: Run, samples: _Samples, reference: Array) -> dict[str, Array]:
     """Deflection, section forces, stress and world shape of every flexible link."""
     out: dict[str, Array] = {}
     for name, part in mechanism.parts.items():
@@ -188,7 +186,9 @@ def _links(
         for number, (slot, section) in enumerate(zip(slots, cuts, strict=True)):
             eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
             d = stress.deflections(section, eta)
-            loads = [(i.x, *_load(samples, i.attachment.joint, i.force_rows)) for i in slot.interfaces]
+            loads = [
+                (i.x, *_load(samples, i.attachment.joint, i.force_rows)) for i in slot.interfaces
+            ]
             forces = stress.resultants(
                 section, slot.body, d, samples.g[:, slot.stations], samples.g[:, slot.twists],
                 loads, eta,
@@ -242,8 +242,16 @@ def _turn(angles: Array) -> Array:
     z, y, x = (angles[..., k] for k in range(3))
     cz, sz, cy, sy, cx, sx = np.cos(z), np.sin(z), np.cos(y), np.sin(y), np.cos(x), np.sin(x)
     R = np.empty((*angles.shape[:-1], 3, 3))
-    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx
-    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
+        cz * cy,
+        cz * sy * sx - sz * cx,
+        cz * sy * cx + sz * sx,
+    )
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
+        sz * cy,
+        sz * sy * sx + cz * cx,
+        sz * sy * cx - cz * sx,
+    )
     R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = -sy, cy * sx, cy * cx
     return R
 

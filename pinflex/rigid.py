@@ -31,22 +31,15 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
             f"{mechanism.name}: inverse_dynamics is for loop-free robots, this one has "
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
-    model, data, rnea = system.rigid, system.rigid.createData(), pin.rnea
     tau = np.empty((len(q), system.nv))
-    if system.expansion.q_at.size and not np.array_equal(
-        system.expansion.q_at, np.arange(model.nq)
-    ):
-        raise AssertionError("the rigid tree keeps its own order")
-    for k in range(len(q)):
-        tau[k] = rnea(model, data, q[k], v[k], a[k])
-    if np.any(system.D):
-        tau += v @ system.D.T
-    if len(system.springs.v_at):
-        dynamics = Dynamics(system)
-        zero, none = np.zeros(system.nv), np.zeros(0)
+    if np.any(system.D) or len(system.springs.v_at):
+        dynamics, none = Dynamics(system), np.zeros(0)
         for k in range(len(q)):
             tau[k] = dynamics.residual(q[k], v[k], a[k], none)
-        del zero
+        return tau
+    model, data, rnea = system.rigid, system.rigid.createData(), pin.rnea
+    for k in range(len(q)):
+        tau[k] = rnea(model, data, q[k], v[k], a[k])
     return tau
 
 
@@ -60,14 +53,13 @@ def multipliers(system: System, J: Array, r: Array) -> tuple[Array, Array]:
         lam (rows,), tau (nm,).
     """
     passive, motors = system.free, system.motors
-    lam = np.zeros(len(J))
-    if len(J):
-        A = J[:, passive].T
-        lam = (
-            np.linalg.solve(A, r[passive])
-            if A.shape[0] == A.shape[1]
-            else np.linalg.lstsq(A, r[passive], rcond=None)[0]
-        )
+    if not len(J):
+        return np.zeros(0), r[motors]
+    A = J[:, passive].T
+    if A.shape[0] == A.shape[1]:
+        lam = np.asarray(np.linalg.solve(A, r[passive]), dtype=float)
+    else:
+        lam = np.asarray(np.linalg.lstsq(A, r[passive], rcond=None)[0], dtype=float)
     return lam, r[motors] - J[:, motors].T @ lam
 
 
@@ -79,14 +71,11 @@ def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     Returns:
         The run, with motor torques and closure multipliers.
     """
-    path = nominal(mechanism, motion, t)
-    system = mechanism.rigid
-    dynamics = Dynamics(system)
-    n = len(path.t)
+    path, system = nominal(mechanism, motion, t), mechanism.rigid
+    dynamics, n = Dynamics(system), len(t)
     lam, torque = np.zeros((n, system.closed.n)), np.empty((n, len(system.motors)))
     zero = np.zeros(system.closed.n)
     for k in range(n):
         r = dynamics.residual(path.q[k], path.v[k], path.a[k], zero)
-        J = dynamics.closed.J if system.closed.n else np.zeros((0, system.nv))
-        lam[k], torque[k] = multipliers(system, J, r)
+        lam[k], torque[k] = multipliers(system, dynamics.closed.J, r)
     return Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n})

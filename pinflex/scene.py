@@ -115,21 +115,20 @@ def _link(result: Result, name: str) -> dict[str, Any]:
         "material": about.get("material", {}).get("name", "") or "",
         "rigid": rigid[:, station],
         "disp": (centre - rigid)[:, station],
-        "y_rigid": _rigid_normal(centre, rigid, section_y),
+        "y_rigid": _rigid_normal(rigid, section_y),
         "y": section_y[:, station],
         "fields": {k: f[:, station] for k, f in fields.items()},
     }
 
 
-def _rigid_normal(centre: Array, rigid: Array, section_y: Array) -> Array:
+def _rigid_normal(rigid: Array, section_y: Array) -> Array:
     """World direction of the section's y axis in the rigid pose, shape (nt, 3).
 
-    The root section, turned back by the smallest rotation between its tangent and the rigid one.
+    The root section's own, made square to the rigid span: a turn about an axis across the span
+    moves y along the span only, to first order.
     """
-    a, b = _unit(centre[:, 1] - centre[:, 0]), _unit(rigid[:, 1] - rigid[:, 0])
-    w, c, y = np.cross(a, b), np.sum(a * b, axis=1)[:, None], section_y[:, 0]
-    lean = np.cross(w, y)
-    return np.asarray(_unit(y + lean + np.cross(w, lean) / np.maximum(1.0 + c, 1e-6)))
+    along, y = _unit(rigid[:, -1] - rigid[:, 0]), section_y[:, 0]
+    return _unit(y - along * np.sum(along * y, axis=1)[:, None])
 
 
 def _thin(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
@@ -229,16 +228,16 @@ def _frames(
     n = len(result.t)
     if n <= FRAMES:
         return np.arange(n)
-    rows = [result.arrays["torque"]] if "torque" in result.arrays else []
+    torque = result.arrays.get("torque", np.empty((n, 0)))
+    rows = [torque, -torque, track["deviation"][:, None] if track else np.empty((n, 0))]
     rows += [np.abs(f).max(axis=1)[:, None] for k in links.values() for f in k["fields"].values()]
     rows += [np.linalg.norm(k["disp"], axis=2).max(axis=1)[:, None] for k in links.values()]
-    rows += [track["deviation"][:, None]] if track else []
-    extremes = {
-        int(pick(column)) for r in rows for column in r.T for pick in (np.argmax, np.argmin)
-    }
-    extremes |= {0, n - 1}
+    extremes = np.unique([0, n - 1, *(int(i) for r in rows for i in r.argmax(axis=0))])
     spread = np.linspace(0, n - 1, max(FRAMES - len(extremes), 2)).round().astype(np.intp)
-    return np.union1d(spread, np.array(sorted(extremes), dtype=np.intp))[:FRAMES]
+    keep = np.union1d(spread, extremes.astype(np.intp))
+    if len(keep) > FRAMES:  # a robot with hundreds of links: the ends and an even choice
+        keep = keep[np.linspace(0, len(keep) - 1, FRAMES).round().astype(np.intp)]
+    return keep
 
 
 def _fields(links: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:

@@ -207,7 +207,7 @@ class Section:
             where: Place in a file, for messages.
         """
         _check(where, A=A, Iy=Iy, Iz=Iz, J=J, **({} if Wt is None else {"Wt": Wt}))
-        if J > (Iy + Iz) * (1 + 1e-9):  # St-Venant's J is largest, = Iy + Iz, for round sections
+        if (Iy + Iz) * (1 + 1e-9) < J:  # St-Venant's J is largest, = Iy + Iz, for round sections
             raise DescriptionError(
                 f"{schema.at(where, 'J')}: {J:g} is more than Iy + Iz = {Iy + Iz:g}, which no "
                 "section reaches but a round one. Give the torsion constant in m^4."

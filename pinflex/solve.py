@@ -19,7 +19,8 @@ from pinflex.ked import solve_ked
 from pinflex.mechanism import Mechanism
 from pinflex.meta import describe
 from pinflex.motion import Motion, from_spec, hold
-from pinflex.nominal import Nominal, motor_axes, nominal
+from pinflex.motors import motor_axes
+from pinflex.nominal import Nominal, nominal
 from pinflex.quasistatic import balance, solve_quasistatic
 from pinflex.recover import recover
 from pinflex.result import Result
@@ -54,8 +55,8 @@ def solve(
         dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
         samples: Number of output times; default 401.
         progress: Called with (step, steps) on long work.
-        **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive, kp, kd,
-            start; and `ked="full"|"structural"`, `tolerance` (Newton's).
+        **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
+            kp, kd, start; and `ked="full"|"structural"`, `tolerance` (Newton's).
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:
@@ -68,7 +69,7 @@ def solve(
     motion = motion if motion is not None else _default_motion(mechanism)
     end = spec.until if spec.until is not None else motion.duration
     if not end > 0:
-        raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time in s above zero.")
+        raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
     began = time.perf_counter()
     run: Run
     try:
@@ -139,9 +140,7 @@ def _run(
         _need_prescribed(mechanism, spec)
         method = scheme("newmark", coefficients=spec.newmark)
         if ked_terms not in ("full", "structural"):
-            raise DescriptionError(
-                f"ked: {ked_terms}.{nearest(ked_terms, ('full', 'structural'))}"
-            )
+            raise DescriptionError(f"ked: {ked_terms}.{nearest(ked_terms, ('full', 'structural'))}")
         structural = ked_terms == "structural"
         static = spec.start == "static"
         run = solve_ked(mechanism, motion, t, method, static, structural, progress)
@@ -227,7 +226,9 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
     """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame."""
     if run.system is mechanism.rigid:
         return None
-    if run.settings.get("drive") != "torque" and mechanism.report.mobility == len(run.system.motors):
+    if run.settings.get("drive") != "torque" and mechanism.report.mobility == len(
+        run.system.motors
+    ):
         return nominal(mechanism, motion, run.t)
     from pinflex.assembly import close_loops
 

@@ -1,4 +1,4 @@
-"""Consistent starts: positions on the closures, velocities that keep them, accelerations and forces."""
+"""Consistent starts: poses on the closures, velocities that keep them, balanced forces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from pinflex.dynamics import Dynamics
 from pinflex.errors import AssemblyError
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
-from pinflex.nominal import motor_axes, nominal
+from pinflex.motors import motor_axes
+from pinflex.nominal import nominal
 
 
 def straight_start(

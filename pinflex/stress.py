@@ -7,6 +7,7 @@ yet converged, and it gives the axial force of links that have no axial mode.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,14 +57,12 @@ def _outer(x: Array, stations: Array, breaks: Array) -> Array:
     forces are smooth curves, not stairs.
     """
     operator = np.zeros((len(x), len(stations)))
-    for start, end in zip(breaks[:-1], breaks[1:], strict=True):
+    for start, end in itertools.pairwise(breaks):
         inside = np.flatnonzero((stations > start) & (stations < end))
         n = len(inside)
         if not n:
             continue
         xi = 2.0 * (stations[inside] - start) / (end - start) - 1.0
-        nodes, weights = np.polynomial.legendre.leggauss(n)
-        del nodes
         V = np.polynomial.legendre.legvander(xi, n - 1)
         # Discrete orthogonality at Gauss points: coefficients of force density from lumped forces.
         k = np.arange(n)
@@ -75,7 +74,6 @@ def _outer(x: Array, stations: Array, breaks: Array) -> Array:
             ends = np.polynomial.legendre.legval(np.array([1.0]), primitive)
             integrals[:, j] = ends - np.polynomial.legendre.legval(at, primitive)
         operator[:, inside] = integrals @ coefficients
-        del weights
     return operator
 
 
@@ -133,7 +131,7 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
     """Largest stresses of each section, Pa, shapes (nt, nx).
 
     normal = axial + bending at the worst fibre; shear from torsion, largest on the section;
-    von_mises = sqrt(normal^2 + 3 shear^2): an upper bound where the two maxima are not at one point.
+    von_mises = sqrt(normal^2 + 3 shear^2): an upper bound where the maxima are at two points.
     """
     N, T = forces[:, :, 0], forces[:, :, 3]
     My, Mz = forces[:, :, 4], forces[:, :, 5]

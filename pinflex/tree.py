@@ -58,6 +58,7 @@ def link_tree(model: pin.Model, extras: Mapping[str, JointExtra]) -> tuple[Link,
     own = _own_inertias(model)
     links: list[Link] = []
     index: dict[int, int] = {}
+    no_steps: tuple[JointStep, ...] = ()
     for number, frame in enumerate(frames):
         if frame.type != pin.FrameType.BODY:
             continue
@@ -65,7 +66,7 @@ def link_tree(model: pin.Model, extras: Mapping[str, JointExtra]) -> tuple[Link,
         carrier = frames[above]
         if carrier.type == pin.FrameType.BODY or above == 0:
             parent, joint = -1, ""
-            placement, steps = frame.placement, ()
+            placement, steps = frame.placement, no_steps
         else:
             body_above = carrier.parentFrame
             parent, joint = index.get(body_above, -1), carrier.name
@@ -83,9 +84,7 @@ def _placement(model: pin.Model, carrier: pin.Frame, above: pin.Frame) -> pin.SE
     return above.placement.actInv(carrier.placement)
 
 
-def _steps(
-    model: pin.Model, carrier: pin.Frame, extra: JointExtra | None
-) -> tuple[JointStep, ...]:
+def _steps(model: pin.Model, carrier: pin.Frame, extra: JointExtra | None) -> tuple[JointStep, ...]:
     name = carrier.name
     if extra is not None and extra.type == "spherical":
         return (JointStep(name, pin.JointModelSpherical()),)

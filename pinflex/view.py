@@ -66,6 +66,7 @@ def write_html(
         title: Heading; default the run's name.
         rigid: The same motion without elasticity, to compare torques and the platform path with.
         limit: Stress the material bears [Pa]; above it the colour changes.
+
     Returns:
         The file written.
     """
@@ -115,6 +116,7 @@ def view(
         path: Where to write; default a file in a temporary folder.
         open_browser: Open the page; left out where nobody could see it (CI, ssh, no display).
         **options: As in `write_html`.
+
     Returns:
         The file written.
     """
@@ -198,7 +200,7 @@ def _packed(value: Any) -> Any:
 
 @cache
 def _bundle() -> str:
-    """meshcat's viewer; found without importing meshcat, which would pull in its server."""
+    """Viewer of meshcat, found without importing meshcat, which would pull in its server."""
     spec = find_spec("meshcat")
     for place in (spec.submodule_search_locations or []) if spec else []:
         file = Path(place) / "viewer" / "dist" / "main.min.js"

@@ -125,7 +125,7 @@ class Browser:
         ).split():
             options.add_argument(flag)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-        self.driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+        self.driver: Any = webdriver.Chrome(options=options, service=Service(DRIVER))
         self.driver.set_script_timeout(60)
 
     def open(self, page: Path, state: str = "", size: tuple[int, int] | None = None) -> None:
@@ -248,7 +248,9 @@ def test_legend_and_values_agree_with_the_result(
     for name in run.links:
         moved = run.array(f"link/{name}/centreline") - run.array(f"link/{name}/centreline_rigid")
         length = np.linalg.norm(moved, axis=2)
-        values[name] = length if field == "displacement" else run.array(f"link/{name}/stress/{field}")
+        values[name] = (
+            length if field == "displacement" else run.array(f"link/{name}/stress/{field}")
+        )
     browser.open(page, f"field={field}")
     legend = browser.run("return pinflex.legend")
     largest = factor * max(np.abs(v).max() for v in values.values())
@@ -349,7 +351,9 @@ def test_stress_above_the_limit_is_told_and_coloured(browser: Browser, page: Pat
     changed = limited[np.any(limited != plain, axis=2)]
     pink = (changed[:, 0] > 100) & (changed[:, 1] < 60) & (changed[:, 2] > 40)
     assert pink.sum() > 50
-    assert "limit 20.0 MPa, exceeded" in browser.run("return document.getElementById('keys').innerText")
+    assert "limit 20.0 MPa, exceeded" in browser.run(
+        "return document.getElementById('keys').innerText"
+    )
 
 
 def test_a_link_named_like_markup_does_nothing(
@@ -376,7 +380,7 @@ def test_a_phone_shows_everything_without_scrolling_sideways(browser: Browser, p
         assert box[0] >= 0
         assert box[2] <= 420.5
         assert box[3] <= 760.5
-    assert "×20" in browser.run("return document.getElementById('readout').innerText")
+    assert "\u00d720" in browser.run("return document.getElementById('readout').innerText")
 
 
 def test_every_control_has_a_name(browser: Browser, page: Path) -> None:
@@ -439,7 +443,7 @@ def test_pictures_and_films_are_saved(page: Path, tmp_path: Path) -> None:
     made = film(page, tmp_path / "run.gif", seconds=0.5, fps=10, size=(480, 320), ghost="off")
     with Image.open(made) as moving:
         assert moving.size == (480, 320)
-        assert moving.n_frames == 5
+        assert getattr(moving, "n_frames", 1) == 5
     with pytest.raises(DescriptionError, match=r"Allowed: \.gif"):
         film(page, tmp_path / "run.avi")
 
@@ -481,5 +485,3 @@ def _shape(run: Result, frequency: float, size: float) -> Result:
         lift = wave[:, None, None] * bow[:, None] * np.array([0.0, 0.0, 0.01])
         arrays[f"link/{name}/centreline"] = rigid + lift
     return Result(t, arrays, {**run.meta, "frames": [], "platform": None, "actuated": []})
-
-

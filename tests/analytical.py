@@ -1,0 +1,97 @@
+"""Closed forms of Euler-Bernoulli and Timoshenko beams, solved here, for the tests to compare with.
+
+omega = b^2 sqrt(E I / (m L^4)); every beam in these tests has L = m = E I = 1, so omega = b^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import brentq
+
+from pinflex.arrays import Array
+
+
+def _clamped_free(b: float) -> float:
+    return float(1 + np.cos(b) * np.cosh(b)) / np.cosh(b)
+
+
+def _clamped_clamped(b: float) -> float:
+    return float(1 - np.cos(b) * np.cosh(b)) / np.cosh(b)
+
+
+def _clamped_pinned(b: float) -> float:
+    return float(np.sin(b) - np.cos(b) * np.tanh(b))
+
+
+def _pinned_pinned(b: float) -> float:
+    return float(np.sin(b))
+
+
+EQUATIONS: dict[str, Callable[[float], float]] = {
+    "clamped_free": _clamped_free,
+    "clamped_clamped": _clamped_clamped,
+    "clamped_pinned": _clamped_pinned,
+    "pinned_pinned": _pinned_pinned,
+}
+
+
+def _roots(equation: Callable[[float], float], count: int) -> Array:
+    found: list[float] = []
+    grid = np.arange(0.2, 4.0 * (count + 2), 0.05)
+    values = [equation(b) for b in grid]
+    for a, b, fa, fb in zip(grid[:-1], grid[1:], values[:-1], values[1:], strict=True):
+        if fa * fb < 0 and len(found) < count:
+            found.append(brentq(equation, a, b, xtol=1e-14))
+    return np.array(found)
+
+
+def wave_numbers(ends: str, count: int = 4) -> Array:
+    """b of a beam with the given ends."""
+    return _roots(EQUATIONS[ends], count)
+
+
+def hub(inertia: float, count: int = 4) -> Array:
+    """b of a beam on a torque-free hub of inertia Ih/(m L^3), without the zero."""
+
+    def equation(b: float) -> float:
+        s, c, th = np.sin(b), np.cos(b), np.tanh(b)
+        return float(inertia * b**3 * (1 / np.cosh(b) + c) + s - c * th)
+
+    return _roots(equation, count)
+
+
+def tip_mass(mass: float, count: int = 3) -> Array:
+    """b of a cantilever with a point mass M/(m L) at its tip."""
+
+    def equation(b: float) -> float:
+        s, c, th = np.sin(b), np.cos(b), np.tanh(b)
+        return float(1 / np.cosh(b) + c + mass * b * (c * th - s))
+
+    return _roots(equation, count)
+
+
+def compressed_cantilever(force: float) -> float:
+    """First omega of a cantilever under the constant axial force P L^2/EI, compression positive.
+
+    w'''' + P w'' = omega^2 w, clamped at 0; w'' = 0 and w''' + P w' = 0 at 1.
+    """
+
+    def equation(omega: float) -> float:
+        half = 0.5 * force
+        root = np.sqrt(half**2 + omega**2)
+        a, b = np.sqrt(half + root), np.sqrt(root - half)  # trigonometric, hyperbolic
+        s, c, sh, ch = np.sin(a), np.cos(a), np.sinh(b), np.cosh(b)
+        # w = A (cosh - cos) + B (sinh - (b/a) sin)
+        moment = np.array([b * b * ch + a * a * c, b * b * sh + a * b * s])
+        slope = np.array([b * sh + a * s, b * ch - b * c])
+        third = np.array([b**3 * sh - a**3 * s, b**3 * ch + a * a * b * c])
+        return float(np.linalg.det(np.array([moment, third + force * slope])) / np.cosh(b))
+
+    grid = np.linspace(0.05, 8.0, 400)
+    values = [equation(w) for w in grid]
+    for a, b, fa, fb in zip(grid[:-1], grid[1:], values[:-1], values[1:], strict=True):
+        if fa * fb < 0:
+            return float(brentq(equation, a, b, xtol=1e-13))
+    raise ValueError("no frequency: buckled")

@@ -1,0 +1,363 @@
+"""Beams with known frequencies and stiffness, as mechanisms: URDF and YAML in, pf.modes out.
+
+Every beam has L = rho A = E I = 1, so omega = b^2 [rad/s]. Sources: benchmarks' closed forms,
+solved in tests/analytical.py and held against the printed digits.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.arrays import Array
+from tests import analytical
+from tests.finite import slope
+from tests.scenes import Body, load
+
+# The project's limit for a converged discretisation.
+LIMIT = 1e-6
+BEAM = (Body("beam", "base"), Body("tip", "beam", xyz=(1, 0, 0)))
+WALL = Body("wall", "base", xyz=(1, 0, 0))
+RICH = "{kind: craig_bampton, internal: 12}"
+
+PRINTED = {
+    "clamped_free": (1.87510407, 4.69409113, 7.85475744, 10.99554073),
+    "clamped_clamped": (4.73004074, 7.85320462, 10.99560784, 14.13716549),
+    "clamped_pinned": (3.92660231, 7.06858275, 10.21017612, 13.35176878),
+    "pinned_pinned": (np.pi, 2 * np.pi, 3 * np.pi, 4 * np.pi),
+}
+PRINTED_HUB = {
+    0.1: (2.63892470, 4.79377085, 7.87565294, 11.00310416),
+    1.0: (2.01000332, 4.70379426, 7.85682355, 10.99629338),
+}
+PRINTED_TIP = {
+    0.1: (1.72274152,),
+    0.5: (1.41996443,),
+    1.0: (1.24791741, 4.03113944, 7.13413224),
+    10.0: (0.73578192,),
+}
+
+
+def scene(basis: str = RICH, head: str = "", extra: str = "", section: str = "") -> str:
+    section = section or "{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}"
+    return f"""
+gravity: [0, 0, 0]
+actuated: []
+{head}
+flexible:
+  beam:
+    material: {{E: 1, nu: 0.3, rho: 1}}
+    section: {section}
+    basis: {basis}
+    end: tip
+    bending_y: true
+    bending_z: false
+    torsion: false
+    {extra}
+"""
+
+
+def omega(m: pf.Mechanism, preload: str = "none") -> Array:
+    return 2 * np.pi * pf.modes(m, preload=preload).frequencies
+
+
+def test_the_closed_forms_give_the_printed_wave_numbers() -> None:
+    rounding = 6e-9  # eight printed decimals
+    for ends, printed in PRINTED.items():
+        np.testing.assert_allclose(analytical.wave_numbers(ends), printed, atol=rounding)
+    for inertia, printed in PRINTED_HUB.items():
+        np.testing.assert_allclose(analytical.hub(inertia), printed, atol=rounding)
+    for mass, first in PRINTED_TIP.items():
+        np.testing.assert_allclose(analytical.tip_mass(mass, len(first)), first, atol=rounding)
+
+
+# Frequencies -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("plane", ["bending_y", "bending_z"])
+def test_a_cantilever_has_its_four_frequencies(plane: str, tmp_path: Path) -> None:
+    yaml = scene()
+    if plane == "bending_z":
+        yaml = yaml.replace("y: true", "y: false", 1).replace("z: false", "z: true", 1)
+    found = omega(load(tmp_path, BEAM, yaml))[:4]
+    np.testing.assert_allclose(found, analytical.wave_numbers("clamped_free") ** 2, rtol=LIMIT)
+
+
+@pytest.mark.parametrize(
+    ("ends", "kind", "hinged"),
+    [
+        ("clamped_pinned", "planar", False),
+        ("clamped_clamped", "weld", False),
+        ("pinned_pinned", "planar", True),
+        ("clamped_pinned", "weld", True),
+    ],
+)
+def test_a_loop_holds_the_far_end(ends: str, kind: str, hinged: bool, tmp_path: Path) -> None:
+    """The end conditions come from closures, not from the basis, which stays clamped-free."""
+    bodies = (Body("beam", "base", "revolute") if hinged else BEAM[0], BEAM[1], WALL)
+    head = f"loops: {{end: {{kind: {kind}, between: [tip, wall]}}}}"
+    m = load(tmp_path, bodies, scene(head=head))
+    np.testing.assert_allclose(omega(m)[:4], analytical.wave_numbers(ends) ** 2, rtol=LIMIT)
+
+
+@pytest.mark.parametrize("inertia", PRINTED_HUB)
+def test_a_free_hub_takes_part_in_the_vibration(inertia: float, tmp_path: Path) -> None:
+    """A code that clamps the root finds 1.8751 for any hub: the test of rigid-elastic coupling."""
+    hub = Body("hub", "base", "revolute", mass=1.0, inertia=(inertia,) * 3)
+    bodies = (hub, Body("beam", "hub"), BEAM[1])
+    expected = np.append(0.0, analytical.hub(inertia) ** 2)
+    found = omega(load(tmp_path, bodies, scene()))[:5]
+    np.testing.assert_allclose(found, expected, rtol=LIMIT, atol=1e-6)
+    # The same inertia as a rotor, and as an end mass of the beam.
+    bodies = (Body("beam", "base", "revolute"), BEAM[1])
+    rotor = scene(head=f"joints: {{beam_joint: {{rotor_inertia: {inertia}}}}}")
+    end = scene(extra=f"root: {{inertia: [0, 0, {inertia}]}}")
+    for yaml in (rotor, end):
+        found = omega(load(tmp_path, bodies, yaml))[:5]
+        np.testing.assert_allclose(found, expected, rtol=LIMIT, atol=1e-6)
+
+
+def test_a_locked_hub_is_a_cantilever_and_a_freed_motor_a_hub(tmp_path: Path) -> None:
+    bodies = (Body("beam", "base", "revolute"), BEAM[1])
+    yaml = scene(head="joints: {beam_joint: {rotor_inertia: 0.1}}")
+    m = load(tmp_path, bodies, yaml.replace("actuated: []", "actuated: [beam_joint]"))
+    locked = 2 * np.pi * pf.modes(m, preload="none").frequencies
+    freed = 2 * np.pi * pf.modes(m, preload="none", free_motors=True).frequencies
+    np.testing.assert_allclose(locked[0], analytical.wave_numbers("clamped_free")[0] ** 2, rtol=LIMIT)
+    np.testing.assert_allclose(freed[1], analytical.hub(0.1)[0] ** 2, rtol=LIMIT)
+
+
+@pytest.mark.parametrize("mass", PRINTED_TIP)
+def test_a_tip_mass_lowers_the_frequencies(mass: float, tmp_path: Path) -> None:
+    expected = analytical.tip_mass(mass) ** 2
+    by_key = load(tmp_path, BEAM, scene(extra=f"tip: {{mass: {mass}}}"))
+    np.testing.assert_allclose(omega(by_key)[:3], expected, rtol=LIMIT)
+    body = Body("tip", "beam", xyz=(1, 0, 0), mass=mass)
+    by_link = load(tmp_path, (BEAM[0], body), scene())
+    np.testing.assert_allclose(omega(by_link)[:3], expected, rtol=LIMIT)
+
+
+@pytest.mark.parametrize("direction", ["axial", "torsion"])
+def test_a_bar_stretches_and_twists_at_quarter_waves(direction: str, tmp_path: Path) -> None:
+    yaml = scene().replace("bending_y: true", "bending_y: false").replace("torsion: false", "")
+    yaml += f"    {direction}: true\n"
+    m = load(tmp_path, BEAM, yaml)
+    speed = 1.0 if direction == "axial" else np.sqrt(1 / 2.6 / 2)  # sqrt(E/rho), sqrt(GJ/rho Ip)
+    expected = speed * np.pi * (np.arange(1, 4) - 0.5)
+    np.testing.assert_allclose(omega(m)[:3], expected, rtol=LIMIT)
+
+
+TIMOSHENKO = {  # h/L: omega of nu = 0.3, kappa = 5/6, rectangle; six printed decimals
+    0.01: (3.515735, 22.022240, 61.615532, 120.606597),
+    0.05: (3.509027, 21.734580, 59.760253, 114.194476),
+    0.1: (3.488355, 20.906915, 54.988380, 99.747158),
+    0.2: (3.409783, 18.363703, 43.709082, 72.567009),
+}
+
+
+@pytest.mark.parametrize("depth", TIMOSHENKO)
+def test_a_deep_beam_shears(depth: float, tmp_path: Path) -> None:
+    """EI/(rho A L^4) = h^2 E/(12 rho): with E = 12/h^2 frequencies are in the printed unit."""
+    yaml = f"""
+gravity: [0, 0, 0]
+actuated: []
+flexible:
+  beam:
+    material: {{E: {12 / depth**2!r}, nu: 0.3, rho: 1}}
+    section: {{shape: given, A: {depth!r}, Iy: {depth**3 / 12!r}, Iz: {depth**3 / 12!r}, J: 1, ky: 0.8333333333333334, kz: 0.8333333333333334}}
+    basis: {RICH}
+    end: tip
+    bending_y: true
+    bending_z: false
+    torsion: false
+    shear: true
+    rotary_inertia: true
+"""  # fmt: skip  # noqa: E501
+    found = omega(load(tmp_path, BEAM, yaml))[:4]
+    np.testing.assert_allclose(found, TIMOSHENKO[depth], rtol=LIMIT)
+
+
+# Convergence -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("order", "power"), [("cubic", 4), ("quintic", 8)])
+def test_elements_converge_at_the_order_of_their_polynomials(
+    order: str, power: int, tmp_path: Path
+) -> None:
+    """Rayleigh-Ritz: the error of omega falls like h^(2 (p + 1 - 2)), p = 3 or 5."""
+    exact = analytical.wave_numbers("clamped_free", 3)[2] ** 2
+    counts = (4, 8, 16, 32) if order == "cubic" else (3, 4, 6, 8)
+    error = []
+    for n in counts:
+        basis = f"{{kind: finite_element, elements: {n}, order: {order}}}"
+        error.append(omega(load(tmp_path, BEAM, scene(basis)))[2] / exact - 1)
+    assert min(error) > 0  # from above
+    # Pre-asymptotic on the coarsest mesh; measured 4.00 and 8.2 (tests/README.md).
+    assert -slope(counts, error) == pytest.approx(power, abs=0.3)
+
+
+def test_two_cubic_elements_have_the_first_mode_to_a_thousandth(tmp_path: Path) -> None:
+    basis = "{kind: finite_element, elements: 2, order: cubic}"
+    first = omega(load(tmp_path, BEAM, scene(basis)))[0]
+    assert first == pytest.approx(analytical.wave_numbers("clamped_free")[0] ** 2, rel=1e-3)
+
+
+def test_one_and_two_quintic_elements_give_the_printed_numbers(tmp_path: Path) -> None:
+    one, two = (
+        omega(load(tmp_path, BEAM, scene(f"{{kind: finite_element, elements: {n}, order: quintic}}")))
+        for n in (1, 2)
+    )
+    np.testing.assert_allclose(one[:3], (3.5160, 22.158, 63.347), rtol=1e-3)  # scenes.md 7, row 1
+    np.testing.assert_allclose(two[:3], (3.5160, 22.0347, 61.831), rtol=1e-4)  # row 2
+
+
+def test_internal_modes_converge_faster_than_any_power_at_hand(tmp_path: Path) -> None:
+    """Each pair of modes more divides the error of omega_2 by at least 50 down to rounding."""
+    exact = analytical.wave_numbers("clamped_free", 2)[1] ** 2
+    counts = (0, 2, 4, 6)
+    error = np.array(
+        [
+            omega(load(tmp_path, BEAM, scene(f"{{kind: craig_bampton, internal: {n}}}")))[1] / exact
+            - 1
+            for n in counts
+        ]
+    )
+    assert np.all(error > -1e-9)
+    assert np.all(error[:-1] / error[1:] > 50)
+
+
+@pytest.mark.parametrize("ends", ["clamped_free", "pinned_free"])
+def test_assumed_modes_are_exact_for_their_own_ends_and_converge_for_others(
+    ends: str, tmp_path: Path
+) -> None:
+    hinged = Body("beam", "base", "revolute")
+    bodies = (BEAM[0] if ends == "clamped_free" else hinged, BEAM[1], WALL)
+    basis = f"{{kind: assumed, boundary: {ends}, modes: MODES}}"
+    own = omega(load(tmp_path, bodies, scene(basis.replace("MODES", "3"))))
+    b = analytical.wave_numbers("clamped_free" if ends == "clamped_free" else "clamped_pinned", 3)
+    np.testing.assert_allclose(own[-3:], b**2, rtol=1e-8)
+    # Held at the far end by a loop, the series of free modes converges like 1/r^3: its terms have
+    # no force at the tip, so the reaction is caught by none of them.
+    head = "loops: {end: {kind: planar, between: [tip, wall]}}"
+    exact = analytical.wave_numbers("clamped_pinned" if ends == "clamped_free" else "pinned_pinned")
+    counts = (6, 12, 24)
+    error = [
+        omega(load(tmp_path, bodies, scene(basis.replace("MODES", str(r)), head=head)))[0]
+        / exact[0] ** 2
+        - 1
+        for r in counts
+    ]
+    assert -slope(counts, error) == pytest.approx(3.0, abs=0.3)
+
+
+# Preload ---------------------------------------------------------------------------------------
+
+
+PRINTED_LOADED = {-2: 4.606570, -1: 4.110242, 0: 3.516015, 1: 2.753625, 2: 1.580913}
+
+
+@pytest.mark.parametrize("force", PRINTED_LOADED)
+def test_an_axial_force_softens_or_stiffens(force: int, tmp_path: Path) -> None:
+    """A spring pushes a slider that the tip is pinned to; it slides across without friction."""
+    slider = (
+        Body("along", "base", "prismatic", xyz=(1, 0, 0), axis=(1, 0, 0)),
+        Body("across", "along", "prismatic", axis=(0, 1, 0)),
+    )
+    head = f"""
+joints: {{along_joint: {{spring: 1.0, rest: {-force}}}}}
+loops: {{end: {{kind: planar, between: [tip, across]}}}}
+"""
+    m = load(tmp_path, (*BEAM, *slider), scene(head=head))
+    exact = analytical.compressed_cantilever(force)
+    assert exact == pytest.approx(PRINTED_LOADED[force], abs=6e-7)
+    assert omega(m, "gravity")[0] == pytest.approx(exact, rel=LIMIT)
+    assert omega(m, "none")[0] == pytest.approx(analytical.wave_numbers("clamped_free")[0] ** 2, rel=LIMIT)
+
+
+PRINTED_COLUMN = {-5: 4.494313, 5: 2.118486, 7: 1.151553}
+
+
+def column(weight: float, folder: Path, basis: str = RICH) -> float:
+    """omega (negative: buckled) of a standing column; weight is q L^3/EI."""
+    yaml = scene(basis).replace("gravity: [0, 0, 0]", f"gravity: [{-weight!r}, 0, 0]")
+    return float(omega(load(folder, BEAM, yaml), "gravity")[0])
+
+
+@pytest.mark.parametrize("weight", PRINTED_COLUMN)
+def test_a_column_is_softened_by_its_own_weight(weight: float, tmp_path: Path) -> None:
+    # Seven printed digits, and near buckling the error of omega^2 is divided by a small omega^2.
+    assert column(weight, tmp_path) == pytest.approx(PRINTED_COLUMN[weight], rel=LIMIT)
+
+
+def test_a_column_buckles_where_its_frequency_reaches_zero(tmp_path: Path) -> None:
+    below, above = column(7.83, tmp_path), column(7.845, tmp_path)
+    assert below > 0 > above
+    square = [below**2, -(above**2)]
+    critical = 7.83 + 0.015 * square[0] / (square[0] - square[1])  # omega^2 is linear in the load
+    assert critical == pytest.approx(7.83734744, rel=1e-6)
+
+
+# Stiffness -------------------------------------------------------------------------------------
+
+
+def statics(m: pf.Mechanism) -> pf.Equilibrium:
+    return pf.linear_statics(m)
+
+
+@pytest.mark.parametrize("basis", [RICH, "{kind: craig_bampton, internal: 0}", "{kind: finite_element, elements: 1, order: cubic}"])  # fmt: skip
+def test_a_tip_load_bends_by_PL3_over_3EI_with_any_basis(basis: str, tmp_path: Path) -> None:
+    """A heavy tip on a light beam; also sheared, where a locked element gives 1e-6 of it."""
+    for shear in (False, True):
+        extra = f"tip: {{mass: 1.0}}\n    shear: {str(shear).lower()}"
+        h = 1e-3  # h/L: shear flexibility 3 EI/(k G A L^2) = 7.8e-7 in kG A = 1/(2.6 1.2) E A
+        section = f"{{shape: given, A: {12 / h**2!r}, Iy: 1, Iz: 1, J: 1, ky: 0.8333333333333334, kz: 0.8333333333333334}}"  # noqa: E501
+        yaml = scene(basis, extra=extra, section=section)
+        yaml = yaml.replace("rho: 1", "rho: 1e-16").replace("[0, 0, 0]", "[0, -1, 0]", 1)
+        m = load(tmp_path, BEAM, yaml)
+        slot = m.flexible.expansion.slots[0]
+        tip = slot.body.rows(1.0)[0][1] @ statics(m).y
+        expected = -1.0 / 3.0 * (1 + shear * 3 * 2.6 * 1.2 * h**2 / 12)
+        assert tip == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_parallel_flexure_has_24_EI_over_L_cubed(tmp_path: Path) -> None:
+    """Two clamped beams and a rigid plate, closed by a weld; all six rows are needed."""
+    bodies = (
+        Body("left", "base"),
+        Body("plate", "left", xyz=(1, 0, 0), mass=1.0),
+        Body("right", "base", xyz=(0, 0, 0.3)),
+        Body("right_end", "right", xyz=(1, 0, 0)),
+        Body("plate_end", "plate", xyz=(0, 0, 0.3)),
+    )
+    yaml = """
+gravity: [0, -1, 0]
+actuated: []
+loops: {weld: {kind: weld, between: [right_end, plate_end]}}
+flexible:
+  "left, right":
+    material: {E: 1, nu: 0.3, rho: 1.0e-12}
+    section: {shape: given, A: 1.0e6, Iy: 1, Iz: 1, J: 1e6}
+    basis: {kind: craig_bampton, internal: 0}
+    end: END
+    bending_y: true
+    bending_z: true
+    torsion: true
+    axial: true
+"""
+    left, right = yaml.split('  "left, right":\n')
+    body = right.replace("    end: END\n", "    end: {}\n")
+    yaml = left + "  left:\n" + body.format("plate").replace("{E", "{{E") if False else (
+        left
+        + "  left:\n" + right.replace("END", "plate")
+        + "  right:\n" + right.replace("END", "right_end")
+    )  # fmt: skip
+    m = load(tmp_path, bodies, yaml)
+    assert m.flexible_report.rank == 6
+    y = statics(m).y
+    slot = m.flexible.expansion.slots[0]
+    drop = slot.body.rows(1.0)[0][1] @ y[slot.eta]
+    # Stiff in torsion (1e6), so both beams bend alike under the plate's eccentric weight.
+    assert drop == pytest.approx(-1.0 / 24.0, rel=1e-5)
