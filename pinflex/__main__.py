@@ -200,8 +200,13 @@ def _command(
         parser.add_argument(
             "model", metavar="MODEL", help="YAML file, its folder, or a shipped name"
         )
-        parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
-                            help="change the YAML, such as solve.dt=1e-4; may be repeated")  # fmt: skip
+        parser.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="change the YAML, such as solve.dt=1e-4; may be repeated",
+        )
     parser.add_argument("--json", action="store_true", help="print one JSON object, SI units")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     return parser
@@ -221,7 +226,7 @@ exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 
 
 class _Version(argparse.Action):
-    def __call__(self, parser: Any, *unused: Any) -> NoReturn:
+    def __call__(self, parser: Any, *unused: Any) -> None:
         from pinflex.meta import version
 
         print(f"pinflex {version()}")

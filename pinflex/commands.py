@@ -77,7 +77,7 @@ def modes(args: argparse.Namespace) -> int:
     where = ", ".join(f"{k} = {v:g}" for k, v in motors.items()) or "home"
     state = "free" if args.free_motors else "locked"
     about = "the undeformed pose"
-    if args.preload == "gravity":
+    if args.preload == "gravity" and any(mechanism.description.gravity):
         about = "the static equilibrium under gravity"
     print(f"{mechanism.name} at {where}, motors {state}, linearised about {about}\n")
     rows = [
@@ -262,8 +262,13 @@ def _result_tables(result: Result) -> list[str]:
         [name, m["unit"], number(m["peak"]), number(m["rms"])] for name, m in data["motors"].items()
     ]
     links = [
-        [name, length(x["deflection"]), number(x["von_mises"] / 1e6)]
-        + [number(1e3 * x["x"]), f"{x['time']:.4f}"]
+        [
+            name,
+            length(x["deflection"]),
+            number(x["von_mises"] / 1e6),
+            number(1e3 * x["x"]),
+            f"{x['time']:.4f}",
+        ]
         for name, x in data["links"].items()
     ]
     blocks = [

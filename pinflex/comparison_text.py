@@ -47,12 +47,12 @@ def _in_short(c: Comparison) -> str:
             "" if row.max_percent is None else f" ({_percent(row.max_percent)} of its rigid peak)"
         )
         motor = short(row.motor, 20)
-        lines.append(f"motor torque  off by up to {number(most)} {row.unit}{share}, in {motor}")
+        lines.append(f"motor torque  differs by up to {number(most)} {row.unit}{share}, in {motor}")
     for place in c.platform:
         if place.level == level:
             turned = place.rotation if place.rotation > _ROUND_OFF else 0.0
             away = length(place.position if place.position > _ROUND_OFF else 0.0)
-            lines.append(f"{place.frame}  off by up to {away} and {angle(turned)}")
+            lines.append(f"{place.frame}  differs by up to {away} and {angle(turned)}")
     stresses = [r for r in c.stresses if r.level == level]
     if stresses:
         worst = max(stresses, key=lambda r: r.von_mises)
@@ -65,7 +65,9 @@ def _in_short(c: Comparison) -> str:
         lines.append(f"first mode  {number(c.frequencies[0])} Hz")
     pairs = [line.split("  ", 1) for line in lines]
     width = max((len(name) for name, _ in pairs), default=0)
-    return "\n".join([f"In short, {level}:"] + [f"  {a:<{width}}  {b}" for a, b in pairs])
+    return "\n".join(
+        [f"In short, {level} against rigid:"] + [f"  {a:<{width}}  {b}" for a, b in pairs]
+    )
 
 
 def _torque_table(c: Comparison) -> str:

@@ -10,7 +10,8 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
-from pinflex.motors import motor_axes, nominal
+from pinflex.motors import motor_axes
+from pinflex.nominal import nominal
 
 _STRIDE = 0.05  # [rad | m] of a motor between two closures: small against any link's reach
 

@@ -181,8 +181,9 @@ def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) 
         largest = max((peak(d) for d in links), default=0.0)
         if level == "ked" and run.worst_closure > _OPEN * largest:
             notes.append(
-                f"ked leaves its loops open by up to {1e3 * run.worst_closure:.3g} mm: it is linear, "
-                f"and deflections of {1e3 * largest:.3g} mm are not small here. Trust coupled."
+                f"ked leaves its loops open by up to {1e3 * run.worst_closure:.3g} mm: it is "
+                f"linear, and deflections of {1e3 * largest:.3g} mm are not small here. "
+                "Trust coupled."
             )
         balance = run.meta.get("energy_balance")
         if level == "coupled" and balance is not None and balance > _UNBALANCED:

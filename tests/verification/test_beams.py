@@ -167,7 +167,7 @@ actuated: []
 flexible:
   beam:
     material: {{E: {12 / depth**2!r}, nu: 0.3, rho: 1}}
-    section: {{shape: given, A: {depth!r}, Iy: {depth**3 / 12!r}, Iz: {depth**3 / 12!r}, J: 1, ky: 0.8333333333333334, kz: 0.8333333333333334}}
+    section: {{shape: given, A: {depth!r}, Iy: {depth**3 / 12!r}, Iz: {depth**3 / 12!r}, J: {depth**3 / 12!r}, ky: 0.8333333333333334, kz: 0.8333333333333334}}
     basis: {RICH}
     end: tip
     bending_y: true
@@ -183,20 +183,21 @@ flexible:
 # Convergence -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("order", "power"), [("cubic", 4), ("quintic", 8)])
+@pytest.mark.parametrize(
+    ("order", "counts", "power"), [("cubic", (4, 8, 16), 4), ("quintic", (4, 5, 6, 8), 8)]
+)
 def test_elements_converge_at_the_order_of_their_polynomials(
-    order: str, power: int, tmp_path: Path
+    order: str, counts: tuple[int, ...], power: int, tmp_path: Path
 ) -> None:
     """Rayleigh-Ritz: the error of omega falls like h^(2 (p + 1 - 2)), p = 3 or 5."""
-    exact = analytical.wave_numbers("clamped_free", 3)[2] ** 2
-    counts = (4, 8, 16, 32) if order == "cubic" else (3, 4, 6, 8)
+    exact = analytical.wave_numbers("clamped_free", 2)[1] ** 2
     error = []
     for n in counts:
-        basis = f"{{kind: finite_element, elements: {n}, order: {order}}}"
-        error.append(omega(load(tmp_path, BEAM, scene(basis)))[2] / exact - 1)
+        yaml = scene(f"{{kind: finite_element, elements: {n}, order: {order}}}")
+        error.append(omega(load(tmp_path, BEAM, yaml + "    second_order: false\n"))[1] / exact - 1)
     assert min(error) > 0  # from above
-    # Pre-asymptotic on the coarsest mesh; measured 4.00 and 8.2 (tests/README.md).
-    assert -slope(counts, error) == pytest.approx(power, abs=0.3)
+    # The coarsest mesh is not in the asymptotic range yet; measured 3.92 and 8.13.
+    assert -slope(counts, error) == pytest.approx(power, abs=0.2)
 
 
 def test_two_cubic_elements_have_the_first_mode_to_a_thousandth(tmp_path: Path) -> None:
@@ -215,18 +216,12 @@ def test_one_and_two_quintic_elements_give_the_printed_numbers(tmp_path: Path) -
 
 
 def test_internal_modes_converge_faster_than_any_power_at_hand(tmp_path: Path) -> None:
-    """Each pair of modes more divides the error of omega_2 by at least 50 down to rounding."""
+    """Each pair of modes more divides the error of omega_2 by at least 100, down to rounding."""
     exact = analytical.wave_numbers("clamped_free", 2)[1] ** 2
-    counts = (0, 2, 4, 6)
-    error = np.array(
-        [
-            omega(load(tmp_path, BEAM, scene(f"{{kind: craig_bampton, internal: {n}}}")))[1] / exact
-            - 1
-            for n in counts
-        ]
-    )
-    assert np.all(error > -1e-9)
-    assert np.all(error[:-1] / error[1:] > 50)
+    basis = "{kind: craig_bampton, internal: %d}"
+    error = [omega(load(tmp_path, BEAM, scene(basis % n)))[1] / exact - 1 for n in (0, 2, 4, 6)]
+    assert min(error) > 0
+    assert np.all(np.array(error[:-1]) / error[1:] > 100)  # measured 104, 403, 1510
 
 
 @pytest.mark.parametrize("ends", ["clamped_free", "pinned_free"])
@@ -303,10 +298,6 @@ def test_a_column_buckles_where_its_frequency_reaches_zero(tmp_path: Path) -> No
 # Stiffness -------------------------------------------------------------------------------------
 
 
-def statics(m: pf.Mechanism) -> pf.Equilibrium:
-    return pf.linear_statics(m)
-
-
 @pytest.mark.parametrize("basis", [RICH, "{kind: craig_bampton, internal: 0}", "{kind: finite_element, elements: 1, order: cubic}"])  # fmt: skip
 def test_a_tip_load_bends_by_PL3_over_3EI_with_any_basis(basis: str, tmp_path: Path) -> None:
     """A heavy tip on a light beam; also sheared, where a locked element gives 1e-6 of it."""
@@ -318,46 +309,41 @@ def test_a_tip_load_bends_by_PL3_over_3EI_with_any_basis(basis: str, tmp_path: P
         yaml = yaml.replace("rho: 1", "rho: 1e-16").replace("[0, 0, 0]", "[0, -1, 0]", 1)
         m = load(tmp_path, BEAM, yaml)
         slot = m.flexible.expansion.slots[0]
-        tip = slot.body.rows(1.0)[0][1] @ statics(m).y
+        tip = slot.body.rows(1.0)[0][1] @ pf.linear_statics(m).y
         expected = -1.0 / 3.0 * (1 + shear * 3 * 2.6 * 1.2 * h**2 / 12)
         assert tip == pytest.approx(expected, rel=1e-8)
 
 
 def test_a_parallel_flexure_has_24_EI_over_L_cubed(tmp_path: Path) -> None:
-    """Two clamped beams and a rigid plate, closed by a weld; all six rows are needed."""
+    """Two clamped beams and a rigid plate, closed by a weld, of which no row is redundant."""
     bodies = (
         Body("left", "base"),
-        Body("plate", "left", xyz=(1, 0, 0), mass=1.0),
-        Body("right", "base", xyz=(0, 0, 0.3)),
+        Body("plate", "left", xyz=(1, 0, 0), mass=1.0, com=(0, 0.15, 0)),
+        Body("right", "base", xyz=(0, 0.3, 0)),
         Body("right_end", "right", xyz=(1, 0, 0)),
-        Body("plate_end", "plate", xyz=(0, 0, 0.3)),
+        Body("plate_end", "plate", xyz=(0, 0.3, 0)),
     )
-    yaml = """
-gravity: [0, -1, 0]
-actuated: []
-loops: {weld: {kind: weld, between: [right_end, plate_end]}}
-flexible:
-  "left, right":
-    material: {E: 1, nu: 0.3, rho: 1.0e-12}
-    section: {shape: given, A: 1.0e6, Iy: 1, Iz: 1, J: 1e6}
+    beam = """
+    material: {E: 1, nu: 0.3, rho: 1.0e-20}
+    section: {shape: given, A: 1.0e8, Iy: 1, Iz: 1, J: 1}
     basis: {kind: craig_bampton, internal: 0}
-    end: END
     bending_y: true
     bending_z: true
     torsion: true
     axial: true
 """
-    left, right = yaml.split('  "left, right":\n')
-    body = right.replace("    end: END\n", "    end: {}\n")
-    yaml = left + "  left:\n" + body.format("plate").replace("{E", "{{E") if False else (
-        left
-        + "  left:\n" + right.replace("END", "plate")
-        + "  right:\n" + right.replace("END", "right_end")
-    )  # fmt: skip
+    yaml = f"""
+gravity: [0, -1, 0]
+actuated: []
+loops: {{weld: {{kind: weld, between: [right_end, plate_end]}}}}
+flexible:
+  left:{beam}    end: plate
+  right:{beam}    end: right_end
+"""
     m = load(tmp_path, bodies, yaml)
-    assert m.flexible_report.rank == 6
-    y = statics(m).y
-    slot = m.flexible.expansion.slots[0]
-    drop = slot.body.rows(1.0)[0][1] @ y[slot.eta]
-    # Stiff in torsion (1e6), so both beams bend alike under the plate's eccentric weight.
-    assert drop == pytest.approx(-1.0 / 24.0, rel=1e-5)
+    assert (m.flexible_report.rank, m.flexible_report.redundant) == (6, ())
+    y = pf.linear_statics(m).y
+    for slot in m.flexible.expansion.slots:
+        tip = slot.body.rows(1.0)[0] @ y[slot.eta]
+        assert tip[1] == pytest.approx(-1.0 / 24.0, rel=LIMIT)  # EA = 1e8 EI/L^2 lets it turn 1e-7
+        assert tip[3] == pytest.approx(0.0, abs=LIMIT)
