@@ -11,7 +11,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.dynamics import Dynamics
 from pinflex.errors import SceneError
-from pinflex.expansion import Attachment
+from pinflex.expanded import Attachment
 from pinflex.mechanism import Mechanism
 from pinflex.named import rotation_vector
 from pinflex.quasistatic import Equilibrium, linear_statics, static_equilibrium

@@ -6,6 +6,8 @@ Every kind is made of three sorts of rows between frame a (on body A) and frame 
     direction  c = e_a . e_b                        an axis of a, an axis of b
     distance   c = (|p_b - p_a|^2 - l^2) / (2 l)
 
+A sleeve on a flexible beam (`pinflex.slider`) adds rows that also hold its elastic coordinates.
+
 Each row is W (twist of B - twist of A), twists taken at the world origin, so with J the world
 Jacobians of Pinocchio the closure Jacobian is (W J) times the difference of the bodies' supports.
 """
@@ -20,18 +22,10 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.expansion import Attachment
+from pinflex.expanded import Attachment
+from pinflex.poses import SKEW, JointPoses, skew
+from pinflex.slider import Contact, ContactState, Sleeve
 from pinflex.supplement import Loop
-
-# p @ _SKEW gives the 3x3 matrix of p x (.) for every row of p.
-_SKEW = np.array(
-    [
-        [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
-        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
-        [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
-    ],
-    dtype=float,
-).reshape(3, 9)
 
 # Points held along these axes of a, and pairs (axis of a, axis of b) held perpendicular.
 _ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
@@ -43,13 +37,9 @@ _ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
     "spherical": ((0, 1, 2), ()),
     "planar": ((0, 1), ()),
     "distance": ((), ()),
+    "slider": ((), ()),
 }
 _AXES = "xyz"
-
-
-def skew(p: Array) -> Array:
-    """Matrices of p x (.), shape (n, 3, 3), for p of shape (n, 3)."""
-    return np.asarray((p @ _SKEW).reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True)
@@ -65,6 +55,7 @@ class Closures:
         point_rows, point_axes: Rows of point type and the axis of a they use.
         dot_rows, dot_a, dot_b: Rows of direction type and the axes they use.
         distance_rows, lengths: Rows of distance type and their lengths in m.
+        contacts: Rows of sleeves on flexible beams.
         support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
         row_mask: support_b - support_a of each row's loop, shape (rows, nV).
     """
@@ -85,6 +76,7 @@ class Closures:
     support_a: Array
     support_b: Array
     row_mask: Array
+    contacts: tuple[Contact, ...] = ()
 
     @property
     def n(self) -> int:
@@ -113,20 +105,33 @@ class Closures:
             distance_rows=renumber[self.distance_rows[s]],
             lengths=self.lengths[s],
             row_mask=self.row_mask[rows],
+            contacts=tuple(contact.select(renumber) for contact in self.contacts),
         )
 
 
-def closures(loops: Sequence[Loop], frames: Mapping[str, Attachment], model: pin.Model) -> Closures:
+def closures(
+    loops: Sequence[Loop],
+    frames: Mapping[str, Attachment],
+    model: pin.Model,
+    sleeves: Mapping[str, Sleeve] | None = None,
+) -> Closures:
     """Gather the loops of a description on a model.
 
     Args:
         loops: Described loops; a distance without a length gets NaN, to be set at assembly.
         frames: Where each frame sits in the model.
         model: Rigid or expanded model.
+        sleeves: What the loops of kind slider hold, by name.
     Returns:
         All rows, redundant ones included.
     """
     ends = [(frames[loop.frame_a], frames[loop.frame_b]) for loop in loops]
+    sleeves = sleeves or {}
+    for k, loop in enumerate(loops):
+        if loop.name in sleeves:  # frame a of a slider is the frame of the beam
+            here, b = ends[k]
+            beam = Attachment(here.joint, here.placement * sleeves[loop.name].placement)
+            ends[k] = (beam, b)
     turn_a = [_axes(loop.axis, None) for loop in loops]
     # A universal joint holds the axis of a (z) perpendicular to the axis of b (x here).
     turn_b = [
@@ -138,6 +143,7 @@ def closures(loops: Sequence[Loop], frames: Mapping[str, Attachment], model: pin
     points: list[tuple[int, int]] = []
     dots: list[tuple[int, int, int]] = []
     distances: list[tuple[int, float]] = []
+    contacts: list[Contact] = []
     for number, loop in enumerate(loops):
         held, square = _ROWS[loop.kind]
         for axis in held:
@@ -150,6 +156,11 @@ def closures(loops: Sequence[Loop], frames: Mapping[str, Attachment], model: pin
         if loop.kind == "distance":
             distances.append((len(labels), np.nan if loop.length is None else loop.length))
             labels.append(f"{loop.name}: distance")
+        if loop.kind == "slider":
+            held_rows = sleeves[loop.name].labels(loop.name)
+            at = np.arange(len(labels), len(labels) + len(held_rows))
+            contacts.append(Contact(sleeves[loop.name], number, at))
+            labels.extend(held_rows)
         owner.extend([number] * (len(labels) - len(owner)))
     sides = [e[0] for e in ends] + [e[1] for e in ends]
     local = np.zeros((len(sides), 3, 4))
@@ -176,6 +187,7 @@ def closures(loops: Sequence[Loop], frames: Mapping[str, Attachment], model: pin
         support_a=support_a,
         support_b=support_b,
         row_mask=(support_b - support_a)[loop_of],
+        contacts=tuple(contacts),
     )
 
 
@@ -211,41 +223,6 @@ def _supports(model: pin.Model, joints: Sequence[int]) -> Array:
     return support
 
 
-class JointPoses:
-    """Rotations and translations of all joints, read straight from Pinocchio's memory.
-
-    Pinocchio keeps the poses of a `Data` in one block (12 numbers each); one strided view of it
-    spares a Python call per joint. The layout is checked once; if it changes, poses are copied.
-    """
-
-    def __init__(self, model: pin.Model, data: pin.Data) -> None:
-        self._data = data
-        self.rotation = np.zeros((model.njoints, 3, 3))
-        self.translation = np.zeros((model.njoints, 3))
-        # Any pose in which all joints differ shows whether the view reads the right numbers.
-        move = np.linspace(0.1, 0.2, model.nv)
-        pin.forwardKinematics(model, data, pin.integrate(model, pin.neutral(model), move))
-        rotation, translation = data.oMi[0].rotation, data.oMi[0].translation
-        shape, n = np.lib.stride_tricks.as_strided, model.njoints
-        views = (
-            shape(rotation, (n, 3, 3), (96, *rotation.strides)),
-            shape(translation, (n, 3), (96, *translation.strides)),
-        )
-        self._direct = not rotation.flags.owndata and all(
-            np.array_equal(views[0][k], data.oMi[k].rotation)
-            and np.array_equal(views[1][k], data.oMi[k].translation)
-            for k in range(n)
-        )
-        if self._direct:
-            self.rotation, self.translation = views
-
-    def refresh(self) -> None:
-        """Make the arrays current (nothing to do when they are views)."""
-        if not self._direct:
-            for k, pose in enumerate(self._data.oMi):
-                self.rotation[k], self.translation[k] = pose.rotation, pose.translation
-
-
 class ClosureState:
     """Closures evaluated at one configuration: c, W and what their derivatives need."""
 
@@ -268,6 +245,10 @@ class ClosureState:
         # Flat positions of u = a[loop, :, axis] among the frames: one `take` instead of indexing.
         self._u_at = self._point_loop[:, None] * 12 + 4 * np.arange(3) + closed.point_axes[:, None]
         self._plain = closed.n == len(closed.point_rows)
+        self.contacts = [ContactState(contact) for contact in closed.contacts]
+        # Elastic coordinates and their rates, and dc/deta, for the rows of sleeves only.
+        self.eta = self.eta_rate = np.zeros(0)
+        self.J_eta = np.zeros((closed.n, 0))
 
     def evaluate(self) -> None:
         """c, W and J from the joint poses and Jacobians in the data (both must be current)."""
@@ -277,7 +258,7 @@ class ClosureState:
         self._frames[:, :, 3] += self._poses.translation.take(cl.bodies, axis=0)
         origin = self._frames[:, :, 3]
         np.subtract(origin[loops:], origin[:loops], out=self.gap)
-        np.matmul(origin[loops:], _SKEW, out=self._arm.reshape(loops, 9))
+        np.matmul(origin[loops:], SKEW, out=self._arm.reshape(loops, 9))
         if len(cl.point_rows):
             u, loop = self._frames.take(self._u_at), self._point_loop
             c = np.einsum("ij,ij->i", u, self.gap.take(loop, axis=0))
@@ -300,8 +281,27 @@ class ClosureState:
             u = d / cl.lengths[:, None]
             self.W[cl.distance_rows, :3] = u
             self.W[cl.distance_rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
+        if self.contacts:
+            self._evaluate_contacts()
         np.matmul(self.W, self._data.J, out=self.J)
         self.J *= cl.row_mask
+
+    def _evaluate_contacts(self) -> None:
+        if self.J_eta.shape[1] != len(self.eta):
+            self.J_eta = np.zeros((self.closed.n, len(self.eta)))
+        for one in self.contacts:
+            axes, gap = self.frames_a[one.loop, :, :2], self.gap[one.loop]
+            one.update(float(gap @ axes[:, 0]), float(gap @ axes[:, 1]), self.eta)
+            u = np.outer(one.by_X, axes[:, 0]) + np.outer(one.by_Y, axes[:, 1])
+            self.c[one.rows], self.W[one.rows, :3] = one.value, u
+            self.W[one.rows, 3:] = u @ self._arm[one.loop].T
+            if self.J_eta.shape[1]:
+                self.J_eta[one.rows, one.eta] = one.by_eta
+
+    def require_on_beams(self, when: str) -> None:
+        """Raise a MotionError where a sleeve has left its beam; `when` is a place and a time."""
+        for one in self.contacts:
+            one.require_on_beam(self.closed.names[one.loop], when)
 
     def wrenches(self, lam: Array) -> Array:
         """World wrench [force; moment about the origin] on each B, shape (loops, 6)."""
@@ -309,8 +309,19 @@ class ClosureState:
         np.add.at(F, self.closed.loop_of, self.W * lam[:, None])
         return F
 
+    def body_wrenches(self, lam: Array) -> dict[int, Array]:
+        """World wrenches of the closures by joint: +W on B, -W on A."""
+        total = {int(body): np.zeros(6) for body in self.closed.bodies}
+        for k, wrench in enumerate(self.wrenches(lam)):
+            total[int(self.closed.bodies[self._loops + k])] += wrench
+            total[int(self.closed.bodies[k])] -= wrench
+        return total
+
     def bias(self, V: Array) -> Array:
-        """Jdot V, shape (rows,): needs J and dJ (time variation) current in the data."""
+        """Jdot V, shape (rows,): needs J and dJ (time variation) current in the data.
+
+        Rows of sleeves add what follows from `eta_rate`, so that cdd = J A + J_eta eta_a + bias.
+        """
         cl, data = self.closed, self._data
         twist_a = (cl.support_a * V) @ data.J.T
         twist_b = (cl.support_b * V) @ data.J.T
@@ -344,9 +355,20 @@ class ClosureState:
             u = self.gap[loop] / cl.lengths[:, None]
             du = (v_b - v_a)[loop] / cl.lengths[:, None]
             point(cl.distance_rows, loop, u, du)
+        drift = np.zeros(cl.n)
+        for one in self.contacts:
+            k, axes = one.loop, self.frames_a[one.loop, :, :2]
+            turn = spin_a[k] @ axes
+            slip = float(axes[:, 0] @ (v_b - v_a)[k] + turn[:, 0] @ self.gap[k])
+            swing = one.by_X_eta @ self.eta_rate[one.eta]
+            du = np.outer(one.by_XX(self.eta) * slip + swing, axes[:, 0])
+            du += np.outer(one.by_X, turn[:, 0]) + np.outer(one.by_Y, turn[:, 1])
+            rate[one.rows, :3] = du
+            rate[one.rows, 3:] = self.W[one.rows, :3] @ swept[k].T + du @ self._arm[k].T
+            drift[one.rows] = swing * slip
         loop = cl.loop_of
         total: Array = (rate * relative[loop]).sum(1) + (self.W * turned[loop]).sum(1)
-        return total
+        return total + drift
 
     def force_tangent(self, lam: Array, times_map: Callable[[Array], Array]) -> Array:
         """Part of d(J' lam)/dy that Pinocchio's derivatives with fixed local forces miss.
@@ -366,6 +388,8 @@ class ClosureState:
         np.add.at(force, self._point_loop, self.W[cl.point_rows, :3] * lam[cl.point_rows, None])
         pull = self.W[cl.distance_rows, :3] * lam[cl.distance_rows, None]
         np.add.at(force, self._distance_loop, pull)
+        for one in self.contacts:
+            force[one.loop] += lam[one.rows] @ self.W[one.rows, :3]
         f, arm = skew(force), self._arm
         on_b[:, :3, 3:] += f
         on_b[:, 3:, 3:] += arm @ f
@@ -391,4 +415,14 @@ class ClosureState:
         width = J_a.shape[2]
         total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)
         total -= J_a.reshape(-1, width).T @ pushed[1].reshape(-1, width)
+        for one in self.contacts:
+            x = self.frames_a[one.loop, :, 0]
+            slip = np.concatenate([x, self._arm[one.loop] @ x]) @ (J_b - J_a)[one.loop]
+            total += float(lam[one.rows] @ one.by_XX(self.eta)) * np.outer(slip, slip)
+            if one.by_X_eta.shape[1]:
+                start = width - len(self.eta)
+                at = slice(start + one.eta.start, start + one.eta.stop)
+                cross = np.outer(slip, lam[one.rows] @ one.by_X_eta)
+                total[:, at] += cross
+                total[at] += cross.T
         return total

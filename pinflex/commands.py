@@ -5,19 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pinflex.console import Progress, load_model, print_json, writable
 from pinflex.errors import DescriptionError, SceneError
-from pinflex.mechanism import load
-from pinflex.progress import Progress
 from pinflex.result import Result, peak, rms
 from pinflex.text import length, number, table
+
+if TYPE_CHECKING:
+    from pinflex.modes import Modes
+
+# Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
+_ROUND_OFF = 1e-7
 
 
 def check(args: argparse.Namespace) -> int:
@@ -25,9 +29,9 @@ def check(args: argparse.Namespace) -> int:
     from pinflex import check_text
     from pinflex.check import check as look
 
-    report = look(load(args.model, args.set), args.count)
+    report = look(load_model(args), args.count)
     if args.json:
-        _print_json(asdict(report))
+        print_json(asdict(report))
     else:
         print(check_text.write(report), end="")
     return 0
@@ -38,19 +42,22 @@ def modes(args: argparse.Namespace) -> int:
     from pinflex.modes import modes as find
     from pinflex.pose import pose
 
-    mechanism = load(args.model, args.set)
+    mechanism = load_model(args)
     if not mechanism.flexible.n_eta and not len(mechanism.flexible.springs.v_at):
         raise DescriptionError(
             f"{mechanism.name}: no flexible link and no spring, so nothing vibrates. Write some "
             "under `flexible`."
         )
     motors = dict(args.pose or {})
-    found = find(
-        mechanism,
-        pose(mechanism, motors),
-        count=args.count,
-        preload=args.preload,
-        free_motors=args.free_motors,
+    found = _first(
+        find(
+            mechanism,
+            pose(mechanism, motors),
+            count=mechanism.flexible.nv,
+            preload=args.preload,
+            free_motors=args.free_motors,
+        ),
+        args.count,
     )
     page = None
     if args.view is not None:
@@ -60,7 +67,7 @@ def modes(args: argparse.Namespace) -> int:
         page = write_modes_html(mode_runs(mechanism, found), args.view)
     shares = [dict(zip(found.links, map(float, row), strict=True)) for row in found.share]
     if args.json:
-        _print_json(
+        print_json(
             {
                 "name": mechanism.name,
                 "preload": found.preload,
@@ -95,9 +102,9 @@ def solve(args: argparse.Namespace) -> int:
     """Solve one level and save it."""
     from pinflex.solve import solve as run_level
 
-    mechanism = load(args.model, args.set)
+    mechanism = load_model(args)
     for path in (args.output, args.csv):
-        _writable(path)
+        writable(path)
     level = args.level or mechanism.description.solve.level
     bar = Progress(level)
     try:
@@ -127,7 +134,7 @@ def solve(args: argparse.Namespace) -> int:
     if args.csv is not None:
         files.append(result.to_csv(args.csv))
     if args.json:
-        _print_json(_result_json(result) | {"files": files})
+        print_json(_result_json(result) | {"files": files})
         return 0
     print(result.summary())
     print("".join(f"\n{block}\n" for block in _result_tables(result)), end="")
@@ -140,9 +147,9 @@ def compare(args: argparse.Namespace) -> int:
     from pinflex.solve import LEVELS
     from pinflex.study import file_name, study, write
 
-    mechanism = load(args.model, args.set)
+    mechanism = load_model(args)
     folder = Path(args.output or f"{mechanism.name}-compare")
-    _writable(folder / "comparison.txt")
+    writable(folder / "comparison.txt")
     bars: list[Progress] = []
     runs: list[Path] = []
 
@@ -164,7 +171,7 @@ def compare(args: argparse.Namespace) -> int:
         _close(bars)
     if args.json:
         written = {"folder": folder, "files": [path.name for path in (*files, *runs)]}
-        _print_json(json.loads(done.table.to_json()) | written)
+        print_json(json.loads(done.table.to_json()) | written)
     else:
         print(done.table.text())
         print(f"wrote {folder}{'' if str(folder).endswith('/') else '/'}")
@@ -192,7 +199,7 @@ def view(args: argparse.Namespace) -> int:
         result, path, open_browser=not args.no_open, field=args.field, scale=args.scale, rigid=rigid
     )
     if args.json:
-        _print_json({"file": written, "name": result.meta.get("name"), "level": result.level})
+        print_json({"file": written, "name": result.meta.get("name"), "level": result.level})
     else:
         print(written)
     return 0
@@ -201,23 +208,6 @@ def view(args: argparse.Namespace) -> int:
 def _close(bars: list[Progress]) -> None:
     for bar in bars:
         bar.close()
-
-
-def _writable(path: str | Path | None) -> None:
-    """Find out before a long run, not after it, that its file cannot be written."""
-    if path is None:
-        return
-    path = Path(path)
-    if path.is_dir():
-        raise DescriptionError(f"{path}: is a folder. Give the name of a file in it.")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise DescriptionError(
-            f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
-        ) from error
 
 
 # Words -----------------------------------------------------------------------------------------
@@ -239,6 +229,18 @@ def _meaning(name: str) -> str:
     if name.endswith(".npz"):
         return "the run: pinflex view plays it, pinflex.Result.load reads it"
     return next((words for start, words in _MEANINGS if name.startswith(start)), "")
+
+
+def _first(found: Modes, count: int) -> Modes:
+    """The first modes; a frequency at the round-off of the highest one is zero."""
+    f = found.frequencies
+    f = np.where(np.abs(f) < _ROUND_OFF * np.max(np.abs(f), initial=0.0), 0.0, f)
+    return replace(
+        found,
+        frequencies=f[:count],
+        shapes=found.shapes[:, :count],
+        share=found.share[:count],
+    )
 
 
 def _period(f: float) -> str:
@@ -320,20 +322,3 @@ def _result_json(result: Result) -> dict[str, Any]:
         "cost": result.meta.get("cost"),
         "warnings": result.meta.get("warnings"),
     }
-
-
-def _print_json(data: Mapping[str, Any]) -> None:
-    print(json.dumps(_plain(data), indent=2, allow_nan=False))
-
-
-def _plain(value: Any) -> Any:
-    """Only what JSON knows: a number that is none (nan, inf) becomes null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    return str(value) if isinstance(value, Path) else value

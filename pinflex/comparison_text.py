@@ -172,7 +172,7 @@ def _percent(x: float) -> str:
 
 
 def _share(x: float | None) -> str:
-    return "-" if x is None else f"{100 * x:.1f} %"
+    return "-" if x is None else f"{100 * x:.1f} %" if x < 10 else f"{100 * x:.0f} %"
 
 
 def _of_yield(share: float) -> str:

@@ -135,6 +135,7 @@ class _March:
         scheme, h, motors, newton = self.scheme, self.h, self.motors, self.newton
         dynamics, path, prescribed = self.dynamics, self.path, self.drive is None
         am, af = scheme.alpha_m, scheme.alpha_f
+        dynamics.loads.time = float(path.t[k])
         to_y, to_v, to_a = scheme.beta * h * h, scheme.gamma * h, scheme.mass_factor
         s = ((1.0 - af) * guess + af * before.a - am * before.s) / (1.0 - am)
         if prescribed:
@@ -268,8 +269,7 @@ def integrate(
 
     def keep(k: int, now: _Step) -> Array:
         Y[k], V[k], A[k], L[k], T[k] = now.y, now.v, now.a, now.lam, now.torque
-        loss = float(now.v @ system.D @ now.v) if dynamics.damped else 0.0
-        return np.array([float(now.torque @ now.v[system.motors]), loss])
+        return np.array([float(now.torque @ now.v[system.motors]), dynamics.losses(now.v)])
 
     now = _first_state(march, start[0], start[1], 0)
     power = keep(0, now)
@@ -304,6 +304,7 @@ def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
     """
     dynamics, path, drive, scheme = march.dynamics, march.path, march.drive, march.scheme
     motors, motor_a = march.motors, path.acceleration
+    dynamics.loads.time = float(path.t[k])
 
     def accelerate(y: Array, v: Array, part: float) -> tuple[Array, Array]:
         if drive is None:

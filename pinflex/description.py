@@ -14,6 +14,7 @@ import yaml  # type: ignore[import-untyped]
 
 from pinflex import flexible, schema, urdf
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
+from pinflex.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.flexible import Basis, EndMass, FlexibleLink
 from pinflex.material import Material
 from pinflex.schema import Vec3
@@ -37,7 +38,7 @@ __all__ = [
 
 _KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "home", "platform", "frames"),
-    *("flexible", "damping", "motion", "solve"),
+    *("flexible", "damping", "forces", "springs", "motion", "solve"),
 )
 _ONE_DOF = ("revolute", "continuous", "prismatic")
 _HERE = Path(__file__).resolve().parent
@@ -60,6 +61,8 @@ class Description:
         joints: What the YAML adds to joints, by joint name; do not change it.
         actuated: Joints with a motor.
         loops: Closures.
+        forces: Loads at frames.
+        springs: Springs between frames.
         home: Guess of the configuration (rad | m), by joint name, as Pinocchio lays it out: a
             quaternion x y z w, a planar angle as cosine and sine; the axes of a universal joint
             are NAME.1 and NAME.2. Do not change it.
@@ -81,6 +84,8 @@ class Description:
     joints: dict[str, JointExtra] = field(default_factory=dict)
     actuated: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
+    forces: tuple[FrameForce, ...] = ()
+    springs: tuple[FrameSpring, ...] = ()
     home: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
     platform: str | None = None
     frames: tuple[str, ...] = ()
@@ -215,6 +220,8 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
         joints=joints,
         actuated=actuated,
         loops=loops,
+        forces=read_forces(block.get("forces", {}), place["forces"], tree),
+        springs=read_springs(block.get("springs", {}), place["springs"], tree),
         home=_home(block.get("home", {}), place["home"], types),
         flexible=bending,
         solve=read_solve(block.get("solve", {}), place["solve"]),

@@ -9,105 +9,15 @@ rows of motors give the torque that the motion needs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
-from pinflex.closure import Closures, ClosureState
-from pinflex.expansion import Block, Expansion
-
-
-@dataclass(frozen=True)
-class Springs:
-    """Springs on single-axis joints: torque -k (q - rest).
-
-    Attributes:
-        v_at: Velocity rows. q_at: Position of the coordinate in q (its cosine if it has two).
-        paired: True where q holds (cos, sin). stiffness: N m/rad | N/m. rest: rad | m.
-    """
-
-    v_at: IntArray
-    q_at: IntArray
-    paired: IntArray
-    stiffness: Array
-    rest: Array
-
-
-@dataclass(frozen=True)
-class System:
-    """A rigid or flexible mechanism as equations: model, map, closures, stiffness, damping.
-
-    Attributes:
-        rigid: Pinocchio model whose coordinates q and v are kept.
-        expansion: Expanded model and map.
-        closed: Independent closure rows.
-        K, D: Stiffness and damping, shape (nv, nv), N m/rad | N/m and N m s/rad | N s/m.
-        springs: Joint springs (their stiffness is not in K).
-        motors: Velocity rows of the actuated joints.
-    """
-
-    rigid: pin.Model
-    expansion: Expansion
-    closed: Closures
-    K: Array
-    D: Array
-    springs: Springs
-    motors: IntArray
-
-    @property
-    def nq(self) -> int:
-        """Length of y: rigid configuration and eta."""
-        return int(self.rigid.nq) + self.expansion.n_eta
-
-    @property
-    def nv(self) -> int:
-        """Length of v: rigid velocities and deta/dt."""
-        return int(self.rigid.nv) + self.expansion.n_eta
-
-    @property
-    def n_eta(self) -> int:
-        """Number of elastic coordinates."""
-        return self.expansion.n_eta
-
-    @property
-    def free(self) -> IntArray:
-        """Velocity rows that are not motors."""
-        return np.setdiff1d(np.arange(self.nv), self.motors).astype(np.intp)
-
-
-class _Map:
-    """One stacked block of X and its rates, on preallocated arrays."""
-
-    def __init__(self, block: Block) -> None:
-        self.block = block
-        bodies, _, n = block.Phi.shape
-        self.curved = block.G.shape[1]
-        self.shape = (bodies, n, 1)
-        self.X = block.Phi.copy()
-        self.X_curved = self.X[:, : self.curved]
-        self.X_turned = self.X.transpose(0, 2, 1)
-        self.Phi_curved = block.Phi[:, : self.curved]
-        self._G = block.G.reshape(bodies, self.curved * n, n)
-        self._bent_shape = (bodies, self.curved, n)
-        self.rate = np.zeros(self._bent_shape)
-        self.force_rows = block.rows.reshape(-1)
-
-    def bend(self, eta: Array) -> Array:
-        """G eta of the curved rows, shape (bodies, Rc, n), for eta of the stacked bodies."""
-        bent: Array = np.matmul(self._G, eta.reshape(self.shape))
-        return bent.reshape(self._bent_shape)
-
-    def place(self, eta: Array) -> Array:
-        """Sets X; returns the coordinates Phi eta + 1/2 eta' G eta, flat."""
-        column = eta.reshape(self.shape)
-        lift: Array = np.matmul(self.block.Phi, column)
-        if self.curved:
-            bent = self.bend(eta)
-            np.add(self.Phi_curved, bent, out=self.X_curved)
-            lift[:, : self.curved] += 0.5 * np.matmul(bent, column)
-        return lift.reshape(-1)
+from pinflex.arrays import Array
+from pinflex.closure import ClosureState
+from pinflex.coordinate_map import CoordinateMap
+from pinflex.loads import LoadState
+from pinflex.system import System
 
 
 class Dynamics:
@@ -126,9 +36,13 @@ class Dynamics:
         self.sprung = len(system.springs.v_at) > 0
         self.closed = ClosureState(system.closed, self.model, self.data)
         self.looped = system.closed.n > 0
+        self.loaded = system.loads.present
+        self.loads = LoadState(system.loads, self.model, self.data)
+        self.slides = self.flexible and len(system.closed.contacts) > 0
+        self.push: Array | None = None
         nV = int(self.model.nv)
         self.Q = pin.neutral(self.model)
-        self._maps = [_Map(block) for block in expansion.blocks]
+        self._maps = [CoordinateMap(block) for block in expansion.blocks]
         self._K_eta = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
         self._V, self._A = np.zeros(nV), np.zeros(nV)
@@ -164,6 +78,7 @@ class Dynamics:
         n = self.nq_rigid
         self.Q[self.system.expansion.q_at] = y[:n]
         eta = y[n:]
+        self.closed.eta = eta
         for one in self._maps:
             self.Q[one.block.q_rows] = one.place(eta[one.block.eta])
 
@@ -210,7 +125,13 @@ class Dynamics:
         return out
 
     def _block_product(
-        self, D: Array, one: _Map, factor: Array, rows: slice, out: Array, add: bool = False
+        self,
+        D: Array,
+        one: CoordinateMap,
+        factor: Array,
+        rows: slice,
+        out: Array,
+        add: bool = False,
     ) -> None:
         """Columns D[:, rows of the bodies] times stacked factors, into the bodies' columns."""
         at = one.block.rows[:, rows]
@@ -242,14 +163,17 @@ class Dynamics:
         self.place(y)
         V, A = self.expand_motion(v, a)
         g = pin.rnea(self.model, self.data, self.Q, V, A)
-        if self.looped:
+        if self.looped or self.loaded:
             pin.computeJointJacobians(self.model, self.data, self.Q)
+        if self.looped:
             self.closed.evaluate()
             g = g - self.closed.J.T @ lam
+        if self.loaded:
+            g = g - self.loads.generalized(V)
         self.g = g
-        return self._add_elastic(self.project(g), y, v)
+        return self._add_elastic(self.project(g), y, v, lam)
 
-    def _add_elastic(self, r: Array, y: Array, v: Array) -> Array:
+    def _add_elastic(self, r: Array, y: Array, v: Array, lam: Array) -> Array:
         if self.flexible:
             r[self.n_rigid :] += self._K_eta @ y[self.nq_rigid :]
         if self.damped:
@@ -257,6 +181,10 @@ class Dynamics:
         if self.sprung:
             s = self.system.springs
             r[s.v_at] += s.stiffness * (self._spring_angles(y) - s.rest)
+        if self.slides:
+            r[self.n_rigid :] -= self.closed.J_eta.T @ lam
+        if self.push is not None:
+            r -= self.push
         return r
 
     def _spring_angles(self, y: Array) -> Array:
@@ -277,7 +205,10 @@ class Dynamics:
 
     def jacobian(self) -> Array:
         """J = J_Q X of the last evaluation."""
-        return self.times_map(self.closed.J)
+        J = self.times_map(self.closed.J)
+        if self.slides:
+            J[:, self.n_rigid :] += self.closed.J_eta
+        return J
 
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, shape (rows,)."""
@@ -285,6 +216,7 @@ class Dynamics:
         V, A = self.expand_motion(v, np.zeros_like(v))
         pin.computeJointJacobiansTimeVariation(self.model, self.data, self.Q, V)
         self.closed.evaluate()
+        self.closed.eta_rate = v[self.n_rigid :]
         gamma = self.closed.bias(V)
         return gamma + self.closed.J @ A if self.flexible else gamma
 
@@ -323,12 +255,13 @@ class Dynamics:
         self.place(y)
         V, A = self.expand_motion(v, a)
         follow = None
-        if self.looped:
+        if self.looped or self.loaded:
             pin.computeJointJacobians(self.model, self.data, self.Q)
+        if self.looped:
             self.closed.evaluate()
             if loads:
                 follow = self.closed.force_tangent(lam, self.times_map)
-            self._load(lam)
+        self._load(lam, V)
         dQ, dV, M = pin.computeRNEADerivatives(self.model, self.data, self.Q, V, A, self._loads)
         return dQ, dV, M, follow
 
@@ -353,6 +286,8 @@ class Dynamics:
                 self._add_geometric(S, w_y)
         if follow is not None and w_y:
             S -= w_y * follow
+        if self.loaded and (w_v or w_y):
+            S += self.loads.tangent(self.times_map, w_v, w_y)
         S += w_v * self.system.D + w_y * self.system.K
         s = self.system.springs
         S[s.v_at, s.v_at] += w_y * s.stiffness
@@ -410,32 +345,35 @@ class Dynamics:
         """Expanded forces rnea - J_Q' lam of the last tangent (Pinocchio keeps them in tau)."""
         return np.array(self.data.tau)
 
-    def _load(self, lam: Array) -> None:
-        """Closure wrenches as external forces in the frames of the joints they act on."""
-        cl = self.system.closed
-        loops = len(cl.names)
-        total: dict[int, pin.Force] = {int(body): pin.Force.Zero() for body in cl.bodies}
-        for k, wrench in enumerate(self.closed.wrenches(lam)):
-            total[int(cl.bodies[loops + k])] += pin.Force(wrench)
-            total[int(cl.bodies[k])] -= pin.Force(wrench)
-        for body, world in total.items():
-            self._loads[body] = self.data.oMi[body].actInv(world)
+    def _load(self, lam: Array, V: Array) -> None:
+        """Closure and load wrenches as external forces in the frames of the joints they act on."""
+        if not (self.looped or self.loaded):
+            return
+        total: dict[int, Array] = {}
+        if self.looped:
+            total = self.closed.body_wrenches(lam)
+        if self.loaded:
+            for body, wrench in self.loads.wrenches(V).items():
+                total[body] = total.get(body, np.zeros(6)) + wrench
+        for body, wrench in total.items():
+            self._loads[body] = self.data.oMi[body].actInv(pin.Force(wrench))
 
     def joint_forces(self, y: Array, v: Array, a: Array, lam: Array) -> Array:
-        """r as `residual`, and data.f with the closure forces in it (for reactions)."""
+        """r as `residual`, and data.f with closure forces and loads in it (for reactions)."""
         self.place(y)
         V, A = self.expand_motion(v, a)
-        if self.looped:
+        if self.looped or self.loaded:
             pin.computeJointJacobians(self.model, self.data, self.Q)
+        if self.looped:
             self.closed.evaluate()
-            self._load(lam)
+        self._load(lam, V)
         self.g = np.array(pin.rnea(self.model, self.data, self.Q, V, A, self._loads))
-        return self._add_elastic(self.project(self.g), y, v)
+        return self._add_elastic(self.project(self.g), y, v, lam)
 
     # Energies ------------------------------------------------------------------------------
 
     def energies(self, y: Array, v: Array) -> tuple[float, float, float, float]:
-        """Kinetic, gravity, elastic and spring energy, J."""
+        """Kinetic, gravity, elastic, and spring energy (with the potential of dead loads), J."""
         self.place(y)
         V, _ = self.expand_motion(v, np.zeros_like(v))
         kinetic = 0.5 * float(V @ pin.crba(self.model, self.data, self.Q) @ V)
@@ -444,4 +382,15 @@ class Dynamics:
         elastic = 0.5 * float(eta @ self._K_eta @ eta)
         s = self.system.springs
         stretch = self._spring_angles(y) - s.rest
-        return kinetic, gravity, elastic, 0.5 * float(stretch @ (s.stiffness * stretch))
+        spring = 0.5 * float(stretch @ (s.stiffness * stretch))
+        if self.loaded:
+            pin.computeJointJacobians(self.model, self.data, self.Q)
+            spring += self.loads.energy()
+        return kinetic, gravity, elastic, spring
+
+    def losses(self, v: Array) -> float:
+        """Power that damping takes in the current state, W."""
+        power = float(v @ self.system.D @ v) if self.damped else 0.0
+        if self.loaded:
+            power += self.loads.dissipation(self._V if self.flexible else v)
+        return power

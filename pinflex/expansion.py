@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.basis import FlexibleBody
+from pinflex.expanded import Attachment, Block, Expansion, Interface, Slot
 from pinflex.flexible import EndMass
 from pinflex.parts import FlexiblePart
 from pinflex.tree import Link
@@ -30,81 +31,6 @@ _TURNS: tuple[Callable[[], pin.JointModel], ...] = (
     pin.JointModelRY,
     pin.JointModelRX,
 )
-
-
-@dataclass(frozen=True)
-class Attachment:
-    """Where a frame sits in the expanded model: a joint and the pose in that joint's frame."""
-
-    joint: int
-    placement: pin.SE3
-
-
-@dataclass(frozen=True)
-class Interface:
-    """A section that carries something: its place x [m], its joint and its velocity rows."""
-
-    x: float
-    attachment: Attachment
-    force_rows: IntArray
-    moment_rows: IntArray
-    turns: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Slot:
-    """One flexible body in the expanded model: its eta slice, stations and interfaces."""
-
-    link: str
-    offset: float
-    body: FlexibleBody
-    eta: slice
-    root: Attachment
-    stations: IntArray
-    twists: IntArray
-    interfaces: tuple[Interface, ...]
-
-
-@dataclass(frozen=True)
-class Block:
-    """The coordinate maps of equal bodies, stacked, so that one product serves them all.
-
-    X is the identity on the rigid rows and one small block per body; nothing else is stored.
-
-    Attributes:
-        rows: Expanded velocity rows of each body, the curved ones first, shape (bodies, R).
-        q_rows: Where these coordinates sit in Q, shape (bodies * R,).
-        Phi: First-order part, shape (bodies, R, n).
-        G: Second-order part of the first Rc rows, shape (bodies, Rc, n, n).
-        eta: Slice of eta that covers the stacked bodies.
-    """
-
-    rows: IntArray
-    q_rows: IntArray
-    Phi: Array
-    G: Array
-    eta: slice
-
-
-@dataclass(frozen=True)
-class Expansion:
-    """An expanded model and the constant parts of its coordinate map.
-
-    Attributes:
-        model: Expanded Pinocchio model.
-        q_at, v_at: Where the rigid q and v sit in Q and V.
-        blocks: Maps from eta to station and interface coordinates, grouped by equal bodies.
-        frames: Attachment of every link frame, by name.
-        slots: The flexible bodies.
-    """
-
-    model: pin.Model
-    q_at: IntArray
-    v_at: IntArray
-    blocks: tuple[Block, ...]
-    frames: Mapping[str, Attachment]
-    slots: tuple[Slot, ...]
-    n_eta: int
 
 
 @dataclass

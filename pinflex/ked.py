@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics, System
+from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError
 from pinflex.integrators import AlphaScheme
 from pinflex.mechanism import Mechanism
@@ -22,6 +22,7 @@ from pinflex.motion import Motion
 from pinflex.nominal import nominal
 from pinflex.quasistatic import balance, structural_stiffness
 from pinflex.run import Run
+from pinflex.system import System
 
 
 def solve_ked(
@@ -59,6 +60,7 @@ def solve_ked(
     straight = np.zeros(system.n_eta)
     for k in range(nt):
         flat = np.concatenate([path.q[k], straight])
+        dynamics.loads.time = float(path.t[k])
         v[k, :m], a[k, :m] = path.v[k], path.a[k]
         base = _rigid_multipliers(dynamics, flat, v[k], a[k])
         r = dynamics.residual(flat, v[k], a[k], base)

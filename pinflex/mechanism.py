@@ -14,10 +14,14 @@ from pinflex.arrays import Array, IntArray
 from pinflex.assembly import LoopReport
 from pinflex.closure import Closures, closures
 from pinflex.description import Description, read
-from pinflex.dynamics import Dynamics, Springs, System
+from pinflex.dynamics import Dynamics
 from pinflex.errors import DescriptionError, SingularityError, nearest
-from pinflex.expansion import Attachment, Expansion, expand, of_model
+from pinflex.expanded import Attachment, Expansion
+from pinflex.expansion import expand, of_model
+from pinflex.loads import loads
 from pinflex.parts import FlexiblePart, resolve
+from pinflex.slider import sleeves
+from pinflex.system import Springs, System
 from pinflex.tree import Link, link_tree
 
 
@@ -101,7 +105,7 @@ def load(source: str | Path | Description, overrides: Sequence[str] = ()) -> Mec
     rigid_model = tree.model
     coordinates = _coordinates(rigid_model)
     motors = _motors(description, rigid_model)
-    rigid, home, report = _rigid_system(description, tree, motors, coordinates)
+    rigid, home, report = _rigid_system(description, tree, parts, motors, coordinates)
     if not parts:
         return Mechanism(description, links, parts, rigid, rigid, home, coordinates, report, report)
     expansion = expand(links, parts, needed, rigid_model, gravity)
@@ -139,6 +143,8 @@ def _pinocchio_model(description: Description) -> pin.Model:
 def _needed_frames(description: Description) -> frozenset[str]:
     frames = {f for loop in description.loops for f in (loop.frame_a, loop.frame_b)}
     frames.update(description.frames)
+    frames.update(force.frame for force in description.forces)
+    frames.update(f for spring in description.springs for f in (spring.frame_a, spring.frame_b))
     if description.platform is not None:
         frames.add(description.platform)
     return frozenset(frames)
@@ -208,13 +214,21 @@ def _springs(description: Description, model: pin.Model) -> tuple[Springs, Array
 
 
 def _rigid_system(
-    description: Description, tree: Expansion, motors: IntArray, names: Sequence[str]
+    description: Description,
+    tree: Expansion,
+    parts: Mapping[str, FlexiblePart],
+    motors: IntArray,
+    names: Sequence[str],
 ) -> tuple[System, Array, LoopReport]:
     model = tree.model
     springs, dampers = _springs(description, model)
-    every = closures(description.loops, tree.frames, model)
+    held = sleeves(description.loops, parts, tree, description.name)
+    every = closures(description.loops, tree.frames, model, held)
     nv = int(model.nv)
-    system = System(model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors)
+    placed = loads(description.forces, description.springs, tree.frames)
+    system = System(
+        model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed
+    )  # fmt: skip
     guess = _home_guess(description, model)
     system = replace(system, closed=_with_lengths(system, guess))
     dynamics = Dynamics(system)
@@ -224,6 +238,9 @@ def _rigid_system(
     kept, redundant = assembly.independent_rows(J, system.closed.labels)
     system = replace(system, closed=system.closed.select(kept))
     dynamics = Dynamics(system)
+    if every.n:
+        dynamics.close(home)
+        dynamics.closed.require_on_beams(where)
     sigma = float("nan")
     if every.n:
         if redundant:
@@ -247,10 +264,14 @@ def _flexible_system(
     for slot in expansion.slots:
         at = slice(n + slot.eta.start, n + slot.eta.stop)
         K[at, at], D[at, at] = slot.body.K, slot.body.D
-    every = closures(description.loops, expansion.frames, expansion.model)
+    held = sleeves(description.loops, parts, expansion, description.name)
+    every = closures(description.loops, expansion.frames, expansion.model, held)
     lengths = _lengths_of(rigid.closed, description)
     every = replace(every, lengths=lengths)
-    system = System(rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors)
+    placed = loads(description.forces, description.springs, expansion.frames)
+    system = System(
+        rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed
+    )  # fmt: skip
     J = np.zeros((0, n + m))
     if every.n:
         _, J = Dynamics(system).close(np.concatenate([home, np.zeros(m)]))

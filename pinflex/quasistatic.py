@@ -185,6 +185,7 @@ def solve_quasistatic(
     offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
     for k in range(nt):
         flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
+        dynamics.loads.time = float(path.t[k])
         try:
             found = balance(
                 dynamics, dynamics.integrate(flat, offset), v[k], a[k], free, force,

@@ -11,7 +11,7 @@ import pinocchio as pin
 from pinflex import stress
 from pinflex.arrays import Array, IntArray
 from pinflex.dynamics import Dynamics
-from pinflex.expansion import Attachment
+from pinflex.expanded import Attachment
 from pinflex.mechanism import Mechanism
 from pinflex.nominal import Nominal
 from pinflex.run import Run
@@ -93,6 +93,7 @@ class _Samples:
         free = run.system.free
         for k in range(nt):
             y, v, a, lam = run.y[k], run.v[k], run.a[k], run.lam[k]
+            dynamics.loads.time = float(run.t[k])
             r = dynamics.joint_forces(y, v, a, lam)
             newton[k] = np.max(np.abs(r[free]), initial=0.0)
             self.g[k] = dynamics.g

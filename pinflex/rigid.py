@@ -6,12 +6,13 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics, System
+from pinflex.dynamics import Dynamics
 from pinflex.errors import DescriptionError
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
 from pinflex.nominal import nominal
 from pinflex.run import Run
+from pinflex.system import System
 
 
 def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pinflex.arrays import Array
-from pinflex.dynamics import System
+from pinflex.system import System
 
 
 @dataclass(frozen=True)

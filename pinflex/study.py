@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -219,9 +220,12 @@ def _starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result])
 
 
 def _said(runs: Mapping[str, Result]) -> list[str]:
-    """Warnings of the runs, each once, with the levels that gave it."""
+    """Warnings of the runs, each once, with the levels that gave it and the last one's numbers."""
     who: dict[str, list[str]] = {}
+    said: dict[str, str] = {}
     for level, run in runs.items():
         for text in run.meta.get("warnings", ()):
-            who.setdefault(text, []).append(level)
-    return [f"{', '.join(levels)}: {text}" for text, levels in who.items()]
+            key = re.sub(r"\b\d[\d.e+-]*", "#", text)
+            who.setdefault(key, []).append(level)
+            said[key] = text
+    return [f"{', '.join(levels)}: {said[key]}" for key, levels in who.items()]

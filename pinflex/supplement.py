@@ -23,6 +23,7 @@ LOOP_KINDS = (
     "spherical",
     "planar",
     "distance",
+    "slider",
 )
 _WITH_AXIS = ("revolute", "prismatic", "cylindrical", "universal", "planar")
 
@@ -62,6 +63,9 @@ class Loop:
         axis: Unit axis of the joint, in frame a and in frame b (universal: in frame a only).
         axis_b: universal: unit axis in frame b; None: x.
         length: distance: [m]; None: as it is at home.
+        sleeve: slider: length of the sleeve [m]; 0: it touches the beam at a point.
+        pivoting: slider: the sleeve turns freely on three points in line, instead of along the
+            beam's tangent at its middle.
     """
 
     name: str
@@ -71,6 +75,8 @@ class Loop:
     axis: Vec3 = (0.0, 0.0, 1.0)
     axis_b: Vec3 | None = None
     length: float | None = None
+    sleeve: float = 0.0
+    pivoting: bool = False
 
 
 @dataclass(frozen=True)
@@ -167,7 +173,7 @@ def read_loops(value: object, where: str, urdf: Urdf) -> tuple[Loop, ...]:
 
 
 def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
-    keys = ("kind", "between", "axis", "axis_b", "length")
+    keys = ("kind", "between", "axis", "axis_b", "length", "sleeve", "pivoting")
     block = schema.mapping(value, where, keys, ("kind", "between"))
     place = {key: schema.at(where, key) for key in keys}
     kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
@@ -175,6 +181,7 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
     what = f"link in {urdf.file}"
     a, b = schema.names(block["between"], place["between"], urdf.links, what)
     used = {"axis": _WITH_AXIS, "axis_b": ("universal",), "length": ("distance",)}
+    used |= {"sleeve": ("slider",), "pivoting": ("slider",)}
     for key, kinds in used.items():
         if key in block and kind not in kinds:
             raise DescriptionError(
@@ -188,7 +195,13 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
         axis_b = schema.direction(block["axis_b"], place["axis_b"])
     if "length" in block:
         length = schema.number(block["length"], place["length"], above=0)
-    return Loop(name, kind, a, b, axis, axis_b, length)
+    sleeve = schema.number(block.get("sleeve", 0), place["sleeve"], low=0)
+    pivoting = schema.boolean(block.get("pivoting", False), place["pivoting"])
+    if pivoting and sleeve == 0:
+        raise DescriptionError(
+            f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
+        )
+    return Loop(name, kind, a, b, axis, axis_b, length, sleeve, pivoting)
 
 
 def read_solve(value: object, where: str) -> SolveSpec:

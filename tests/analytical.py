@@ -95,3 +95,53 @@ def compressed_cantilever(force: float) -> float:
         if fa * fb < 0:
             return float(brentq(equation, a, b, xtol=1e-13))
     raise ValueError("no frequency: buckled")
+
+
+def southwell(count: int = 4) -> tuple[Array, Array]:
+    """Slopes of omega^2 in eta^2 at rest: on a hub of no radius, and per hub radius r0/L.
+
+    Quotients int (1 - x^2)/2 f'^2 / int f^2 and int (1 - x) f'^2 / int f^2 of the exact modes f.
+    """
+    s, weights = np.polynomial.legendre.leggauss(80)
+    x, w = (s + 1) / 2, weights / 2
+    slope, radius = [], []
+    for b in wave_numbers("clamped_free", count):
+        k = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
+        f = np.cosh(b * x) - np.cos(b * x) - k * (np.sinh(b * x) - np.sin(b * x))
+        df = b * (np.sinh(b * x) + np.sin(b * x) - k * (np.cosh(b * x) - np.cos(b * x)))
+        slope.append(w @ ((1 - x * x) / 2 * df**2) / (w @ f**2))
+        radius.append(w @ ((1 - x) * df**2) / (w @ f**2))
+    return np.array(slope), np.array(radius)
+
+
+def lagging_rod(eta: float, slenderness: float, steady_stretch: bool = True) -> Array:
+    """Chordwise omega of a spinning rod that also stretches, E A = slenderness^2, by a Ritz series.
+
+    Exact linearisation of the Kirchhoff rod (v' = (1 + e) theta, steady strain e and force N) with
+    Coriolis forces. Without the steady stretch in the geometry it gives the published digits.
+    """
+    n, EA = 14, slenderness**2
+    s, weights = np.polynomial.legendre.leggauss(60)
+    x, w = (s + 1) / 2, weights / 2
+    k = eta / slenderness
+    e = np.cos(k * x) / np.cos(k) - 1 if steady_stretch else 0 * x
+    N = EA * e if steady_stretch else eta**2 * (1 - x * x) / 2
+    P, one = np.polynomial.legendre.legvander(s, n - 1), np.eye(n)
+    legendre = np.polynomial.legendre
+    dP = 2 * np.array([legendre.legval(s, legendre.legder(c)) for c in one]).T
+    f, df = x[:, None] * P, P + x[:, None] * dP  # theta or u, and its slope
+    full = legendre.legvander(s, 59)
+    series = np.linalg.solve(full, (1 + e)[:, None] * f)
+    v = legendre.legval(s, legendre.legint(series, lbnd=-1)).T / 2
+
+    def product(a: Array, b: Array, factor: Array | float = 1.0) -> Array:
+        return np.asarray(a.T @ ((w * factor)[:, None] * b))
+
+    Kv = product(df, df) + product(f, f, (1 + e) * N) - eta**2 * product(v, v)
+    Ku = EA * product(df, df) - eta**2 * product(f, f)
+    G, O = 2 * eta * product(v, f), np.zeros((n, n))  # noqa: E741
+    M = np.block([[product(v, v), O], [O, product(f, f)]])
+    K, C = np.block([[Kv, O], [O, Ku]]), np.block([[O, G], [-G.T, O]])
+    first = np.block([[0 * M, np.eye(2 * n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    roots = np.linalg.eigvals(first).imag
+    return np.sort(roots[roots > 1e-6])

@@ -1,4 +1,4 @@
-"""Two small models written to a folder, and one call of the command line, for the tests beside it."""
+"""Two small models written to a folder, and one call of the command line, for tests."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ FOURBAR_URDF = (
     + _link("rocker", 0.20, 0.1)
     + '  <link name="coupler_tip"/>\n  <link name="rocker_tip"/>\n'
     + _joint("motor", "continuous", "base", "crank", 0.0)
-    + _joint("elbow", "revolute", "crank", "coupler", 0.10, '<dynamics damping="0.1"/>')
+    + _joint("elbow", "continuous", "crank", "coupler", 0.10, '<dynamics damping="0.1"/>')
     + _joint("tip", "fixed", "coupler", "coupler_tip", 0.25)
-    + _joint("pivot", "revolute", "base", "rocker", 0.30)
+    + _joint("pivot", "continuous", "base", "rocker", 0.30)
     + _joint("rocker_end", "fixed", "rocker", "rocker_tip", 0.20)
     + "</robot>\n"
 )
@@ -55,7 +55,7 @@ flexible:
     material: {like: aluminium_7075, rho: 2700}
     section: {shape: rectangle, width: 0.02, thickness: 0.005}
 motion: {kind: cycloid, joints: {motor: 0.5}, duration: 0.1}
-solve: {level: coupled, samples: 41}
+solve: {level: coupled, samples: 41, dt: 2.5e-4}
 """
 ARM_URDF = (
     '<robot name="arm">\n  <link name="base"/>\n'
@@ -75,7 +75,7 @@ flexible:
     material: {like: steel, rho: urdf}
     section: {shape: rectangle, width: 0.03, thickness: 0.004}
 motion: {kind: cycloid, joints: {shoulder: 1.0}, duration: 0.2}
-solve: {level: coupled, samples: 41}
+solve: {level: coupled, samples: 41, dt: 2.5e-4}
 """
 
 
@@ -90,7 +90,7 @@ class Answer(NamedTuple):
 def write_model(
     folder: Path, name: str, changes: Sequence[tuple[str, str]] = (), where: str = "yaml"
 ) -> str:
-    """Write "fourbar" or "arm", with texts of the YAML (or URDF) replaced; returns the YAML's path."""
+    """Write "fourbar" or "arm", texts of the YAML (or URDF) replaced; returns the YAML's path."""
     texts = {
         "fourbar": {"urdf": FOURBAR_URDF, "yaml": FOURBAR_YAML},
         "arm": {"urdf": ARM_URDF, "yaml": ARM_YAML},

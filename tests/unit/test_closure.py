@@ -11,7 +11,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.closure import skew
+from pinflex.poses import skew
 from pinflex.dynamics import Dynamics
 from tests.finite import by_configuration, by_time, by_vector, close
 from tests.scenes import Body, load
@@ -113,7 +113,7 @@ def test_a_closure_takes_as_many_freedoms_as_documented(
 def allowed(kind: str, A: pin.SE3, B: pin.SE3, z: Array, x_b: Array) -> Array:
     """Basis of the relative twists (on the axes of a) that a joint of this kind leaves, (6, k)."""
     e = np.eye(3)
-    move, turn = lambda n: np.append(n, 0 * n), lambda n: np.append(0 * n, n)  # noqa: E731
+    move, turn = lambda n: np.append(n, 0 * n), lambda n: np.append(0 * n, n)
     towards = A.rotation.T @ (B.translation - A.translation)
     basis = {
         "weld": [],

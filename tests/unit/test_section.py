@@ -80,7 +80,7 @@ def test_torsion_of_a_rectangle_matches_the_printed_table(
     """J = k1 a b^3 and Wt = k2 a b^2: Timoshenko, Goodier, Theory of Elasticity, section 109."""
     section = Section.rectangle(width=ratio, thickness=1.0)
     # The table has three digits (0.2 % of the smallest), the polynomial for J errs by 0.4 %.
-    assert section.J == pytest.approx(k1 * ratio, rel=5e-3)
+    assert pytest.approx(k1 * ratio, rel=5e-3) == section.J
     assert section.Wt == pytest.approx(k2 * ratio, rel=3e-3)
 
 
@@ -94,19 +94,19 @@ def test_a_strip_twists_like_an_open_thin_wall() -> None:
     width, thickness = 1.0, 1e-3
     section = Section.rectangle(width, thickness)
     # The ends of the strip take away 0.63 b / a = 6.3e-4 of J, and of Wt.
-    assert section.J == pytest.approx(width * thickness**3 / 3, rel=7e-4)
+    assert pytest.approx(width * thickness**3 / 3, rel=7e-4) == section.J
     assert section.Wt == pytest.approx(width * thickness**2 / 3, rel=7e-4)
 
 
 def test_a_round_section_twists_with_its_polar_moment() -> None:
     for section in (Section.circle(0.02), Section.tube(0.02, 0.003)):
-        assert section.J == pytest.approx(section.Ip, rel=ROUNDING)
+        assert pytest.approx(section.Ip, rel=ROUNDING) == section.J
         assert section.Wt == pytest.approx(section.J / 0.01, rel=ROUNDING)
 
 
 def test_a_tube_is_a_circle_less_its_bore() -> None:
     tube, outer, bore = Section.tube(0.03, 0.002), Section.circle(0.03), Section.circle(0.026)
-    assert tube.A == pytest.approx(outer.A - bore.A, rel=1e2 * ROUNDING)  # a difference
+    assert pytest.approx(outer.A - bore.A, rel=1e2 * ROUNDING) == tube.A  # a difference
     assert tube.Iy == pytest.approx(outer.Iy - bore.Iy, rel=1e2 * ROUNDING)
 
 
@@ -122,7 +122,7 @@ def test_the_shear_factor_of_a_tube_goes_from_the_rod_to_the_thin_wall() -> None
 def test_an_i_section_carries_its_height_along_y() -> None:
     section = Section.i_section(width=0.05, height=0.1, flange=0.005, web=0.004)
     assert section.Iz > 4 * section.Iy
-    assert section.J == pytest.approx((2 * 0.05 * 0.005**3 + 0.095 * 0.004**3) / 3, rel=ROUNDING)
+    assert pytest.approx((2 * 0.05 * 0.005**3 + 0.095 * 0.004**3) / 3, rel=ROUNDING) == section.J
     assert section.Wt == pytest.approx(section.J / 0.005, rel=ROUNDING)
     assert section.ky + section.kz * 6 / 5 == pytest.approx(1.0, rel=ROUNDING)
 

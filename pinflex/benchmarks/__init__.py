@@ -1,0 +1,1 @@
+"""Published benchmarks as scenes built from a few numbers, for `pinflex verify`."""
