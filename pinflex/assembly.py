@@ -81,8 +81,7 @@ def close_loops(
 
 
 def _least_norm(A: Array, b: Array) -> Array:
-    solution: Array = np.linalg.lstsq(A, b, rcond=1e-10)[0]
-    return solution
+    return np.asarray(np.linalg.lstsq(A, b, rcond=1e-10)[0], dtype=float)
 
 
 def independent_rows(J: Array, labels: Sequence[str]) -> tuple[IntArray, tuple[str, ...]]:
@@ -124,8 +123,8 @@ def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, 
     loop = "-"
     if len(rows.loop_of):
         # The loop whose rows the near-null motion touches with the joints it moves.
-        share = np.zeros(len(rows.names))
-        np.add.at(share, rows.loop_of, np.abs(J) @ weak + np.abs(U[:, -1]))
+        share, n = np.zeros(len(rows.names)), len(rows.loop_of)
+        np.add.at(share, rows.loop_of, (np.abs(J) @ weak + np.abs(U[:, -1]))[:n])
         loop = rows.names[int(np.argmax(share))]
     return loop, ", ".join(largest)
 

@@ -34,6 +34,7 @@ from pinflex.family import (
 
 if TYPE_CHECKING:
     from pinflex.flexible import FlexibleLink
+    from pinflex.superelement import Superelement
 
 DIRECTIONS = ("u", "v", "w", "p")
 KINDS = ("craig_bampton", "finite_element", "assumed")
@@ -64,6 +65,7 @@ class FlexibleBody:
             unless the link is cut into segments.
         D: Damping, shape (n, n).
         root_moves: Whether the section at x = 0 moves in the frame of the beam.
+        solid: What a reduced solid has beside; None for a beam.
     """
 
     n: int
@@ -88,6 +90,12 @@ class FlexibleBody:
     M: Array
     D: Array
     root_moves: bool
+    solid: Superelement | None = None
+
+    @property
+    def points(self) -> Array:
+        """Places of the stations (m), shape (ns, 3): on the axis of a beam."""
+        return np.outer(self.x, [1.0, 0.0, 0.0]) if self.solid is None else self.solid.points
 
     @property
     def interfaces(self) -> tuple[float, ...]:

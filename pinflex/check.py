@@ -12,6 +12,7 @@ from pinflex.assembly import LoopReport
 from pinflex.check_statics import Statics, statics
 from pinflex.errors import ConvergenceError, SceneError
 from pinflex.mechanism import Mechanism
+from pinflex.mode_shapes import first_modes
 from pinflex.modes import modes
 from pinflex.motion import from_spec
 from pinflex.nominal import nominal
@@ -141,6 +142,11 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
     )
 
 
+def is_loaded(mechanism: Mechanism) -> bool:
+    """Whether anything pulls on the mechanism at rest: gravity, or a spring."""
+    return any(mechanism.description.gravity) or len(mechanism.flexible.springs.v_at) > 0
+
+
 def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ...], str]:
     """Natural frequencies [Hz] at home with locked motors, and the words for that state.
 
@@ -149,14 +155,14 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
     if not mechanism.flexible.n_eta and not len(mechanism.flexible.springs.v_at):
         return (), "no flexible link and no spring: nothing vibrates"
     locked = "at home, motors locked" if mechanism.motors else "at home"
-    loaded = any(mechanism.description.gravity)
+    loaded, every = is_loaded(mechanism), mechanism.flexible.nv
     try:
-        found = modes(mechanism, count=count, preload="gravity" if loaded else "none")
-        note = f"{locked}, {'about the static equilibrium' if loaded else 'no gravity'}"
+        found = modes(mechanism, count=every, preload="gravity" if loaded else "none")
+        note = f"{locked}, {'about the static equilibrium' if loaded else 'no load'}"
     except ConvergenceError:
-        found = modes(mechanism, count=count, preload="none")
+        found = modes(mechanism, count=every, preload="none")
         note = f"{locked}, about the undeformed pose: gravity leaves no equilibrium"
-    return tuple(float(f) for f in found.frequencies), note
+    return tuple(float(f) for f in first_modes(found, count).frequencies), note
 
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
@@ -235,16 +241,17 @@ def _link_warnings(link: LinkCheck) -> list[str]:
 
 def _freedom_warnings(mechanism: Mechanism) -> list[str]:
     report, motors = mechanism.report, len(mechanism.motors)
+    count = f"{motors} motor{'' if motors == 1 else 's'} for {report.mobility} degrees of freedom"
     warnings = []
     if motors < report.mobility:
         warnings.append(
-            f"{motors} motors for {report.mobility} degrees of freedom: underactuated. Only the "
+            f"{count}: underactuated. Only the "
             "level coupled (or drive: torque) lets the rest swing; the other levels need a motor "
             "for each degree of freedom."
         )
     if motors > report.mobility:
         warnings.append(
-            f"{motors} motors for {report.mobility} degrees of freedom: redundantly actuated. "
+            f"{count}: redundantly actuated. "
             "Their motions must agree; prescribe the platform's motion instead."
         )
     every = dict.fromkeys((*report.redundant, *mechanism.flexible_report.redundant))

@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.expanded import Attachment
-from pinflex.poses import SKEW, JointPoses, skew
+from pinflex.poses import SKEW, JointPoses, columns, skew
 from pinflex.slider import Contact, ContactState, Sleeve
 from pinflex.supplement import Loop
 
@@ -283,7 +283,7 @@ class ClosureState:
             self.W[cl.distance_rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
         if self.contacts:
             self._evaluate_contacts()
-        np.matmul(self.W, self._data.J, out=self.J)
+        np.matmul(self.W, columns(self._data.J), out=self.J)
         self.J *= cl.row_mask
 
     def _evaluate_contacts(self) -> None:
@@ -323,10 +323,10 @@ class ClosureState:
         Rows of sleeves add what follows from `eta_rate`, so that cdd = J A + J_eta eta_a + bias.
         """
         cl, data = self.closed, self._data
-        twist_a = (cl.support_a * V) @ data.J.T
-        twist_b = (cl.support_b * V) @ data.J.T
+        twist_a = (cl.support_a * V) @ columns(data.J).T
+        twist_b = (cl.support_b * V) @ columns(data.J).T
         relative = twist_b - twist_a
-        turned = (cl.support_b - cl.support_a) * V @ data.dJ.T
+        turned = (cl.support_b - cl.support_a) * V @ columns(data.dJ).T
         rate = np.zeros_like(self.W)
         spin_a, spin_b = skew(twist_a[:, 3:]), skew(twist_b[:, 3:])
         p_b = self.frames_b[:, :, 3]
@@ -382,7 +382,7 @@ class ClosureState:
         Returns:
             Shape (nv, nv).
         """
-        cl, J = self.closed, self._data.J
+        cl, J = self.closed, columns(self._data.J)
         on_a, on_b = np.zeros((self._loops, 6, 6)), np.zeros((self._loops, 6, 6))
         force = np.zeros((self._loops, 3))
         np.add.at(force, self._point_loop, self.W[cl.point_rows, :3] * lam[cl.point_rows, None])

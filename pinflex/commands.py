@@ -6,9 +6,9 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,6 @@ from pinflex.console import Progress, load_model, print_json, writable
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.result import Result, peak, rms
 from pinflex.text import length, number, table
-
-if TYPE_CHECKING:
-    from pinflex.modes import Modes
-
-# Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
-_ROUND_OFF = 1e-7
 
 
 def check(args: argparse.Namespace) -> int:
@@ -39,6 +33,8 @@ def check(args: argparse.Namespace) -> int:
 
 def modes(args: argparse.Namespace) -> int:
     """Natural frequencies and mode shapes at a pose."""
+    from pinflex.check import is_loaded
+    from pinflex.mode_shapes import first_modes, mode_runs
     from pinflex.modes import modes as find
     from pinflex.pose import pose
 
@@ -49,19 +45,20 @@ def modes(args: argparse.Namespace) -> int:
             "under `flexible`."
         )
     motors = dict(args.pose or {})
-    found = _first(
+    # without a load the equilibrium is the undeformed pose, which also exists where motors are free
+    preload = args.preload if is_loaded(mechanism) else "none"
+    found = first_modes(
         find(
             mechanism,
             pose(mechanism, motors),
             count=mechanism.flexible.nv,
-            preload=args.preload,
+            preload=preload,
             free_motors=args.free_motors,
         ),
         args.count,
     )
     page = None
     if args.view is not None:
-        from pinflex.mode_shapes import mode_runs
         from pinflex.view import write_modes_html
 
         page = write_modes_html(mode_runs(mechanism, found), args.view)
@@ -83,9 +80,7 @@ def modes(args: argparse.Namespace) -> int:
         return 0
     where = ", ".join(f"{k} = {v:g}" for k, v in motors.items()) or "home"
     state = "free" if args.free_motors else "locked"
-    about = "the undeformed pose"
-    if args.preload == "gravity" and any(mechanism.description.gravity):
-        about = "the static equilibrium under gravity"
+    about = "the static equilibrium" if preload == "gravity" else "the undeformed pose"
     print(f"{mechanism.name} at {where}, motors {state}, linearised about {about}\n")
     rows = [
         [str(i), number(f), _period(f), _who(share, f)]
@@ -229,18 +224,6 @@ def _meaning(name: str) -> str:
     if name.endswith(".npz"):
         return "the run: pinflex view plays it, pinflex.Result.load reads it"
     return next((words for start, words in _MEANINGS if name.startswith(start)), "")
-
-
-def _first(found: Modes, count: int) -> Modes:
-    """The first modes; a frequency at the round-off of the highest one is zero."""
-    f = found.frequencies
-    f = np.where(np.abs(f) < _ROUND_OFF * np.max(np.abs(f), initial=0.0), 0.0, f)
-    return replace(
-        found,
-        frequencies=f[:count],
-        shapes=found.shapes[:, :count],
-        share=found.share[:count],
-    )
 
 
 def _period(f: float) -> str:

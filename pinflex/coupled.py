@@ -81,11 +81,13 @@ class _Newton:
             S[n:, :n] = J[:, self.free]
             self.J_motors = J[:, self.motors]
         self.motor_rows = full[np.ix_(self.motors, self.free)]
+        self.count += 1
+        self.rate = 1e-2
+        if not len(S):  # every coordinate is a motor: nothing to iterate on
+            return
         self.lu, self.pivots, info = self._factor(S)
         if info > 0 or not np.all(np.isfinite(self.lu)):
             raise np.linalg.LinAlgError("singular iteration matrix")
-        self.count += 1
-        self.rate = 1e-2
 
     def size(self, a: Array) -> float:
         """Norm of an acceleration (nv,) in the weights of the matrix."""
@@ -98,6 +100,8 @@ class _Newton:
         np.negative(r, out=b[: self.n])
         if self.rows:
             np.multiply(c, -1.0 / (self.scheme.beta * self.h * self.h), out=b[self.n :])
+        if not len(b):
+            return b, b
         x, _ = self._solve(self.lu, self.pivots, b)
         return x[: self.n], -x[self.n :]
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.expanded import Attachment
 from pinflex.external import FrameForce, FrameSpring
-from pinflex.poses import skew
+from pinflex.poses import columns, skew
 
 Times = Callable[[Array], Array]
 
@@ -81,7 +81,7 @@ class LoadState:
 
     def generalized(self, V: Array) -> Array:
         """Generalised forces J' W, shape (nV,)."""
-        J = self._data.J
+        J = columns(self._data.J)
         f = np.zeros(J.shape[1])
         for joint, wrench in self.wrenches(V).items():
             f += self._support[joint] * (wrench @ J)
@@ -112,7 +112,7 @@ class LoadState:
 
         The change of a damper's direction with its speed is left out (zero at rest).
         """
-        J = self._data.J
+        J = columns(self._data.J)
         lifted = {joint: times_map(J * mask) for joint, mask in self._support.items()}
         width = next(iter(lifted.values())).shape[1]
         out = np.zeros((width, width))
@@ -181,8 +181,8 @@ class LoadState:
         u = d / max(length, 1e-300)
         rate = 0.0
         if V is not None and spring.damper:
-            twist_a = self._data.J @ (self._support[a.joint] * V)
-            twist_b = self._data.J @ (self._support[b.joint] * V)
+            twist_a = columns(self._data.J) @ (self._support[a.joint] * V)
+            twist_b = columns(self._data.J) @ (self._support[b.joint] * V)
             v_a = twist_a[:3] + np.cross(twist_a[3:], p_a)
             v_b = twist_b[:3] + np.cross(twist_b[3:], p_b)
             rate = float(u @ (v_b - v_a))

@@ -111,6 +111,7 @@ def _links(mechanism: Mechanism) -> dict[str, Any]:
                 "rho": material.rho,
             },
             "frame": [[float(x) for x in row] for row in part.placement.rotation],
+            "origin": [float(x) for x in part.placement.translation],
             "planes": list(part.planes),
             "reason": part.reason,
             "basis": f"{part.spec.basis.kind}, {body.n} coordinates x {len(part.bodies)}",

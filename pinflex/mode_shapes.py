@@ -1,6 +1,8 @@
-"""Mode shapes as runs of one period, so that the player can show them."""
+"""The first modes, and their shapes as runs of one period, so that the player can show them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +17,20 @@ from pinflex.run import Run
 
 _INSTANTS = 41  # of one period: smooth on the screen
 _SWING = 1e-3  # [rad | m] largest coordinate of the drawn motion: small, so shapes stay linear
+# Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
+_ROUND_OFF = 1e-7
+
+
+def first_modes(found: Modes, count: int) -> Modes:
+    """The first of all modes; a frequency at the round-off of the highest one is zero."""
+    f = found.frequencies
+    f = np.where(np.abs(f) < _ROUND_OFF * np.max(np.abs(f), initial=0.0), 0.0, f)
+    return replace(
+        found,
+        frequencies=f[:count],
+        shapes=found.shapes[:, :count],
+        share=found.share[:count],
+    )
 
 
 def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from pinflex import formula as formulas
 from pinflex import laws
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
@@ -337,8 +338,44 @@ def sampled(
     return Motion("sampled", target, names, times[-1], law, absolute, spec)
 
 
+def formula(
+    *,
+    joints: Mapping[str, Any] | None = None,
+    platform: Mapping[str, Any] | None = None,
+    duration: float,
+    absolute: bool = False,
+) -> Motion:
+    """Formulas of the time t [s] by name, such as {slide: "0.3*t^2"} (rad | m), without end.
+
+    With + - * / ^, pi, sin cos tan atan exp log sqrt; duration [s]; absolute: values of the
+    coordinates, else displacements from home.
+    """
+    if not isinstance(absolute, bool):
+        raise _bad("formula.absolute", f"{absolute!r} is not allowed. Allowed: true, false.")
+    n = _options("formula", duration=duration)
+    target, given = _target(joints, platform, "formula")
+    if not isinstance(given, Mapping):
+        raise _bad(f"formula.{target}", f'{given!r} is no mapping. Write {{name: "0.3*t^2"}}.')
+    names = _names(given, target, f"formula.{target}")
+    texts = {name: str(text) for name, text in given.items()}
+    for name, text in texts.items():
+        where = f"formula.{target}.{name}"
+        values = formulas.evaluate(formulas.parse(text, where), np.linspace(0.0, duration, 101))
+        if not np.all(np.isfinite(values)):
+            raise _bad(where, f"{text!r} or its rates are not finite from 0 to {duration:g} s.")
+    law = partial(_formula_law, tuple(texts.values()))
+    spec = {"kind": "formula", target: texts, "absolute": absolute, **n}
+    return Motion("formula", target, names, n["duration"], law, absolute, spec)
+
+
+def _formula_law(texts: tuple[str, ...], t: Array) -> Kinematics:
+    jets = [formulas.evaluate(formulas.parse(text, "formula"), t) for text in texts]
+    p, v, a = np.stack(jets, axis=2)
+    return p, v, a
+
+
 KINDS: dict[str, Callable[..., Motion]] = {"cycloid": cycloid, "quintic": quintic, "hold": hold}
-KINDS |= {"spin_up": spin_up}
+KINDS |= {"spin_up": spin_up, "formula": formula}
 KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampled": sampled}
 
 

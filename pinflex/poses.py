@@ -56,3 +56,8 @@ class JointPoses:
         if not self._direct:
             for k, pose in enumerate(self._data.oMi):
                 self.rotation[k], self.translation[k] = pose.rotation, pose.translation
+
+
+def columns(jacobian: Array) -> Array:
+    """A (6, nV) matrix, also where Pinocchio hands a single column over as a vector."""
+    return jacobian if jacobian.ndim == 2 else jacobian.reshape(6, 1)

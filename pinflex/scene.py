@@ -7,6 +7,8 @@ points shared by two bodies stay shared, and no joint opens at any magnification
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from pinflex.carried import Carrier
 from pinflex.named import rotation_vector
 from pinflex.result import Result
 from pinflex.skeleton import Skeleton, drawn, skeletons
+from pinflex.surfaces import Surface, packed, surfaces
 
 FRAMES = 600  # a page holds at most this many instants
 STATIONS = 25  # and this many stations of a link, besides those where a field peaks
@@ -31,7 +34,10 @@ LEVELS = {"ked": "kineto-elastodynamic", "coupled": "coupled rigid-flexible"}
 
 
 def build_scene(
-    result: Result, rigid: Result | None = None, scale: float | str = "auto"
+    result: Result,
+    rigid: Result | None = None,
+    scale: float | str = "auto",
+    meshes: Sequence[str | Path] | None = (),
 ) -> dict[str, Any]:
     """Plain data of one run; arrays are thinned in time and along the links, extremes kept.
 
@@ -39,19 +45,21 @@ def build_scene(
         result: The run to draw.
         rigid: The same motion without elasticity: its torques and platform path are compared.
         scale: Magnification of displacements, or "auto" (1, 2 or 5 times a power of ten).
+        meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
     """
-    links = {name: _link(result, name) for name in result.links}
+    skins, missing = ({}, []) if meshes is None else surfaces(result, meshes)
+    links = {name: _link(result, name, skins.get(name)) for name in result.links}
     track = _track(result, rigid)
     keep = _frames(result, links, track)
     carrier = Carrier(result)
-    bones = skeletons(result, carrier)
+    bones = skeletons(result, carrier, skins)
     size = _size(bones, links, keep)
     largest = max(
         [float(np.linalg.norm(link["disp"], axis=2).max()) for link in links.values()]
         + ([float(track["deviation"].max())] if track else [])
         + [0.0]
     )
-    notes = list(result.meta.get("warnings", ()))
+    notes = [*result.meta.get("warnings", ()), *missing]
     if len(keep) < len(result.t):
         notes.insert(0, f"{len(keep)} of {len(result.t)} instants kept, extremes among them")
     if result.meta.get("status", "complete") != "complete":
@@ -88,7 +96,7 @@ def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
     return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
 
 
-def _link(result: Result, name: str) -> dict[str, Any]:
+def _link(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
     """One flexible link at every instant, with the stations worth keeping."""
     get = {
         k[len(f"link/{name}/") :]: v
@@ -111,6 +119,7 @@ def _link(result: Result, name: str) -> dict[str, Any]:
         "x": x[station],
         "length": float(about.get("length", x[-1])),
         "outline": outline,
+        "mesh": _on_beam(skin, about),
         "shape": about.get("section", {}).get("shape", ""),
         "material": about.get("material", {}).get("name", "") or "",
         "rigid": rigid[:, station],
@@ -119,6 +128,14 @@ def _link(result: Result, name: str) -> dict[str, Any]:
         "y": section_y[:, station],
         "fields": {k: f[:, station] for k, f in fields.items()},
     }
+
+
+def _on_beam(skin: Surface | None, about: dict[str, Any]) -> dict[str, Any] | None:
+    """The mesh of a flexible link in its beam frame, to be bent with it."""
+    if skin is None or not skin.from_file or "frame" not in about or "origin" not in about:
+        return None
+    turn = np.asarray(about["frame"], dtype=float).T  # from the link's frame to the beam's
+    return packed(skin.moved(turn, -turn @ np.asarray(about["origin"], dtype=float)))
 
 
 def _rigid_normal(rigid: Array, section_y: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.carried import Carrier
 from pinflex.result import Result
+from pinflex.surfaces import Surface, joined, packed
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class Skeleton:
         rigid: Pose of the rigid mechanism, shape (nt, 3, 4).
         root: No moving joint carries it.
         platform: It carries the platform frame.
+        surface: What the URDF draws of it, in the same frame.
     """
 
     name: str
@@ -33,10 +36,19 @@ class Skeleton:
     rigid: Array
     root: bool
     platform: bool
+    surface: Surface | None = None
 
 
-def skeletons(result: Result, carrier: Carrier) -> list[Skeleton]:
-    """The rigid bodies of a result that have something to draw."""
+def skeletons(
+    result: Result, carrier: Carrier, surfaces: Mapping[str, Surface]
+) -> list[Skeleton]:
+    """The rigid bodies of a result that have something to draw.
+
+    Args:
+        result: The run.
+        carrier: Finds what moves with what.
+        surfaces: What the URDF draws, by link.
+    """
     about = result.meta.get("bodies", {})
     names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
     joints = carrier.joints.values()
@@ -52,7 +64,7 @@ def skeletons(result: Result, carrier: Carrier) -> list[Skeleton]:
     bones = []
     for head, links in groups.items():
         pose = result.arrays[f"body/{head}/pose"]
-        parts, aim = [np.empty((0, 3))], None
+        parts, aim, skins = [np.empty((0, 3))], None, []
         for link in links:
             own = result.arrays[f"body/{link}/pose"][0]
             turn, shift = (
@@ -62,14 +74,17 @@ def skeletons(result: Result, carrier: Carrier) -> list[Skeleton]:
             points = np.asarray(about.get(link, {}).get("points", ()), dtype=float).reshape(-1, 3)
             parts.append(points @ turn.T + shift)
             aim = shift if link == platform else aim
+            if link in surfaces:
+                skins.append(surfaces[link].moved(turn, shift))
         points = _distinct(np.concatenate(parts))
         if aim is not None and len(points) > 3:  # the platform's origin is no joint of it
             points = points[np.linalg.norm(points - aim, axis=1) > 1e-6]
-        if len(points):
+        if len(points) or skins:
             radius = max(float(about.get(link, {}).get("radius") or 0.0) for link in links)
             rigid = result.arrays.get(f"body/{head}/pose_rigid", pose)
             root = not moved & set(links)
-            bones.append(Skeleton(head, points, radius, pose, rigid, root, platform in links))
+            skin = joined(skins) if skins else None
+            bones.append(Skeleton(head, points, radius, pose, rigid, root, platform in links, skin))
     return bones
 
 
@@ -83,11 +98,15 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
     """
     points, pose, rigid = bone.points, bone.pose, bone.rigid
     radius = float(np.clip(bone.radius, 0.007 * size, 0.03 * size))
-    _, spread, axes = np.linalg.svd(points - points.mean(axis=0))
-    across = np.append(spread, np.zeros(3))[:3] / max(float(spread[0]), 1e-12)
+    if len(points):
+        _, spread, axes = np.linalg.svd(points - points.mean(axis=0))
+        across = np.append(spread, np.zeros(3))[:3] / max(float(spread[0]), 1e-12)
     rods: list[Any] = []
     plate = None
-    if len(points) == 2:
+    mesh = None if bone.surface is None else packed(bone.surface)
+    if mesh is not None:
+        pass  # it says more than any simple shape
+    elif len(points) == 2:
         rods = [points.tolist()]
     elif len(points) > 2 and across[1] < 0.05:  # on one line
         order = points[np.argsort(points @ axes[0])]
@@ -105,6 +124,7 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "points": points.tolist(),
         "rods": rods,
         "plate": plate,
+        "mesh": mesh,
         "pose": pose[keep[:1] if still else keep].reshape(-1, 12),
         "rigid": None if np.array_equal(rigid, pose) else rigid[keep].reshape(-1, 12),
     }

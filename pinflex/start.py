@@ -77,7 +77,8 @@ def consistent_acceleration(
         _, J = dynamics.close(y)
         S[:n, n:], S[n:, :n] = J[:, free].T, J[:, free]
         b[n:] = -dynamics.closure_bias(y, v) - J[:, held] @ a_held
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(S)), 1e-12 * np.max(np.abs(np.diag(S)))))
+    size = np.abs(np.diag(S))
+    scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size, initial=0.0)), 1e-300)))
     scale[n:] = 1.0
     S *= scale[:, None] * scale
     b *= scale

@@ -1,7 +1,7 @@
 """One self-contained page that plays a run in a browser: offline, from file://, no server.
 
-The page holds meshcat's own bundle, the player (player.js, player.css) and the arrays of the run
-as base64 float32. Its content security policy names the two scripts by their hash and allows no
+The page holds meshcat's own bundle, the player (the folder page) and the arrays of the run as
+base64 float32. Its content security policy names the two scripts by their hash and allows no
 network at all; every name of the user's reaches the page as data, never as markup.
 """
 
@@ -15,7 +15,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
@@ -29,6 +29,7 @@ from pinflex.result import Result
 from pinflex.scene import FIELDS, build_scene
 
 MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
+PLAYER = ("state", "meshes", "shapes", "stage", "readings", "player")  # in this order, one script
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}; \
@@ -55,6 +56,7 @@ def write_html(
     title: str | None = None,
     rigid: Result | None = None,
     limit: float | None = None,
+    meshes: Sequence[str | Path] | None = (),
 ) -> Path:
     """Write one page that plays a run; it needs no network, no server and no pinflex to be read.
 
@@ -66,11 +68,13 @@ def write_html(
         title: Heading; default the run's name.
         rigid: The same motion without elasticity, to compare torques and the platform path with.
         limit: Stress the material bears [Pa]; above it the colour changes.
+        meshes: Folders in which the meshes of the URDF are looked for, besides the package
+            example-robot-data; None draws simple shapes only.
 
     Returns:
         The file written.
     """
-    scene = build_scene(result, rigid, _scale(scale))
+    scene = build_scene(result, rigid, _scale(scale), meshes)
     if field not in FIELDS:
         raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
     page = {"field": field, "limit": None if limit is None else 1e-6 * limit}
@@ -141,7 +145,8 @@ def has_desktop() -> bool:
 
 def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) -> str:
     """The whole page as text."""
-    bundle, player = _bundle(), _asset("player.js")
+    parts = "\n".join(_asset(f"{name}.js") for name in PLAYER)
+    bundle, player = _bundle(), f'"use strict";\n(() => {{\n{parts}\n}})();'
     data = {"title": title, "file": _slug(title), **page, "runs": scenes}
     # in JSON a "<" can stand only inside a text, where its escape means the same
     text = json.dumps(data, default=_packed, allow_nan=False).replace("<", "\\u003c")
@@ -188,10 +193,10 @@ def _scale(scale: float | str) -> float | str:
 
 
 def _packed(value: Any) -> Any:
-    """An array as base64 text of little-endian float32, or int16 where it is one."""
+    """An array as base64 text of little-endian float32, or of 16-bit integers where it is so."""
     if isinstance(value, np.ndarray):
-        kind, dtype = ("i2", "<i2") if value.dtype == np.int16 else ("f4", "<f4")
-        raw = np.ascontiguousarray(np.nan_to_num(value), dtype=dtype).tobytes()
+        kind = {"int16": "i2", "uint16": "u2"}.get(value.dtype.name, "f4")
+        raw = np.ascontiguousarray(np.nan_to_num(value), dtype=f"<{kind}").tobytes()
         return {kind: base64.b64encode(raw).decode(), "shape": list(value.shape)}
     if isinstance(value, np.generic):
         return value.item()
@@ -214,7 +219,7 @@ def _bundle() -> str:
 
 @cache
 def _asset(name: str) -> str:
-    return (files("pinflex") / name).read_text("utf-8").replace("\r\n", "\n")
+    return (files("pinflex") / "page" / name).read_text("utf-8").replace("\r\n", "\n")
 
 
 def _sha256(script: str) -> str:

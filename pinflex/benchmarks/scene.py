@@ -80,7 +80,7 @@ def release(
     y: Array | None = None,
     rho_inf: float = 0.8,
     path: MotorPath | None = None,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-7,
 ) -> Run:
     """Coupled run from a state; motors rest unless a path is given.
 

@@ -16,7 +16,7 @@ from pinflex.section import Section
 L = 0.8  # [m]
 STEEL = Material(2.1e11, 8.0e10, 7800.0, 0.3125)
 BAR = Section.rectangle(width=0.012, thickness=0.005)
-CB = Basis("craig_bampton", internal=2)
+CB = Basis("craig_bampton", internal=4)
 QUINTIC = Basis("finite_element", elements=2, order="quintic")
 CUBIC = Basis("finite_element", elements=3, order="cubic")
 

@@ -1,0 +1,88 @@
+/* meshes.js: surfaces from the URDF, as they are on rigid links and bent with flexible ones. */
+
+/* Corners of a packed mesh with normals that keep edges sharp: faces that meet at more than 40
+   degrees do not share one. Equal corners are merged. */
+function corners(mesh) {
+  const n = mesh.points.length / 3, f = mesh.faces, m = f.length / 3, p = new Float32Array(3 * n);
+  for (let i = 0; i < 3 * n; i++) p[i] = mesh.centre[i % 3] + mesh.half * mesh.points[i];
+  const normal = new Float32Array(3 * m), unit = new Float32Array(3 * m), first = new Int32Array(n + 1), around = new Int32Array(3 * m);
+  for (let t = 0; t < m; t++) {
+    const [a, b, c] = [3 * f[3 * t], 3 * f[3 * t + 1], 3 * f[3 * t + 2]];
+    const ux = p[b] - p[a], uy = p[b + 1] - p[a + 1], uz = p[b + 2] - p[a + 2], vx = p[c] - p[a], vy = p[c + 1] - p[a + 1], vz = p[c + 2] - p[a + 2];
+    const w = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], l = Math.hypot(...w) || 1;
+    for (let i = 0; i < 3; i++) { normal[3 * t + i] = w[i]; unit[3 * t + i] = w[i] / l; first[f[3 * t + i] + 1]++; }
+  }
+  for (let i = 0; i < n; i++) first[i + 1] += first[i];
+  const next = first.slice();
+  for (let k = 0; k < 3 * m; k++) around[next[f[k]]++] = Math.floor(k / 3);
+  const position = [], normals = [], index = new Uint32Array(3 * m), known = new Map(), sharp = Math.cos(40 * Math.PI / 180);
+  for (let k = 0; k < 3 * m; k++) {
+    const t = 3 * Math.floor(k / 3), v = f[k], sum = [0, 0, 0];
+    for (let j = first[v]; j < first[v + 1]; j++) {
+      const o = 3 * around[j];                     // weighed by area
+      if (unit[t] * unit[o] + unit[t + 1] * unit[o + 1] + unit[t + 2] * unit[o + 2] >= sharp) for (let i = 0; i < 3; i++) sum[i] += normal[o + i];
+    }
+    const l = Math.hypot(...sum) || 1, key = v + sum.map((x) => "," + Math.round(200 * x / l)).join("");
+    let at = known.get(key);
+    if (at === undefined) {
+      at = position.length / 3;
+      known.set(key, at);
+      position.push(p[3 * v], p[3 * v + 1], p[3 * v + 2]); normals.push(sum[0] / l, sum[1] / l, sum[2] / l);
+    }
+    index[k] = at;
+  }
+  return {position: Float32Array.from(position), normal: Float32Array.from(normals), index};
+}
+
+function meshGeometry(mesh) {
+  const c = corners(mesh), g = new THREE.BufferGeometry();
+  g.setIndex(new THREE.BufferAttribute(c.index, 1));
+  g.setAttribute("position", new THREE.BufferAttribute(c.position, 3));
+  g.setAttribute("normal", new THREE.BufferAttribute(c.normal, 3));
+  return g;
+}
+
+/* A mesh in beam coordinates carried by its centreline: every point moves with its own section. It
+   takes the place of a Sweep. */
+class Skin {
+  constructor(base, stations, material) {
+    const n = base.position.length / 3, m = stations.length;
+    this.base = base; this.count = m;
+    this.at = new Uint16Array(n); this.share = new Float32Array(n); this.over = new Float32Array(n);
+    for (let i = 0; i < n; i++) {
+      const x = clamp(base.position[3 * i], stations[0], stations[m - 1]);
+      let k = 0;
+      while (k < m - 2 && stations[k + 1] < x) k++;
+      this.at[i] = k;
+      this.share[i] = (x - stations[k]) / (stations[k + 1] - stations[k]);
+      this.over[i] = base.position[3 * i] - x;     // beyond the ends it goes on straight
+    }
+    this.t = new Float32Array(3 * m); this.y = new Float32Array(3 * m); this.z = new Float32Array(3 * m);
+    const g = this.geometry = new THREE.BufferGeometry();
+    g.setIndex(new THREE.BufferAttribute(base.index, 1));
+    for (const [k, size] of [["position", 3], ["normal", 3], ["uv", 2]]) {
+      this[k] = new Float32Array(size * n);
+      g.setAttribute(k, new THREE.BufferAttribute(this[k], size));
+    }
+    this.mesh = new THREE.Mesh(g, material);
+    this.mesh.frustumCulled = false;
+    this.mesh.castShadow = this.mesh.receiveShadow = true;
+  }
+  /* c: points (3 m); ys: wished y directions (3 m, or 3 for all); values: m texture coordinates */
+  set(c, ys, values) {
+    const {base, at, share, over, position, normal, uv, t, y, z} = this, one = ys.length === 3;
+    sections(c, ys, one, this.count, t, y, z);
+    const p = base.position, q = base.normal;
+    for (let i = 0, n = at.length; i < n; i++) {
+      const a = 3 * at[i], b = a + 3, w = share[i], v = 1 - w, o = over[i], r = 3 * i, py = p[r + 1], pz = p[r + 2];
+      for (let j = 0; j < 3; j++) {
+        const T = v * t[a + j] + w * t[b + j], Y = v * y[a + j] + w * y[b + j], Z = v * z[a + j] + w * z[b + j];
+        position[r + j] = v * c[a + j] + w * c[b + j] + o * T + py * Y + pz * Z;
+        normal[r + j] = q[r] * T + q[r + 1] * Y + q[r + 2] * Z;
+      }
+      uv[2 * i] = values ? v * values[at[i]] + w * values[at[i] + 1] : 0;
+      uv[2 * i + 1] = 0.5;
+    }
+    for (const k of ["position", "normal", "uv"]) this.geometry.attributes[k].needsUpdate = true;
+  }
+}
