@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pinflex.superelement import Superelement
 
 DIRECTIONS = ("u", "v", "w", "p")
-KINDS = ("craig_bampton", "finite_element", "assumed")
+KINDS = ("craig_bampton", "finite_element", "assumed", "ritz8")
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,14 +224,34 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
         second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
         ratio = material.E * second / (k * material.G * section.A)
     if basis.kind == "finite_element":
-        return hermite(length, basis.elements, basis.order, direction=direction, shear_ratio=ratio)
+        free = basis.boundary == "free_free" and direction in BENDING
+        root = "free" if free else "clamped"
+        return hermite(length, basis.elements, basis.order, root, direction, ratio)
     if basis.kind == "assumed":
         if direction in BENDING:
             return assumed(length, basis.boundary, basis.modes)
         return sines(length, basis.modes)
+    if basis.kind == "ritz8":
+        return _ritz8(length, direction, ratio)
     # Stretch and twist live far above bending: two internal modes fewer cost nothing there.
     n = basis.internal + 2 if direction in BENDING else max(basis.internal - 2, 0) + 1
     return polynomial(length, n, direction, ratio, ratio > 0.0 and link.rotary_inertia)
+
+
+def _ritz8(length: float, direction: str, shear_ratio: float) -> Family:
+    """End coordinates q1..q8 of a link: stretch, rotations about z and y, twist of both ends.
+
+    The source's bending functions are linear, which bends nothing while its stiffness is that of
+    end rotations: here q2, q3, q6, q7 are these rotations, against the chord, and twist has G J / l.
+    The frame of the link is fixed to its root section, not to the chord, so the shapes are those
+    of the chord less a rotation; q1 and q4 move the whole link, which its joint does already.
+    Source: eq. 1-3 of the article on the 3-TPT (models/3tpt/SOURCE.md).
+    """
+    one = hermite(length, 1, "cubic", direction=direction, shear_ratio=shear_ratio)
+    if direction in BENDING:
+        names = ("q2", "q6") if direction == "v" else ("q3", "q7")
+        return combine(one, np.array([[-length, 0.0], [-1.0, 1.0]]), names)
+    return combine(one, np.eye(1), ("q5" if direction == "u" else "q8",))
 
 
 def _energy(link: FlexibleLink, direction: str, family: Family, rho: float) -> tuple[Array, Array]:

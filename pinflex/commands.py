@@ -96,6 +96,7 @@ def modes(args: argparse.Namespace) -> int:
 def solve(args: argparse.Namespace) -> int:
     """Solve one level and save it."""
     from pinflex.solve import solve as run_level
+    from pinflex.study import reason
 
     mechanism = load_model(args)
     for path in (args.output, args.csv):
@@ -112,15 +113,15 @@ def solve(args: argparse.Namespace) -> int:
             progress=bar,
         )
     except SceneError as error:
-        if args.output is None or not isinstance(error.result, Result):
+        if not isinstance(error.result, Result):
             raise
-        error.result.save(args.output)
+        kept = f"-o RUN.npz saves the run up to t = {error.result.t[-1]:.6g} s."
+        if args.output is not None:
+            kept = f"The run up to t = {error.result.t[-1]:.6g} s was saved to {args.output}."
+            error.result.save(args.output)
         if args.csv is not None:
             error.result.to_csv(args.csv)
-        until = f"{error.result.t[-1]:.6g}"
-        raise type(error)(
-            f"{error} The run up to t = {until} s was saved to {args.output}.", **error.data
-        ) from error
+        raise type(error)(f"{reason(error)} {kept}", **error.data) from error
     finally:
         bar.close()
     files = []
@@ -260,7 +261,7 @@ def _result_tables(result: Result) -> list[str]:
         table("Motors", "motor|unit|peak|rms", motors, (24, 4)),
         table(
             "Flexible links, largest values",
-            "link|deflection|von Mises [MPa]|at x [mm]|at [s]",
+            "link|off the root tangent|von Mises [MPa]|at x [mm]|at [s]",
             links,
             (24,),
         ),

@@ -163,8 +163,9 @@ def _times(row: PlatformRow) -> tuple[float, float]:
 
 def _once(rows: list[list[str]]) -> list[list[str]]:
     """Rows in which a name that repeats the one above is left blank."""
-    above = [None] + [row[0] for row in rows[:-1]]
-    return [["" if row[0] == a else row[0], *row[1:]] for a, row in zip(above, rows, strict=True)]
+    return [
+        ["" if k and row[0] == rows[k - 1][0] else row[0], *row[1:]] for k, row in enumerate(rows)
+    ]
 
 
 def _percent(x: float) -> str:

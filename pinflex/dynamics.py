@@ -27,7 +27,8 @@ class Dynamics:
         self.system = system
         expansion = system.expansion
         self.model: pin.Model = expansion.model
-        self.data: pin.Data = self.model.createData()
+        spare = expansion.spare
+        self.data: pin.Data = spare.pop() if spare else self.model.createData()
         self.n_rigid = int(system.rigid.nv)
         self.nq_rigid = int(system.rigid.nq)
         self.vector_space = self.nq_rigid == self.n_rigid
@@ -47,6 +48,11 @@ class Dynamics:
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
         self._V, self._A = np.zeros(nV), np.zeros(nV)
         self.g = np.zeros(nV)
+
+    def __del__(self) -> None:
+        spare = self.system.expansion.spare
+        if not spare and hasattr(self, "data"):
+            spare.append(self.data)
 
     # Configuration -------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ Q = T(y), V = X v, A = X a + Xdot v, and Pinocchio does the rest on Q.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +23,7 @@ from pinflex.basis import FlexibleBody
 from pinflex.expanded import Attachment, Block, Expansion, Interface, Slot
 from pinflex.flexible import EndMass
 from pinflex.parts import FlexiblePart
+from pinflex.superelement import Superelement
 from pinflex.tree import Link
 
 _POINT = np.zeros((3, 3))
@@ -103,6 +104,9 @@ class _Assembler:
         if part.tip is not None:
             at_section.setdefault(part.length, [])
         root = Attachment(here.joint, here.placement * part.placement)
+        if part.bodies[0].solid is not None:
+            self._solid(number, root, part, part.bodies[0].solid)
+            return
         for k, body in enumerate(part.bodies):
             start = k * body.length
             last = k == len(part.bodies) - 1
@@ -162,10 +166,41 @@ class _Assembler:
         )
         return following
 
+    def _solid(self, number: int, root: Attachment, part: FlexiblePart, solid: Superelement) -> None:
+        """A reduced solid: its points, then each interface with the children nearest to it."""
+        body = part.bodies[0]
+        eta = slice(self.n_eta, self.n_eta + body.n)
+        self.n_eta += body.n
+        slot = len(self.slots)
+        self.maps.append([])
+        stations = self._stations(body, root, slot)
+        none = np.zeros(0, dtype=np.intp)
+        self.slots.append(Slot(part.link, 0.0, body, eta, root, stations, none, ()))
+        places = [solid.held[1], *(node.place for node in solid.nodes)]
+        nearest: list[list[int]] = [[] for _ in places]
+        for child in self.children[number]:
+            if self._matters(child):
+                at = part.placement.actInv(self.links[child].placement.translation)
+                nearest[int(np.argmin([np.linalg.norm(at - p) for p in places]))].append(child)
+        interfaces = []
+        for k, children in enumerate(nearest):
+            carrier, section = root, root.placement
+            to_place = part.placement
+            if k:
+                node = solid.nodes[k - 1]
+                interface = self._node(root, slot, node.place, node.Phi, node.G)
+                interfaces.append(interface)
+                carrier, section = interface.attachment, pin.SE3.Identity()
+                to_place = part.placement * pin.SE3(np.eye(3), node.place)
+            for child in children:
+                placement = to_place.actInv(self.links[child].placement)
+                self._child(child, Attachment(carrier.joint, section), placement)
+        self.slots[slot] = replace(self.slots[slot], interfaces=tuple(interfaces))
+
     def _stations(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
-        rows = np.empty((len(body.x), 3), dtype=np.intp)
-        for k, x in enumerate(body.x):
-            joint = self._slide(root, x)
+        rows = np.empty((len(body.mass), 3), dtype=np.intp)
+        for k, place in enumerate(body.points):
+            joint = self._slide(root, place)
             rows[k] = self._rows(joint)
             self._map(slot, rows[k], body.Phi[k], None if body.G is None else body.G[k])
             tensor = _POINT
@@ -192,16 +227,22 @@ class _Assembler:
 
     def _interface(self, body: FlexibleBody, root: Attachment, slot: int, x: float) -> Interface:
         Phi, G = body.rows(min(x, body.length))
-        joint = self._slide(root, x)
+        return self._node(root, slot, np.array([x, 0.0, 0.0]), Phi, G)
+
+    def _node(
+        self, root: Attachment, slot: int, place: Array, Phi: Array, G: Array | None
+    ) -> Interface:
+        joint = self._slide(root, place)
         slide = self._rows(joint)
         self._map(slot, slide, Phi[:3], None if G is None else G[:3])
         joint, turned = self._turn(joint, slot, Phi[3:], None if G is None else G[3:])
         rows = np.array([row for _, row in turned], dtype=np.intp)
         turns = tuple(direction for direction, _ in turned)
+        x = float(place[0])
         return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, rows, turns)
 
-    def _slide(self, root: Attachment, x: float) -> int:
-        placement = root.placement * pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+    def _slide(self, root: Attachment, place: Array) -> int:
+        placement = root.placement * pin.SE3(np.eye(3), place)
         name = f"section {self.model.njoints}"
         return int(self.model.addJoint(root.joint, pin.JointModelTranslation(), placement, name))
 

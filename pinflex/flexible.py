@@ -17,9 +17,13 @@ from pinflex.urdf import Urdf
 Switch = bool | Literal["auto"]
 _BASIS_KEYS: dict[str, tuple[str, ...]] = {
     "craig_bampton": ("internal",),
-    "finite_element": ("elements", "order"),
+    "finite_element": ("elements", "order", "boundary"),
     "assumed": ("boundary", "modes"),
+    "ritz8": (),
+    "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
+    "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
 }
+_SOLID = ("mesh", "matrices")
 ORDERS = ("cubic", "quintic")
 BOUNDARIES = (
     "clamped_free",
@@ -44,12 +48,25 @@ class Basis:
     """The shapes in which a link deforms.
 
     Attributes:
-        kind: craig_bampton, finite_element or assumed.
+        kind: craig_bampton, finite_element, assumed, ritz8, mesh or matrices.
         internal: craig_bampton: internal modes per direction beside the static end shapes.
         elements: finite_element: number of beam elements.
         order: finite_element: cubic (12 coordinates) or quintic (18).
-        boundary: assumed: end conditions of the analytic modes, root first.
-        modes: assumed: number of modes per bending direction.
+        boundary: assumed: end conditions of the analytic modes, root first; finite_element:
+            clamped_free, or free_free, of which a `slider` or a loop holds the root.
+        modes: assumed: number of modes per bending direction; mesh, matrices: number of modes with
+            all interfaces held.
+        file: mesh: a mesh in a format of meshio; matrices: a .npz. Relative to the YAML.
+        scale: mesh: metres per unit of the file.
+        rod: mesh: instead of a file, (diameter, length) [m] of the segments of a round rod along
+            the span; a length of 0 is the span.
+        size: mesh: length of the cells of a rod [m]; None: its smallest diameter.
+        interfaces: mesh, matrices: name and region of each rigid interface, the one that is fixed
+            to the link's frame first. A region is a group of faces (matrices: an array of node
+            numbers), or a box x0 y0 z0 x1 y1 z1 [m].
+        mass: matrices: Matrix Market file of M, instead of a .npz.
+        stiffness: matrices: that of K.
+        nodes: matrices: text or .csv file of their places, x y z [m] a line.
     """
 
     kind: str = "craig_bampton"
@@ -58,6 +75,14 @@ class Basis:
     order: str = "cubic"
     boundary: str = "clamped_free"
     modes: int = 3
+    file: str | None = None
+    scale: float = 1.0
+    rod: tuple[tuple[float, float], ...] = ()
+    size: float | None = None
+    interfaces: tuple[tuple[str, str | tuple[float, ...]], ...] = ()
+    mass: str | None = None
+    stiffness: str | None = None
+    nodes: str | None = None
 
 
 @dataclass(frozen=True)
@@ -163,7 +188,9 @@ def from_spec(
         urdf: The links there are.
         damping: (rayleigh, modal) of a link that has no damping of its own.
     """
-    block = schema.mapping(spec, where, _KEYS, ("material", "section"))
+    block = schema.mapping(spec, where, _KEYS)
+    solid = _is_solid(block.get("basis"))
+    schema.mapping(spec, where, _KEYS, ("material",) if solid else ("material", "section"))
     place = {key: schema.at(where, key) for key in _KEYS}
     fields: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
     if "basis" in block:
@@ -194,12 +221,33 @@ def from_spec(
     if "damping" in block:
         rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
         fields |= {"rayleigh": rayleigh, "modal_damping": modal}
+    if solid:
+        _refuse_beam_keys(block, place)
+    elif "basis" in fields and fields["basis"].kind == "ritz8":
+        fields.setdefault("axial", True)
     return FlexibleLink(
         link,
         material.from_spec(block["material"], place["material"]),
-        section.from_spec(block["section"], place["section"]),
+        # A solid has no section of its own; one of its volume takes the place when it is read.
+        section.from_spec(block.get("section", {"shape": "circle", "diameter": 1.0}), place["section"]),
         **fields,
     )
+
+
+def _is_solid(basis: object) -> bool:
+    return isinstance(basis, dict) and basis.get("kind") in _SOLID
+
+
+def _refuse_beam_keys(block: dict[str, Any], place: dict[str, str]) -> None:
+    """Keys that mean something for beams only."""
+    for key in (*_SWITCHES, "rotary_inertia", "shear", "root", "tip", "section"):
+        if key in block:
+            raise DescriptionError(
+                f"{place[key]}: a solid deforms in every direction and has its own inertia, so "
+                "this has no meaning for it. Remove it."
+            )
+    if block.get("segments", 1) != 1:
+        raise DescriptionError(f"{place['segments']}: a solid is one body. Remove it.")
 
 
 def basis_from_spec(spec: object, where: str) -> Basis:
@@ -218,11 +266,72 @@ def basis_from_spec(spec: object, where: str) -> Basis:
                 f"{place}: has no meaning for the kind {kind}, which takes "
                 f"{', '.join(_BASIS_KEYS[kind])}. Remove it, or write kind: {owner}."
             )
-        if key in ("order", "boundary"):
-            fields[key] = schema.choice(value, place, ORDERS if key == "order" else BOUNDARIES)
+        if kind in _SOLID:
+            fields[key] = solid_key(key, value, place)
+        elif key in ("order", "boundary"):
+            ends = BOUNDARIES if kind == "assumed" else ("clamped_free", "free_free")
+            fields[key] = schema.choice(value, place, ORDERS if key == "order" else ends)
         else:
             fields[key] = schema.integer(value, place, low=0 if key == "internal" else 1)
+    if kind in _SOLID:
+        fields = {"modes": 6} | fields
+        _check_solid(kind, block, where)
     return Basis(kind, **fields)
+
+
+def solid_key(key: str, value: object, place: str) -> Any:
+    """One key of the kinds mesh and matrices."""
+    if key in ("file", "mass", "stiffness", "nodes"):
+        return schema.text(value, place)
+    if key == "modes":
+        return schema.integer(value, place, low=1)
+    if key == "rod":
+        return _rod(value, place)
+    if key == "interfaces":
+        return tuple(
+            (name, item if isinstance(item, str) else schema.numbers(item, f"{place}.{name}", 6))
+            for name, item in schema.mapping(value, place).items()
+        )
+    return schema.number(value, place, above=0)
+
+
+def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
+    """(diameter, length) of each segment from {diameters: [...], lengths: [...]}."""
+    block = schema.mapping(value, where, ("diameters", "lengths"), ("diameters",))
+    count = len(schema.items(block["diameters"], f"{where}.diameters"))
+    if "lengths" not in block and count != 1:
+        raise DescriptionError(
+            f"{where}.lengths: missing. Give the length [m] of each of the {count} diameters."
+        )
+    pairs: list[tuple[float, float]] = []
+    lengths = schema.items(block["lengths"], f"{where}.lengths", count) if "lengths" in block else [0]
+    for k, (d, x) in enumerate(zip(block["diameters"], lengths, strict=True)):
+        diameter = schema.number(d, f"{where}.diameters[{k}]", above=0)
+        span = schema.number(x, f"{where}.lengths[{k}]", above=0) if "lengths" in block else 0.0
+        pairs.append((diameter, span))
+    return tuple(pairs)
+
+
+def _check_solid(kind: str, block: dict[str, Any], where: str) -> None:
+    """A solid comes from one source, and has at least the interface at which it is held."""
+    sources = {"mesh": ("file", "rod"), "matrices": ("file", "mass")}[kind]
+    given = [key for key in sources if key in block]
+    if len(given) != 1:
+        raise DescriptionError(
+            f"{where}: {' and '.join(given) or 'nothing'} given for the body. Give one of "
+            f"{', '.join(sources)}."
+        )
+    if "mass" in block and not {"stiffness", "nodes"} <= block.keys():
+        raise DescriptionError(f"{where}: mass needs stiffness and nodes beside it. Give all three.")
+    if "rod" in block and block.keys() & {"interfaces", "scale"}:
+        raise DescriptionError(
+            f"{where}: a rod is built in m, with its ends as interfaces. Remove interfaces and scale."
+        )
+    if "rod" not in block and not block.get("interfaces"):
+        raise DescriptionError(
+            f"{where}.interfaces: missing. Name the rigid regions, first the one fixed to the "
+            "link's frame: {root: GROUP, tip: GROUP}."
+        )
 
 
 def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -56,9 +57,9 @@ class FlexiblePart:
         """The undeformed link as its stations see it, in the link's frame."""
         inertias = []
         for k, body in enumerate(self.bodies):
-            for j, (x, mass) in enumerate(zip(body.x, body.mass, strict=True)):
+            for j, (place, mass) in enumerate(zip(body.points, body.mass, strict=True)):
                 tensor = np.diag(body.inertia[j]) if body.inertia is not None else np.zeros((3, 3))
-                point = np.array([k * body.length + x, 0.0, 0.0])
+                point = place + [k * body.length, 0.0, 0.0]
                 inertias.append(pin.Inertia(float(mass), point, tensor))
             for twist in body.It:
                 inertias.append(pin.Inertia(0.0, np.zeros(3), np.diag([float(twist), 0.0, 0.0])))
@@ -109,6 +110,8 @@ def _part(
     number = index[spec.link]
     start, end = _span(where, spec, number, links, index)
     placement, length = _beam_frame(where, spec, links[number], start, end)
+    if spec.basis.kind in ("mesh", "matrices"):
+        return _solid_part(description, spec, placement, length, where)
     planes, reason = _planes(where, spec, poses[number] * placement, normal)
     if spec.material.rho is None:
         mass = links[number].inertia.mass
@@ -124,6 +127,23 @@ def _part(
     return FlexiblePart(
         spec.link, placement, length, planes, reason, bodies, spec.root, spec.tip, spec
     )
+
+
+def _solid_part(
+    description: Description, spec: FlexibleLink, placement: pin.SE3, length: float, where: str
+) -> FlexiblePart:
+    from pinflex.solid_link import equivalent_section, solid_body  # late: few links are solids
+
+    folder = Path() if description.path is None else description.path.parent
+    if spec.material.rho is None and spec.basis.kind == "mesh":
+        raise DescriptionError(
+            f"{where}.material.rho: missing. The mass of a mesh is its volume times rho [kg/m^3]."
+        )
+    body = solid_body(spec, placement, length, folder, where)
+    spec = replace(spec, section=equivalent_section(body, spec.material.rho))
+    reason = "a solid deforms in every direction"
+    directions = ("u", "v", "w", "p")
+    return FlexiblePart(spec.link, placement, length, directions, reason, (body,), None, None, spec)
 
 
 def _span(

@@ -174,7 +174,13 @@ def spectrum(
     for f, a in found:
         ax.plot(f, a, "o", color=COLOURS[1], ms=4)
         ax.annotate(
-            f"{f:.1f} Hz", (f, a), (0, 6), textcoords="offset points", ha="center", fontsize=9
+            f"{f:.1f} Hz",
+            (f, a),
+            (0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=9,
+            bbox={"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
         )
     _title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
     for i, f in enumerate(natural):

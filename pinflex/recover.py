@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pinflex import stress
+from pinflex import mesh_stress, stress
 from pinflex.arrays import Array, IntArray
 from pinflex.dynamics import Dynamics
 from pinflex.expanded import Attachment
@@ -190,10 +190,16 @@ def _links(mechanism: Mechanism, run: Run, samples: _Samples, reference: Array) 
             loads = [
                 (i.x, *_load(samples, i.attachment.joint, i.force_rows)) for i in slot.interfaces
             ]
-            forces = stress.resultants(
-                section, slot.body, d, samples.g[:, slot.stations], samples.g[:, slot.twists],
-                loads, eta,
-            )  # fmt: skip
+            if slot.body.solid is not None:
+                solid, pull = slot.body.solid, samples.g[:, slot.stations]
+                forces = mesh_stress.resultants(solid, d, pull, [load[1:] for load in loads], eta)
+                for key, value in mesh_stress.surface(solid, eta).items():
+                    out[f"link/{name}/mesh/{key}"] = value
+            else:
+                forces = stress.resultants(
+                    section, slot.body, d, samples.g[:, slot.stations], samples.g[:, slot.twists],
+                    loads, eta,
+                )  # fmt: skip
             root = _at(samples.poses, slot.root)
             local = d[:, :, :3].copy()
             local[:, :, 0] += section.x

@@ -46,6 +46,7 @@ _DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json 
     SyntaxError,
     struct.error,
 )
+_WITHOUT_TIME = ("/x", "/mesh/nodes", "/mesh/triangles")
 _UNITS = {
     "torque": "N m",
     "joint/q": "rad",
@@ -81,7 +82,7 @@ class Result:
             )
         arrays = {key: _read_only(value, key) for key, value in self.arrays.items()}
         for key, value in arrays.items():
-            fixed = key.startswith("link/") and key.endswith("/x")  # the only key without time
+            fixed = key.startswith("link/") and key.endswith(_WITHOUT_TIME)
             if not fixed and value.shape[:1] != t.shape:
                 raise DescriptionError(
                     f"result: {key}: shape {value.shape} does not start with the "

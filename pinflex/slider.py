@@ -10,7 +10,7 @@ curve there is f(X) = phi(X) eta. No coordinate says where the contact is, and n
     chord   Y                              the beam's frame stays on the line through the sleeve
 
 `chord` is no force: it fixes the frame of a family that has the rigid rotation among its functions
-(free_free), of which the joint of the beam would be a double. Its multiplier is zero.
+(free_free), of which the joint of the beam would be a double. Its multiplier is of third order.
 
 The contact is where frame b projects on the beam's x axis; the axial shift -1/2 int f'^2 dx of that
 point changes f(X) in the third order, beyond what the shapes keep (`pinflex.basis`).
@@ -137,7 +137,8 @@ def _sleeve(
     sorts = ["hold"]
     if loop.sleeve > 0.0:
         sorts += ["pivot"] if loop.pivoting else ["right", "left"]
-    if part.spec.basis.kind == "assumed" and part.spec.basis.boundary == "free_free":
+    basis = part.spec.basis
+    if basis.kind != "craig_bampton" and basis.boundary == "free_free":
         sorts.append("chord")
     at = slot.body.slices["v"]
     eta = slice(slot.eta.start + at.start, slot.eta.start + at.stop)

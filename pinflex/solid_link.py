@@ -43,9 +43,21 @@ def solid_body(
         for name in _files(spec.basis)
     )
     return _reduced(
-        spec.basis, spec.material, tuple(map(tuple, pose.tolist())), length, folder, stamp,
-        (spec.second_order, spec.rayleigh, spec.modal_damping), place,
+        spec.basis, spec.material, tuple(map(tuple, np.round(pose, 12).tolist())), round(length, 12),
+        folder, stamp, (spec.second_order, spec.rayleigh, spec.modal_damping), _Where(place),
     )  # fmt: skip
+
+
+class _Where(str):
+    """The place of a link in the description; all places are equal, as are bodies in them."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Where)
+
+    def __hash__(self) -> int:
+        return 0
 
 
 @lru_cache(maxsize=16)
@@ -57,7 +69,7 @@ def _reduced(
     folder: Path,
     stamp: tuple[int, ...],
     options: tuple[bool, tuple[float, float], float],
-    where: str,
+    where: _Where,
 ) -> FlexibleBody:
     """Equal links in equal frames are reduced once; `stamp` notices files that changed."""
     del stamp

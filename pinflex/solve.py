@@ -70,15 +70,19 @@ def solve(
     end = spec.until if spec.until is not None else motion.duration
     if not end > 0:
         raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
-    began = time.perf_counter()
-    run: Run
-    try:
-        run = _run(mechanism, motion, spec, end, ked_terms, tolerance, progress)
-    except ConvergenceError as error:
-        if isinstance(error.result, Run):
-            error.result = _result(mechanism, motion, error.result, spec, began, stopped=str(error))
-        raise
-    return _result(mechanism, motion, run, spec, began)
+    from threadpoolctl import threadpool_limits
+
+    # Matrices of this size run slower on two threads than on one.
+    with threadpool_limits(limits=1, user_api="blas"):
+        began = time.perf_counter()
+        try:
+            run = _run(mechanism, motion, spec, end, ked_terms, tolerance, progress)
+        except ConvergenceError as error:
+            if isinstance(error.result, Run):
+                part, why = error.result, str(error)
+                error.result = _result(mechanism, motion, part, spec, began, stopped=why)
+            raise
+        return _result(mechanism, motion, run, spec, began)
 
 
 def _spec(

@@ -37,6 +37,9 @@ class Cut:
 
 def cut(body: FlexibleBody, count: int = 21) -> Cut:
     """Sections at equal distances along a body."""
+    if body.solid is not None:
+        solid = body.solid
+        return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))
     x = np.linspace(0.0, body.length, count)
     rows = [body.rows(at) for at in x]
     Phi = np.array([r[0] for r in rows])

@@ -11,7 +11,7 @@ import numpy as np
 
 from pinflex.check import first_frequencies
 from pinflex.comparison import Comparison, comparison
-from pinflex.errors import DescriptionError, PinflexError, SceneError, nearest
+from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.mechanism import Mechanism
 from pinflex.result import Result, peak
 from pinflex.solve import LEVELS, Progress, solve
@@ -85,6 +85,11 @@ def study(
     for level in _ordered(levels):
         try:
             run = solve(mechanism, level=level, progress=progress(level))
+        except np.linalg.LinAlgError as error:
+            record.unsolved[level] = ConvergenceError(
+                f"{mechanism.name}: the equations broke down ({error}). Make the step smaller, or "
+                "the links stiffer."
+            )
         except PinflexError as error:
             record.unsolved[level] = error
             if isinstance(error, SceneError) and isinstance(error.result, Result):
@@ -165,10 +170,15 @@ def _table(mechanism: Mechanism, record: _Record) -> Comparison:
     )
 
 
+def reason(error: PinflexError) -> str:
+    """Why a run stopped, without what only a Python caller can use."""
+    return str(error).replace(" error.result holds the run so far.", "")
+
+
 def _reason(record: _Record, level: str) -> str:
-    """Why a level is missing; the file that holds what there is of it is named after the level."""
+    """Why a level is missing, and the file that holds what there is of it."""
     partial = record.partial.get(level)
-    text = str(record.unsolved[level])
+    text = reason(record.unsolved[level])
     if partial is not None:
         text += f" The run up to t = {partial.t[-1]:.4g} s is in {file_name(partial, False)}."
     return text

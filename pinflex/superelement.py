@@ -13,8 +13,8 @@ Inertia: the kinetic energy of a deforming body depends on its shapes only throu
     Z = int z z' dm,     z = (1, p, Phi_x, Phi_y, Phi_z),     p the place of the mass dm,
 
 so as many points as Z has rank carry it exactly. Z = F' F; a reflection gives the first column of F
-equal entries, and its rows are then points of equal positive mass. (Points chosen in the mesh by
-non-negative least squares would be ten times as many, or leave an error.)
+equal entries, and its rows are then points of equal positive mass. (Points picked in the mesh with
+non-negative weights would have to match every entry of Z: some ten times as many.)
 Sources: Craig, Bampton (1968); Shabana (2013), inertia shape integrals.
 """
 
@@ -31,7 +31,7 @@ from pinflex.basis import FlexibleBody
 from pinflex.errors import DescriptionError
 from pinflex.solid import Solid
 
-_RANK = 1e-14  # eigenvalues of the scaled Z below this share of the largest are round-off
+_SMALL = 1e-4  # share of a modal mass a dropped field may carry: 5e-5 of a frequency
 _TURNS = (2, 1, 0)  # R = Rz Ry Rx: rotations z, y, x of an interface, in this order
 _DIRECTIONS = ("u", "v", "w", "rx", "ry", "rz")
 SECTIONS = 21
@@ -115,7 +115,6 @@ def reduce(
     T, moving = _rigid_regions(solid, [r for _, r in regions], centres)
     shapes, K, squares = _craig_bampton(solid, T, moving, modes, where)
     n = shapes.shape[2]
-    flat = shapes.reshape(-1, n)
     mass = solid.mass
     M = np.zeros((n, n))
     for c in range(3):
@@ -130,16 +129,14 @@ def reduce(
     # Mass points.
     z = np.column_stack([np.ones(len(solid.nodes)), solid.nodes, *shapes.transpose(1, 0, 2)])
     Z = z.T @ (mass @ z)
-    weights, points, error = _mass_points(Z)
+    weights, points, error = _mass_points(Z, n)
     ns = len(weights)
     Phi = points[:, 4:].reshape(ns, 3, n)
-    back = np.linalg.pinv(_scaled(Z)[0], rcond=10 * _RANK, hermitian=True)
-    scale = _scaled(Z)[1]
-    inverse = back / np.outer(scale, scale)
+    # Coefficients of any field on the points: the projection that keeps its products with z.
+    onto = np.linalg.pinv((points * weights[:, None]).T, rcond=1e-9)
     G = None
     if bends is not None:
-        B = z.T @ (mass @ bends[0].reshape(len(z), -1))  # <z, G>, projected on the points
-        G = (points @ inverse @ B).reshape(ns, 3, n, n)
+        G = (onto @ (z.T @ (mass @ bends[0].reshape(len(z), -1)))).reshape(ns, 3, n, n)
     nodes = tuple(
         Node(
             name,
@@ -164,13 +161,12 @@ def reduce(
         if curved is not None:
             curved[0] = 0.0
     lumps = np.asarray(mass.sum(axis=1)).reshape(-1)
-    outer, arms = _outer(solid, z, lumps, x, points @ inverse)
+    outer, arms = _outer(solid, z, lumps, x, onto)
     corners, triangles = np.arange(0), np.zeros((0, 3), dtype=np.intp)
     stress = None
     if solid.field is not None:
         corners, triangles = solid.field.surface()
         stress = solid.field.stress_rows(shapes, corners)
-    del flat
     extra = Superelement(
         points=points[:, 1:4],
         nodes=nodes,
@@ -366,30 +362,31 @@ def _modal_damping(K: Array, M: Array, ratio: float) -> Array:
     return np.asarray(MV * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ MV.T)
 
 
-def _scaled(Z: Array) -> tuple[Array, Array]:
-    scale = np.sqrt(np.maximum(np.diag(Z), 1e-300))
-    return Z / np.outer(scale, scale), scale
+def _mass_points(Z: Array, n: int) -> tuple[Array, Array, float]:
+    """Equal masses (ns,), rows z of the points (ns, d), and the largest error they leave.
 
-
-def _mass_points(Z: Array) -> tuple[Array, Array, float]:
-    """Equal masses (ns,), rows z of the points (ns, d), and the relative error they leave in Z."""
-    scaled, scale = _scaled(Z)
-    values, V = np.linalg.eigh(scaled)
-    keep = values > _RANK * values[-1]
-    F = np.sqrt(values[keep])[:, None] * V[:, keep].T * scale
-    r = len(F)
+    Mass, centre, second moments and the couplings of rigid with elastic motion are exact; of the
+    elastic part, fields with less than `_SMALL` of the energy of a coordinate are left out.
+    """
+    L = np.linalg.cholesky(Z[:4, :4])
+    couple = np.linalg.solve(L, Z[:4, 4:])
+    rest = Z[4:, 4:] - couple.T @ couple
+    # Each coordinate by its modal mass: a direction in which it hardly moves hardly counts.
+    scale = np.tile(np.sqrt(np.diag(Z)[4:].reshape(3, n).sum(axis=0)), 3)
+    values, V = np.linalg.eigh(rest / np.outer(scale, scale))
+    keep = values > _SMALL
+    F = np.zeros((4 + int(keep.sum()), len(Z)))
+    F[:4, :4], F[:4, 4:] = L.T, couple
+    F[4:, 4:] = np.sqrt(values[keep])[:, None] * V[:, keep].T * scale
     # The reflection that takes the first column of F to equal entries.
-    first = F[:, 0]
-    goal = np.full(r, np.linalg.norm(first) / np.sqrt(r))
-    axis = first - goal
-    if np.linalg.norm(axis) > 1e-12 * np.linalg.norm(first):
-        F = F - np.outer(2.0 * axis / (axis @ axis), axis @ F)
+    r, first = len(F), F[:, 0]
+    axis = first - np.linalg.norm(first) / np.sqrt(r)
+    F = F - np.outer(2.0 * axis / (axis @ axis), axis @ F)
     weights = np.full(r, Z[0, 0] / r)
     points = F / np.sqrt(weights[0])
     points[:, 0] = 1.0
-    # The first moments once more, exactly: what truncation took is a common shift.
-    points[:, 1:4] += Z[0, 1:4] / Z[0, 0] - points[:, 1:4].mean(axis=0)
-    error = np.abs((points * weights[:, None]).T @ points - Z) / np.outer(scale, scale)
+    whole = np.concatenate([np.sqrt(np.diag(Z)[:4]), scale])
+    error = np.abs((points * weights[:, None]).T @ points - Z) / np.outer(whole, whole)
     return weights, points, float(error.max())
 
 

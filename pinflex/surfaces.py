@@ -1,8 +1,7 @@
 """What a URDF draws of its links: meshes and simple shapes, made light enough for a page.
 
 Files are looked for in the package example-robot-data and in the folders given, nowhere else, so
-that a saved run names no file of the machine that reads it. Loading is left to coal, which comes
-with Pinocchio.
+that a saved run names no file of the machine that reads it.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.collada import read_collada
 from pinflex.result import Result
 from pinflex.simplify import simplify
 
@@ -232,15 +232,18 @@ def _resolve(name: str, roots: Sequence[Path]) -> Path | None:
 @lru_cache(maxsize=128)
 def _read(path: Path, changed: int, most: int) -> tuple[Array, IntArray, int] | None:
     """Vertices, faces and how many faces the file has; `changed` only keys the cache."""
-    import coal
-
     try:
-        # boxes along the axes: the tree that coal builds beside the triangles is not used here
-        model = coal.MeshLoader(coal.NODE_TYPE.BV_AABB).load(str(path), np.ones(3))
-        vertices = np.array(model.vertices(), dtype=float)
-        triples = (model.tri_indices(i) for i in range(model.num_tris))
-        faces = np.array([(t[0], t[1], t[2]) for t in triples], dtype=np.intp).reshape(-1, 3)
-    except Exception:  # whatever the loader dislikes: the link is drawn in another way
+        if path.suffix.lower() == ".dae":
+            vertices, faces = read_collada(path)
+        else:
+            import coal
+
+            # boxes along the axes: the tree that coal builds beside the triangles is not used
+            model = coal.MeshLoader(coal.NODE_TYPE.BV_AABB).load(str(path), np.ones(3))
+            vertices = np.array(model.vertices(), dtype=float)
+            triples = (model.tri_indices(i) for i in range(model.num_tris))
+            faces = np.array([(t[0], t[1], t[2]) for t in triples], dtype=np.intp).reshape(-1, 3)
+    except Exception:  # whatever is wrong with the file: the link is drawn in another way
         return None
     if not len(faces) or not np.all(np.isfinite(vertices)):
         return None

@@ -1,0 +1,136 @@
+"""Pictures and films without a browser: the robot as lines in space, drawn by matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.scene import FIELDS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DPI = 100
+_GREY, _PALE = "#56637a", "#c3c9d2"
+
+
+def still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) -> Path:
+    """Write one instant as a .png.
+
+    Args:
+        scene: From `build_scene`.
+        path: The file to write.
+        at: Instant [s]; the nearest one kept is drawn.
+        field: Colour of the flexible links.
+        title: Heading.
+    """
+    figure, draw = _canvas(scene, field, title, (12.8, 8.0))
+    draw(int(np.argmin(np.abs(scene["t"] - at))))
+    figure.savefig(path, dpi=_DPI)
+    return path
+
+
+def film(
+    scene: dict[str, Any], path: Path, field: str, title: str, seconds: float, fps: int
+) -> Path:
+    """Write the whole motion as a .gif."""
+    import io
+
+    from PIL import Image
+
+    figure, draw = _canvas(scene, field, title, (8.0, 5.0))
+    count = max(2, round(seconds * fps))
+    frames = []
+    for t in np.linspace(scene["t"][0], scene["t"][-1], count):
+        draw(int(np.argmin(np.abs(scene["t"] - t))))
+        shot = io.BytesIO()
+        figure.savefig(shot, dpi=_DPI * 0.8)
+        frames.append(Image.open(shot).convert("RGB").quantize(96))
+    frames[0].save(
+        path, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0
+    )
+    return path
+
+
+def _canvas(
+    scene: dict[str, Any], field: str, title: str, size: tuple[float, float]
+) -> tuple[Figure, Callable[[int], None]]:
+    """A figure and what draws instant k into it."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped,unused-ignore]
+
+    figure = Figure(figsize=size)
+    axes: Any = figure.add_subplot(projection="3d")
+    mag = scene["scale"]
+    label, unit, factor = FIELDS[field]
+    values = {link["name"]: factor * np.abs(_field(link, field)) for link in scene["links"]}
+    top = max((float(v.max()) for v in values.values()), default=0.0) or 1.0
+    colours = ScalarMappable(Normalize(0.0, top), "viridis")
+    figure.text(0.03, 0.93, title, weight="bold", size=13)
+    caption = figure.text(0.03, 0.89, "", size=9)
+    if values:
+        bar = figure.colorbar(colours, ax=axes, shrink=0.6, pad=0.0)
+        bar.set_label(f"{label} [{unit}]")
+
+    cloud = np.concatenate([line for k in _some(scene) for line, _ in _lines(scene, k, mag)])
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    reach = float((high - low).max()) / 2 or 1.0
+    middle = (low + high) / 2
+
+    def draw(k: int) -> None:
+        axes.clear()
+        axes.set_axis_off()
+        for line, name in _lines(scene, k, 0.0):
+            axes.plot(*line.T, color=_PALE, lw=1.0)
+        for line, name in _lines(scene, k, mag):
+            if name in values:
+                pieces = np.stack([line[:-1], line[1:]], axis=1)
+                mean = (values[name][k, :-1] + values[name][k, 1:]) / 2
+                axes.add_collection3d(
+                    Line3DCollection(pieces, colors=colours.to_rgba(mean), linewidths=3.5)
+                )
+            else:
+                axes.plot(*line.T, color=_GREY, lw=2.5, marker="o", ms=4)
+        for setter, c in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
+            setter(c - 0.8 * reach, c + 0.8 * reach)
+        axes.set_box_aspect((1, 1, 1))
+        caption.set_text(f"t = {scene['t'][k]:.4g} s, deflection ×{mag:g}")
+
+    return figure, draw
+
+
+def _some(scene: dict[str, Any]) -> list[int]:
+    return [int(k) for k in np.linspace(0, len(scene["t"]) - 1, 12)]
+
+
+def _field(link: dict[str, Any], field: str) -> Array:
+    if field in link["fields"]:
+        return np.asarray(link["fields"][field])
+    return np.asarray(np.linalg.norm(link["disp"], axis=2))
+
+
+def _lines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, str]]:
+    """Polylines of instant k [m] with the name of the flexible link, or no name."""
+    lines = []
+    for link in scene["links"]:
+        share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
+        rigid = link["rigid"][k]
+        if len(rigid) == 2:  # a straight one is kept by its ends
+            rigid = rigid[0] * (1 - share) + rigid[1] * share
+        lines.append((rigid + mag * link["disp"][k], link["name"]))
+    for body in scene["bodies"]:
+        pose = body["pose"][min(k, len(body["pose"]) - 1)].reshape(3, 4)
+        still_pose = pose if body["rigid"] is None else body["rigid"][k].reshape(3, 4)
+        pose = still_pose + mag * (pose - still_pose)
+        points = np.array(body["points"]).reshape(-1, 3)
+        if len(points) > 2:
+            points = np.concatenate([points, points[:1]])
+        if len(points):
+            lines.append((points @ pose[:, :3].T + pose[:, 3], ""))
+    return lines

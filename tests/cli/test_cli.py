@@ -1,0 +1,387 @@
+"""The commands: what they print for people and for machines, and which files they leave."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pinflex import __main__, commands
+from pinflex.console import Progress
+from pinflex.errors import ConvergenceError
+from pinflex.result import Result
+from tests.cli.small import call, write_model
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def fourbar(tmp_path_factory) -> str:
+    return write_model(tmp_path_factory.mktemp("fourbar"), "fourbar")
+
+
+@pytest.fixture(scope="module")
+def compared(fourbar, tmp_path_factory) -> tuple[Path, str]:
+    """One comparison of the four-bar, read by several tests."""
+    folder = tmp_path_factory.mktemp("out") / "new" / "folder"
+    done = run_pinflex("compare", fourbar, "-o", folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    return folder, done.stdout
+
+
+def run_pinflex(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
+    """A call in a process of its own, from the checkout."""
+    return subprocess.run(
+        [sys.executable, "-m", "pinflex", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        **options,
+    )
+
+
+def numbers(text: str) -> object:
+    """JSON of an answer; NaN and Infinity, which JSON does not have, are refused."""
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+# help ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["check", "modes", "solve", "compare", "view"])
+def test_each_command_has_a_help_with_an_example_of_its_own(capsys, command):
+    with pytest.raises(SystemExit) as stop:
+        __main__.main([command, "--help"])
+    text = capsys.readouterr().out
+    assert stop.value.code == 0
+    assert f"example:\n  pinflex {command} " in text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_help_needs_no_heavy_library():
+    code = (
+        "import sys; from pinflex.__main__ import main\n"
+        "try: main(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'scipy', 'matplotlib', 'meshcat'} & set(sys.modules)\nassert not heavy, heavy"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "pinflex compare 3rrs" in done.stdout
+
+
+def test_the_version_is_printed(capsys):
+    with pytest.raises(SystemExit) as stop:
+        __main__.main(["--version"])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out.startswith("pinflex ")
+
+
+# check -----------------------------------------------------------------------------------------
+
+
+def test_check_gives_the_published_sag_and_moment_of_the_3rrs(capsys):
+    answer = call(capsys, "check", "3rrs", "--json")
+    data = numbers(answer.out)
+    assert (answer.code, answer.err) == (0, "")
+    assert data["report"]["mobility"] == 3
+    assert data["report"]["rank"] == 6
+    rest = data["statics"]
+    # published: 3.706 mm and 0.11296 N m in linear statics; 0.3 % as the project promises
+    assert rest["linear"]["position"][2] == pytest.approx(-3.706e-3, rel=3e-3)
+    assert rest["holding_linear"] == pytest.approx([0.11296] * 3, rel=3e-3)
+    # a symmetric machine neither shifts nor tilts: round-off of a 0.2 m machine
+    assert np.allclose(rest["linear"]["position"][:2] + rest["linear"]["rotation"], 0, atol=1e-9)
+    # under its own weight the full equilibrium sags more
+    assert rest["full"]["position"][2] < rest["linear"]["position"][2]
+
+
+def test_check_names_loops_planes_masses_and_what_the_urdf_says_in_vain(capsys, fourbar):
+    text = call(capsys, "check", fourbar).out
+    assert "mobility  1 = 3 joint coordinates - 2 independent closure rows" in text
+    assert "coupler: bending y (planar scene" in text
+    assert "damping in the URDF is not used (elbow)" in text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_check_warns_of_a_beam_that_does_not_weigh_what_the_urdf_says(capsys, fourbar):
+    answer = call(capsys, "check", fourbar, "--json", "--set", "flexible.*.material.rho=5400")
+    data = numbers(answer.out)
+    # twice the density of a beam that weighs what the URDF says
+    assert data["links"][0]["mass_difference"] == pytest.approx(1.0, abs=1e-9)
+    assert any("(+100.0 %)" in text and "coupler" in text for text in data["warnings"])
+
+
+def test_check_names_redundant_rows_and_missing_motors(capsys, fourbar):
+    closing = ["--set", "loops.pin.kind=revolute"]  # its three rows out of the plane are dependent
+    data = numbers(call(capsys, "check", fourbar, "--json", *closing).out)
+    assert data["report"]["rows"] == 5
+    assert len(data["report"]["redundant"]) == 3
+    assert len(data["loops"][0]["redundant"]) == 3
+    none = ("--set", "actuated=[]", "--set", "motion=null")
+    data = numbers(call(capsys, "check", fourbar, "--json", *none).out)
+    assert any("0 motors for 1 degrees of freedom" in text for text in data["warnings"])
+    assert data["statics"]["full"] is None
+    assert "motors do not hold" in data["statics"]["full_reason"]
+
+
+def test_check_says_that_a_motion_cannot_be_followed_and_still_reports(capsys):
+    answer = call(capsys, "check", "3rrr", "--set", "motion.radius=0.2")
+    assert answer.code == 0
+    assert "circle of the platform (x, y, rz), 0.2 s: cannot be followed" in answer.out
+
+
+# modes -----------------------------------------------------------------------------------------
+
+
+def test_modes_give_the_published_frequencies_of_the_3rrs(capsys):
+    data = numbers(call(capsys, "modes", "3rrs", "--preload", "none", "--count", 6, "--json").out)
+    found = [mode["frequency"] for mode in data["modes"]]
+    published = [1.524, 2.677, 4.544, 7.450, 8.224, 13.30]  # four digits
+    assert found == pytest.approx(published, rel=5e-3)
+    assert all(sum(mode["share"].values()) == pytest.approx(1.0) for mode in data["modes"])
+
+
+def test_free_motors_give_as_many_free_motions_as_degrees_of_freedom(capsys):
+    data = numbers(call(capsys, "modes", "3rrr", "--free-motors", "--count", 5, "--json").out)
+    found = [mode["frequency"] for mode in data["modes"]]
+    assert found[:3] == [0.0, 0.0, 0.0]
+    assert found[3] > 100
+    assert data["modes"][0]["period"] is None
+
+
+def test_a_pose_closes_the_loops_from_home(capsys, fourbar):
+    def first(*pose: object) -> float:
+        data = numbers(call(capsys, "modes", fourbar, "--count", 1, "--json", *pose).out)
+        return data["modes"][0]["frequency"]
+
+    # the coupler hangs between two pins at any pose, so only its load changes with the pose
+    assert first("--pose", "motor=2.5") == pytest.approx(first(), rel=1e-2)
+    assert first("--pose", "motor=2.5") != first()
+
+
+def test_mode_shapes_are_written_as_a_page(capsys, fourbar, tmp_path):
+    page = tmp_path / "shapes.html"
+    answer = call(capsys, "modes", fourbar, "--count", 2, "--view", page)
+    assert answer.code == 0
+    assert answer.out.endswith(f"wrote {page}\n")
+    assert "pinflex" in page.read_text(encoding="utf-8")
+
+
+# solve and view --------------------------------------------------------------------------------
+
+
+def test_solve_writes_the_run_and_the_table_it_says(capsys, fourbar, tmp_path):
+    run, table = tmp_path / "run.npz", tmp_path / "run.csv"
+    answer = call(capsys, "solve", fourbar, "--level", "ked", "-o", run, "--csv", table, "--json")
+    data = numbers(answer.out)
+    assert (answer.code, answer.err) == (0, "")
+    assert data["files"] == [str(run), str(table)]
+    result = Result.load(run)
+    assert data["level"] == result.level == "ked"
+    assert data["motors"]["motor"]["peak"] == np.max(np.abs(result.torque))
+    assert data["instants"] == len(result.t) == len(table.read_text().splitlines()) - 1
+
+
+def test_the_options_of_solve_override_the_yaml(capsys, fourbar):
+    options = ("--until", "0.05", "--samples", "11", "--dt", "1e-3", "--level", "coupled")
+    data = numbers(call(capsys, "solve", fourbar, "--json", *options).out)
+    assert (data["until"], data["instants"]) == (pytest.approx(0.05), 11)
+    assert data["settings"]["dt"] == pytest.approx(1e-3)
+
+
+def test_set_changes_the_model(capsys, fourbar):
+    def deflection(*options: object) -> float:
+        done = call(capsys, "solve", fourbar, "--level", "quasistatic", "--json", *options)
+        return numbers(done.out)["links"]["coupler"]["deflection"]
+
+    thin = deflection("--set", "flexible.*.section.thickness=2.5e-3", "--set", "solve.samples=11")
+    # half as thick: an eighth of the stiffness, half the weight, so four times the deflection
+    assert thin == pytest.approx(4 * deflection("--set", "solve.samples=11"), rel=1e-2)
+
+
+def test_view_writes_the_page_beside_the_run_or_where_it_is_told(capsys, compared, tmp_path):
+    run = compared[0] / "fourbar-coupled.npz"
+    page = tmp_path / "deep" / "page.html"
+    answer = call(capsys, "view", run, "-o", page, "--no-open", "--field", "bending", "--scale", 5)
+    assert (answer.code, answer.out) == (0, f"{page}\n")
+    assert page.stat().st_size > 1e5
+    data = numbers(call(capsys, "view", run, "--no-open", "--json").out)
+    assert data["file"] == str(run.with_suffix(".html"))
+    assert run.with_suffix(".html").is_file()
+
+
+# compare ---------------------------------------------------------------------------------------
+
+
+def test_compare_prints_the_table_and_names_every_file_it_wrote(compared):
+    folder, text = compared
+    files = sorted(path.name for path in folder.iterdir() if path.name != "fourbar-coupled.html")
+    assert {"comparison.txt", "comparison.json", "torques.png", "animation.html"} <= {*files}
+    assert {f"fourbar-{level}.npz" for level in ("rigid", "ked", "coupled")} <= {*files}
+    listed = text.split(f"wrote {folder}/\n")[1].splitlines()
+    assert sorted(line.split()[0] for line in listed) == files
+    assert text.startswith((folder / "comparison.txt").read_text(encoding="utf-8"))
+    for words in ("In short, coupled", "Motor torque [N m]", "coupler_tip", "von Mises", "Cost"):
+        assert words in text
+    assert max(map(len, text.splitlines())) <= 110  # the path of the test folder is long
+
+
+def test_the_table_agrees_with_the_runs(compared):
+    folder, _ = compared
+    data = numbers((folder / "comparison.json").read_text(encoding="utf-8"))
+    rigid, coupled = (Result.load(folder / f"fourbar-{x}.npz") for x in ("rigid", "coupled"))
+    row = next(r for r in data["torques"] if r["level"] == "coupled")
+    assert row["max_difference"] == pytest.approx(np.max(np.abs(coupled.torque - rigid.torque)))
+    assert row["rigid_peak"] == pytest.approx(np.max(np.abs(rigid.torque)))
+    link = next(r for r in data["stresses"] if r["level"] == "coupled")
+    assert link["von_mises"] == pytest.approx(coupled.link("coupler").von_mises.max())
+    # aluminium_7075 yields at 503 MPa
+    assert link["yield_share"] == pytest.approx(link["von_mises"] / 5.03e8)
+    assert [row["level"] for row in data["costs"]] == ["rigid", "quasistatic", "ked", "coupled"]
+
+
+def test_the_levels_agree_where_deflections_are_small(compared):
+    rows = numbers((compared[0] / "comparison.json").read_text(encoding="utf-8"))["torques"]
+    peaks = {row["level"]: row["peak"] for row in rows}
+    # the vibration is 2 % of the torque and linear: ked and coupled see the same
+    assert peaks["ked"] == pytest.approx(peaks["coupled"], rel=2e-2)
+
+
+def test_compare_in_json_prints_one_object_and_nothing_else(capsys, fourbar, tmp_path):
+    folder = tmp_path / "out"
+    options = ("--levels", "quasistatic", "--set", "solve.samples=11", "--json")
+    answer = call(capsys, "compare", fourbar, "-o", folder, *options)
+    data = numbers(answer.out)
+    assert {row["level"] for row in data["torques"]} == {"quasistatic"}
+    assert sorted(data["files"]) == sorted(path.name for path in folder.iterdir())
+    assert not any(folder.glob("spectrum*"))  # a quasistatic run has none
+
+
+def test_a_level_that_cannot_be_solved_does_not_stop_the_others(capsys, tmp_path):
+    model = write_model(tmp_path, "arm")
+    # bent by four times its length at the quasistatic level, which then finds no balance
+    soft = "flexible.upper.material={E: 3e10, nu: 0.3, rho: urdf}"
+    (tmp_path / "arm-quasistatic.npz").write_text("left by an earlier comparison")
+    hanging = ("--set", "home={shoulder: -1.5707963}", "--set", "motion.joints={shoulder: 1.5}")
+    levels = ("--levels", "quasistatic,coupled")
+    answer = call(
+        capsys, "compare", model, "-o", tmp_path, "--set", soft, *hanging, *levels, "--json"
+    )
+    data = numbers(answer.out)
+    assert answer.code == 0
+    assert {row["level"] for row in data["torques"]} == {"coupled"}
+    reason = data["unsolved"]["quasistatic"]
+    assert "no equilibrium" in reason
+    assert reason.endswith("is in arm-quasistatic-partial.npz.")
+    partial = Result.load(tmp_path / "arm-quasistatic-partial.npz")
+    assert partial.meta["status"] == "stopped"
+    assert 1 <= len(partial.t) < 41
+    assert not (tmp_path / "arm-quasistatic.npz").exists()
+    text = (tmp_path / "comparison.txt").read_text(encoding="utf-8")
+    assert "NOT SOLVED, see below" in text
+    assert "- quasistatic was not solved. arm: t = " in text
+
+
+def test_without_a_rigid_reference_the_rest_is_still_reported(capsys, tmp_path):
+    model = write_model(tmp_path, "arm", [("platform: hand", "platform: hand\nactuated: []")])
+    model = _swinging(model)
+    options = ("-o", tmp_path / "out", "--levels", "coupled", "--json")
+    answer = call(capsys, "compare", model, *options)
+    data = numbers(answer.out)
+    assert answer.code == 0
+    assert "do not determine the motion" in data["unsolved"]["rigid"]
+    assert data["platform"] == []
+    assert data["stresses"][0]["level"] == "coupled"
+
+
+def _swinging(model: str) -> str:
+    """The arm without motor or motion falls from rest."""
+    path = Path(model)
+    lines = [x for x in path.read_text().splitlines() if not x.startswith("motion")]
+    path.write_text("\n".join(lines).replace("samples: 41", "samples: 41, until: 0.1") + "\n")
+    return model
+
+
+def test_when_no_level_can_be_solved_the_code_is_1_and_the_reasons_are_written(
+    capsys, monkeypatch, fourbar, tmp_path
+):
+    def stop(mechanism: object, level: str, **options: object) -> Result:
+        raise ConvergenceError(f"{level} stopped. Try another.")
+
+    monkeypatch.setattr("pinflex.study.solve", stop)
+    answer = call(capsys, "compare", fourbar, "-o", tmp_path)
+    assert answer.code == 1
+    assert answer.err.startswith("pinflex: fourbar: none of the levels rigid, quasistatic, ked")
+    text = (tmp_path / "comparison.txt").read_text(encoding="utf-8")
+    assert "coupled was not solved. coupled stopped. Try another." in text
+
+
+# progress and endings --------------------------------------------------------------------------
+
+
+def test_progress_is_drawn_for_a_terminal_and_wiped_at_the_end(capsys):
+    bar = Progress("coupled", shown=True)
+    bar.last -= 1.0  # a second has passed
+    bar(30, 120)
+    drawn = capsys.readouterr().err
+    assert drawn.startswith("\rcoupled")
+    assert " 25 % " in drawn
+    bar.close()
+    assert capsys.readouterr().err == "\r\x1b[K"
+
+
+def test_no_progress_goes_into_a_pipe(capsys):
+    bar = Progress("coupled")
+    bar.last -= 1.0
+    bar(30, 120)
+    bar.close()
+    assert capsys.readouterr().err == ""
+
+
+def test_an_interrupt_ends_with_130_and_one_line(capsys, monkeypatch):
+    def interrupted(args: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "check", interrupted)
+    assert call(capsys, "check", "3rrr") == (130, "", "pinflex: interrupted.\n")
+
+
+def test_an_internal_error_is_one_line_that_asks_to_report_it(capsys, monkeypatch):
+    def broken(args: object) -> int:
+        raise ZeroDivisionError("float division\nby zero")
+
+    monkeypatch.setattr(commands, "check", broken)
+    answer = call(capsys, "check", "3rrr")
+    assert (answer.code, answer.out) == (1, "")
+    assert answer.err.startswith("pinflex: internal error, ZeroDivisionError: float division by")
+    assert "please report it" in answer.err
+    assert answer.err.count("\n") == 1
+    with pytest.raises(ZeroDivisionError):
+        __main__.main(["check", "3rrr", "--debug"])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a reader that closes its pipe early")
+def test_a_reader_that_goes_away_is_not_an_error(fourbar):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pinflex", "check", fourbar],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    said = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(timeout=60) == 141  # 128 + SIGPIPE, as a shell says it
+    assert said == ""
