@@ -228,7 +228,7 @@ class ClosureState:
 
     def __init__(self, closed: Closures, model: pin.Model, data: pin.Data) -> None:
         self.closed = closed
-        self._poses = JointPoses(model, data)
+        self.poses = JointPoses(model, data)
         self._model, self._data = model, data
         loops = len(closed.names)
         self._loops = loops
@@ -253,9 +253,9 @@ class ClosureState:
     def evaluate(self) -> None:
         """c, W and J from the joint poses and Jacobians in the data (both must be current)."""
         cl, loops = self.closed, self._loops
-        self._poses.refresh()
-        np.matmul(self._poses.rotation.take(cl.bodies, axis=0), cl.local, out=self._frames)
-        self._frames[:, :, 3] += self._poses.translation.take(cl.bodies, axis=0)
+        self.poses.refresh()
+        np.matmul(self.poses.rotation.take(cl.bodies, axis=0), cl.local, out=self._frames)
+        self._frames[:, :, 3] += self.poses.translation.take(cl.bodies, axis=0)
         origin = self._frames[:, :, 3]
         np.subtract(origin[loops:], origin[:loops], out=self.gap)
         np.matmul(origin[loops:], SKEW, out=self._arm.reshape(loops, 9))

@@ -10,16 +10,17 @@ equations along the nominal motion, so `coupled` tends to this level for small d
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError
-from pinflex.integrators import AlphaScheme
+from pinflex.linear_march import Instant, March
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
-from pinflex.nominal import nominal
+from pinflex.nominal import Nominal, nominal
 from pinflex.quasistatic import balance, structural_stiffness
 from pinflex.run import Run
 from pinflex.system import System
@@ -29,7 +30,7 @@ def solve_ked(
     mechanism: Mechanism,
     motion: Motion,
     t: Array,
-    scheme: AlphaScheme,
+    march: March,
     static: bool = False,
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -38,7 +39,7 @@ def solve_ked(
 
     Args:
         mechanism: Mechanism. motion: Motion. t: Equal steps, shape (nt,).
-        scheme: Newmark, or another member of the alpha family.
+        march: A method of `linear_march`.
         static: Start from the balance of the first instant instead of the undeformed pose.
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
@@ -49,72 +50,100 @@ def solve_ked(
     dynamics = Dynamics(system)
     nt, m, nv = len(path.t), int(system.rigid.nv), system.nv
     free, motors, rows = system.free, system.motors, system.closed.n
-    n, h = len(free), float(t[-1] - t[0]) / (nt - 1)
+    h = float(t[-1] - t[0]) / (nt - 1)
     y, lam = np.empty((nt, system.nq)), np.empty((nt, rows))
     v, a = np.zeros((nt, nv)), np.zeros((nt, nv))
+    v[:, :m], a[:, :m] = path.v, path.a
     torque = np.empty((nt, len(motors)))
-    d, dv, da, s = (np.zeros(nv) for _ in range(4))
-    S = np.zeros((n + rows, n + rows))
-    structure = structural_stiffness(dynamics) if structural else None
-    factor, beta, gamma = scheme.mass_factor, scheme.beta, scheme.gamma
-    straight = np.zeros(system.n_eta)
-    for k in range(nt):
-        flat = np.concatenate([path.q[k], straight])
-        dynamics.loads.time = float(path.t[k])
-        v[k, :m], a[k, :m] = path.v[k], path.a[k]
-        base = _rigid_multipliers(dynamics, flat, v[k], a[k])
-        r = dynamics.residual(flat, v[k], a[k], base)
-        M, C, K = dynamics.tangent(flat, v[k], a[k], base)
-        if structure is not None:
-            C, K = system.D, structure
-        J = dynamics.jacobian() if rows else np.zeros((0, nv))
-        if k == 0:
-            if static:
-                found = balance(dynamics, flat, v[0], a[0], free)
-                d = dynamics.difference(flat, found.y)
-            S[:n, :n] = M[np.ix_(free, free)]
-        else:
-            d = d + h * dv + h * h * (0.5 - beta) * s
-            dv = dv + h * (1 - gamma) * s
-            s_trial = (-scheme.alpha_m * s + scheme.alpha_f * da) / (1 - scheme.alpha_m)
-            d += h * h * beta * s_trial
-            dv += h * gamma * s_trial
-            da, s = np.zeros(nv), s_trial
-            full = factor * M + gamma * h * C + beta * h * h * K
-            S[:n, :n] = full[np.ix_(free, free)]
-        S[:n, n:], S[n:, :n] = J[:, free].T, J[:, free]
-        load = r + C @ dv + K @ d
-        gap = np.zeros(rows) if k == 0 else -(J @ d) / (beta * h * h)
-        try:
-            x = np.linalg.solve(S, np.concatenate([-load[free], gap]))
-        except np.linalg.LinAlgError:
-            # Massless coordinates have no initial acceleration of their own.
-            x = np.linalg.lstsq(S, np.concatenate([-load[free], gap]), rcond=1e-13)[0]
-        ds = np.zeros(nv)
-        ds[free] = x[:n]
-        if k == 0:
-            da, s = ds, ds.copy()
-        else:
-            s = s + ds
-            da = factor * ds
-            d = d + h * h * beta * ds
-            dv = dv + h * gamma * ds
-        dlam = -x[n:]
-        if not np.all(np.isfinite(d)):
+    line = _Line(mechanism, path, v.copy(), a.copy(), structural)
+    start = np.zeros(nv)
+    if static:
+        found = balance(dynamics, line.flat(0), v[0], a[0], free)
+        start = dynamics.difference(line.flat(0), found.y)
+    for k, state in enumerate(march(line.free, nt, h, start[free])):
+        if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
             raise _blown_up(system, path.t, y, v, a, lam, torque, k, h)
-        balance_now = r + M @ da + C @ dv + K @ d - J.T @ dlam
-        torque[k], lam[k] = balance_now[motors], base + dlam
-        y[k] = dynamics.integrate(flat, d)
+        here = line.full(k)
+        d, dv, da = (_spread(x, free, nv) for x in (state.d, state.v, state.a))
+        now = here.instant
+        left = now.r + now.M @ da + now.C @ dv + now.K @ d - now.J.T @ state.lam
+        torque[k], lam[k] = left[motors], here.base + state.lam
+        y[k] = dynamics.integrate(line.flat(k), d)
         v[k] += dv
         a[k] += da
         if progress is not None and k % 64 == 0:
             progress(k, nt)
     settings: dict[str, object] = {
-        "integrator": scheme.name,
         "dt": h,
         "terms": "structural" if structural else "full",
     }
-    return Run(system, path.t, y, v, a, lam, torque, {"steps": nt, "newton": nt}, settings)
+    cost: dict[str, float] = {"steps": nt, "newton": nt}
+    return Run(system, path.t, y, v, a, lam, torque, cost, settings, path=path)
+
+
+def _spread(x: Array, rows: Array, nv: int) -> Array:
+    full = np.zeros(nv)
+    full[rows] = x
+    return full
+
+
+@dataclass(frozen=True)
+class _Here:
+    """All rows of the system at one step, and the multipliers of the rigid motion."""
+
+    instant: Instant
+    base: Array
+
+
+class _Line:
+    """The linear system along the nominal motion, step by step; the last few are kept."""
+
+    def __init__(
+        self, mechanism: Mechanism, path: Nominal, v: Array, a: Array, structural: bool
+    ) -> None:
+        self.dynamics = Dynamics(mechanism.flexible)
+        self.path, self.v, self.a = path, v, a
+        self.damping = mechanism.description.system_damping
+        self.structure = structural_stiffness(self.dynamics)
+        self.structural = structural
+        self.straight = np.zeros(mechanism.flexible.n_eta)
+        self.kept: dict[int, tuple[_Here, Instant]] = {}
+
+    def flat(self, k: int) -> Array:
+        """The undeformed pose of step k."""
+        return np.concatenate([self.path.q[k], self.straight])
+
+    def full(self, k: int) -> _Here:
+        return self._at(k)[0]
+
+    def free(self, k: int) -> Instant:
+        """The system in the free coordinates."""
+        return self._at(k)[1]
+
+    def _at(self, k: int) -> tuple[_Here, Instant]:
+        if k not in self.kept:
+            while len(self.kept) > 5:  # mode superposition looks three steps around
+                self.kept.pop(min(self.kept, key=lambda j: -abs(j - k)))
+            here = self._evaluate(k)
+            at, now = self.dynamics.system.free, here.instant
+            square = np.ix_(at, at)
+            part = Instant(now.M[square], now.C[square], now.K[square], now.r[at], now.J[:, at])
+            self.kept[k] = here, part
+        return self.kept[k]
+
+    def _evaluate(self, k: int) -> _Here:
+        dynamics, system = self.dynamics, self.dynamics.system
+        y, v, a = self.flat(k), self.v[k], self.a[k]
+        base = _rigid_multipliers(dynamics, y, v, a)
+        r = dynamics.residual(y, v, a, base)
+        M, C, K = dynamics.tangent(y, v, a, base)
+        if self.structural:
+            C, K = system.D, self.structure
+        alpha, beta = self.damping
+        if alpha or beta:
+            C = C + alpha * M + beta * self.structure
+        J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
+        return _Here(Instant(M, C, K, r, J), base)
 
 
 def _rigid_multipliers(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:

@@ -57,16 +57,21 @@ class Live:
         self._viewer["/Background"].set_property("bottom_color", [0.885, 0.91, 0.945])
         self._viewer["/Axes"].set_property("visible", False)
         self._bodies()
+        # meshcat's camera looks at the origin from 3 m and cannot be moved from here
+        scale = 5.0 / float(self.scene["size"])
+        fit = _shifted(scale * np.eye(3), -scale * _middle(self.scene))
+        self._viewer["robot"].set_transform(fit)
+        self._viewer["/Grid"].set_property("visible", False)
         self.show(float(self.scene["t"][0]))
 
     def show(self, t: float) -> None:
         """Draw the instant kept that is nearest to t [s]."""
         from meshcat import geometry
 
-        scene, mag = self.scene, self.scene["scale"]
+        scene, mag, least = self.scene, self.scene["scale"], 0.008 * self.scene["size"]
         k = int(np.argmin(np.abs(scene["t"] - t)))
         for n, link in enumerate(scene["links"]):
-            points, faces, colours = _tube(link, k, mag, self.field, self._top())
+            points, faces, colours = _tube(link, k, mag, self.field, self._top(), least)
             shape = geometry.TriangularMeshGeometry(points, faces, colours)
             material = geometry.MeshPhongMaterial(vertexColors=True)
             self._viewer[f"robot/link_{n}"].set_object(shape, material)
@@ -193,6 +198,13 @@ def _bridge() -> Any:
         def prepare(self) -> None:
             refuse(self)
 
+        def open(self) -> None:  # without the line that meshcat prints
+            self.bridge.websocket_pool.add(self)
+            self.bridge.send_scene(self)
+
+        def on_close(self) -> None:
+            self.bridge.websocket_pool.discard(self)
+
     class Files(zmqserver.StaticFileHandlerNoCache):  # type: ignore[misc]
         def prepare(self) -> None:
             refuse(self)
@@ -208,9 +220,9 @@ def _bridge() -> Any:
 
 
 def _tube(
-    link: dict[str, Any], k: int, mag: float, field: str, top: float
+    link: dict[str, Any], k: int, mag: float, field: str, top: float, least: float
 ) -> tuple[Array, Any, Array]:
-    """Vertices, faces and colours of a flexible link at instant k."""
+    """Vertices, faces and colours of a flexible link at instant k, at least so thick [m]."""
     from matplotlib import colormaps
 
     share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
@@ -227,7 +239,6 @@ def _tube(
     outline = np.array(link["outline"])
     if len(outline) > 2 * _SIDES:
         outline = outline[np.linspace(0, len(outline), 2 * _SIDES, endpoint=False).astype(int)]
-    least = 0.008 * float(link["length"])
     extent = np.maximum(np.ptp(outline, axis=0), 1e-9)
     outline = outline * np.maximum(1.0, least / extent)
     m, n = len(centre), len(outline)
@@ -239,6 +250,16 @@ def _tube(
     value = np.abs(fields[field][k]) if field in fields else np.linalg.norm(link["disp"][k], axis=1)
     colours = np.repeat(colormaps["viridis"](np.clip(value / top, 0, 1))[:, :3], n, axis=0)
     return points.reshape(-1, 3), faces.astype(np.uint32), colours
+
+
+def _middle(scene: dict[str, Any]) -> Array:
+    """Centre of the rigid robot at its first instant [m]."""
+    points = [link["rigid"][0].reshape(-1, 3) for link in scene["links"]]
+    for body in scene["bodies"]:
+        pose = body["pose"][0].reshape(3, 4)
+        points.append(np.array(body["points"]).reshape(-1, 3) @ pose[:, :3].T + pose[:, 3])
+    cloud = np.concatenate(points)
+    return np.asarray((cloud.min(axis=0) + cloud.max(axis=0)) / 2)
 
 
 def _shifted(rotation: Array, shift: Array) -> Array:

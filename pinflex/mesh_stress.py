@@ -45,18 +45,26 @@ def resultants(
     return -np.concatenate([force, moment], axis=2)
 
 
-def surface(solid: Superelement, eta: Array) -> dict[str, Array]:
+def surface(
+    solid: Superelement, station: Array, loads: Sequence[tuple[Array, Array]]
+) -> dict[str, Array]:
     """Arrays on the surface of the mesh, by name: nodes, triangles and von_mises.
 
+    The stress is that of the solid under the forces that its mass and what hangs on it need, so it
+    is in balance with them however few modes there are (mode acceleration). Rigid interfaces hold
+    their faces flat: within a diameter of them the stress is that of this support.
+
     Args:
-        solid: The body. eta: Shape (nt, n).
+        solid: The body. station: Forces the points need, beam frame, shape (nt, ns, 3), N.
+        loads: Force and moment, each (nt, 3), that what hangs on each interface needs.
     Returns:
         nodes (nc, 3) in the beam frame of the undeformed link (m), triangles (ntri, 3), von_mises
         (nt, nc) in Pa; nothing for a body without mesh.
     """
     if solid.stress is None:
         return {}
-    s = np.einsum("cak,tk->tac", solid.stress, eta, optimize=True)
+    need = [station.reshape(len(station), -1), *(part for load in loads for part in load)]
+    s = np.einsum("cak,tk->tac", solid.stress, np.concatenate(need, axis=1), optimize=True)
     mises = np.sqrt(
         0.5 * ((s[:, 0] - s[:, 1]) ** 2 + (s[:, 1] - s[:, 2]) ** 2 + (s[:, 2] - s[:, 0]) ** 2)
         + 3.0 * (s[:, 3] ** 2 + s[:, 4] ** 2 + s[:, 5] ** 2)

@@ -70,7 +70,7 @@ def _run(
         key: value
         for key, value in arrays.items()
         if key.startswith(("joint/q", "frame/", "body/", "link/"))
-        and not key.endswith(("resultant", "/velocity", "/acceleration"))
+        and not key.endswith(("resultant", "/velocity", "/acceleration", "von_mises"))
         and "/stress/" not in key
     }
     # the pose at t = 0 is the one linearised about: the drawing's "undeformed"

@@ -90,20 +90,19 @@ class _Samples:
         energy = np.empty((nt, 4))
         gap = np.zeros(nt)
         newton = np.zeros(nt)
-        free = run.system.free
+        free, carrying, poses = run.system.free, self._carrying(), dynamics.closed.poses
         for k in range(nt):
             y, v, a, lam = run.y[k], run.v[k], run.a[k], run.lam[k]
             dynamics.loads.time = float(run.t[k])
             r = dynamics.joint_forces(y, v, a, lam)
             newton[k] = np.max(np.abs(r[free]), initial=0.0)
             self.g[k] = dynamics.g
-            for j in range(1, model.njoints):
+            for j in carrying:
                 self.f[k, j] = data.f[j].vector
             V, A = dynamics.expand_motion(v, a)
             pin.forwardKinematics(model, data, dynamics.Q, V, A)
-            for j in range(model.njoints):
-                pose = data.oMi[j]
-                self.poses[k, j, :, :3], self.poses[k, j, :, 3] = pose.rotation, pose.translation
+            poses.refresh()
+            self.poses[k, :, :, :3], self.poses[k, :, :, 3] = poses.rotation, poses.translation
             for name, here in frames.items():
                 place[name][k], rate[name][k] = _frame(data, here)
             if dynamics.looped:
@@ -126,6 +125,14 @@ class _Samples:
         for k, name in enumerate(("kinetic", "gravity", "elastic", "spring")):
             out[f"energy/{name}"] = energy[:, k]
         out["residual/closure"], out["residual/newton"] = gap, newton
+
+    def _carrying(self) -> list[int]:
+        """Joints whose forces are reported or load a section."""
+        model = self.dynamics.model
+        joints = {int(model.getJointId(name)) for name in self.mechanism.rigid.rigid.names[1:]}
+        for slot in self.run.system.expansion.slots:
+            joints.update(_slide(model, i.attachment.joint, i.force_rows) for i in slot.interfaces)
+        return sorted(joints)
 
     def _frames(self) -> dict[str, Attachment]:
         description = self.mechanism.description
@@ -192,8 +199,9 @@ def _links(mechanism: Mechanism, run: Run, samples: _Samples, reference: Array) 
             ]
             if slot.body.solid is not None:
                 solid, pull = slot.body.solid, samples.g[:, slot.stations]
-                forces = mesh_stress.resultants(solid, d, pull, [load[1:] for load in loads], eta)
-                for key, value in mesh_stress.surface(solid, eta).items():
+                hung = [load[1:] for load in loads]
+                forces = mesh_stress.resultants(solid, d, pull, hung, eta)
+                for key, value in mesh_stress.surface(solid, pull, hung).items():
                     out[f"link/{name}/mesh/{key}"] = value
             else:
                 forces = stress.resultants(
@@ -236,12 +244,18 @@ def _links(mechanism: Mechanism, run: Run, samples: _Samples, reference: Array) 
 
 def _load(samples: _Samples, joint: int, rows: IntArray) -> tuple[Array, Array]:
     """Force and moment, in the beam frame, that what hangs on an interface needs."""
-    model = samples.dynamics.model
-    # The interface is a chain: a translation that carries the turns. The translation's own force
-    # has all six components, about the displaced section, in the beam frame.
-    while model.joints[joint].idx_v != rows[0]:
-        joint = model.parents[joint]
+    joint = _slide(samples.dynamics.model, joint, rows)
     return samples.f[:, joint, :3], samples.f[:, joint, 3:]
+
+
+def _slide(model: pin.Model, joint: int, rows: IntArray) -> int:
+    """The translation at the bottom of an interface's chain of joints.
+
+    Its force has all six components, about the displaced section, in the beam frame.
+    """
+    while model.joints[joint].idx_v != rows[0]:
+        joint = int(model.parents[joint])
+    return joint
 
 
 def _turn(angles: Array) -> Array:

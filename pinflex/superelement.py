@@ -71,7 +71,9 @@ class Superelement:
         outer_moment: The same mass's moment arms (m), shape (nx, ns, 3).
         corners: Surface nodes (m), shape (nc, 3). triangles: Shape (nt, 3).
         shapes: Displacements of the corners, shape (nc, 3, n).
-        stress: Stress xx yy zz yz zx xy at the corners (Pa), shape (nc, 6, n); None without mesh.
+        stress: Stress xx yy zz yz zx xy at the corners (Pa) for unit forces that the points need
+            (each along x, y, z) and unit forces and moments that the interfaces need, shape
+            (nc, 6, 3 ns + 6 interfaces); None without mesh.
     """
 
     points: Array
@@ -121,8 +123,9 @@ def reduce(
         M += shapes[:, c].T @ (mass @ shapes[:, c])
     M = 0.5 * (M + M.T)
     bends = None
+    solve = _factor(T.T @ solid.K @ T, where)
     if second_order and solid.field is not None:
-        bends = _second_order(solid, T, moving, shapes, [r for _, r in regions])
+        bends = _second_order(solid, T, moving, shapes, [r for _, r in regions], solve)
     D = rayleigh[0] * M + rayleigh[1] * K
     if modal_damping:
         D = D + _modal_damping(K, M, modal_damping)
@@ -166,7 +169,13 @@ def reduce(
     stress = None
     if solid.field is not None:
         corners, triangles = solid.field.surface()
-        stress = solid.field.stress_rows(shapes, corners)
+        # Stress from forces, not from the shapes: those bend the ends of a rod where no moment is.
+        need = np.zeros((3 * len(z), ns, 3))
+        for c in range(3):
+            need[c::3, :, c] = mass @ (z @ onto.T)
+        loads = np.column_stack([T.T @ need.reshape(3 * len(z), -1), np.eye(T.shape[1], moving)])
+        answer = (T @ solve(-loads)).reshape(len(z), 3, -1)
+        stress = solid.field.stress_rows(answer, corners)
     extra = Superelement(
         points=points[:, 1:4],
         nodes=nodes,
@@ -307,7 +316,7 @@ def _factor(K: Any, where: str) -> Any:
 
 
 def _second_order(
-    solid: Solid, T: Any, moving: int, shapes: Array, regions: Sequence[IntArray]
+    solid: Solid, T: Any, moving: int, shapes: Array, regions: Sequence[IntArray], solve: Any
 ) -> tuple[Array, Array]:
     """G of all nodes, (nn, 3, n, n), and of the interface coordinates, (moving, n, n)."""
     assert solid.field is not None
@@ -327,8 +336,6 @@ def _second_order(
                 arm = solid.nodes[region] - solid.nodes[region].mean(axis=0)
                 dofs = 3 * region[:, None] + np.arange(3)
                 lift[dofs, column] = arm @ _second_rotation(turn[0], turn[1]).T
-    K = T.T @ solid.K @ T
-    solve = _factor(K, "superelement")
     z = -solve(T.T @ (loads + solid.K @ lift))
     u = T @ z + lift
     G, node = np.empty((3 * nn, n, n)), np.empty((moving, n, n))

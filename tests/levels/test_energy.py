@@ -1,0 +1,129 @@
+"""Energy: kept where nothing dissipates, accounted for where something does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.arrays import Array
+from tests.finite import slope
+from tests.scenes import Body, load
+
+PENDULUM = (
+    Body("upper", "base", "continuous", axis=(0, 1, 0), mass=0.3),
+    Body("lower", "upper", "continuous", xyz=(0.5, 0, 0), axis=(0, 1, 0.2), mass=0.2),
+    Body("bob", "lower", xyz=(0.6, 0, 0), mass=0.2, inertia=(1e-4, 1e-4, 1e-4)),
+)
+YAML = """
+actuated: []
+flexible:
+  "upper, lower":
+    material: {E: 7.0e9, nu: 0.3, rho: urdf}
+    section: {shape: rectangle, width: 0.02, thickness: 0.015}
+    basis: {kind: craig_bampton, internal: 1}
+"""
+SCHEMES = {
+    "trapezoidal": {"integrator": "newmark"},
+    "generalized_alpha, rho_inf 1": {"rho_inf": 1.0},
+    "generalized_alpha": {},
+    "hht": {"integrator": "hht"},
+}
+
+
+def imbalance(r: pf.Result) -> Array:
+    """Stored energy + dissipated - work of the motors, against its start [J], shape (nt,)."""
+    a = r.arrays
+    stored = sum(a[f"energy/{k}"] for k in ("kinetic", "gravity", "elastic", "spring"))
+    total = np.asarray(stored + a["energy/dissipated"] - a["energy/work"])
+    return total - total[0]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_spatial_flexible_double_pendulum_keeps_its_energy(scheme: str, tmp_path: Path) -> None:
+    """Dropped from the horizontal; 4.4 J of kinetic energy come and go."""
+    m = load(tmp_path, PENDULUM, YAML)
+    steps = (5e-4, 2.5e-4, 1.25e-4)  # [s]
+    drift = []
+    for dt in steps:
+        r = pf.solve(m, pf.hold(duration=0.6), level="coupled", dt=dt, samples=121, **SCHEMES[scheme])
+        drift.append(np.abs(imbalance(r)).max())
+    moved = np.ptp(r.arrays["energy/kinetic"])
+    assert moved > 2.0
+    assert drift[-1] < 3e-6 * moved
+    # Second order; the coarsest step is not in the asymptotic range for the trapezoidal rule.
+    assert slope(steps, drift) == pytest.approx(2.0, abs=0.4)
+
+
+MODELS = {
+    "cantilever": (0.2, (4e-4, 2e-4, 1e-4)),  # released under gravity
+    "ur5": (0.2, (4e-4, 2e-4, 1e-4)),
+    "spinning_beam": (3.0, (2e-2, 1e-2, 5e-3)),
+    "3rrr": (0.05, (2e-4, 1e-4, 5e-5)),
+    "3rrs": (0.2, (1e-3, 5e-4, 2.5e-4)),
+    "race_r1": (0.1, (4e-4, 2e-4, 1e-4)),
+    "race_r2": (0.1, (4e-4, 2e-4, 1e-4)),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_work_of_the_motors_is_all_accounted_for_without_damping(name: str) -> None:
+    until, steps = MODELS[name]
+    damping = [] if name in ("cantilever", "spinning_beam", "3rrr", "race_r1") else ["damping=null"]
+    m = pf.load(name, damping)
+    assert not np.any(m.flexible.D)
+    error = []
+    for dt in steps:
+        r = pf.solve(m, level="coupled", until=until, dt=dt, samples=51, rho_inf=0.95)
+        error.append(np.abs(imbalance(r)).max())
+    assert not np.any(r.arrays["energy/dissipated"])
+    flow = max(np.ptp(r.arrays[f"energy/{k}"]) for k in ("kinetic", "gravity", "elastic", "work"))
+    assert error[-1] < 2e-3 * flow
+    # Work is summed by the trapezoidal rule, so second order is all there can be; modes that the
+    # step does not resolve lose their (small) energy to rho_inf < 1 at a lower rate.
+    assert slope(steps, error) > 1.4
+
+
+@pytest.mark.parametrize("name", ["race_r2", "ur5"])
+def test_the_balance_holds_with_damping(name: str) -> None:
+    until, steps = MODELS[name]
+    m = pf.load(name)
+    assert np.any(m.flexible.D)
+    error = []
+    for dt in steps:
+        r = pf.solve(m, level="coupled", until=until, dt=dt, samples=51)
+        error.append(np.abs(imbalance(r)).max())
+    lost = r.arrays["energy/dissipated"]
+    assert np.all(np.diff(lost) >= 0)
+    assert lost[-1] > 0
+    assert error[-1] < 1e-2 * lost[-1]
+    assert slope(steps, error) == pytest.approx(2.0, abs=0.6)
+
+
+def test_with_the_motors_held_again_r1_rings_on_without_loss() -> None:
+    m = pf.load("race_r1")
+    r = pf.solve(m, level="coupled", until=0.2, dt=1e-4, samples=201, rho_inf=1.0)
+    a = r.arrays
+    after = r.t > 0.1 + 1e-9
+    energy = (a["energy/kinetic"] + a["energy/elastic"])[after]
+    assert energy.mean() > 1e-8  # [J] there is something left that rings
+    assert np.ptp(energy) < 1e-3 * energy.mean()
+    assert np.ptp(a["energy/elastic"][after]) > 0.5 * energy.mean()  # it does ring
+
+
+def test_a_motor_with_torque_pays_for_what_it_moves(tmp_path: Path) -> None:
+    """drive: torque, PD and feed-forward on a flexible arm: the same balance."""
+    yaml = YAML.replace("actuated: []", "actuated: [upper_joint, lower_joint]")
+    m = load(tmp_path, PENDULUM, yaml)
+    motion = pf.cycloid(joints={"upper_joint": 0.6, "lower_joint": -0.8}, duration=0.3)
+    steps = (1e-3, 5e-4, 2.5e-4)  # [s]
+    error = []
+    for dt in steps:
+        r = pf.solve(m, motion, level="coupled", until=0.4, dt=dt, samples=81, drive="torque", kp=200.0, kd=4.0)  # fmt: skip
+        error.append(np.abs(imbalance(r)).max())
+    assert slope(steps, error) == pytest.approx(2.0, abs=0.4)
+    assert error[-1] < 1e-3 * np.ptp(r.arrays["energy/work"])
+    reached = r.joint("upper_joint").position[-1] - m.home[0]
+    assert np.isfinite(reached)

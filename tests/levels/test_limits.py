@@ -1,0 +1,100 @@
+"""Each level is the limit of the next: coupled -> ked -> quasistatic -> rigid, at its rate.
+
+The scene is race R1, driven along a ninth-degree law (four derivatives vanish at its ends), so that
+hardly anything rings and the levels differ by what they leave out:
+
+    quasistatic - rigid    the deflection itself                         1/E
+    ked - quasistatic      inertia of the deflection, K^-1 M d'' ~ 1/E^2     1/E^2, 1/T^4
+    coupled - ked          products of deflections                       1/E^2
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.motion import Motion
+from tests.finite import slope
+
+STIFFNESS = (0.5, 1.0, 2.0, 4.0)  # of Young's modulus
+DURATIONS = (0.10, 0.14, 0.20)  # [s]
+STEPS = 1000
+_LAW = np.polynomial.Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
+_MOVES = {"motor_1": 0.25, "motor_2": -0.15, "motor_3": 0.10}  # [rad]
+
+
+def smooth(duration: float) -> Motion:
+    move = np.array(list(_MOVES.values()))
+
+    def law(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        u = np.clip(t / duration, 0, 1)
+        p, v, a = (f(u) for f in (_LAW, _LAW.deriv(), _LAW.deriv(2)))
+        return np.outer(p, move), np.outer(v, move / duration), np.outer(a, move / duration**2)
+
+    return Motion("ninth degree", "joints", tuple(_MOVES), duration, law)
+
+
+@cache
+def run(level: str, stiffness: float, duration: float) -> pf.Result:
+    m = pf.load("race_r1", [f"flexible.*.material.E={7.1e10 * stiffness!r}"])
+    keys = {"dt": duration / STEPS} if level in ("ked", "coupled") else {}
+    if level == "ked":
+        keys["newmark"] = (0.5, 0.25)
+    return pf.solve(m, smooth(duration), level=level, until=duration, samples=101, **keys)
+
+
+def gap(key: str, one: str, other: str, stiffness: float = 1.0, duration: float = 0.1) -> float:
+    a, b = (run(level, stiffness, duration) for level in (one, other))
+    zero = np.zeros(1)
+    return float(np.abs(a.arrays.get(key, zero) - b.arrays.get(key, zero)).max())
+
+
+def by_stiffness(key: str, one: str, other: str) -> float:
+    return slope(STIFFNESS, [gap(key, one, other, stiffness=E) for E in STIFFNESS])
+
+
+def by_duration(key: str, one: str, other: str) -> float:
+    return slope(DURATIONS, [gap(key, one, other, duration=T) for T in DURATIONS])
+
+
+PLATFORM = "frame/platform/position"
+
+
+def test_quasistatic_tends_to_rigid_like_one_over_stiffness() -> None:
+    assert by_stiffness("eta", "quasistatic", "rigid") == pytest.approx(-1.0, abs=0.1)
+    assert by_stiffness("torque", "quasistatic", "rigid") == pytest.approx(-1.0, abs=0.15)
+    # Links bent by their own inertia only pull their ends together: second order in the bending.
+    assert by_stiffness(PLATFORM, "quasistatic", "rigid") == pytest.approx(-2.0, abs=0.05)
+
+
+def test_ked_tends_to_quasistatic_like_the_square() -> None:
+    # 0.2: the next power, and what little rings (measured -2.1).
+    assert by_stiffness("eta", "ked", "quasistatic") == pytest.approx(-2.0, abs=0.2)
+    assert by_stiffness("torque", "ked", "quasistatic") == pytest.approx(-1.0, abs=0.15)
+
+
+def test_ked_tends_to_quasistatic_as_the_motion_slows() -> None:
+    assert by_duration("eta", "ked", "quasistatic") == pytest.approx(-4.0, abs=0.4)
+    assert by_duration("torque", "ked", "quasistatic") == pytest.approx(-4.0, abs=0.3)
+
+
+def test_coupled_tends_to_ked_like_the_square_of_the_deflection() -> None:
+    assert by_stiffness("eta", "coupled", "ked") == pytest.approx(-2.0, abs=0.3)
+    assert by_stiffness(PLATFORM, "coupled", "ked") == pytest.approx(-2.0, abs=0.1)
+
+
+def test_coupled_and_quasistatic_agree_on_what_linear_theory_cannot_see() -> None:
+    """The foreshortening that moves the platform: ked has none of it, both others have it all."""
+    seen = gap(PLATFORM, "quasistatic", "rigid")
+    assert gap(PLATFORM, "coupled", "quasistatic") < 0.1 * seen
+    assert gap(PLATFORM, "ked", "quasistatic") > 0.9 * seen
+
+
+def test_the_levels_stand_in_their_order() -> None:
+    """At the softest: each level is nearer to coupled than the one below it."""
+    E = STIFFNESS[0]
+    gaps = [gap("eta", "coupled", level, E) for level in ("ked", "quasistatic", "rigid")]
+    assert gaps[0] < 0.1 * gaps[1] < 0.1 * gaps[2]

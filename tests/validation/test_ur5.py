@@ -1,0 +1,67 @@
+"""An arm from example-robot-data with two elastic links: what stiffness and payload do to it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from tests.finite import slope
+
+FACTORS = (1.0, 10.0, 100.0)  # of Young's modulus
+
+
+def stiffened(factor: float) -> pf.Mechanism:
+    return pf.load("ur5", [f"flexible.*.material.E={7e10 * factor!r}"])
+
+
+def test_frequencies_grow_with_the_root_of_stiffness() -> None:
+    found = np.array([pf.modes(stiffened(f), preload="none").frequencies[:6] for f in FACTORS])
+    np.testing.assert_allclose(found / found[0], np.sqrt(np.array(FACTORS))[:, None] * np.ones(6), rtol=1e-9)  # fmt: skip
+    loaded = pf.modes(stiffened(1.0)).frequencies[:6]
+    np.testing.assert_allclose(loaded, found[0], rtol=1e-4)  # gravity hardly bends these tubes
+
+
+def test_balanced_torques_and_poses_tend_to_the_rigid_ones_like_one_over_stiffness() -> None:
+    torque, pose = [], []
+    for factor in FACTORS:
+        m = stiffened(factor)
+        rigid = pf.solve(m, level="rigid", samples=41, until=0.6)
+        balanced = pf.solve(m, level="quasistatic", samples=41, until=0.6)
+        torque.append(np.abs(balanced.torque - rigid.torque).max())
+        pose.append(balanced.deviation_from(rigid, "tool0").max())
+    assert slope(FACTORS, torque) == pytest.approx(-1.0, abs=0.03)
+    assert slope(FACTORS, pose) == pytest.approx(-1.0, abs=0.01)
+    assert torque[-1] < 1e-4  # [N m] of 52
+
+
+def test_vibrating_torques_tend_to_the_rigid_ones_too() -> None:
+    """From rest in equilibrium: a cycloid's jerk rings the arm, the less the stiffer it is."""
+    torque, pose = [], []
+    for factor in FACTORS:
+        m = stiffened(factor)
+        rigid = pf.solve(m, level="rigid", samples=81, until=0.6)
+        run = pf.solve(m, level="coupled", samples=81, until=0.6, dt=1e-3, start="static")
+        torque.append(np.abs(run.torque - rigid.torque).max())
+        pose.append(run.deviation_from(rigid, "tool0").max())
+    assert slope(FACTORS, pose) == pytest.approx(-1.0, abs=0.02)
+    # The amplitude of the ringing falls with the ratio of a period to the motion, 1/sqrt(E), and
+    # faster where damping (stiffness-proportional) ends it.
+    assert slope(FACTORS, torque) < -0.5
+    assert torque[-1] < 2e-3 * 52  # [N m]
+
+
+def test_frequencies_fall_with_the_payload() -> None:
+    loads = (0.0, 1.0, 3.0, 5.0)  # [kg] at the wrist
+    found = [
+        pf.modes(pf.load("ur5", [f"flexible.forearm_link.tip={{mass: {kg}}}"])).frequencies[:4]
+        for kg in loads
+    ]
+    assert np.all(np.diff(np.array(found), axis=0) < 0)
+    assert found[-1][0] < 0.8 * found[0][0]
+
+
+def test_the_links_weigh_what_the_urdf_says() -> None:
+    m = stiffened(1.0)
+    assert m.parts["upper_arm_link"].mass == pytest.approx(8.393, rel=1e-9)
+    assert m.parts["forearm_link"].mass == pytest.approx(2.275, rel=1e-9)
