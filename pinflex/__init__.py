@@ -12,6 +12,7 @@ ones, y = (q, eta), lam closure multipliers.
 """
 
 from pinflex.comparison import comparison
+from pinflex.control import Control, Deflection, Effort, Travel, Voltage, pid
 from pinflex.errors import (
     AssemblyError,
     ConvergenceError,
@@ -28,6 +29,7 @@ from pinflex.motion import (
     Motion,
     circle,
     cycloid,
+    formula,
     harmonic,
     hold,
     quintic,
@@ -44,8 +46,11 @@ from pinflex.view import view
 __all__ = [
     "LEVELS",
     "AssemblyError",
+    "Control",
     "ConvergenceError",
+    "Deflection",
     "DescriptionError",
+    "Effort",
     "Equilibrium",
     "Mechanism",
     "Modes",
@@ -55,9 +60,12 @@ __all__ = [
     "Result",
     "SceneError",
     "SingularityError",
+    "Travel",
+    "Voltage",
     "circle",
     "comparison",
     "cycloid",
+    "formula",
     "generalized_alpha",
     "harmonic",
     "hht",
@@ -67,6 +75,7 @@ __all__ = [
     "load",
     "modes",
     "newmark",
+    "pid",
     "quintic",
     "sampled",
     "solve",

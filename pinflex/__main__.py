@@ -125,6 +125,11 @@ otherwise.""",
         help="motor positions in rad or m; loops are closed on the way from home",
     )
     p.add_argument("--view", metavar="FILE.html", help="write the shapes as a page for a browser")
+    p.add_argument(
+        "--map",
+        metavar="FILE.png",
+        help="write a figure of the frequencies along the motion (.png, .pdf, .svg)",
+    )
 
     p = _command(
         commands,
@@ -167,7 +172,7 @@ the others.""",
         "an animation of a saved run",
         """
 Writes one page that plays in any browser, offline, and opens it.""",
-        "pinflex view run.npz --field bending --scale 20",
+        "pinflex view run.npz --field bending --scale 20\n  pinflex view run.npz --png worst --gif",
         model=False,
     )
     p.add_argument("run", metavar="RUN.npz", help="from `pinflex solve -o` or `pinflex compare`")
@@ -180,7 +185,28 @@ Writes one page that plays in any browser, offline, and opens it.""",
     )
     p.add_argument("--scale", default="auto", metavar="X", help="magnification (default auto)")
     p.add_argument("--rigid", metavar="RUN.npz", help="rigid run to compare with")
+    p.add_argument(
+        "--meshes",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="folder with the URDF's meshes; may be repeated",
+    )
     p.add_argument("--no-open", action="store_true", help="only write the page")
+    p.add_argument("--png", metavar="T", help="also a picture at T s, or at the worst instant")
+    p.add_argument("--gif", action="store_true", help="also a film as .gif")
+    p.add_argument("--mp4", action="store_true", help="also a film as .mp4 (needs ffmpeg)")
+    p.add_argument(
+        "--serve",
+        nargs="?",
+        const=0,
+        type=_port,
+        metavar="PORT",
+        help="serve the page to this machine only, until Ctrl-C (default: a free port)",
+    )
+    p.add_argument(
+        "--live", action="store_true", help="play in meshcat, this machine only, until Ctrl-C"
+    )
     return parser  # fmt: skip
 
 
@@ -253,6 +279,12 @@ def _number(text: str) -> float:
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above zero")
+    return int(text)
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port, 0 to 65535")
     return int(text)
 
 

@@ -31,6 +31,7 @@ from pinflex.family import (
     quadrature,
     sines,
 )
+from pinflex.ritz8 import ritz8
 
 if TYPE_CHECKING:
     from pinflex.flexible import FlexibleLink
@@ -104,6 +105,8 @@ class FlexibleBody:
 
     def rows(self, x: float) -> tuple[Array, Array | None]:
         """Rows (u, v, w, rz, ry, rx) of the section at x (m): Phi (6, n) and G (6, n, n)."""
+        if self.solid is not None:
+            return self.solid.rows(x)
         at = np.array([float(x)])
         Phi = beam.first_order(self.families, self.slices, at)[0]
         if not self.second_order:
@@ -118,6 +121,8 @@ class FlexibleBody:
             axial (u'), curvature_v, curvature_w, shear_v, shear_w and twist (p'), shape (nx, n).
         """
         x = np.atleast_1d(np.asarray(x, dtype=np.float64))
+        if self.solid is not None:
+            return self.solid.fields(x)
         Phi = beam.first_order(self.families, self.slices, x)
         out = {"deflection": Phi[:, [0, 1, 2, 5, 4, 3]]}
         names = {"u": "axial", "v": "curvature_v", "w": "curvature_w", "p": "twist"}
@@ -232,26 +237,10 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
             return assumed(length, basis.boundary, basis.modes)
         return sines(length, basis.modes)
     if basis.kind == "ritz8":
-        return _ritz8(length, direction, ratio)
+        return ritz8(length, direction, ratio)
     # Stretch and twist live far above bending: two internal modes fewer cost nothing there.
     n = basis.internal + 2 if direction in BENDING else max(basis.internal - 2, 0) + 1
     return polynomial(length, n, direction, ratio, ratio > 0.0 and link.rotary_inertia)
-
-
-def _ritz8(length: float, direction: str, shear_ratio: float) -> Family:
-    """End coordinates q1..q8 of a link: stretch, rotations about z and y, twist of both ends.
-
-    The source's bending functions are linear, which bends nothing while its stiffness is that of
-    end rotations: here q2, q3, q6, q7 are these rotations, against the chord, and twist has G J / l.
-    The frame of the link is fixed to its root section, not to the chord, so the shapes are those
-    of the chord less a rotation; q1 and q4 move the whole link, which its joint does already.
-    Source: eq. 1-3 of the article on the 3-TPT (models/3tpt/SOURCE.md).
-    """
-    one = hermite(length, 1, "cubic", direction=direction, shear_ratio=shear_ratio)
-    if direction in BENDING:
-        names = ("q2", "q6") if direction == "v" else ("q3", "q7")
-        return combine(one, np.array([[-length, 0.0], [-1.0, 1.0]]), names)
-    return combine(one, np.eye(1), ("q5" if direction == "u" else "q8",))
 
 
 def _energy(link: FlexibleLink, direction: str, family: Family, rho: float) -> tuple[Array, Array]:

@@ -34,12 +34,18 @@ FLAGS = (
 )
 
 
+def find_browser() -> str | None:
+    """Path of a Chromium, or None; PINFLEX_BROWSER names the one to take."""
+    wish = os.environ.get("PINFLEX_BROWSER")
+    names = (wish,) if wish else (*BROWSERS, MACOS)
+    return next((found for found in map(shutil.which, names) if found), None)
+
+
 def browser() -> str:
-    """Path of a Chromium; PINFLEX_BROWSER names another one."""
-    for name in (os.environ.get("PINFLEX_BROWSER", ""), *BROWSERS, MACOS):
-        found = shutil.which(name) if name else None
-        if found:
-            return found
+    """Path of a Chromium."""
+    found = find_browser()
+    if found:
+        return found
     raise PinflexError(
         f"capture: no Chromium was found (looked for {', '.join(BROWSERS)}). Pictures and films "
         "are drawn by it. Install chromium, or name one in PINFLEX_BROWSER; the page itself "

@@ -17,6 +17,7 @@ from pinflex.modes import modes
 from pinflex.motion import from_spec
 from pinflex.nominal import nominal
 from pinflex.parts import FlexiblePart
+from pinflex.summary import summary
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
 CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
@@ -81,6 +82,7 @@ class Check:
         frequencies: [Hz]. frequency_note: Of which state.
         motion: What the motion asks, and whether the rigid mechanism can follow it.
         warnings: Sentences.
+        summaries: Modal summary of each solid body, as text.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Check:
     frequency_note: str
     motion: str
     warnings: tuple[str, ...] = field(default=())
+    summaries: tuple[str, ...] = field(default=())
 
 
 def check(mechanism: Mechanism, count: int = 6) -> Check:
@@ -139,12 +142,25 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         frequency_note=note,
         motion=motion,
         warnings=warnings,
+        summaries=_summaries(mechanism),
     )
 
 
 def is_loaded(mechanism: Mechanism) -> bool:
     """Whether anything pulls on the mechanism at rest: gravity, or a spring."""
     return any(mechanism.description.gravity) or len(mechanism.flexible.springs.v_at) > 0
+
+
+def _summaries(mechanism: Mechanism) -> tuple[str, ...]:
+    """One text per different solid body."""
+    bodies: dict[int, list[str]] = {}
+    for name, part in mechanism.parts.items():
+        if part.bodies[0].solid is not None:
+            bodies.setdefault(id(part.bodies[0]), []).append(name)
+    return tuple(
+        f"{', '.join(names)}: {summary(mechanism.parts[names[0]].bodies[0])}"
+        for names in bodies.values()
+    )
 
 
 def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ...], str]:

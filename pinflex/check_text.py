@@ -20,6 +20,7 @@ def write(c: Check) -> str:
         _loop_table(c),
         _link_table(c),
         _planes(c),
+        *c.summaries,
         _statics(c),
         _frequencies(c),
         _warnings(c),

@@ -298,10 +298,10 @@ class ClosureState:
             if self.J_eta.shape[1]:
                 self.J_eta[one.rows, one.eta] = one.by_eta
 
-    def require_on_beams(self, when: str) -> None:
-        """Raise a MotionError where a sleeve has left its beam; `when` is a place and a time."""
+    def require_on_beams(self, where: str, t: float | None = None) -> None:
+        """Raise a MotionError where a sleeve has left its beam, at a time t (s)."""
         for one in self.contacts:
-            one.require_on_beam(self.closed.names[one.loop], when)
+            one.require_on_beam(self.closed.names[one.loop], where, t)
 
     def wrenches(self, lam: Array) -> Array:
         """World wrench [force; moment about the origin] on each B, shape (loops, 6)."""

@@ -57,11 +57,16 @@ def modes(args: argparse.Namespace) -> int:
         ),
         args.count,
     )
-    page = None
+    page = figure = None
     if args.view is not None:
         from pinflex.view import write_modes_html
 
         page = write_modes_html(mode_runs(mechanism, found), args.view)
+    if args.map is not None:
+        from pinflex.frequency_map import frequency_map, save_frequency_map
+
+        along = frequency_map(mechanism, count=min(args.count, 8), preload=preload)
+        figure = save_frequency_map(along, args.map)
     shares = [dict(zip(found.links, map(float, row), strict=True)) for row in found.share]
     if args.json:
         print_json(
@@ -75,6 +80,7 @@ def modes(args: argparse.Namespace) -> int:
                     for f, share in zip(map(float, found.frequencies), shares, strict=True)
                 ],
                 "view": page,
+                "map": figure,
             }
         )
         return 0
@@ -88,8 +94,9 @@ def modes(args: argparse.Namespace) -> int:
     ]
     header = "mode|frequency [Hz]|period [s]|share of the elastic energy"
     print(table("Natural frequencies", header, rows, (4,), last_is_text=True))
-    if page is not None:
-        print(f"\nwrote {page}")
+    files = [f"wrote {path}" for path in (page, figure) if path is not None]
+    if files:
+        print("\n" + "\n".join(files))
     return 0
 
 
@@ -185,19 +192,42 @@ def compare(args: argparse.Namespace) -> int:
 
 
 def view(args: argparse.Namespace) -> int:
-    """Write the page that plays a run."""
+    """Write the page that plays a run, and what else was asked for."""
+    from pinflex import pictures, serve
     from pinflex.view import view as show
 
     result = Result.load(args.run)
     rigid = None if args.rigid is None else Result.load(args.rigid)
     path = Path(args.output) if args.output is not None else Path(args.run).with_suffix(".html")
-    written = show(
-        result, path, open_browser=not args.no_open, field=args.field, scale=args.scale, rigid=rigid
-    )
+    at = None if args.png is None else pictures.instant(result, args.png)
+    stays = args.serve is not None or args.live
+    page = show(
+        result,
+        path,
+        open_browser=not (args.no_open or stays or args.png or args.gif or args.mp4),
+        field=args.field,
+        scale=args.scale,
+        rigid=rigid,
+        meshes=args.meshes,
+    ).path
+    made = []
+    if at is not None:
+        to = page.with_suffix(".png")
+        made.append(pictures.still(result, page, to, at, args.field, args.scale))
+    for wanted, suffix in ((args.gif, ".gif"), (args.mp4, ".mp4")):
+        if wanted:
+            to = page.with_suffix(suffix)
+            made.append(pictures.film(result, page, to, args.field, args.scale))
     if args.json:
-        print_json({"file": written, "name": result.meta.get("name"), "level": result.level})
+        files = {"file": page, "pictures": [p.path for p in made]}
+        print_json({**files, "name": result.meta.get("name"), "level": result.level})
     else:
-        print(written)
+        print(page)
+        print("".join(f"{p.path}{f' ({p.note})' if p.note else ''}\n" for p in made), end="")
+    if args.serve is not None:
+        serve.page_until_interrupted(page, args.serve)
+    elif args.live:
+        serve.live_until_interrupted(result, args.field, args.scale)
     return 0
 
 

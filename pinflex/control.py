@@ -152,6 +152,4 @@ def _drive(value: object, where: str, urdf: Urdf) -> Voltage | Effort:
         raise DescriptionError(f"{where}: name one drive: {{patch: NAME}} or {{joint: NAME}}.")
     if "patch" in block:
         return Voltage(schema.text(block["patch"], schema.at(where, "patch")))
-    return Effort(
-        schema.known(block["joint"], schema.at(where, "joint"), urdf.joints, "joint")
-    )
+    return Effort(schema.known(block["joint"], schema.at(where, "joint"), urdf.joints, "joint"))

@@ -12,17 +12,18 @@ Positions satisfy c = 0 at every step: they never drift off the closures.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.drive import MotorPath, TorqueDrive, kinks
 from pinflex.dynamics import Dynamics
-from pinflex.errors import ConvergenceError
+from pinflex.errors import ConvergenceError, MotionError
+from pinflex.feedback import Feedback, FeedbackState
 from pinflex.integrators import AlphaScheme
 from pinflex.mechanism import Mechanism
 from pinflex.motors import motor_axes
+from pinflex.newton import Newton, Step
 from pinflex.run import Run
 from pinflex.start import consistent_acceleration
 
@@ -30,80 +31,6 @@ from pinflex.start import consistent_acceleration
 # this fraction of the largest so far: torques carry 1e-7 from Newton, below any step error in use.
 NEWTON = 1e-7
 _MAX_ITERATIONS = 12
-
-
-@dataclass
-class _Step:
-    """The state that moves through the run."""
-
-    y: Array
-    v: Array
-    a: Array
-    s: Array
-    lam: Array
-    torque: Array
-
-
-class _Newton:
-    """Iteration matrix of one run: factored once, kept while it contracts."""
-
-    def __init__(
-        self, dynamics: Dynamics, scheme: AlphaScheme, h: float, drive: TorqueDrive | None
-    ):
-        from scipy.linalg.lapack import dgetrf, dgetrs
-
-        self._factor, self._solve = dgetrf, dgetrs
-        system = dynamics.system
-        self.dynamics, self.scheme, self.h, self.drive = dynamics, scheme, h, drive
-        self.free = system.free if drive is None else np.arange(system.nv)
-        self.motors = system.motors
-        self.n, self.rows = len(self.free), system.closed.n
-        self.S = np.zeros((self.n + self.rows, self.n + self.rows), order="F")
-        self.count = 0
-        self.rate = 1.0
-
-    def refresh(self, step: _Step) -> None:
-        """New tangent at a state; raises numpy's LinAlgError when it is singular."""
-        scheme, h, n = self.scheme, self.h, self.n
-        weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
-        full = self.dynamics.iteration_matrix(step.y, step.v, step.a, step.lam, weights)
-        if self.drive is not None:
-            push = weights[2] * self.drive.kp + weights[1] * self.drive.kd
-            full[self.motors, self.motors] += push
-        S = self.S
-        S[:n, :n] = full[np.ix_(self.free, self.free)]
-        self.weight = np.abs(np.diag(S)[:n]).copy()
-        # Positions are known to 1e-15 (m, rad); as accelerations that is this much noise.
-        self.noise = 1e-15 / (scheme.beta * h * h) * float(np.sqrt(self.weight.sum()))
-        if self.rows:
-            J = self.dynamics.jacobian()
-            S[:n, n:] = J[:, self.free].T
-            S[n:, :n] = J[:, self.free]
-            self.J_motors = J[:, self.motors]
-        self.motor_rows = full[np.ix_(self.motors, self.free)]
-        self.count += 1
-        self.rate = 1e-2
-        if not len(S):  # every coordinate is a motor: nothing to iterate on
-            return
-        self.lu, self.pivots, info = self._factor(S)
-        if info > 0 or not np.all(np.isfinite(self.lu)):
-            raise np.linalg.LinAlgError("singular iteration matrix")
-
-    def size(self, a: Array) -> float:
-        """Norm of an acceleration (nv,) in the weights of the matrix."""
-        free = a[self.free]
-        return float(np.sqrt((self.weight * free) @ free))
-
-    def step(self, r: Array, c: Array) -> tuple[Array, Array]:
-        """ds (n,) and dlam (rows,) from the residual."""
-        b = np.empty(self.n + self.rows)
-        np.negative(r, out=b[: self.n])
-        if self.rows:
-            np.multiply(c, -1.0 / (self.scheme.beta * self.h * self.h), out=b[self.n :])
-        if not len(b):
-            return b, b
-        x, _ = self._solve(self.lu, self.pivots, b)
-        return x[: self.n], -x[self.n :]
 
 
 class _March:
@@ -117,17 +44,27 @@ class _March:
         scheme: AlphaScheme,
         drive: TorqueDrive | None,
         tolerance: float,
+        feedback: Feedback | None,
     ) -> None:
         self.h = float(path.t[-1] - path.t[0]) / (len(path.t) - 1)
         self.dynamics, self.path, self.scheme, self.drive = dynamics, path, scheme, drive
         self.axes, self.motors = motor_axes(mechanism), dynamics.system.motors
-        self.newton = _Newton(dynamics, scheme, self.h, drive)
+        self.feedback = None if feedback is None else FeedbackState(feedback, dynamics, self.h)
+        self.newton = Newton(dynamics, scheme, self.h, drive, self.feedback)
         self.tolerance, self.reference = tolerance, 0.0
         self.iterations, self.slow = 0, True
         self._change = np.zeros(dynamics.system.nv)
 
-    def step(self, before: _Step, guess: Array, k: int) -> _Step:
+    def control(self, k: int, y: Array, v: Array) -> None:
+        """Let the feedback act at a state of step k."""
+        if self.feedback is not None:
+            self.dynamics.push = self.feedback.force(float(self.path.t[k]), y, v)
+
+    def step(self, before: Step, guess: Array, k: int) -> Step:
         """The state at step k.
+
+        Frozen tangents first; where they fail, once more from the last acceleration with the exact
+        tangent in every iteration.
 
         Args:
             before: State at step k - 1.
@@ -136,6 +73,13 @@ class _March:
         Raises:
             _NoConvergence: With the residual it stopped at.
         """
+        try:
+            return self._attempt(before, guess, k, False)
+        except _NoConvergence:
+            self.slow = True
+            return self._attempt(before, before.a.copy(), k, True)
+
+    def _attempt(self, before: Step, guess: Array, k: int, exact: bool) -> Step:
         scheme, h, motors, newton = self.scheme, self.h, self.motors, self.newton
         dynamics, path, prescribed = self.dynamics, self.path, self.drive is None
         am, af = scheme.alpha_m, scheme.alpha_f
@@ -146,16 +90,17 @@ class _March:
             guess[motors] = s[motors] = path.acceleration[k]
         move = h * before.v + (h * h * (0.5 - scheme.beta)) * before.s + to_y * s
         v = before.v + (h * (1.0 - scheme.gamma)) * before.s + to_v * s
-        now = _Step(
+        now = Step(
             dynamics.integrate(before.y, move), v, guess, s, before.lam.copy(), before.torque
         )
         if prescribed:
             self.axes.write(now.y, path.position[k])
             now.v[motors] = path.velocity[k]
-        if self.slow:
-            newton.refresh(now)
+        if self.slow or exact:
+            newton.refresh(now, exact)
         fresh, previous, change = self.slow, 0.0, self._change
         for iteration in range(_MAX_ITERATIONS):
+            self.control(k, now.y, now.v)
             r = dynamics.residual(now.y, now.v, now.a, now.lam)
             if self.drive is not None:
                 now.torque = self.drive.torque(k, path, self.axes, now.y, now.v)
@@ -193,12 +138,14 @@ class _March:
                 self.slow = newton.rate > 0.1 or iteration >= 4
                 return now
             if iteration >= 2 and newton.rate > 0.3 and (not fresh or iteration > 4):
-                newton.refresh(now)
+                newton.refresh(now, exact)
                 fresh = True
+            elif exact:
+                newton.refresh(now, exact)
             previous = size
         raise _NoConvergence(r[newton.free])
 
-    def quiet_start(self, first: _Step, k: int) -> _Step:
+    def quiet_start(self, first: Step, k: int) -> Step:
         """A state at step k whose velocity lets the multipliers start without an O(h) transient.
 
         The scheme's own solution meets J v = 0 only to O(h^2); an exact v0 is off that solution and
@@ -219,7 +166,7 @@ class _March:
         mu = (scheme.beta * self.h / scheme.mass_factor) * (after.lam - lam)
         v = first.v.copy()
         v[free] += np.linalg.lstsq(M, J.T @ mu, rcond=1e-14)[0]
-        return _Step(first.y, v, first.a, first.s, first.lam, first.torque)
+        return Step(first.y, v, first.a, first.s, first.lam, first.torque)
 
 
 class _NoConvergence(Exception):
@@ -228,6 +175,8 @@ class _NoConvergence(Exception):
         self.residual = residual
 
 
+# A diverging iteration overflows before it is caught and named.
+@np.errstate(over="ignore", invalid="ignore")
 def integrate(
     mechanism: Mechanism,
     dynamics: Dynamics,
@@ -237,6 +186,7 @@ def integrate(
     drive: TorqueDrive | None = None,
     tolerance: float = NEWTON,
     progress: Callable[[int, int], None] | None = None,
+    feedback: Feedback | None = None,
 ) -> Run:
     """March the full equations over the steps of a motor path.
 
@@ -248,13 +198,17 @@ def integrate(
         drive: None prescribes the motors and answers with their torque; else motors get a torque.
         tolerance: Newton's, relative to the largest acceleration so far.
         progress: Called with (step, steps).
+        feedback: A control that acts all along.
     Returns:
         States, multipliers and torques at every step.
     Raises:
         ConvergenceError: With `.result` (a Run) up to the last good step.
+        MotionError: A sleeve leaves its beam; likewise.
     """
     system, t, steps = dynamics.system, path.t, len(path.t) - 1
-    march = _March(mechanism, dynamics, path, scheme, drive, tolerance)
+    march = _March(mechanism, dynamics, path, scheme, drive, tolerance, feedback)
+    acting = march.feedback
+    signals = None if acting is None else acting.signals(steps + 1)
     Y, V = np.empty((steps + 1, system.nq)), np.empty((steps + 1, system.nv))
     A, L = np.empty_like(V), np.empty((steps + 1, system.closed.n))
     T, work = np.empty((steps + 1, len(system.motors))), np.zeros((steps + 1, 2))
@@ -268,12 +222,19 @@ def integrate(
         k = slice(0, upto + 1)
         return Run(
             system, t[k], Y[k], V[k], A[k], L[k], T[k], counts,
-            {"integrator": scheme.name, "dt": march.h}, work[k], (), stopped,
+            {"integrator": scheme.name, "dt": march.h, "gamma": scheme.gamma}, work[k], (), stopped,
+            None if signals is None else signals.at(k),
         )  # fmt: skip
 
-    def keep(k: int, now: _Step) -> Array:
+    def keep(k: int, now: Step) -> Array:
         Y[k], V[k], A[k], L[k], T[k] = now.y, now.v, now.a, now.lam, now.torque
-        return np.array([float(now.torque @ now.v[system.motors]), dynamics.losses(now.v)])
+        power = float(now.torque @ now.v[system.motors])
+        if acting is not None and signals is not None and dynamics.push is not None:
+            march.control(k, now.y, now.v)
+            acting.keep()
+            signals.u[k], signals.measured[k] = acting.u, acting.m
+            power += float(dynamics.push @ now.v)
+        return np.array([power, dynamics.losses(now.v)])
 
     now = _first_state(march, start[0], start[1], 0)
     power = keep(0, now)
@@ -287,11 +248,15 @@ def integrate(
                 now, a_last = march.quiet_start(now, k - 1), now.a
             guess = 2.0 * now.a - a_last
             a_last, now = now.a, march.step(now, guess, k)
+            dynamics.closed.require_on_beams(mechanism.name, float(t[k]))
             new = keep(k, now)
             work[k] = work[k - 1] + (0.5 * march.h) * (power + new)
             power = new
             if progress is not None and k % 64 == 0:
                 progress(k, steps)
+    except MotionError as error:
+        error.result = run(k - 1, str(error))
+        raise
     except (_NoConvergence, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
         good = max(k - 1, 0)
@@ -301,7 +266,7 @@ def integrate(
     return run(steps)
 
 
-def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
+def _first_state(march: _March, y: Array, v: Array, k: int) -> Step:
     """Consistent accelerations and multipliers, and s = a(t + (alpha_m - alpha_f) h), at step k.
 
     The slope of a comes from a second consistent state a fraction of a step away.
@@ -311,6 +276,7 @@ def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
     dynamics.loads.time = float(path.t[k])
 
     def accelerate(y: Array, v: Array, part: float) -> tuple[Array, Array]:
+        march.control(k, y, v)
         if drive is None:
             a_motor = motor_a[k] * (1 - part) + motor_a[k + 1] * part
             return consistent_acceleration(dynamics, y, v, motors, a_motor, None)
@@ -323,12 +289,13 @@ def _first_state(march: _March, y: Array, v: Array, k: int) -> _Step:
     ahead = dynamics.integrate(y, dt * v + 0.5 * dt * dt * a)
     a_ahead, _ = accelerate(ahead, v + dt * a, part)
     s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
+    march.control(k, y, v)
     r = dynamics.residual(y, v, a, lam)
     torque = r[motors] if drive is None else drive.torque(k, path, march.axes, y, v)
-    return _Step(y.copy(), v.copy(), a, s, lam, torque)
+    return Step(y.copy(), v.copy(), a, s, lam, torque)
 
 
-def _force_scale(dynamics: Dynamics, now: _Step, newton: _Newton) -> float:
+def _force_scale(dynamics: Dynamics, now: Step, newton: Newton) -> float:
     """Acceleration scale of the run before it has moved: what its static forces could do."""
     newton.refresh(now)
     still, straight = np.zeros(dynamics.system.nv), now.y.copy()
@@ -350,7 +317,8 @@ def _diverged(
     error = ConvergenceError(
         f"t = {time:.6g} s, step {k}, dt = {march.h:.3g} s: Newton stopped at |r| = "
         f"{float(np.max(np.abs(r))):.2g} after {_MAX_ITERATIONS} iterations, largest in {where}. "
-        "Halve dt, or use level=ked if deflections are small. error.result holds the run so far.",
+        "Halve dt, start from rest (start=static), or use level=ked if deflections are small. "
+        "error.result holds the run so far.",
         time=time,
         step=k,
     )

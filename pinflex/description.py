@@ -13,6 +13,7 @@ from typing import Any
 import yaml  # type: ignore[import-untyped]
 
 from pinflex import flexible, schema, urdf
+from pinflex.control import Control, read_control
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 from pinflex.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.flexible import Basis, EndMass, FlexibleLink
@@ -38,7 +39,7 @@ __all__ = [
 
 _KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "home", "platform", "frames"),
-    *("flexible", "damping", "forces", "springs", "motion", "solve"),
+    *("flexible", "damping", "forces", "springs", "control", "motion", "solve"),
 )
 _ONE_DOF = ("revolute", "continuous", "prismatic")
 _HERE = Path(__file__).resolve().parent
@@ -62,6 +63,7 @@ class Description:
         actuated: Joints with a motor.
         loops: Closures.
         forces: Loads at frames.
+        control: Feedback of level coupled.
         springs: Springs between frames.
         home: Guess of the configuration (rad | m), by joint name, as Pinocchio lays it out: a
             quaternion x y z w, a planar angle as cosine and sine; the axes of a universal joint
@@ -69,6 +71,7 @@ class Description:
         platform: Frame whose motion matters, if any.
         frames: Further frames to report.
         flexible: Links that deform.
+        system_damping: Rayleigh (alpha [1/s], beta [s]) of the whole linear system of level ked.
         motion: The checked YAML block of the motion, for `motion.from_spec`.
         solve: What to compute.
     """
@@ -85,11 +88,13 @@ class Description:
     actuated: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
     forces: tuple[FrameForce, ...] = ()
+    control: Control | None = None
     springs: tuple[FrameSpring, ...] = ()
     home: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
     platform: str | None = None
     frames: tuple[str, ...] = ()
     flexible: tuple[FlexibleLink, ...] = ()
+    system_damping: tuple[float, float] = (0.0, 0.0)
     motion: dict[str, Any] | None = None
     solve: SolveSpec = field(default_factory=SolveSpec)
 
@@ -199,7 +204,10 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
     actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
     damping = ((0.0, 0.0), 0.0)
     if "damping" in block:
-        damping = flexible.damping_from_spec(block["damping"], place["damping"])
+        spec, scope = flexible.damping_scope(block["damping"], place["damping"])
+        damping = flexible.damping_from_spec(spec, place["damping"])
+        if scope == "system":
+            fields["system_damping"], damping = damping[0], ((0.0, 0.0), 0.0)
     links = flexible.expand(block.get("flexible", {}), place["flexible"], tree)
     bending = tuple(
         flexible.from_spec(spec, link, schema.at(place["flexible"], link), tree, damping)
@@ -220,6 +228,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
         joints=joints,
         actuated=actuated,
         loops=loops,
+        control=read_control(block.get("control", {}), place["control"], tree),
         forces=read_forces(block.get("forces", {}), place["forces"], tree),
         springs=read_springs(block.get("springs", {}), place["springs"], tree),
         home=_home(block.get("home", {}), place["home"], types),

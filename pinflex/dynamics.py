@@ -240,19 +240,26 @@ class Dynamics:
         return M, C, K
 
     def iteration_matrix(
-        self, y: Array, v: Array, a: Array, lam: Array, weights: Sequence[float]
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        weights: Sequence[float],
+        rates: bool = False,
     ) -> Array:
         """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy for Newton, shape (nv, nv).
 
-        The rates of the second-order rows are left out: they are of the order of the step times the
-        elastic rates, and Newton does not miss them.
+        The rates of the second-order rows are left out unless asked for: they are of the order of
+        the step times the elastic rates, and Newton does not miss them in a smooth motion.
 
         Args:
             y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,).
             weights: Of M, C and K.
+            rates: Exact, also where links accelerate wildly.
         """
         found = self._derivatives(y, v, a, lam, weights[2] != 0.0)
-        return self._weighted(found, a, weights, False)
+        return self._weighted(found, a, weights, rates)
 
     def _derivatives(
         self, y: Array, v: Array, a: Array, lam: Array, loads: bool

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.basis import FlexibleBody
+from pinflex.flexible import EndMass
 
 
 @dataclass(frozen=True)
@@ -89,3 +91,19 @@ class Expansion:
     slots: tuple[Slot, ...]
     n_eta: int
     spare: list[pin.Data] = field(default_factory=list, repr=False, compare=False)
+
+
+def end_inertia(end: EndMass) -> pin.Inertia:
+    """Inertia of a rigid mass at the end of a beam."""
+    return pin.Inertia(end.mass, np.zeros(3), np.diag(np.array(end.inertia, float)))
+
+
+def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:
+    """Where the q and v of the rigid model sit in Q and V."""
+    q_at = np.empty(rigid.nq, dtype=np.intp)
+    v_at = np.empty(rigid.nv, dtype=np.intp)
+    for joint, name in zip(rigid.joints[1:], rigid.names[1:], strict=True):
+        there = model.joints[model.getJointId(name)]
+        q_at[joint.idx_q : joint.idx_q + joint.nq] = there.idx_q + np.arange(joint.nq)
+        v_at[joint.idx_v : joint.idx_v + joint.nv] = there.idx_v + np.arange(joint.nv)
+    return q_at, v_at

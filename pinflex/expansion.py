@@ -20,8 +20,15 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.basis import FlexibleBody
-from pinflex.expanded import Attachment, Block, Expansion, Interface, Slot
-from pinflex.flexible import EndMass
+from pinflex.expanded import (
+    Attachment,
+    Block,
+    Expansion,
+    Interface,
+    Slot,
+    end_inertia,
+    rigid_indices,
+)
 from pinflex.parts import FlexiblePart
 from pinflex.superelement import Superelement
 from pinflex.tree import Link
@@ -57,7 +64,7 @@ class _Assembler:
     def run(self) -> None:
         for number, link in enumerate(self.links):
             if link.parent < 0:
-                self._link(number, Attachment(0, link.placement))
+                self._child(number, Attachment(0, pin.SE3.Identity()), link.placement)
 
     def _link(self, number: int, here: Attachment) -> None:
         link = self.links[number]
@@ -141,7 +148,7 @@ class _Assembler:
         if body.root_moves and k == 0:
             sections.setdefault(0.0, [])
         elif k == 0 and part.root is not None:
-            self._append(root, _end_inertia(part.root))
+            self._append(root, end_inertia(part.root))
         for x, children in sorted(sections.items()):
             local = x - offset
             if local <= 0 and not body.root_moves:
@@ -151,9 +158,9 @@ class _Assembler:
                 interfaces.append(interface)
                 carrier, section = interface.attachment, pin.SE3.Identity()
             if x <= 0 and body.root_moves and part.root is not None:
-                self._append(carrier, _end_inertia(part.root))
+                self._append(carrier, end_inertia(part.root))
             if x >= part.length * (1 - 1e-9) and part.tip is not None:
-                self._append(carrier, _end_inertia(part.tip))
+                self._append(carrier, end_inertia(part.tip))
             to_section = part.placement * pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
             for child in children:
                 placement = to_section.actInv(self.links[child].placement)
@@ -166,7 +173,9 @@ class _Assembler:
         )
         return following
 
-    def _solid(self, number: int, root: Attachment, part: FlexiblePart, solid: Superelement) -> None:
+    def _solid(
+        self, number: int, root: Attachment, part: FlexiblePart, solid: Superelement
+    ) -> None:
         """A reduced solid: its points, then each interface with the children nearest to it."""
         body = part.bodies[0]
         eta = slice(self.n_eta, self.n_eta + body.n)
@@ -280,10 +289,6 @@ class _Assembler:
         self.model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
 
 
-def _end_inertia(end: EndMass) -> pin.Inertia:
-    return pin.Inertia(end.mass, np.zeros(3), np.diag(np.array(end.inertia, float)))
-
-
 def expand(
     links: Sequence[Link],
     parts: Mapping[str, FlexiblePart],
@@ -306,7 +311,7 @@ def expand(
     model.gravity.linear = np.array(gravity, float)
     work = _Assembler(links, parts, needed, rigid is not None, model)
     work.run()
-    q_at, v_at = _rigid_indices(model if rigid is None else rigid, model)
+    q_at, v_at = rigid_indices(model if rigid is None else rigid, model)
     return Expansion(
         model, q_at, v_at, _stack(work), work.frames, tuple(work.slots), work.n_eta
     )  # fmt: skip
@@ -319,16 +324,6 @@ def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
         frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
         frames[link.name] = Attachment(int(frame.parentJoint), frame.placement)
     return Expansion(model, np.arange(model.nq), np.arange(model.nv), (), frames, (), 0)
-
-
-def _rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:
-    q_at = np.empty(rigid.nq, dtype=np.intp)
-    v_at = np.empty(rigid.nv, dtype=np.intp)
-    for joint, name in zip(rigid.joints[1:], rigid.names[1:], strict=True):
-        there = model.joints[model.getJointId(name)]
-        q_at[joint.idx_q : joint.idx_q + joint.nq] = there.idx_q + np.arange(joint.nq)
-        v_at[joint.idx_v : joint.idx_v + joint.nv] = there.idx_v + np.arange(joint.nv)
-    return q_at, v_at
 
 
 def _stack(work: _Assembler) -> tuple[Block, ...]:

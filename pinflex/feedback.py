@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from pinflex.control import Control, Deflection, Effort, Travel, Voltage
 from pinflex.dynamics import Dynamics
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanism import Mechanism
+from pinflex.signals import Signals
 
 # Gains of a law come from differences over this part of the size of its arguments: exact for the
 # linear laws, and Newton needs two digits.
@@ -31,31 +32,6 @@ class Feedback:
     home: Array
     S: Array
     B: Array
-
-
-@dataclass(frozen=True)
-class Signals:
-    """What a control did.
-
-    Attributes:
-        names: Of the drives. B: Forces per drive, shape (nv, nu).
-        u: Drives (V | N m | N), shape (nt, nu). measured: m (m | rad), shape (nt, nm).
-    """
-
-    names: tuple[str, ...]
-    B: Array
-    u: Array
-    measured: Array
-
-    def at(self, k: slice) -> Signals:
-        """The same at some of the times."""
-        return replace(self, u=self.u[k], measured=self.measured[k])
-
-    def arrays(self) -> dict[str, Array]:
-        """Arrays of a result, by flat key."""
-        out = {f"control/{name}": self.u[:, k] for k, name in enumerate(self.names)}
-        out["measured"] = self.measured
-        return out
 
 
 def place(mechanism: Mechanism, control: Control, prescribed: bool) -> Feedback:
@@ -98,7 +74,9 @@ def _drive(mechanism: Mechanism, one: Voltage | Effort, nv: int, prescribed: boo
             )
         column[row] = 1.0
         return column
-    patches = {p.name: (link, p) for link, part in mechanism.parts.items() for p in part.spec.patches}
+    patches = {
+        p.name: (link, p) for link, part in mechanism.parts.items() for p in part.spec.patches
+    }
     if one.patch not in patches:
         raise DescriptionError(
             f"{mechanism.name}: control: no patch {one.patch}.{nearest(one.patch, patches)}"
@@ -145,7 +123,7 @@ class FeedbackState:
 
     def __init__(self, feedback: Feedback, dynamics: Dynamics, h: float) -> None:
         self.feedback, self._dynamics, self._half = feedback, dynamics, 0.5 * h
-        n = len(feedback.S)
+        n, self._t = len(feedback.S), 0.0
         self.m, self.total = np.zeros(n), np.zeros(n)
         self._m_old: Array | None = None
         self._total_old = np.zeros(n)
@@ -153,7 +131,7 @@ class FeedbackState:
 
     def force(self, t: float, y: Array, v: Array) -> Array:
         """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule since `keep`."""
-        one = self.feedback
+        one, self._t = self.feedback, t
         self.m = one.S @ self._dynamics.difference(one.home, y)
         before = self.m if self._m_old is None else self._m_old
         step = 0.0 if self._m_old is None else self._half
@@ -161,12 +139,20 @@ class FeedbackState:
         self.u = np.asarray(one.control.law(t, self.m, one.S @ v, self.total), dtype=np.float64)
         return one.B @ self.u
 
+    def signals(self, count: int) -> Signals:
+        """Room for what it does at a number of times."""
+        one = self.feedback
+        u, m = np.zeros((count, len(self.u))), np.zeros((count, len(self.m)))
+        return Signals(one.control.labels, one.B, u, m)
+
     def keep(self) -> None:
         """Accept the last state as the end of a step."""
         self._m_old, self._total_old = self.m.copy(), self.total.copy()
 
-    def gains(self, t: float, v: Array) -> tuple[Array, Array]:
-        """Derivatives of the last force by y and by v, each (nv, nv)."""
+    def gains(self, y: Array, v: Array) -> tuple[Array, Array]:
+        """Derivatives of the force by y and by v at a state, each (nv, nv)."""
+        t = self._t
+        self.force(t, y, v)
         one, law = self.feedback, self.feedback.control.law
         given = [self.m, one.S @ v, self.total]
         slopes = []
@@ -177,6 +163,6 @@ class FeedbackState:
                 moved = [law(t, *(g + s * step * e if j == k else g for j, g in enumerate(given)))
                          for s in (1.0, -1.0)]  # fmt: skip
                 columns.append((np.asarray(moved[0]) - np.asarray(moved[1])) / (2.0 * step))
-            slopes.append(np.array(columns).T)
+            slopes.append(np.array(columns).reshape(len(x), len(self.u)).T)
         by_m = slopes[0] + self._half * slopes[2]
         return one.B @ by_m @ one.S, one.B @ slopes[1] @ one.S

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
-from pinflex import material, schema, section
+from pinflex import material, schema, section, solid_keys
 from pinflex.errors import DescriptionError, nearest
 from pinflex.material import Material
+from pinflex.patch import Patch, read_patches
 from pinflex.schema import Vec3
 from pinflex.section import Section
 from pinflex.urdf import Urdf
@@ -23,7 +24,6 @@ _BASIS_KEYS: dict[str, tuple[str, ...]] = {
     "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
     "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
 }
-_SOLID = ("mesh", "matrices")
 ORDERS = ("cubic", "quintic")
 BOUNDARIES = (
     "clamped_free",
@@ -110,6 +110,7 @@ class FlexibleLink:
         tip: Rigid mass at the end.
         rayleigh: Damping alpha M + beta K: (alpha [1/s], beta [s]).
         modal_damping: Damping ratio of every mode [-].
+        patches: Piezoelectric patches that bend it along beam y.
     """
 
     link: str
@@ -132,12 +133,14 @@ class FlexibleLink:
     tip: EndMass | None = None
     rayleigh: tuple[float, float] = (0.0, 0.0)
     modal_damping: float = 0.0
+    patches: tuple[Patch, ...] = ()
 
 
 _SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
 _KEYS = (
     *("material", "section", "basis", "start", "end", "length", "up", *_SWITCHES),
     *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
+    "patches",
 )  # fmt: skip
 
 
@@ -189,7 +192,7 @@ def from_spec(
         damping: (rayleigh, modal) of a link that has no damping of its own.
     """
     block = schema.mapping(spec, where, _KEYS)
-    solid = _is_solid(block.get("basis"))
+    solid = solid_keys.is_solid(block.get("basis"))
     schema.mapping(spec, where, _KEYS, ("material",) if solid else ("material", "section"))
     place = {key: schema.at(where, key) for key in _KEYS}
     fields: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
@@ -222,32 +225,16 @@ def from_spec(
         rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
         fields |= {"rayleigh": rayleigh, "modal_damping": modal}
     if solid:
-        _refuse_beam_keys(block, place)
+        solid_keys.refuse_beam_keys(block, place)
     elif "basis" in fields and fields["basis"].kind == "ritz8":
         fields.setdefault("axial", True)
-    return FlexibleLink(
-        link,
-        material.from_spec(block["material"], place["material"]),
-        # A solid has no section of its own; one of its volume takes the place when it is read.
-        section.from_spec(block.get("section", {"shape": "circle", "diameter": 1.0}), place["section"]),
-        **fields,
-    )
-
-
-def _is_solid(basis: object) -> bool:
-    return isinstance(basis, dict) and basis.get("kind") in _SOLID
-
-
-def _refuse_beam_keys(block: dict[str, Any], place: dict[str, str]) -> None:
-    """Keys that mean something for beams only."""
-    for key in (*_SWITCHES, "rotary_inertia", "shear", "root", "tip", "section"):
-        if key in block:
-            raise DescriptionError(
-                f"{place[key]}: a solid deforms in every direction and has its own inertia, so "
-                "this has no meaning for it. Remove it."
-            )
-    if block.get("segments", 1) != 1:
-        raise DescriptionError(f"{place['segments']}: a solid is one body. Remove it.")
+    made = material.from_spec(block["material"], place["material"])
+    # A solid has no section of its own; one of its volume takes the place when it is read.
+    shape = block.get("section", {"shape": "circle", "diameter": 1.0})
+    cut = section.from_spec(shape, place["section"])
+    if "patches" in block:
+        fields["patches"] = read_patches(block["patches"], place["patches"], made.E, cut)
+    return FlexibleLink(link, made, cut, **fields)
 
 
 def basis_from_spec(spec: object, where: str) -> Basis:
@@ -266,72 +253,32 @@ def basis_from_spec(spec: object, where: str) -> Basis:
                 f"{place}: has no meaning for the kind {kind}, which takes "
                 f"{', '.join(_BASIS_KEYS[kind])}. Remove it, or write kind: {owner}."
             )
-        if kind in _SOLID:
-            fields[key] = solid_key(key, value, place)
+        if kind in solid_keys.KINDS:
+            fields[key] = solid_keys.read(key, value, place)
         elif key in ("order", "boundary"):
             ends = BOUNDARIES if kind == "assumed" else ("clamped_free", "free_free")
             fields[key] = schema.choice(value, place, ORDERS if key == "order" else ends)
         else:
             fields[key] = schema.integer(value, place, low=0 if key == "internal" else 1)
-    if kind in _SOLID:
+    if kind in solid_keys.KINDS:
         fields = {"modes": 6} | fields
-        _check_solid(kind, block, where)
+        solid_keys.check(kind, block, where)
     return Basis(kind, **fields)
 
 
-def solid_key(key: str, value: object, place: str) -> Any:
-    """One key of the kinds mesh and matrices."""
-    if key in ("file", "mass", "stiffness", "nodes"):
-        return schema.text(value, place)
-    if key == "modes":
-        return schema.integer(value, place, low=1)
-    if key == "rod":
-        return _rod(value, place)
-    if key == "interfaces":
-        return tuple(
-            (name, item if isinstance(item, str) else schema.numbers(item, f"{place}.{name}", 6))
-            for name, item in schema.mapping(value, place).items()
-        )
-    return schema.number(value, place, above=0)
-
-
-def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
-    """(diameter, length) of each segment from {diameters: [...], lengths: [...]}."""
-    block = schema.mapping(value, where, ("diameters", "lengths"), ("diameters",))
-    count = len(schema.items(block["diameters"], f"{where}.diameters"))
-    if "lengths" not in block and count != 1:
+def damping_scope(spec: object, where: str) -> tuple[object, str]:
+    """The block without `scope`, and the scope: links (default), or system (Rayleigh only)."""
+    if not isinstance(spec, dict) or "scope" not in spec:
+        return spec, "links"
+    rest = {key: value for key, value in spec.items() if key != "scope"}
+    place = schema.at(where, "scope")
+    scope = schema.choice(spec["scope"], place, ("links", "system"))
+    if scope == "system" and "rayleigh" not in rest:
         raise DescriptionError(
-            f"{where}.lengths: missing. Give the length [m] of each of the {count} diameters."
+            f"{place}: system takes Rayleigh damping only. Write {{rayleigh: [alpha, beta], "
+            "scope: system}}."
         )
-    pairs: list[tuple[float, float]] = []
-    lengths = schema.items(block["lengths"], f"{where}.lengths", count) if "lengths" in block else [0]
-    for k, (d, x) in enumerate(zip(block["diameters"], lengths, strict=True)):
-        diameter = schema.number(d, f"{where}.diameters[{k}]", above=0)
-        span = schema.number(x, f"{where}.lengths[{k}]", above=0) if "lengths" in block else 0.0
-        pairs.append((diameter, span))
-    return tuple(pairs)
-
-
-def _check_solid(kind: str, block: dict[str, Any], where: str) -> None:
-    """A solid comes from one source, and has at least the interface at which it is held."""
-    sources = {"mesh": ("file", "rod"), "matrices": ("file", "mass")}[kind]
-    given = [key for key in sources if key in block]
-    if len(given) != 1:
-        raise DescriptionError(
-            f"{where}: {' and '.join(given) or 'nothing'} given for the body. Give one of "
-            f"{', '.join(sources)}."
-        )
-    if "mass" in block and not {"stiffness", "nodes"} <= block.keys():
-        raise DescriptionError(f"{where}: mass needs stiffness and nodes beside it. Give all three.")
-    if "rod" in block and block.keys() & {"interfaces", "scale"}:
-        raise DescriptionError(
-            f"{where}: a rod is built in m, with its ends as interfaces. Remove interfaces and scale."
-        )
-    if "rod" not in block and not block.get("interfaces"):
-        raise DescriptionError(
-            f"{where}.interfaces: missing. Name the rigid regions, first the one fixed to the "
-            "link's frame: {root: GROUP, tip: GROUP}."
-        )
+    return rest, scope
 
 
 def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:

@@ -103,19 +103,20 @@ def parse(text: object, where: str) -> ast.expr:
         raise DescriptionError(
             f"{where}: {str(text)[:80]!r} is no formula. Write one of t, as in 0.3*t^2."
         ) from None
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     for node in ast.walk(tree):
-        _check(node, where)
+        _check(node, where, id(node) in called)
     return tree
 
 
-def _check(node: ast.AST, where: str) -> None:
+def _check(node: ast.AST, where: str, called: bool) -> None:
     plain = (ast.BinOp, ast.UnaryOp, ast.Load, ast.USub, ast.UAdd, *_OPERATORS)
     number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
     call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     if isinstance(node, ast.Call) and call and len(node.args) == 1 and not node.keywords:
         return
     if isinstance(node, ast.Name):
-        known = ("t", *_CONSTANTS, *_FUNCTIONS)
+        known = tuple(_FUNCTIONS) if called else ("t", *_CONSTANTS)
         if node.id not in known:
             raise DescriptionError(f"{where}: {node.id}: unknown.{nearest(node.id, known)}")
     elif not number and not isinstance(node, plain):
@@ -136,7 +137,7 @@ def _jet(node: ast.expr, t: Array) -> Array:
         return _OPERATORS[type(node.op)](_jet(node.left, t), _jet(node.right, t))
     if isinstance(node, ast.UnaryOp):
         return _jet(node.operand, t) * (-1.0 if isinstance(node.op, ast.USub) else 1.0)
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id != "t":
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         return _FUNCTIONS[node.func.id](_jet(node.args[0], t))
     if isinstance(node, ast.Name) and node.id == "t":
         return t

@@ -111,7 +111,7 @@ def central_difference(at: At, count: int, h: float, d: Array) -> Iterator[State
     for k in range(count):
         now, before = at(k), history[-1]
         if k == count - 1:
-            yield balanced(now, _last([*history[-3:], d], h)) if k else start
+            yield with_multipliers(now, *_last([*history[-3:], d], h)) if k else start
             return
         A = now.M / h**2 + now.C / (2 * h)
         b = 2 * now.M @ d / h**2 - now.K @ d - now.r
@@ -122,13 +122,13 @@ def central_difference(at: At, count: int, h: float, d: Array) -> Iterator[State
         d = after
 
 
-def _last(d: list[Array], h: float) -> State:
-    """The last state, by one-sided differences of second order."""
+def _last(d: list[Array], h: float) -> tuple[Array, Array, Array]:
+    """d, v, a of the last step, by one-sided differences of second order."""
     if len(d) < 4:
         raise DescriptionError("solve.dt: central_difference needs three steps or more a run.")
     v = (3 * d[-1] - 4 * d[-2] + d[-3]) / (2 * h)
     a = (2 * d[-1] - 5 * d[-2] + 4 * d[-3] - d[-4]) / h**2
-    return State(d[-1], v, a, np.zeros(0))
+    return d[-1], v, a
 
 
 def stable_step(now: Instant) -> float:
@@ -182,14 +182,15 @@ def wilson_theta(at: At, count: int, h: float, d: Array, theta: float = 1.4) -> 
         old, a = a, a + (6 / long**2 * ahead + older_a - a) / theta
         d = d + h * v + h * h / 6 * (a + 2 * old)
         v = v + h / 2 * (a + old)
-        yield balanced(at(k), State(d, v, a, state.lam))
+        yield with_multipliers(at(k), d, v, a)
 
 
-def balanced(now: Instant, state: State) -> State:
-    """The state with the acceleration and multipliers that balance (d, v), J a kept.
-
-    For schemes that do not satisfy the equations at the step itself.
-    """
-    load = -now.r - now.C @ state.v - now.K @ state.d
-    a, lam = saddle(now.M, now.J, now.J, load, now.J @ state.a)
-    return State(state.d, state.v, a, lam)
+def with_multipliers(now: Instant, d: Array, v: Array, a: Array) -> State:
+    """The state with the multipliers that balance it best, each row weighted by its mass."""
+    if not len(now.J):
+        return State(d, v, a, np.zeros(0))
+    load = now.M @ a + now.C @ v + now.K @ d + now.r
+    mass = np.diag(now.M)
+    scale = 1.0 / np.sqrt(np.maximum(mass, 1e-12 * np.max(mass)))
+    lam = np.linalg.lstsq((now.J * scale).T, load * scale, rcond=None)[0]
+    return State(d, v, a, np.asarray(lam, dtype=float))

@@ -86,7 +86,7 @@ def _canvas(
     def draw(k: int) -> None:
         axes.clear()
         axes.set_axis_off()
-        for line, name in _lines(scene, k, 0.0):
+        for line, _ in _lines(scene, k, 0.0):
             axes.plot(*line.T, color=_PALE, lw=1.0)
         for line, name in _lines(scene, k, mag):
             if name in values:
@@ -99,8 +99,8 @@ def _canvas(
                 axes.plot(*line.T, color=_GREY, lw=2.5, marker="o", ms=4)
         for setter, c in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
             setter(c - 0.8 * reach, c + 0.8 * reach)
-        axes.set_box_aspect((1, 1, 1))
-        caption.set_text(f"t = {scene['t'][k]:.4g} s, deflection ×{mag:g}")
+        axes.set_box_aspect((1, 1, 1), zoom=1.4)
+        caption.set_text(f"t = {scene['t'][k]:.4g} s, deflection \u00d7{mag:g}")
 
     return figure, draw
 

@@ -11,8 +11,6 @@ request that names another host.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import threading
 import time
 import warnings
@@ -47,11 +45,11 @@ class Live:
         self.scene = build_scene(result, scale=scale, meshes=None)
         self.field = field if any(f["key"] == field for f in self.scene["fields"]) else ""
         self._bridge = _Thread()
+        self._window = _Window(self._bridge.zmq_url)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of pyzmq, in meshcat's import
             import meshcat
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints the address
-            self._viewer: Any = meshcat.Visualizer(zmq_url=self._bridge.zmq_url)
+        self._viewer: Any = meshcat.Visualizer(window=self._window)
         self.url = self._bridge.url
         self._viewer["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
         self._viewer["/Background"].set_property("bottom_color", [0.885, 0.91, 0.945])
@@ -93,8 +91,7 @@ class Live:
 
     def close(self) -> None:
         """Stop the server."""
-        socket = self._viewer.window.zmq_socket
-        socket.close(linger=0)
+        self._window.zmq_socket.close(linger=0)
         self._bridge.close()
 
     def __enter__(self) -> Live:
@@ -136,6 +133,26 @@ class Live:
                 here[f"rod_{i}"].set_object(shape, material)
                 turned = _shifted(_towards(way), start + way / 2)
                 here[f"rod_{i}"].set_transform(turned)
+
+
+class _Window:
+    """What meshcat's Visualizer sends to; its own one opens two sockets and prints."""
+
+    def __init__(self, zmq_url: str) -> None:
+        import zmq
+
+        self.zmq_socket: Any = zmq.Context.instance().socket(zmq.REQ)
+        for option in (zmq.RCVTIMEO, zmq.SNDTIMEO):  # a dead server must not hang the program
+            self.zmq_socket.setsockopt(option, round(1000 * _START))
+        self.zmq_socket.connect(zmq_url)
+
+    def send(self, command: Any) -> None:
+        import umsgpack  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+        data = command.lower()
+        kind, path = data["type"].encode("utf-8"), data["path"].encode("utf-8")
+        self.zmq_socket.send_multipart([kind, path, umsgpack.packb(data)])
+        self.zmq_socket.recv()
 
 
 class _Thread:
@@ -183,7 +200,9 @@ def _bridge() -> Any:
         from meshcat.servers import zmqserver
 
     class App(tornado.web.Application):
-        def listen(self, port: int, address: str = "127.0.0.1", **more: Any) -> Any:
+        def listen(  # type: ignore[override]
+            self, port: int, address: str = "127.0.0.1", **more: Any
+        ) -> Any:
             Bridge.listener = super().listen(port, address=address, **more)
             return Bridge.listener
 

@@ -94,6 +94,9 @@ def load(source: str | Path | Description, overrides: Sequence[str] = ()) -> Mec
     model = _pinocchio_model(description)
     links = link_tree(model, description.joints)
     parts = resolve(description, links)
+    for part in parts.values():
+        for patch in part.spec.patches:
+            patch.require_on_beam(f"{description.name}: flexible.{part.link}", part.length)
     needed = _needed_frames(description)
     gravity = np.array(description.gravity, float)
     changed = any(extra.type for extra in description.joints.values())

@@ -20,6 +20,7 @@ Region = str | tuple[float, ...]  # a named group of faces, or a box x0 y0 z0 x1
 
 _AROUND = 8  # quadratic arcs round a circle: its bending stiffness is right to 1e-4
 _CORE = 0.55  # corners of the square core of a section, as a share of the innermost radius
+_NEAR_STEP = np.array([0.1, 0.35])  # a cell beside a step is cut here, for the stress at the step
 _FLAT = 1e-6  # volume of a cell below this share of its bounding cube: it has none
 
 
@@ -100,9 +101,7 @@ def read(path: Path, interfaces: Mapping[str, Region], scale: float, where: str)
     return checked(cells, element, interfaces, where)
 
 
-def checked(
-    cells: Any, element: Any, interfaces: Mapping[str, Region], where: str
-) -> Mesh:
+def checked(cells: Any, element: Any, interfaces: Mapping[str, Region], where: str) -> Mesh:
     """The mesh with its interfaces, if every cell has a volume and all hang together."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -174,9 +173,7 @@ def require_area(nodes: Array, region: IntArray, where: str) -> IntArray:
     return region
 
 
-def stepped_rod(
-    segments: Sequence[tuple[float, float]], size: float | None, where: str
-) -> Mesh:
+def stepped_rod(segments: Sequence[tuple[float, float]], size: float | None, where: str) -> Mesh:
     """A round rod of (diameter, length) segments along x from the origin, as 27-node hexahedra.
 
     The faces at both ends are the interfaces "root" and "tip". Circles are quadratic arcs whose
@@ -195,17 +192,23 @@ def stepped_rod(
     size = diameters[0] if size is None else size
     flat, chord, quads, ring = _disc([0.5 * d for d in diameters])
     planes, filled = [0.0], []
-    for diameter, length in segments:
+    for k, (diameter, length) in enumerate(segments):
         count = max(2, math.ceil(length / size - 1e-9))
-        planes += list(planes[-1] + length * np.arange(1, count + 1) / count)
-        filled += [diameters.index(diameter)] * count
+        share = np.arange(count + 1) / count
+        near = _NEAR_STEP / count
+        ends = near if k > 0 else near[:0], 1.0 - near if k < len(segments) - 1 else near[:0]
+        share = np.unique(np.concatenate([share, *ends]))
+        filled += [diameters.index(diameter)] * (len(share) - 1)
+        planes += list(planes[-1] + length * share[1:])
     n = len(flat)
     # Corners of a cell in the order of scikit-fem's reference cube.
     corners = np.asarray(skfem.MeshHex().refdom.p, dtype=int).T
     around = {(0, 0): 0, (1, 0): 1, (1, 1): 2, (0, 1): 3}
     t = np.concatenate(
         [
-            np.array([quads[ring <= most][:, around[j, k]] + n * (layer + i) for i, j, k in corners])
+            np.array(
+                [quads[ring <= most][:, around[j, k]] + n * (layer + i) for i, j, k in corners]
+            )
             for layer, most in enumerate(filled)
         ],
         axis=1,
@@ -270,5 +273,5 @@ def _disc(radii: Sequence[float]) -> tuple[Array, tuple[Array, Array], IntArray,
     _, first, back = np.unique(
         np.round(every / radii[-1], 9), axis=0, return_index=True, return_inverse=True
     )
-    quads = back.reshape(-1, 4)
-    return every[first], (np.concatenate(chords), np.concatenate(arcs)), quads, np.array(rings)
+    both = np.concatenate(chords), np.concatenate(arcs)
+    return every[first], both, back.reshape(-1, 4), np.array(rings, dtype=np.intp)

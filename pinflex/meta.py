@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from pinflex import validity
 from pinflex.arrays import Array
 from pinflex.mechanism import Mechanism
 from pinflex.run import Run
@@ -50,7 +51,7 @@ def describe(
         "bodies": _bodies(mechanism),
         "gravity": list(description.gravity),
         "settings": {k: _plain(v) for k, v in run.settings.items()},
-        "cost": {k: float(v) for k, v in cost.items()},
+        "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "energy_balance": _energy_balance(arrays),
         "warnings": list(run.warnings) + _warnings(mechanism, run, arrays),
         "units": _units(mechanism),
@@ -147,7 +148,8 @@ def _energy_balance(arrays: dict[str, Array]) -> float:
     flow = arrays["energy/work"] - arrays["energy/dissipated"]
     drift = np.abs(np.asarray(stored) - np.asarray(stored)[0] - (flow - flow[0]))
     parts = [np.ptp(arrays[f"energy/{k}"]) for k in ("kinetic", "gravity", "elastic", "work")]
-    scale = max([float(p) for p in parts] + [1e-300])
+    # Below 1e-15 J there is only the rounding of a run that does not move.
+    scale = max([float(p) for p in parts] + [1e-15])
     return float(np.max(drift, initial=0.0)) / scale
 
 
@@ -160,18 +162,7 @@ def _warnings(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> list[
             f"({', '.join(report.redundant[:4])}{', ...' if len(report.redundant) > 4 else ''}): "
             "the motion is exact, reactions in these directions are not unique."
         )
-    for name, part in mechanism.parts.items():
-        key = f"link/{name}/deflection"
-        if key in arrays:
-            ratio = float(np.max(np.linalg.norm(arrays[key][:, :, :3], axis=2))) / part.length
-            limit = 0.1 * len(part.bodies)
-            # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
-            if ratio > limit:
-                warnings.append(
-                    f"{name}: deflection is {100 * ratio:.0f} % of the length, beyond what "
-                    f"{len(part.bodies)} segment(s) carry; raise flexible.{name}.segments."
-                )
-    return warnings
+    return warnings + validity.warnings(mechanism, run, arrays)
 
 
 def _units(mechanism: Mechanism) -> dict[str, str]:

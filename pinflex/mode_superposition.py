@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.linear_march import At, Instant, State
+from pinflex.linear_march import At, Instant, State, with_multipliers
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,7 @@ class _Choice:
         )  # fmt: skip
 
 
-def mode_superposition(
-    at: At, count: int, h: float, d: Array, modes: int = 12
-) -> Iterator[State]:
+def mode_superposition(at: At, count: int, h: float, d: Array, modes: int = 12) -> Iterator[State]:
     """March by modes.
 
     Args:
@@ -138,10 +136,4 @@ def _state(now: Instant, here: _Reduced, z: Array, zd: Array, keep: int) -> Stat
         zdd = np.linalg.solve(here.M, here.f - here.C @ zd - here.K @ z)
     d, v = here.Z @ z, here.Z @ zd + here.Zd @ z
     a = here.Z @ zdd + 2 * here.Zd @ zd + here.Zdd @ z
-    if not len(now.J):
-        return State(d, v, a, np.zeros(0))
-    load = now.M @ a + now.C @ v + now.K @ d + now.r
-    # Rows in which a closure acts directly; the others are balanced already.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(now.M), 1e-12 * np.max(np.diag(now.M))))
-    lam = np.linalg.lstsq((now.J * scale).T, load * scale, rcond=None)[0]
-    return State(d, v, a, lam)
+    return with_multipliers(now, d, v, a)

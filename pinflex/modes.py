@@ -12,7 +12,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.dynamics import Dynamics
-from pinflex.errors import DescriptionError
+from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanism import Mechanism
 from pinflex.quasistatic import static_equilibrium, structural_stiffness
 
@@ -61,6 +61,7 @@ def modes(
     Raises:
         DescriptionError: An unknown preload.
         ConvergenceError: No static equilibrium.
+        SingularityError: Coordinates without mass or stiffness.
     """
     if preload not in ("gravity", "none"):
         raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
@@ -77,13 +78,13 @@ def modes(
     free = np.arange(system.nv) if free_motors else system.free
     J = dynamics.close(y)[1][:, free] if system.closed.n else np.zeros((0, len(free)))
     Z = null_space(J)
-    omega2, x = _eigen(Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ M[np.ix_(free, free)] @ Z)
-    order = np.argsort(omega2)[:count]
-    omega2 = omega2[order]
+    every, x = _eigen(Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ M[np.ix_(free, free)] @ Z)
+    order = np.argsort(every)[:count]
+    omega2 = every[order]
     shapes = np.zeros((system.nv, len(order)))
     shapes[free] = Z @ x[:, order]
     # Round-off of a zero frequency is 1e-16 of the largest omega^2: shown as zero.
-    scale = float(np.max(np.abs(K[np.ix_(free, free)]), initial=0.0)) * 1e-14
+    scale = 1e-13 * float(np.max(np.abs(every), initial=0.0))
     omega2 = np.where(np.abs(omega2) < scale, 0.0, omega2)
     frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
     share, links = _shares(mechanism, shapes)
@@ -117,6 +118,13 @@ def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
         omega2, x = eigh(K, M)
         return omega2, x
     H, L = V[:, heavy], V[:, ~heavy]
+    loose = np.linalg.eigvalsh(L.T @ K @ L)[0]
+    if loose < 1e-12 * float(np.max(np.abs(K * scale * scale[:, None]))):
+        raise SingularityError(
+            "modes: a coordinate has neither mass nor stiffness: two coordinates make one motion (a "
+            "basis with free ends on a joint that moves the same way), or a massless link swings "
+            "freely. Take a basis clamped at its root, fix the joint, or give the link a mass."
+        )
     follow = -np.linalg.lstsq(L.T @ K @ L, L.T @ K @ H, rcond=None)[0]
     T = H + L @ follow
     omega2, x = eigh(T.T @ K @ T, T.T @ M @ T)

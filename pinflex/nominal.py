@@ -30,6 +30,10 @@ class Nominal:
     v: Array
     a: Array
 
+    def at(self, k: slice) -> Nominal:
+        """Some of the instants."""
+        return Nominal(self.t[k], self.q[k], self.v[k], self.a[k])
+
 
 def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
     """Follow a motion with the rigid mechanism.
@@ -64,6 +68,7 @@ def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
                 path.locate(pose, t[k - 1], t[k])
                 raise
         v[k], a[k] = path.rates(pose, imposed[1][k], imposed[2][k], t[k])
+        path.dynamics.closed.require_on_beams(mechanism.name, float(t[k]))
         q[k] = pose
     return Nominal(t, q, v, a)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from pinflex import solid_keys
 from pinflex.arrays import Array
 from pinflex.basis import FlexibleBody, flexible_body
 from pinflex.description import Description
@@ -59,7 +60,7 @@ class FlexiblePart:
         for k, body in enumerate(self.bodies):
             for j, (place, mass) in enumerate(zip(body.points, body.mass, strict=True)):
                 tensor = np.diag(body.inertia[j]) if body.inertia is not None else np.zeros((3, 3))
-                point = place + [k * body.length, 0.0, 0.0]
+                point = place + np.array([k * body.length, 0.0, 0.0])
                 inertias.append(pin.Inertia(float(mass), point, tensor))
             for twist in body.It:
                 inertias.append(pin.Inertia(0.0, np.zeros(3), np.diag([float(twist), 0.0, 0.0])))
@@ -110,7 +111,7 @@ def _part(
     number = index[spec.link]
     start, end = _span(where, spec, number, links, index)
     placement, length = _beam_frame(where, spec, links[number], start, end)
-    if spec.basis.kind in ("mesh", "matrices"):
+    if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
     planes, reason = _planes(where, spec, poses[number] * placement, normal)
     if spec.material.rho is None:

@@ -44,7 +44,7 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         same_grid(run, rigid)
     columns = min(3, len(motors))
     bands = -(-len(motors) // columns)
-    figure, axes = _panels(
+    figure, axes = panels(
         2 * bands, columns, bands * HEIGHT, height_ratios=[3, 1.4] * bands, sharex=True
     )
     for i, motor in enumerate(motors):
@@ -63,7 +63,7 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         for colour, (label, run) in zip(_cycle(len(others)), others.items(), strict=True):
             above.plot(run.t, run.torque[:, i], color=colour, lw=0.9, label=label)
             below.plot(run.t, run.torque[:, i] - rigid.torque[:, i], color=colour, lw=0.9)
-        _title(above, motor)
+        title(above, motor)
         below.axhline(0.0, color="0.6", lw=0.6, zorder=0)
         unit, word = rigid.unit(f"torque/{motor}"), _torque_word(rigid, motor)
         if column == 0 or unit != rigid.unit(f"torque/{motors[i - 1]}"):
@@ -86,7 +86,7 @@ def deviation(rigid: Result, flexible: Result, frame: str = "platform") -> Figur
     In mm and mrad, or in thousandths of them where that is all there is.
     """
     away = flexible.deviation_from(rigid, frame)
-    figure, axes = _panels(2, 1, sharex=True)
+    figure, axes = panels(2, 1, sharex=True)
     for ax, values, names, word, units in (
         (axes[0, 0], away.position, ("x", "y", "z"), "position", ("mm", "µm")),
         (axes[1, 0], away.rotation, ("rx", "ry", "rz"), "rotation", ("mrad", "µrad")),
@@ -101,7 +101,7 @@ def deviation(rigid: Result, flexible: Result, frame: str = "platform") -> Figur
         ax.set_ylabel(label)
         ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
         ax.margins(y=0.15)
-    _title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}")
+    title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}")
     axes[1, 0].set_xlabel("time [s]")
     figure.align_ylabels()
     return figure
@@ -117,7 +117,7 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
         )
     views = [result.link(name) for name in names]
     top = max(peak(view.von_mises) for view in views) / 1e6 or 1.0
-    figure, axes = _panels(len(views), 1, max(HEIGHT, 0.6 + 1.3 * len(views)), sharex=True)
+    figure, axes = panels(len(views), 1, max(HEIGHT, 0.6 + 1.3 * len(views)), sharex=True)
     for ax, view in zip(axes[:, 0], views, strict=True):
         image = ax.pcolormesh(
             result.t,
@@ -132,7 +132,7 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
         when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
         spot = (result.t[when], 1e3 * view.x[where])
         ax.plot(*spot, "o", mfc="none", mec="white", ms=6, mew=1.1, clip_on=False)
-        _title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
+        title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
         ax.set_ylabel("x [mm]")
     axes[-1, 0].set_xlabel("time [s]")
     bar = figure.colorbar(image, ax=list(axes[:, 0]), pad=0.02, aspect=30)
@@ -168,7 +168,7 @@ def spectrum(
         label += f" minus {reference.level}"
     frequency, amplitude = amplitudes(result.t, values, after)
     found = _highest(frequency, amplitude, peaks)
-    figure, axes = _panels(1, 1)
+    figure, axes = panels(1, 1)
     ax = axes[0, 0]
     ax.plot(frequency, amplitude, color=COLOURS[0], lw=1.0)
     for f, a in found:
@@ -182,7 +182,7 @@ def spectrum(
             fontsize=9,
             bbox={"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
         )
-    _title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
+    title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
     for i, f in enumerate(natural):
         name = None if i else "natural frequencies at home"
         ax.axvline(f, color="0.55", lw=0.7, ls=(0, (2, 2)), zorder=0, label=name)
@@ -320,7 +320,7 @@ def _cycle(count: int) -> list[str]:
     return [COLOURS[i % len(COLOURS)] for i in range(count)]
 
 
-def _panels(rows: int, columns: int, height: float = HEIGHT, **grid: Any) -> tuple[Figure, Any]:
+def panels(rows: int, columns: int, height: float = HEIGHT, **grid: Any) -> tuple[Figure, Any]:
     """A figure of constrained layout and its axes (rows, columns), with open, thin frames."""
     from matplotlib.figure import Figure
 
@@ -339,7 +339,8 @@ def _panels(rows: int, columns: int, height: float = HEIGHT, **grid: Any) -> tup
     return figure, axes
 
 
-def _title(ax: Axes, text: str) -> None:
+def title(ax: Axes, text: str) -> None:
+    """A small heading at the left."""
     ax.set_title(text, loc="left", fontsize=9)
 
 

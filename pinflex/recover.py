@@ -14,7 +14,9 @@ from pinflex.dynamics import Dynamics
 from pinflex.expanded import Attachment
 from pinflex.mechanism import Mechanism
 from pinflex.nominal import Nominal
+from pinflex.quasistatic import structural_stiffness
 from pinflex.run import Run
+from pinflex.slider import section_forces
 
 _SECTIONS = (
     21  # per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola
@@ -43,14 +45,16 @@ def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[
     if system.n_eta:
         out["eta"], out["eta_v"] = run.y[:, nq:], run.v[:, nv:]
         out["eta_a"] = run.a[:, nv:]
-    samples = _Samples(mechanism, run)
+    if run.path is not None:
+        out |= {"nominal/q": run.path.q, "nominal/v": run.path.v, "nominal/a": run.path.a}
+    samples = Samples(mechanism, run)
     samples.collect()
     out.update(samples.out)
     bodies = _bodies(mechanism)
     out.update(_poses("pose", samples.poses, bodies, system.expansion.frames))
     reference = samples.poses
     if rigid_path is not None:
-        reference = _joint_poses(mechanism, rigid_path)
+        reference = joint_poses(mechanism, rigid_path)
         out.update(_poses("pose_rigid", reference, bodies, mechanism.rigid.expansion.frames))
     else:
         for name in bodies:
@@ -68,7 +72,7 @@ def _bodies(mechanism: Mechanism) -> list[str]:
     ]
 
 
-class _Samples:
+class Samples:
     """One pass over the samples: everything that needs Pinocchio."""
 
     def __init__(self, mechanism: Mechanism, run: Run) -> None:
@@ -78,9 +82,12 @@ class _Samples:
         self.poses = np.empty((nt, model.njoints, 3, 4))
         self.g = np.empty((nt, model.nv))
         self.f = np.empty((nt, model.njoints, 6))
+        contacts = self.dynamics.closed.contacts if run.system.n_eta else []
+        self.sleeves = [(c, np.empty((nt, 3, 4))) for c in contacts]
         self.out: dict[str, Array] = {}
 
     def collect(self) -> None:
+        """Run through the samples; fills poses, g, f and out."""
         run, dynamics = self.run, self.dynamics
         model, data, nt = dynamics.model, dynamics.data, len(run.t)
         frames = self._frames()
@@ -94,11 +101,23 @@ class _Samples:
         for k in range(nt):
             y, v, a, lam = run.y[k], run.v[k], run.a[k], run.lam[k]
             dynamics.loads.time = float(run.t[k])
-            r = dynamics.joint_forces(y, v, a, lam)
-            newton[k] = np.max(np.abs(r[free]), initial=0.0)
+            if run.signals is not None:
+                dynamics.push = run.signals.B @ run.signals.u[k]
+            r = dynamics.joint_forces(*self._force_state(k), a, lam)
             self.g[k] = dynamics.g
             for j in carrying:
                 self.f[k, j] = data.f[j].vector
+            if dynamics.looped:
+                at = dynamics.closed.frames_b[:, :, 3]
+                F = dynamics.closed.wrenches(lam)
+                wrench[k, :, :3] = F[:, :3]
+                wrench[k, :, 3:] = F[:, 3:] - np.cross(at, F[:, :3])
+            for contact, table in self.sleeves:
+                table[k] = contact.forces(lam)
+            if run.linear:
+                r += self._linear_forces(k)
+                dynamics.close(y)
+            newton[k] = np.max(np.abs(r[free]), initial=0.0)
             V, A = dynamics.expand_motion(v, a)
             pin.forwardKinematics(model, data, dynamics.Q, V, A)
             poses.refresh()
@@ -107,10 +126,6 @@ class _Samples:
                 place[name][k], rate[name][k] = _frame(data, here)
             if dynamics.looped:
                 gap[k] = np.max(np.abs(dynamics.closed.c))
-                at = dynamics.closed.frames_b[:, :, 3]
-                F = dynamics.closed.wrenches(lam)
-                wrench[k, :, :3] = F[:, :3]
-                wrench[k, :, 3:] = F[:, 3:] - np.cross(at, F[:, :3])
             energy[k] = dynamics.energies(y, v)
         out = self.out
         for name in frames:
@@ -125,6 +140,24 @@ class _Samples:
         for k, name in enumerate(("kinetic", "gravity", "elastic", "spring")):
             out[f"energy/{name}"] = energy[:, k]
         out["residual/closure"], out["residual/newton"] = gap, newton
+
+    def _force_state(self, k: int) -> tuple[Array, Array]:
+        """Pose and velocity at which forces are evaluated: the nominal ones of a linear run."""
+        run, path = self.run, self.run.path
+        if path is None or not run.linear:
+            return run.y[k], run.v[k]
+        elastic = np.zeros(run.system.n_eta)
+        return np.concatenate([path.q[k], elastic]), np.concatenate([path.v[k], elastic])
+
+    def _linear_forces(self, k: int) -> Array:
+        """Elastic and damping forces of the deviation of a linear run, shape (nv,)."""
+        run, dynamics = self.run, self.dynamics
+        y, v = self._force_state(k)
+        d, dv = dynamics.difference(y, run.y[k]), run.v[k] - v
+        K = structural_stiffness(dynamics)
+        alpha, beta = self.mechanism.description.system_damping
+        force = K @ (d + beta * dv) + run.system.D @ dv
+        return np.asarray(force + alpha * dynamics.mass(y) @ dv) if alpha else force
 
     def _carrying(self) -> list[int]:
         """Joints whose forces are reported or load a section."""
@@ -158,7 +191,8 @@ def _frame(data: pin.Data, here: Attachment) -> tuple[Array, Array]:
     return place, rates
 
 
-def _joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
+def joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
+    """Poses of the rigid joints along a nominal motion, shape (nt, joints, 3, 4)."""
     model = mechanism.rigid.expansion.model
     data = model.createData()
     poses = np.empty((len(path.t), model.njoints, 3, 4))
@@ -170,7 +204,7 @@ def _joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
     return poses
 
 
-def _at(poses: Array, here: Attachment) -> Array:
+def pose_of(poses: Array, here: Attachment) -> Array:
     """Poses (nt, 3, 4) of something attached to a joint."""
     joint = poses[:, here.joint]
     local = np.column_stack([here.placement.rotation, here.placement.translation])
@@ -180,35 +214,41 @@ def _at(poses: Array, here: Attachment) -> Array:
 
 
 def _poses(key: str, poses: Array, names: Sequence[str], frames: Any) -> dict[str, Array]:
-    return {f"body/{name}/{key}": _at(poses, frames[name]) for name in names}
+    return {f"body/{name}/{key}": pose_of(poses, frames[name]) for name in names}
 
 
-def _links(mechanism: Mechanism, run: Run, samples: _Samples, reference: Array) -> dict[str, Array]:
+def _links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) -> dict[str, Array]:
     """Deflection, section forces, stress and world shape of every flexible link."""
     out: dict[str, Array] = {}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
         cuts = [stress.cut(body, _SECTIONS) for body in part.bodies[:1]] * len(slots)
         pieces: dict[str, list[Array]] = {}
-        home = _at(samples.poses, slots[0].root)
+        home = pose_of(samples.poses, slots[0].root)
         for number, (slot, section) in enumerate(zip(slots, cuts, strict=True)):
             eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
             d = stress.deflections(section, eta)
+            # A linear run has its forces on the undeformed link.
+            bent, moved = (0.0 * d, 0.0 * eta) if run.linear else (d, eta)
             loads = [
-                (i.x, *_load(samples, i.attachment.joint, i.force_rows)) for i in slot.interfaces
+                (i.x, *interface_load(samples, i.attachment.joint, i.force_rows))
+                for i in slot.interfaces
             ]
             if slot.body.solid is not None:
                 solid, pull = slot.body.solid, samples.g[:, slot.stations]
                 hung = [load[1:] for load in loads]
-                forces = mesh_stress.resultants(solid, d, pull, hung, eta)
+                forces = mesh_stress.resultants(solid, bent, pull, hung, moved)
                 for key, value in mesh_stress.surface(solid, pull, hung).items():
                     out[f"link/{name}/mesh/{key}"] = value
             else:
                 forces = stress.resultants(
-                    section, slot.body, d, samples.g[:, slot.stations], samples.g[:, slot.twists],
-                    loads, eta,
+                    section, slot.body, bent, samples.g[:, slot.stations],
+                    samples.g[:, slot.twists], loads, moved,
                 )  # fmt: skip
-            root = _at(samples.poses, slot.root)
+            for contact, table in samples.sleeves:
+                if contact.contact.sleeve.link == name:
+                    forces += section_forces(section.x, table)
+            root = pose_of(samples.poses, slot.root)
             local = d[:, :, :3].copy()
             local[:, :, 0] += section.x
             line = np.einsum("tij,txj->txi", root[:, :, :3], local) + root[:, None, :, 3]
@@ -235,14 +275,14 @@ def _links(mechanism: Mechanism, run: Run, samples: _Samples, reference: Array) 
         out[f"{key}/centreline"] = line
         out[f"{key}/section_y"] = turned[:, :, :, 1]
         frame = mechanism.rigid.expansion.frames[name]
-        straight = _at(reference, Attachment(frame.joint, frame.placement * part.placement))
+        straight = pose_of(reference, Attachment(frame.joint, frame.placement * part.placement))
         out[f"{key}/centreline_rigid"] = (
             straight[:, None, :, 3] + straight[:, None, :, 0] * x[None, :, None]
         )
     return out
 
 
-def _load(samples: _Samples, joint: int, rows: IntArray) -> tuple[Array, Array]:
+def interface_load(samples: Samples, joint: int, rows: IntArray) -> tuple[Array, Array]:
     """Force and moment, in the beam frame, that what hangs on an interface needs."""
     joint = _slide(samples.dynamics.model, joint, rows)
     return samples.f[:, joint, :3], samples.f[:, joint, 3:]

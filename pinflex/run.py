@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pinflex.arrays import Array
+from pinflex.nominal import Nominal
+from pinflex.signals import Signals
 from pinflex.system import System
 
 
@@ -22,7 +24,9 @@ class Run:
         settings: What the level used (dt, integrator, ...).
         work: Energy put in by the motors and taken by damping, shape (nt, 2), or None.
         warnings: Plain sentences.
+        signals: What a control measured and drove, or None.
         stopped: Why the run ended early, "" when it is complete.
+        path: The nominal motion that a linear run deviates from, or None.
     """
 
     system: System
@@ -37,3 +41,10 @@ class Run:
     work: Array | None = None
     warnings: tuple[str, ...] = ()
     stopped: str = ""
+    signals: Signals | None = None
+    path: Nominal | None = None
+
+    @property
+    def linear(self) -> bool:
+        """Whether forces are linear in the deviation: those of the undeformed mechanism."""
+        return self.path is not None and self.settings.get("terms") == "structural"

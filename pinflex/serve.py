@@ -6,10 +6,13 @@ site whose name was made to point here) is refused.
 
 from __future__ import annotations
 
+import contextlib
+import math
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 from pinflex.errors import DescriptionError
+from pinflex.result import Result
 
 HOST = "127.0.0.1"
 
@@ -34,6 +37,22 @@ class Server(ThreadingHTTPServer):
     def url(self) -> str:
         """Address to open."""
         return f"http://{HOST}:{self.server_address[1]}/"
+
+
+def page_until_interrupted(page: Path, port: int) -> None:
+    """Serve a page until Ctrl-C; the address is printed."""
+    with Server(page, port) as server, contextlib.suppress(KeyboardInterrupt):
+        print(f"{server.url} (only from this machine; Ctrl-C ends it)", flush=True)
+        server.serve_forever()
+
+
+def live_until_interrupted(result: Result, field: str, scale: float | str) -> None:
+    """Play a run in meshcat until Ctrl-C; the address is printed."""
+    from pinflex.live import Live
+
+    with Live(result, field, scale) as live, contextlib.suppress(KeyboardInterrupt):
+        print(f"{live.url} (only from this machine; Ctrl-C ends it)", flush=True)
+        live.play(seconds=math.inf)
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -39,9 +39,7 @@ class Skeleton:
     surface: Surface | None = None
 
 
-def skeletons(
-    result: Result, carrier: Carrier, surfaces: Mapping[str, Surface]
-) -> list[Skeleton]:
+def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface]) -> list[Skeleton]:
     """The rigid bodies of a result that have something to draw.
 
     Args:

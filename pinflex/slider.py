@@ -197,11 +197,24 @@ class ContactState:
         rows = self._value @ second + self._slope[:, 1:2] * third
         return np.asarray(rows @ eta[self.eta])
 
-    def require_on_beam(self, name: str, when: str) -> None:
+    def forces(self, lam: Array) -> Array:
+        """What the sleeve does to the beam: rows (x, Fx, Fy, Mz) at X - a, X, X + a, shape (3, 4).
+
+        Args:
+            lam: Multipliers of all closure rows.
+        """
+        push = lam[self.rows]
+        out = np.zeros((3, 4))
+        out[:, 0] = self.X + self._at
+        out[1, 1] = -push @ self.by_X
+        out[:, 2], out[:, 3] = push @ self._value, push @ self._slope
+        return out
+
+    def require_on_beam(self, name: str, where: str, t: float | None) -> None:
         """Raise where an end of the sleeve lies beyond an end of the beam.
 
         Args:
-            name: Of the loop. when: Such as "prprp: t = 1.2 s".
+            name: Of the loop. where: Name of the model. t: Time (s), if there is one.
         """
         sleeve = self.contact.sleeve
         ends = (self.X - sleeve.half, self.X + sleeve.half)
@@ -209,6 +222,7 @@ class ContactState:
         slack = 1e-9 * sleeve.length
         if ends[0] >= -slack and ends[1] <= sleeve.length + slack:
             return
+        when = where if t is None else f"{where}: t = {t:.6g} s"
         reach = f"x = {self.X:.6g} m" + (
             f", from {ends[0]:.6g} to {ends[1]:.6g} m" if sleeve.half else ""
         )
@@ -217,4 +231,20 @@ class ContactState:
             f"ends at 0 and {sleeve.length:g} m. Shorten the motion, or lengthen the beam.",
             loop=name,
             position=self.X,
+            time=t,
         )
+
+
+def section_forces(x: Array, forces: Array) -> Array:
+    """Section forces N, Vy, Vz, T, My, Mz that a sleeve adds, shape (nt, nx, 6).
+
+    Args:
+        x: Sections (m), shape (nx,). forces: From `ContactState.forces`, shape (nt, 3, 4).
+    """
+    at, Fx, Fy, Mz = (forces[:, None, :, k] for k in range(4))
+    arm = at - x[None, :, None]
+    beyond = arm >= 0.0
+    out = np.zeros((len(forces), len(x), 6))
+    for column, part in ((0, Fx), (1, Fy), (5, Mz + arm * Fy)):
+        out[:, :, column] = np.sum(np.where(beyond, part, 0.0), axis=2)
+    return out

@@ -66,17 +66,17 @@ class Field:
 
     @cached_property
     def points(self) -> tuple[Array, Array, IntArray, Array]:
-        """Gradients (ne, nb, 3, nq) and volumes (ne, nq) at Gauss points, nodes (ne, nb), values."""
+        """Gradients (ne, nb, 3, nq), volumes (ne, nq), nodes (ne, nb), values at Gauss points."""
         basis = scikit_fem("solid").CellBasis(self.mesh.cells, self.mesh.element, intorder=4)
         functions = [basis.basis[k][0] for k in range(basis.Nbfun)]
         grad = np.array([np.asarray(f.grad) for f in functions]).transpose(2, 0, 1, 3)
-        value = np.array([np.broadcast_to(np.asarray(f.value), basis.dx.shape) for f in functions])
+        value = np.array([np.broadcast_to(np.asarray(f), basis.dx.shape) for f in functions])
         return np.ascontiguousarray(grad), basis.dx, basis.element_dofs.T, value.transpose(1, 0, 2)
 
     def strained(self, u: Array) -> Array:
         """Displacement gradients at the Gauss points, shape (ne, nq, 3, 3), of u (nn, 3)."""
         grad, _, nodes, _ = self.points
-        return np.einsum("eic,eijq->eqcj", u[nodes], grad, optimize=True)
+        return np.asarray(np.einsum("eic,eijq->eqcj", u[nodes], grad, optimize=True))
 
     def force(self, stress: Array) -> Array:
         """Nodal forces int stress : grad(v) of symmetric stresses (ne, nq, 3, 3), shape (nn, 3)."""
@@ -204,9 +204,7 @@ def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
     return Solid(basis.doflocs.T.copy(), K, M, mesh.regions, field)
 
 
-def of_matrices(
-    nodes: Array, K: Any, M: Any, regions: Mapping[str, IntArray], where: str
-) -> Solid:
+def of_matrices(nodes: Array, K: Any, M: Any, regions: Mapping[str, IntArray], where: str) -> Solid:
     """A body given by its matrices, if they are those of an unsupported elastic solid.
 
     Args:

@@ -1,4 +1,4 @@
-"""From the block `basis` of a solid link to its flexible body: files read, units checked, reduced."""
+"""From the `basis` of a solid link to its flexible body: read, checked for units, reduced."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from pinflex.section import Section
 from pinflex.solid import Solid, of_matrices, of_mesh
 from pinflex.superelement import reduce
 
-SOLID_KINDS = ("mesh", "matrices")
 _OFF = 20.0  # a mesh this many times larger or smaller than the span is in another unit
 _SOUND = (1e-1, 1e6)  # first frequency times size of a body given by matrices [m/s]
 
@@ -42,10 +41,11 @@ def solid_body(
         _path(folder, name).stat().st_mtime_ns if name and _path(folder, name).is_file() else 0
         for name in _files(spec.basis)
     )
+    frame = tuple(map(tuple, np.round(pose, 12).tolist()))  # equal links differ by round-off
+    options = spec.second_order, spec.rayleigh, spec.modal_damping
     return _reduced(
-        spec.basis, spec.material, tuple(map(tuple, np.round(pose, 12).tolist())), round(length, 12),
-        folder, stamp, (spec.second_order, spec.rayleigh, spec.modal_damping), _Where(place),
-    )  # fmt: skip
+        spec.basis, spec.material, frame, round(length, 12), folder, stamp, options, _Where(place)
+    )
 
 
 class _Where(str):
@@ -118,7 +118,9 @@ def _path(folder: Path, name: str) -> Path:
 def _right_size(nodes: Array, length: float, where: str) -> None:
     size = float(np.ptp(nodes, axis=0).max())
     if not 1.0 / _OFF < size / length < _OFF:
-        guess = next((u for s, u in ((1e-3, "mm"), (2.54e-2, "inch")) if 0.5 < size * s / length < 2.0), "")
+        guess = next(
+            (u for s, u in ((1e-3, "mm"), (2.54e-2, "inch")) if 0.5 < size * s / length < 2.0), ""
+        )
         advice = f"It looks like {guess}: " if guess else ""
         raise DescriptionError(
             f"{where}: the body is {size:.4g} m large, but the link's span is {length:.4g} m. "
@@ -151,7 +153,7 @@ def _turned(solid: Solid, P: Array) -> Solid:
 
 
 def _matrices(basis: Basis, folder: Path, where: str) -> Solid:
-    """M, K, nodes and interfaces from one .npz, or from Matrix Market files and a table of nodes."""
+    """M, K, nodes and interfaces from one .npz, or from Matrix Market files and a table."""
     found: dict[str, Any] = {}
     if basis.file:
         found = _npz(_path(folder, basis.file), where)
@@ -168,7 +170,9 @@ def _matrices(basis: Basis, folder: Path, where: str) -> Solid:
             ) from None
     for key in ("M", "K", "nodes"):
         if key not in found:
-            raise DescriptionError(f"{where}: {key} is missing. Found: {', '.join(found) or 'none'}.")
+            raise DescriptionError(
+                f"{where}: {key} is missing. Found: {', '.join(found) or 'none'}."
+            )
     nodes = np.atleast_2d(np.asarray(found["nodes"], dtype=np.float64))
     regions: dict[str, IntArray] = {}
     for name, region in basis.interfaces:
@@ -212,7 +216,9 @@ def _npz(path: Path, where: str) -> dict[str, Any]:
         with np.load(path, allow_pickle=False) as data:
             found: dict[str, Any] = {key: data[key] for key in data.files}
     except (OSError, ValueError, EOFError) as error:
-        raise DescriptionError(f"{where}.file: {path.name}: not a .npz of arrays ({error}).") from None
+        raise DescriptionError(
+            f"{where}.file: {path.name}: not a .npz of arrays ({error})."
+        ) from None
     for key in ("M", "K"):
         parts = tuple(f"{key}_{part}" for part in ("data", "indices", "indptr"))
         if all(part in found for part in parts):
@@ -227,7 +233,9 @@ def _market(path: Path, where: str) -> Any:
     try:
         return mmread(path)
     except (ValueError, OSError, TypeError) as error:
-        raise DescriptionError(f"{where}: {path.name}: not a Matrix Market file ({error}).") from None
+        raise DescriptionError(
+            f"{where}: {path.name}: not a Matrix Market file ({error})."
+        ) from None
 
 
 def equivalent_section(body: FlexibleBody, density: float | None) -> Section:

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.control import Control
 from pinflex.coupled import integrate
+from pinflex.deviation import frame_deviations
 from pinflex.drive import TorqueDrive, motor_path
 from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
+from pinflex.feedback import place
 from pinflex.integrators import scheme
-from pinflex.ked import solve_ked
+from pinflex.ked import march_of, solve_ked
 from pinflex.mechanism import Mechanism
 from pinflex.meta import describe
 from pinflex.motion import Motion, from_spec, hold
@@ -27,7 +30,7 @@ from pinflex.result import Result
 from pinflex.rigid import solve_rigid
 from pinflex.run import Run
 from pinflex.start import straight_start
-from pinflex.supplement import SolveSpec
+from pinflex.supplement import KED_ONLY, SolveSpec
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 SAMPLES = 401
@@ -42,6 +45,7 @@ def solve(
     until: float | None = None,
     dt: float | None = None,
     samples: int | None = None,
+    control: Control | bool | None = None,
     progress: Progress | None = None,
     **options: Any,
 ) -> Result:
@@ -54,9 +58,10 @@ def solve(
         until: End time in s; default: the YAML's, or the motion's duration.
         dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
         samples: Number of output times; default 401.
+        control: Feedback (level coupled); default: the YAML's, False: none.
         progress: Called with (step, steps) on long work.
         **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
-            kp, kd, start; and `ked="full"|"structural"`, `tolerance` (Newton's).
+            theta, modes, kp, kd, start; and `ked="full"|"structural"`, `tolerance` (Newton's).
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:
@@ -68,7 +73,7 @@ def solve(
     spec = _spec(mechanism, level, until, dt, samples, options)
     motion = motion if motion is not None else _default_motion(mechanism)
     end = spec.until if spec.until is not None else motion.duration
-    if not end > 0:
+    if not 0 < end < np.inf:
         raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
     from threadpoolctl import threadpool_limits
 
@@ -76,11 +81,17 @@ def solve(
     with threadpool_limits(limits=1, user_api="blas"):
         began = time.perf_counter()
         try:
-            run = _run(mechanism, motion, spec, end, ked_terms, tolerance, progress)
-        except ConvergenceError as error:
-            if isinstance(error.result, Run):
-                part, why = error.result, str(error)
-                error.result = _result(mechanism, motion, part, spec, began, stopped=why)
+            acting = _control(mechanism, spec, control)
+            run = _run(mechanism, motion, spec, end, ked_terms, tolerance, progress, acting)
+        except (ConvergenceError, MotionError) as error:
+            part, why = error.result, str(error)
+            if isinstance(part, Run):
+                part = sound(part)
+                error.result = (
+                    _result(mechanism, motion, part, spec, began, stopped=why)
+                    if len(part.t)
+                    else None
+                )
             raise
         return _result(mechanism, motion, run, spec, began)
 
@@ -104,11 +115,34 @@ def _spec(
     spec = replace(mechanism.description.solve, **changes)
     if spec.level not in LEVELS:
         raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
-    if spec.dt is not None and not spec.dt > 0:
+    if spec.integrator in KED_ONLY and spec.level not in ("rigid", "quasistatic", "ked"):
+        raise DescriptionError(
+            f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
+            'Take level="ked", or integrator="generalized_alpha".'
+        )
+    if spec.level == "coupled" and any(mechanism.description.system_damping):
+        raise DescriptionError(
+            f"{mechanism.name}: damping.scope: system damps the deviation from the nominal "
+            "motion, which only level ked knows. Write scope: links for level coupled."
+        )
+    if spec.dt is not None and not 0 < spec.dt < np.inf:
         raise DescriptionError(f"solve.dt: {spec.dt}. Give a step in s above zero.")
     if spec.samples is not None and spec.samples < 2:
         raise DescriptionError(f"solve.samples: {spec.samples}. Give at least 2.")
     return spec
+
+
+def _control(
+    mechanism: Mechanism, spec: SolveSpec, control: Control | bool | None
+) -> Control | None:
+    """The control that acts: only level coupled has the vibration that it feels."""
+    if isinstance(control, Control) and spec.level != "coupled":
+        raise DescriptionError(
+            f"{mechanism.name}: a control acts at level coupled only, not at {spec.level}."
+        )
+    if control is False or spec.level != "coupled":
+        return None
+    return control if isinstance(control, Control) else mechanism.description.control
 
 
 def _default_motion(mechanism: Mechanism) -> Motion:
@@ -128,6 +162,7 @@ def _run(
     ked_terms: str,
     tolerance: float | None,
     progress: Progress | None,
+    control: Control | None,
 ) -> Run:
     samples = spec.samples or SAMPLES
     at_samples = np.linspace(0.0, end, samples)
@@ -142,14 +177,14 @@ def _run(
     rho = 0.8 if spec.rho_inf is None else spec.rho_inf
     if spec.level == "ked":
         _need_prescribed(mechanism, spec)
-        method = scheme("newmark", coefficients=spec.newmark)
         if ked_terms not in ("full", "structural"):
             raise DescriptionError(f"ked: {ked_terms}.{nearest(ked_terms, ('full', 'structural'))}")
         structural = ked_terms == "structural"
         static = spec.start == "static"
-        run = solve_ked(mechanism, motion, t, method, static, structural, progress)
+        run = solve_ked(mechanism, motion, t, march_of(spec), static, structural, progress)
+        run.settings["integrator"] = spec.integrator if spec.integrator in KED_ONLY else "newmark"
     else:
-        run = _coupled(mechanism, motion, spec, t, rho, tolerance, progress)
+        run = _coupled(mechanism, motion, spec, t, rho, tolerance, progress, control)
     return thin(run, every)
 
 
@@ -169,6 +204,7 @@ def _coupled(
     rho: float,
     tolerance: float | None,
     progress: Progress | None,
+    control: Control | None,
 ) -> Run:
     system = mechanism.rigid if spec.level == "rigid" else mechanism.flexible
     dynamics = Dynamics(system)
@@ -184,7 +220,9 @@ def _coupled(
             a[:n] = nominal(mechanism, motion, t[:1]).a[0]
         y = balance(dynamics, y, v, a, system.free).y
     method = scheme(spec.integrator, rho, spec.newmark)
-    keys = {} if tolerance is None else {"tolerance": tolerance}
+    keys: dict[str, Any] = {} if tolerance is None else {"tolerance": tolerance}
+    if control is not None:
+        keys["feedback"] = place(mechanism, control, prescribed=drive is None)
     return integrate(mechanism, dynamics, (y, v), path, method, drive, progress=progress, **keys)
 
 
@@ -222,7 +260,23 @@ def thin(run: Run, every: int) -> Run:
     work = None if run.work is None else run.work[k]
     return replace(
         run, t=run.t[k], y=run.y[k], v=run.v[k], a=run.a[k], lam=run.lam[k],
-        torque=run.torque[k], work=work,
+        torque=run.torque[k], work=work, path=None if run.path is None else run.path.at(k),
+        signals=None if run.signals is None else run.signals.at(k),
+    )  # fmt: skip
+
+
+def sound(run: Run) -> Run:
+    """The run up to its last instant with numbers that mean something."""
+    states = np.concatenate([run.y, run.v, run.a, run.lam, run.torque], axis=1)
+    # A state that has grown past this is on its way to infinity, not a motion in SI units.
+    good = np.all(np.abs(states) < 1e30, axis=1)  # false for NaN
+    n = len(good) if np.all(good) else int(np.argmin(good))
+    k = slice(0, n)
+    return replace(
+        run, t=run.t[k], y=run.y[k], v=run.v[k], a=run.a[k], lam=run.lam[k], torque=run.torque[k],
+        work=None if run.work is None else run.work[k],
+        path=None if run.path is None else run.path.at(k),
+        signals=None if run.signals is None else run.signals.at(k),
     )  # fmt: skip
 
 
@@ -230,6 +284,8 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
     """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame."""
     if run.system is mechanism.rigid:
         return None
+    if run.path is not None:
+        return run.path
     if run.settings.get("drive") != "torque" and mechanism.report.mobility == len(
         run.system.motors
     ):
@@ -260,6 +316,10 @@ def _result(
     run = replace(run, settings={**run.settings, "drive": spec.drive})
     arrays = recover(mechanism, run, _rigid_reference(mechanism, motion, run))
     arrays.update(_energy_flow(arrays, run))
+    if run.signals is not None:
+        arrays.update(run.signals.arrays())
+    if run.path is not None:
+        arrays.update(frame_deviations(mechanism, run))
     recovered = time.perf_counter()
     cost = {**run.cost, "seconds": solved - began, "recovery_seconds": recovered - solved}
     meta = describe(mechanism, run, spec.level, cost, arrays, stopped)

@@ -5,17 +5,11 @@ coordinates (u, v, w, rx, ry, rz); below them vibrate the lowest modes with ever
 
     u = Phi eta + 1/2 eta' G eta,     K = Phi' K Phi,  M = Phi' M Phi
 
-Second order: coordinates in which the strains stay linear, as those of a beam. G is the motion whose
-strain takes back C (H1' H2)_sym as well as the body can; shortening of a bent rod is a part of it.
+Second order: coordinates in which the strains stay linear, as those of a beam. G is the motion
+whose strain takes back C (H1' H2)_sym as well as the body can; a bent rod gets shorter by it.
 
-Inertia: the kinetic energy of a deforming body depends on its shapes only through
-
-    Z = int z z' dm,     z = (1, p, Phi_x, Phi_y, Phi_z),     p the place of the mass dm,
-
-so as many points as Z has rank carry it exactly. Z = F' F; a reflection gives the first column of F
-equal entries, and its rows are then points of equal positive mass. (Points picked in the mesh with
-non-negative weights would have to match every entry of Z: some ten times as many.)
-Sources: Craig, Bampton (1968); Shabana (2013), inertia shape integrals.
+Its inertia is carried by a few weighted points (`moments`).
+Source: Craig, Bampton (1968).
 """
 
 from __future__ import annotations
@@ -29,15 +23,12 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.basis import FlexibleBody
 from pinflex.errors import DescriptionError
+from pinflex.moments import CROSS, mass_points, outer_mass, section_fits
+from pinflex.second_order import second_order_shapes
 from pinflex.solid import Solid
 
-_SMALL = 1e-4  # share of a modal mass a dropped field may carry: 5e-5 of a frequency
-_TURNS = (2, 1, 0)  # R = Rz Ry Rx: rotations z, y, x of an interface, in this order
 _DIRECTIONS = ("u", "v", "w", "rx", "ry", "rz")
 SECTIONS = 21
-_CROSS = np.zeros((3, 3, 3))  # _CROSS[a] p = e_a x p
-for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _CROSS[_a, _c, _b], _CROSS[_a, _b, _c] = 1.0, -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +82,26 @@ class Superelement:
     shapes: Array
     stress: Array | None
 
+    def rows(self, x: float) -> tuple[Array, Array | None]:
+        """Rows (u, v, w, rz, ry, rx) at x (m), between sections by straight lines."""
+        at = _between(self.x, np.array([x]))
+        curved = None if self.G is None else np.tensordot(at, self.G, 1)[0]
+        return np.tensordot(at, self.Phi, 1)[0], curved
+
+    def fields(self, x: Array) -> dict[str, Array]:
+        """Rows as those of a beam (`FlexibleBody.fields`), strains by differences of sections."""
+        at, slope = _between(self.x, x), np.gradient(self.Phi, self.x, axis=0, edge_order=2)
+        names = {"axial": (0, 1.0), "curvature_v": (3, 1.0), "curvature_w": (4, -1.0)}
+        out = {"deflection": np.tensordot(at, self.Phi[:, [0, 1, 2, 5, 4, 3]], 1)}
+        for name, (row, sign) in (names | {"twist": (5, 1.0)}).items():
+            out[name] = sign * (at @ slope[:, row])
+        return out
+
+
+def _between(nodes: Array, x: Array) -> Array:
+    """Weights of linear interpolation, shape (len(x), len(nodes))."""
+    return np.array([np.interp(x, nodes, e) for e in np.eye(len(nodes))]).T
+
 
 def reduce(
     solid: Solid,
@@ -125,18 +136,18 @@ def reduce(
     bends = None
     solve = _factor(T.T @ solid.K @ T, where)
     if second_order and solid.field is not None:
-        bends = _second_order(solid, T, moving, shapes, [r for _, r in regions], solve)
+        bends = second_order_shapes(solid, T, moving, shapes, solve)
     D = rayleigh[0] * M + rayleigh[1] * K
     if modal_damping:
         D = D + _modal_damping(K, M, modal_damping)
     # Mass points.
     z = np.column_stack([np.ones(len(solid.nodes)), solid.nodes, *shapes.transpose(1, 0, 2)])
     Z = z.T @ (mass @ z)
-    weights, points, error = _mass_points(Z, n)
+    weights, points, error = mass_points(Z, n)
     ns = len(weights)
     Phi = points[:, 4:].reshape(ns, 3, n)
     # Coefficients of any field on the points: the projection that keeps its products with z.
-    onto = np.linalg.pinv((points * weights[:, None]).T, rcond=1e-9)
+    onto = np.asarray(np.linalg.pinv((points * weights[:, None]).T, rcond=1e-9), dtype=float)
     G = None
     if bends is not None:
         G = (onto @ (z.T @ (mass @ bends[0].reshape(len(z), -1)))).reshape(ns, 3, n, n)
@@ -149,22 +160,10 @@ def reduce(
         )
         for k, ((name, _), centre) in enumerate(zip(regions[1:], centres[1:], strict=True))
     )
-    # Sections.
     x = np.linspace(0.0, length, SECTIONS)
-    fit = _section_fits(solid.nodes, x)
-    rows = np.einsum("xkip,ipn->xkn", fit, shapes)
-    curved = None if bends is None else np.einsum("xkip,ipab->xkab", fit, bends[0])
-    for node in nodes:  # exact where an interface is a section of the span
-        if np.linalg.norm(node.place - [length, 0.0, 0.0]) < 1e-6 * length:
-            rows[-1] = node.Phi
-            if curved is not None and node.G is not None:
-                curved[-1] = node.G
-    if np.linalg.norm(centres[0]) < 1e-6 * length:
-        rows[0] = 0.0
-        if curved is not None:
-            curved[0] = 0.0
+    rows, curved = _sections(solid, x, shapes, bends, nodes)
     lumps = np.asarray(mass.sum(axis=1)).reshape(-1)
-    outer, arms = _outer(solid, z, lumps, x, onto)
+    outer, arms = outer_mass(solid.nodes, z, lumps, x, onto)
     corners, triangles = np.arange(0), np.zeros((0, 3), dtype=np.intp)
     stress = None
     if solid.field is not None:
@@ -239,9 +238,9 @@ def _rigid_regions(
             )
         owner[region] = number + 1
     moving = 6 * (len(regions) - 1)
-    rows: list[Array] = []
-    columns: list[Array] = []
-    values: list[Array] = []
+    rows: list[Any] = []
+    columns: list[Any] = []
+    values: list[Any] = []
     free = np.flatnonzero(owner == 0)
     at = (3 * free[:, None] + np.arange(3)).ravel()
     rows.append(at)
@@ -251,7 +250,7 @@ def _rigid_regions(
         arm = solid.nodes[region] - centres[number + 1]
         block = np.zeros((len(region), 3, 6))
         block[:, :, :3] = np.eye(3)
-        block[:, :, 3:] = np.einsum("acb,ib->ica", _CROSS, arm)  # e_a x arm
+        block[:, :, 3:] = np.einsum("acb,ib->ica", CROSS, arm)  # e_a x arm
         i, c, k = np.nonzero(block)
         rows.append(3 * region[i] + c)
         columns.append(6 * number + k)
@@ -315,44 +314,31 @@ def _factor(K: Any, where: str) -> Any:
         ) from None
 
 
-def _second_order(
-    solid: Solid, T: Any, moving: int, shapes: Array, regions: Sequence[IntArray], solve: Any
-) -> tuple[Array, Array]:
-    """G of all nodes, (nn, 3, n, n), and of the interface coordinates, (moving, n, n)."""
-    assert solid.field is not None
-    n, nn = shapes.shape[2], len(solid.nodes)
-    gradients = [solid.field.strained(shapes[:, :, k]) for k in range(n)]
-    pairs = [(i, j) for i in range(n) for j in range(i, n)]
-    loads = np.empty((3 * nn, len(pairs)))
-    lift = np.zeros((3 * nn, len(pairs)))  # second order of the rotations of rigid interfaces
-    for column, (i, j) in enumerate(pairs):
-        loads[:, column] = solid.field.quadratic(gradients[i], gradients[j]).ravel()
-        for number, region in enumerate(regions[1:]):
-            turn = np.zeros((2, 3))
-            for row, k in enumerate((i, j)):
-                if 6 * number + 3 <= k < 6 * number + 6:
-                    turn[row, k - 6 * number - 3] = 1.0
-            if np.any(turn[0]) and np.any(turn[1]):
-                arm = solid.nodes[region] - solid.nodes[region].mean(axis=0)
-                dofs = 3 * region[:, None] + np.arange(3)
-                lift[dofs, column] = arm @ _second_rotation(turn[0], turn[1]).T
-    z = -solve(T.T @ (loads + solid.K @ lift))
-    u = T @ z + lift
-    G, node = np.empty((3 * nn, n, n)), np.empty((moving, n, n))
-    for column, (i, j) in enumerate(pairs):
-        G[:, i, j] = G[:, j, i] = u[:, column]
-        node[:, i, j] = node[:, j, i] = z[:moving, column]
-    return G.reshape(nn, 3, n, n), node
-
-
-def _second_rotation(one: Array, two: Array) -> Array:
-    """Bilinear part of Rz(rz) Ry(ry) Rx(rx) in two sets of small angles (rx, ry, rz), (3, 3)."""
-    S = np.zeros((3, 3))
-    for place, a in enumerate(_TURNS):
-        S += one[a] * two[a] * (_CROSS[a] @ _CROSS[a])
-        for b in _TURNS[place + 1 :]:
-            S += (one[a] * two[b] + two[a] * one[b]) * (_CROSS[a] @ _CROSS[b])
-    return S
+def _sections(
+    solid: Solid,
+    x: Array,
+    shapes: Array,
+    bends: tuple[Array, Array] | None,
+    nodes: Sequence[Node],
+) -> tuple[Array, Array | None]:
+    """Rows (u, v, w, rz, ry, rx) of sections: Phi (nx, 6, n) and G (nx, 6, n, n)."""
+    fit = section_fits(solid.nodes, x)
+    rows = np.einsum("xkip,ipn->xkn", fit, shapes, optimize=True)
+    curved = None
+    if bends is not None:
+        curved = np.einsum("xkip,ipab->xkab", fit, bends[0], optimize=True)
+    # Exact where an interface is a section of the span.
+    held = solid.nodes[next(iter(solid.regions.values()))].mean(axis=0)
+    if np.linalg.norm(held) < 1e-6 * x[-1]:
+        rows[0] = 0.0
+        if curved is not None:
+            curved[0] = 0.0
+    for node in nodes:
+        if np.linalg.norm(node.place - [x[-1], 0.0, 0.0]) < 1e-6 * x[-1]:
+            rows[-1] = node.Phi
+            if curved is not None and node.G is not None:
+                curved[-1] = node.G
+    return rows, curved
 
 
 def _node_rows(coordinates: Array, k: int) -> Array:
@@ -367,72 +353,3 @@ def _modal_damping(K: Array, M: Array, ratio: float) -> Array:
     squares, V = eigh(K, M)
     MV = M @ V
     return np.asarray(MV * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ MV.T)
-
-
-def _mass_points(Z: Array, n: int) -> tuple[Array, Array, float]:
-    """Equal masses (ns,), rows z of the points (ns, d), and the largest error they leave.
-
-    Mass, centre, second moments and the couplings of rigid with elastic motion are exact; of the
-    elastic part, fields with less than `_SMALL` of the energy of a coordinate are left out.
-    """
-    L = np.linalg.cholesky(Z[:4, :4])
-    couple = np.linalg.solve(L, Z[:4, 4:])
-    rest = Z[4:, 4:] - couple.T @ couple
-    # Each coordinate by its modal mass: a direction in which it hardly moves hardly counts.
-    scale = np.tile(np.sqrt(np.diag(Z)[4:].reshape(3, n).sum(axis=0)), 3)
-    values, V = np.linalg.eigh(rest / np.outer(scale, scale))
-    keep = values > _SMALL
-    F = np.zeros((4 + int(keep.sum()), len(Z)))
-    F[:4, :4], F[:4, 4:] = L.T, couple
-    F[4:, 4:] = np.sqrt(values[keep])[:, None] * V[:, keep].T * scale
-    # The reflection that takes the first column of F to equal entries.
-    r, first = len(F), F[:, 0]
-    axis = first - np.linalg.norm(first) / np.sqrt(r)
-    F = F - np.outer(2.0 * axis / (axis @ axis), axis @ F)
-    weights = np.full(r, Z[0, 0] / r)
-    points = F / np.sqrt(weights[0])
-    points[:, 0] = 1.0
-    whole = np.concatenate([np.sqrt(np.diag(Z)[:4]), scale])
-    error = np.abs((points * weights[:, None]).T @ points - Z) / np.outer(whole, whole)
-    return weights, points, float(error.max())
-
-
-def _section_fits(nodes: Array, x: Array) -> Array:
-    """Rows (u, v, w, rz, ry, rx) of sections from nodal displacements, shape (nx, 6, nn, 3).
-
-    Weighted least squares of a rigid section whose motion is quadratic in x, near each section.
-    """
-    length = float(x[-1] - x[0])
-    across = nodes - nodes.mean(axis=0)
-    across = across[:, 1:]
-    out = np.zeros((len(x), 6, len(nodes), 3))
-    reach = max(0.05 * length, 1.5 * float(np.max(np.diff(np.unique(np.round(nodes[:, 0], 9))))))
-    for k, at in enumerate(x):
-        s = (nodes[:, 0] - at) / reach
-        near = np.flatnonzero(np.abs(s) < 3.0)
-        weight = np.exp(-0.5 * s[near] ** 2)
-        arm = np.column_stack([np.zeros(len(near)), nodes[near, 1:]])
-        rigid = np.zeros((len(near), 3, 6))
-        rigid[:, :, :3] = np.eye(3)
-        rigid[:, :, 3:] = np.einsum("acb,ib->ica", _CROSS, arm)
-        full = np.concatenate([rigid * (s[near] ** p)[:, None, None] for p in range(3)], axis=2)
-        full = full * weight[:, None, None]
-        inverse = np.linalg.pinv(full.reshape(-1, 18), rcond=1e-9)[[0, 1, 2, 5, 4, 3]]
-        out[k][:, near] = inverse.reshape(6, len(near), 3) * weight[:, None]
-    del across
-    return out
-
-
-def _outer(solid: Solid, z: Array, lumps: Array, x: Array, back: Array) -> tuple[Array, Array]:
-    """Operators from point forces to force and moment arms of the mass beyond each section.
-
-    The acceleration is linear in z, so point forces f_k give it everywhere, and the mass beyond x
-    (row sums of the mass matrix) then needs sum_k f_k z_k' Z^-1 int_{>x} z dm.
-    """
-    beyond = np.array([solid.nodes[:, 0] > at for at in x], dtype=float)
-    edge = np.array([np.abs(solid.nodes[:, 0] - at) < 1e-9 * x[-1] for at in x], dtype=float)
-    share = (beyond + 0.5 * edge) * lumps
-    share[0] = lumps  # the first section carries all of the body, what lies behind it included
-    force = share @ z @ back.T
-    moments = np.einsum("xi,id,ia->xad", share, z, solid.nodes, optimize=True) @ back.T
-    return force, moments.transpose(0, 2, 1)

@@ -13,7 +13,11 @@ from pinflex.schema import Vec3
 from pinflex.urdf import Urdf
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
-INTEGRATORS = ("generalized_alpha", "newmark", "hht")
+INTEGRATORS = (
+    *("generalized_alpha", "newmark", "hht"),
+    *("central_difference", "houbolt", "wilson_theta", "mode_superposition"),
+)
+KED_ONLY = INTEGRATORS[3:]
 LOOP_KINDS = (
     "weld",
     "revolute",
@@ -88,9 +92,12 @@ class SolveSpec:
         until: End time [s]; None: the duration of the motion.
         dt: Time step [s]; None: chosen from the motion and the frequencies.
         samples: Number of instants to report; None: every step.
-        integrator: generalized_alpha, newmark or hht.
+        integrator: generalized_alpha, newmark or hht; at level ked also central_difference,
+            houbolt, wilson_theta and mode_superposition.
         rho_inf: Spectral radius at infinity [-], 0 to 1; None: the integrator's own.
         newmark: (gamma, beta) [-] of the integrator newmark; None: (1/2, 1/4).
+        theta: Length of the step of wilson_theta over dt [-]; None: 1.4.
+        modes: Number of modes of mode_superposition; None: 12.
         drive: prescribed (the motors follow the motion) or torque (they push).
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
@@ -104,6 +111,8 @@ class SolveSpec:
     integrator: str = "generalized_alpha"
     rho_inf: float | None = None
     newmark: tuple[float, float] | None = None
+    theta: float | None = None
+    modes: int | None = None
     drive: str = "prescribed"
     kp: float = 0.0
     kd: float = 0.0
@@ -239,8 +248,19 @@ def read_solve(value: object, where: str) -> SolveSpec:
         fields.setdefault("integrator", "newmark")
     if "rho_inf" in block:
         fields["rho_inf"] = schema.number(block["rho_inf"], place["rho_inf"], 0, 1)
+    if "theta" in block:
+        fields["theta"] = schema.number(block["theta"], place["theta"], 1.37, 4)
+    if "modes" in block:
+        fields["modes"] = schema.integer(block["modes"], place["modes"], low=1)
     integrator = fields.get("integrator", SolveSpec.integrator)
-    for key, meant in (("newmark", integrator == "newmark"), ("rho_inf", integrator != "newmark")):
+    owners = {"newmark": ("newmark",), "rho_inf": ("generalized_alpha", "hht")}
+    owners |= {"theta": ("wilson_theta",), "modes": ("mode_superposition",)}
+    if integrator in KED_ONLY and fields.get("level", SolveSpec.level) != "ked":
+        raise DescriptionError(
+            f"{place['integrator']}: {integrator} is for linear systems: level ked only. "
+            "Write `level: ked`, or integrator: generalized_alpha."
+        )
+    for key, meant in ((key, integrator in names) for key, names in owners.items()):
         if key in block and not meant:
             raise DescriptionError(
                 f"{place[key]}: has no meaning for the integrator {integrator}. Remove one of them."

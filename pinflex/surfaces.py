@@ -236,7 +236,7 @@ def _read(path: Path, changed: int, most: int) -> tuple[Array, IntArray, int] | 
         if path.suffix.lower() == ".dae":
             vertices, faces = read_collada(path)
         else:
-            import coal
+            import coal  # type: ignore[import-untyped,unused-ignore]
 
             # boxes along the axes: the tree that coal builds beside the triangles is not used
             model = coal.MeshLoader(coal.NODE_TYPE.BV_AABB).load(str(path), np.ones(3))

@@ -16,6 +16,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
@@ -28,6 +29,7 @@ from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.result import Result
 from pinflex.scene import FIELDS, build_scene
 
+FRAME = 640  # [px] height of a page in a notebook
 MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
 PLAYER = ("state", "meshes", "shapes", "stage", "readings", "player")  # in this order, one script
 _PAGE = """<!DOCTYPE html>
@@ -110,10 +112,32 @@ def write_modes_html(
     return _write(scenes, path, title or f"{scenes[0]['name']}: mode shapes", page)
 
 
+@dataclass(frozen=True)
+class Page:
+    """A page that was written: a path for programs, and shown in place by a notebook."""
+
+    path: Path
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def _repr_html_(self) -> str:
+        # a frame of its own, which may run the player's scripts and nothing of the notebook's
+        page = html.escape(self.path.read_text("utf-8"))
+        return (
+            '<iframe sandbox="allow-scripts allow-downloads" style="border:0" width="100%" '
+            f'height="{FRAME}" title="pinflex: {html.escape(self.path.stem)}" srcdoc="{page}">'
+            "</iframe>"
+        )
+
+
 def view(
     result: Result, path: str | Path | None = None, open_browser: bool = False, **options: Any
-) -> Path:
-    """Write the page of a run and, on a desktop, open it.
+) -> Page:
+    """Write the page of a run and, on a desktop, open it; a notebook shows it in place.
 
     Args:
         result: The run.
@@ -122,7 +146,7 @@ def view(
         **options: As in `write_html`.
 
     Returns:
-        The file written.
+        The page; it can be used as a path.
     """
     if path is None:
         name = _slug(str(result.meta.get("name", "result")))
@@ -132,7 +156,7 @@ def view(
         import webbrowser
 
         webbrowser.open(written.resolve().as_uri())
-    return written
+    return Page(written)
 
 
 def has_desktop() -> bool:

@@ -181,6 +181,7 @@ function start() {
     get legend() { return {min: scene.signed ? -legendMax() : 0, max: legendMax(), unit: fieldOf(S.field)?.unit, field: S.field}; },
     get links() { return scene.links.map((b) => b.data.name); },
     centreline: (name) => Array.from(link(name).c),
+    surface: (name) => Array.from(link(name).sweep.position),
     values: (name) => Array.from(link(name).now, (v) => v * scene.factor),
     describe: (name, i) => describe(link(name), i, 0),
     point: (body, i) => { const b = scene.bodies.find((x) => x.data.name === body); return V(...b.data.points[i]).applyMatrix4(b.matrix).toArray(); },

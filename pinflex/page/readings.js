@@ -57,7 +57,7 @@ function setColours() {
   if (S.force && scene.forceMax) keys.push(["force", `joint force, longest ${digits(scene.forceMax)} N`]);
   if (S.torque && scene.torqueMax) keys.push(["torque", `motor torque, largest ${digits(scene.torqueMax)} N m`]);
   if (S.path && scene.path) keys.push(["path", `path of ${R.track.name}`]);
-  if (S.ghost !== "off" && scene.moves) keys.push(["ghost", "rigid mechanism"]);
+  if (S.ghost !== "off" && scene.moves) keys.push(["ghost", R.mode ? "at rest" : "rigid mechanism"]);
   $("keys").replaceChildren(...keys.map(([k, text]) => el("div", {class: k ? "key " + k : ""}, text)));
 }
 

@@ -2,177 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-import io
-import shutil
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from pinflex.capture import film, picture
-from pinflex.errors import DescriptionError
 from pinflex.result import Result
-from pinflex.scene import FRAMES, automatic_scale, build_scene
 from pinflex.view import write_html, write_modes_html
+from tests.browser.chromium import Browser
+from tests.browser.made_up import EVIL, renamed, shape
 from tests.synthetic import synthetic_result
-
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-EVIL = "</script><script>window.evil=1</script>"
-URDF = """<robot name="3rrr"><link name="base"/>{}</robot>""".format(
-    "".join(
-        f'<link name="crank_{i}"/><joint name="motor_{i}" type="revolute"><parent link="base"/>'
-        f'<child link="crank_{i}"/><axis xyz="0 0 1"/></joint>'
-        for i in (1, 2, 3)
-    )
-)
-
-
-@pytest.fixture(scope="session")
-def run() -> Result:
-    """The made-up planar robot, with the URDF text that says what its motors move."""
-    result = synthetic_result(samples=121)
-    sources = {**result.meta["sources"], "3rrr.urdf": URDF}
-    return dataclasses.replace(result, meta={**result.meta, "sources": sources})
-
-
-@pytest.fixture(scope="session")
-def page(run: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    rigid = synthetic_result("rigid", samples=121)
-    return write_html(run, tmp_path_factory.mktemp("view") / "run.html", rigid=rigid)
-
-
-# ------------------------------------------------------------------ without a browser
-
-
-def test_the_page_is_small_and_written_at_once(run: Result, tmp_path: Path) -> None:
-    write_html(run, tmp_path / "warm.html")
-    start = time.perf_counter()
-    file = write_html(_six_links(run), tmp_path / "six.html")
-    assert time.perf_counter() - start < 1.0
-    assert file.stat().st_size < 2e6  # 121 frames, 6 links
-
-
-def test_a_long_run_is_thinned_keeps_its_extremes_and_says_so(tmp_path: Path) -> None:
-    result = synthetic_result(samples=3001)
-    scene = build_scene(result)
-    assert len(scene["t"]) <= FRAMES
-    for link in scene["links"]:
-        whole = result.link(link["name"]).von_mises
-        assert link["fields"]["von_mises"].max() == whole.max()
-    torque = scene["plots"][0]["curves"][0]["y"]
-    assert (torque.min(), torque.max()) == (result.torque[:, 0].min(), result.torque[:, 0].max())
-    assert any("of 3001 instants kept" in note for note in scene["notes"])
-    assert write_html(result, tmp_path / "long.html").stat().st_size < 8e6
-
-
-@pytest.mark.parametrize(
-    ("largest", "scale"), [(0.5, 1), (0.03, 2), (6e-4, 100), (6.1e-5, 1000), (0.0, 1), (1e-3, 50)]
-)
-def test_automatic_magnification_is_1_2_5(largest: float, scale: float) -> None:
-    assert automatic_scale(largest, 1.0) == scale  # 6 % of the size of the robot, rounded
-
-
-def test_names_never_become_markup(run: Result, tmp_path: Path) -> None:
-    text = write_html(_renamed(run), tmp_path / "evil.html", title=EVIL).read_text("utf-8")
-    assert text.count("<script") == 3  # data, viewer, player
-    assert "window.evil=1</script>" not in text
-
-
-def test_the_page_forbids_every_network_access(page: Path) -> None:
-    policy = page.read_text("utf-8").split('Content-Security-Policy" content="')[1].split('">')[0]
-    assert policy.startswith("default-src 'none'; script-src 'sha256-")
-    assert "http" not in policy
-    assert "unsafe-eval" not in policy
-
-
-def test_wrong_options_are_told_with_the_right_ones(run: Result, tmp_path: Path) -> None:
-    with pytest.raises(DescriptionError, match='Did you mean "bending"'):
-        write_html(run, tmp_path / "x.html", field="bendng")
-    with pytest.raises(DescriptionError, match="is no magnification"):
-        write_html(run, tmp_path / "x.html", scale="huge")
-    with pytest.raises(DescriptionError, match="no mode shape was given"):
-        write_modes_html([], tmp_path / "x.html")
-
-
-def test_a_saved_result_gives_the_same_page(run: Result, page: Path, tmp_path: Path) -> None:
-    again = Result.load(run.save(tmp_path / "run.npz"))
-    rigid = synthetic_result("rigid", samples=121)
-    text = write_html(again, tmp_path / "again.html", rigid=rigid).read_text("utf-8")
-    assert text == page.read_text("utf-8")
-
-
-# ------------------------------------------------------------------ in a browser
-
-
-class Browser:
-    """A headless Chromium that opens pages from disk."""
-
-    def __init__(self, profile: Path) -> None:
-        from selenium import webdriver
-        from selenium.webdriver.chrome.service import Service
-
-        options = webdriver.ChromeOptions()
-        options.binary_location = str(CHROMIUM)
-        for flag in (
-            "--headless=new --no-sandbox --disable-gpu --enable-unsafe-swiftshader "
-            "--disable-dev-shm-usage --disable-quic --no-first-run --disable-background-networking "
-            "--disable-component-update --disable-sync --hide-scrollbars --window-size=1000,843 "
-            f"--user-data-dir={profile}"
-        ).split():
-            options.add_argument(flag)
-        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-        self.driver: Any = webdriver.Chrome(options=options, service=Service(DRIVER))
-        self.driver.set_script_timeout(60)
-
-    def open(self, page: Path, state: str = "", size: tuple[int, int] | None = None) -> None:
-        metrics = {"width": 1000, "height": 700, "deviceScaleFactor": 1, "mobile": False}
-        if size is not None:
-            metrics |= {"width": size[0], "height": size[1], "mobile": True}
-        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-        self.driver.get("about:blank")
-        self.driver.get_log("browser")
-        self.driver.get(f"{page.as_uri()}#{state}")
-        for _ in range(300):
-            if self.run("return !!(window.pinflex && window.pinflex.ready)"):
-                return
-            time.sleep(0.1)
-        raise AssertionError(f"the page never got ready: {self.driver.get_log('browser')}")
-
-    def run(self, script: str, *values: Any) -> Any:
-        return self.driver.execute_script(script, *values)
-
-    def errors(self) -> list[str]:
-        log = self.driver.get_log("browser")
-        return [entry["message"] for entry in log if entry["level"] == "SEVERE"]
-
-    def pixels(self, script: str = "") -> np.ndarray[Any, Any]:
-        """The drawing alone, as an image array, after a script."""
-        from base64 import b64decode
-
-        from PIL import Image
-
-        url = self.run(
-            script + "; pinflex.frame(); return document.querySelector('#meshcat-pane canvas')"
-            ".toDataURL('image/png')"
-        )
-        return np.asarray(Image.open(io.BytesIO(b64decode(url.split(",")[1]))).convert("RGB"), int)
-
-    def centreline(self, name: str) -> np.ndarray[Any, Any]:
-        return np.array(self.run("return pinflex.centreline(arguments[0])", name)).reshape(-1, 3)
-
-
-@pytest.fixture(scope="session")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    pytest.importorskip("selenium", reason="selenium is not installed")
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("chromium or chromedriver is not installed")
-    started = Browser(tmp_path_factory.mktemp("profile"))
-    yield started
-    started.driver.quit()
 
 
 def test_the_page_draws_without_an_error_and_asks_nothing_of_the_network(
@@ -359,7 +199,7 @@ def test_stress_above_the_limit_is_told_and_coloured(browser: Browser, page: Pat
 def test_a_link_named_like_markup_does_nothing(
     browser: Browser, run: Result, tmp_path: Path
 ) -> None:
-    file = write_html(_renamed(run), tmp_path / "evil.html", title=EVIL)
+    file = write_html(renamed(run), tmp_path / "evil.html", title=EVIL)
     browser.open(file, "names=1")
     assert browser.run("return window.evil === undefined")
     assert browser.run("return pinflex.links") == [EVIL, "__proto__", "distal_3"]
@@ -420,7 +260,7 @@ def test_a_rigid_run_plays_without_colours(browser: Browser, tmp_path: Path) -> 
 def test_mode_shapes_share_the_player_and_have_a_picker(
     browser: Browser, run: Result, tmp_path: Path
 ) -> None:
-    shapes = [(61.0, _shape(run, 61.0, 1.0)), (140.0, _shape(run, 140.0, -2.0))]
+    shapes = [(61.0, shape(run, 61.0, 1.0)), (140.0, shape(run, 140.0, -2.0))]
     file = write_modes_html(shapes, tmp_path / "modes.html")
     browser.open(file, "play=0&t=0.004")
     options = browser.run("return [...document.getElementById('run').options].map(o => o.text)")
@@ -431,57 +271,3 @@ def test_mode_shapes_share_the_player_and_have_a_picker(
     assert not np.allclose(first, browser.centreline("distal_1"), atol=1e-4)
     assert "140.0 Hz" in browser.run("return document.getElementById('sub').textContent")
     assert browser.errors() == []
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
-def test_pictures_and_films_are_saved(page: Path, tmp_path: Path) -> None:
-    from PIL import Image
-
-    with Image.open(picture(page, tmp_path / "at.png", at=0.03, size=(900, 600))) as still:
-        assert still.size == (900, 600)
-        assert np.asarray(still.convert("RGB"), float).std() > 5
-    made = film(page, tmp_path / "run.gif", seconds=0.5, fps=10, size=(480, 320), ghost="off")
-    with Image.open(made) as moving:
-        assert moving.size == (480, 320)
-        assert getattr(moving, "n_frames", 1) == 5
-    with pytest.raises(DescriptionError, match=r"Allowed: \.gif"):
-        film(page, tmp_path / "run.avi")
-
-
-# ------------------------------------------------------------------ made-up results
-
-
-def _six_links(run: Result) -> Result:
-    arrays, links = dict(run.arrays), dict(run.meta["links"])
-    for key, value in run.arrays.items():
-        if key.startswith("link/"):
-            arrays[key.replace("distal", "other")] = value
-    links |= {name.replace("distal", "other"): about for name, about in links.items()}
-    return Result(run.t, arrays, {**run.meta, "links": links})
-
-
-def _renamed(run: Result) -> Result:
-    names = {"distal_1": EVIL, "distal_2": "__proto__"}
-    arrays = {}
-    for key, value in run.arrays.items():
-        for old, new in names.items():
-            key = key.replace(f"link/{old}/", f"link/{new}/")
-        arrays[key] = value
-    links = {names.get(k, k): v for k, v in run.meta["links"].items()}
-    return Result(run.t, arrays, {**run.meta, "links": links, "name": EVIL})
-
-
-def _shape(run: Result, frequency: float, size: float) -> Result:
-    """One period of a motion about the first pose of a run."""
-    t = np.linspace(0.0, 1.0 / frequency, 41)
-    wave = size * np.sin(2 * np.pi * frequency * t)
-    arrays = {}
-    for key, value in run.arrays.items():
-        if key.startswith(("link/", "body/")):
-            arrays[key] = value if key.endswith("/x") else np.repeat(value[:1], len(t), axis=0)
-    for name in run.links:
-        rigid = arrays[f"link/{name}/centreline_rigid"]
-        bow = np.sin(np.pi * np.linspace(0, 1, rigid.shape[1]))
-        lift = wave[:, None, None] * bow[:, None] * np.array([0.0, 0.0, 0.01])
-        arrays[f"link/{name}/centreline"] = rigid + lift
-    return Result(t, arrays, {**run.meta, "frames": [], "platform": None, "actuated": []})

@@ -48,7 +48,9 @@ def test_a_spatial_flexible_double_pendulum_keeps_its_energy(scheme: str, tmp_pa
     steps = (5e-4, 2.5e-4, 1.25e-4)  # [s]
     drift = []
     for dt in steps:
-        r = pf.solve(m, pf.hold(duration=0.6), level="coupled", dt=dt, samples=121, **SCHEMES[scheme])
+        r = pf.solve(
+            m, pf.hold(duration=0.6), level="coupled", dt=dt, samples=121, **SCHEMES[scheme]
+        )
         drift.append(np.abs(imbalance(r)).max())
     moved = np.ptp(r.arrays["energy/kinetic"])
     assert moved > 2.0
@@ -76,7 +78,8 @@ def test_the_work_of_the_motors_is_all_accounted_for_without_damping(name: str) 
     assert not np.any(m.flexible.D)
     error = []
     for dt in steps:
-        r = pf.solve(m, level="coupled", until=until, dt=dt, samples=51, rho_inf=0.95)
+        # The YAML of 3rrs asks for the published Newmark, whose gamma of 0.528 is of first order.
+        r = pf.solve(m, level="coupled", until=until, dt=dt, samples=51, integrator="generalized_alpha", rho_inf=0.95)  # fmt: skip  # noqa: E501
         error.append(np.abs(imbalance(r)).max())
     assert not np.any(r.arrays["energy/dissipated"])
     flow = max(np.ptp(r.arrays[f"energy/{k}"]) for k in ("kinetic", "gravity", "elastic", "work"))
@@ -113,17 +116,23 @@ def test_with_the_motors_held_again_r1_rings_on_without_loss() -> None:
     assert np.ptp(a["energy/elastic"][after]) > 0.5 * energy.mean()  # it does ring
 
 
-def test_a_motor_with_torque_pays_for_what_it_moves(tmp_path: Path) -> None:
+@pytest.mark.parametrize("start", ["straight", "static"])
+def test_a_motor_with_torque_pays_for_what_it_moves(start: str, tmp_path: Path) -> None:
     """drive: torque, PD and feed-forward on a flexible arm: the same balance."""
-    yaml = YAML.replace("actuated: []", "actuated: [upper_joint, lower_joint]")
-    m = load(tmp_path, PENDULUM, yaml)
-    motion = pf.cycloid(joints={"upper_joint": 0.6, "lower_joint": -0.8}, duration=0.3)
+    head = """actuated: [upper_joint, lower_joint]
+joints: {upper_joint: {rotor_inertia: 0.02}, lower_joint: {rotor_inertia: 0.01}}"""
+    m = load(tmp_path, PENDULUM, YAML.replace("actuated: []", head))
+    motion = pf.quintic(joints={"upper_joint": 0.6, "lower_joint": -0.8}, duration=0.3)
     steps = (1e-3, 5e-4, 2.5e-4)  # [s]
     error = []
     for dt in steps:
-        r = pf.solve(m, motion, level="coupled", until=0.4, dt=dt, samples=81, drive="torque", kp=200.0, kd=4.0)  # fmt: skip
+        r = pf.solve(
+            m, motion, level="coupled", until=0.4, dt=dt, samples=81,
+            drive="torque", kp=200.0, kd=4.0, start=start,
+        )  # fmt: skip
         error.append(np.abs(imbalance(r)).max())
-    assert slope(steps, error) == pytest.approx(2.0, abs=0.4)
-    assert error[-1] < 1e-3 * np.ptp(r.arrays["energy/work"])
-    reached = r.joint("upper_joint").position[-1] - m.home[0]
-    assert np.isfinite(reached)
+    assert slope(steps, error) == pytest.approx(2.0, abs=0.1)
+    assert error[-1] < 1e-5 * np.ptp(r.arrays["energy/work"])
+    # The law holds both ends near the motion: gravity is fed forward, the ringing is not.
+    c, s = r.arrays["joint/q"][-1, :2]
+    assert np.arctan2(s, c) == pytest.approx(0.6, abs=0.05)

@@ -11,8 +11,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.poses import skew
 from pinflex.dynamics import Dynamics
+from pinflex.poses import skew
 from tests.finite import by_configuration, by_time, by_vector, close
 from tests.scenes import Body, load
 
@@ -123,7 +123,10 @@ def allowed(kind: str, A: pin.SE3, B: pin.SE3, z: Array, x_b: Array) -> Array:
         "universal": [turn(z), turn(A.rotation.T @ B.rotation @ x_b)],
         "spherical": [turn(n) for n in e],
         "planar": [move(z), *(turn(n) for n in e)],
-        "distance": [*(turn(n) for n in e), *(move(n) for n in np.linalg.svd(towards[None])[2][1:])],
+        "distance": [
+            *(turn(n) for n in e),
+            *(move(n) for n in np.linalg.svd(towards[None])[2][1:]),
+        ],
     }
     return np.array(basis[kind]).reshape(-1, 6).T
 
@@ -242,9 +245,20 @@ def test_a_bricard_linkage_moves_although_counting_says_it_cannot(tmp_path: Path
     bodies = []
     for k in range(5):
         offset = points[k] - points[k - 1] if k else points[0]
-        rod = {"mass": 1.0, "com": tuple((points[k + 1] - points[k]) / 2), "inertia": (0.1, 0.1, 0.1)}
+        rod = {
+            "mass": 1.0,
+            "com": tuple((points[k + 1] - points[k]) / 2),
+            "inertia": (0.1, 0.1, 0.1),
+        }
         bodies.append(
-            Body(f"rod_{k}", f"rod_{k - 1}" if k else "base", "revolute", xyz=offset, axis=axes[k], **rod)  # fmt: skip
+            Body(
+                f"rod_{k}",
+                f"rod_{k - 1}" if k else "base",
+                "revolute",
+                xyz=offset,
+                axis=axes[k],
+                **rod,
+            )  # fmt: skip
         )
     bodies.append(Body("end", "rod_4", xyz=points[5] - points[4]))
     bodies.append(Body("ground", "base", xyz=points[5]))
@@ -316,9 +330,7 @@ home: {{crank_joint: {angle!r}, coupler_joint: 0, rocker_joint: {rocker!r}}}
 def test_a_flat_parallelogram_is_refused_because_its_rank_drops_at_home(tmp_path: Path) -> None:
     """Change point: the rows of the pin are dependent there and nowhere near."""
     with pytest.raises(pf.SingularityError, match="rank 1 here and 2 beside it"):
-        four_bar(
-            tmp_path, "planar", (0, 0, 0), crank=0.2, coupler=0.6, rocker=0.2, ground=0.6
-        )
+        four_bar(tmp_path, "planar", (0, 0, 0), crank=0.2, coupler=0.6, rocker=0.2, ground=0.6)
 
 
 def test_frames_turned_by_half_a_turn_are_not_taken_for_a_weld(tmp_path: Path) -> None:

@@ -81,7 +81,9 @@ def manifold(tmp_path_factory: pytest.TempPathFactory) -> pf.Mechanism:
     return load(tmp_path_factory.mktemp("manifold"), MANIFOLD, MANIFOLD_YAML)
 
 
-@pytest.fixture(params=[f"{n}-{s}" for n in (*model_names(), "manifold") for s in ("rigid", "flexible")])
+@pytest.fixture(
+    params=[f"{n}-{s}" for n in (*model_names(), "manifold") for s in ("rigid", "flexible")]
+)
 def case(request: pytest.FixtureRequest) -> tuple[System, Array]:
     """A system and its undeformed home."""
     name, which = request.param.rsplit("-", 1)
@@ -204,9 +206,7 @@ def test_undeformed_links_weigh_and_pull_as_the_rigid_mechanism(
     scale = np.abs(expected).max()
     np.testing.assert_allclose(found[:n], expected, atol=ROUNDING * scale)
     M = rigid.mass(q)
-    np.testing.assert_allclose(
-        flexible.mass(y)[:n, :n], M, atol=ROUNDING * np.abs(M).max()
-    )
+    np.testing.assert_allclose(flexible.mass(y)[:n, :n], M, atol=ROUNDING * np.abs(M).max())
 
 
 @pytest.mark.parametrize("name", ["3rrr", "race_r1", "spinning_beam", "ur5"])
@@ -270,4 +270,6 @@ def test_every_level_of_a_robot_without_flexible_links_gives_pinocchios_torques(
         # The motors prescribe everything, so no step error is left: rigid is the same call, the
         # others solve an empty system around it.
         tolerance = 0.0 if level == "rigid" else 1e-12
-        np.testing.assert_allclose(r.torque, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+        np.testing.assert_allclose(
+            r.torque, expected, rtol=0, atol=tolerance * np.abs(expected).max()
+        )

@@ -90,7 +90,7 @@ def test_the_stress_map_shows_every_link_on_one_scale_in_megapascal(flexible):
 
 
 def test_a_rigid_result_has_no_stress_to_map(rigid):
-    with pytest.raises(DescriptionError, match="no flexible links.*quasistatic"):
+    with pytest.raises(DescriptionError, match=r"no flexible links.*quasistatic"):
         plot.stress_map(rigid)
 
 

@@ -127,7 +127,9 @@ def test_a_locked_hub_is_a_cantilever_and_a_freed_motor_a_hub(tmp_path: Path) ->
     m = load(tmp_path, bodies, yaml.replace("actuated: []", "actuated: [beam_joint]"))
     locked = 2 * np.pi * pf.modes(m, preload="none").frequencies
     freed = 2 * np.pi * pf.modes(m, preload="none", free_motors=True).frequencies
-    np.testing.assert_allclose(locked[0], analytical.wave_numbers("clamped_free")[0] ** 2, rtol=LIMIT)
+    np.testing.assert_allclose(
+        locked[0], analytical.wave_numbers("clamped_free")[0] ** 2, rtol=LIMIT
+    )
     np.testing.assert_allclose(freed[1], analytical.hub(0.1)[0] ** 2, rtol=LIMIT)
 
 
@@ -229,7 +231,9 @@ def test_two_cubic_elements_have_the_first_mode_to_a_thousandth(tmp_path: Path) 
 
 def test_one_and_two_quintic_elements_give_the_printed_numbers(tmp_path: Path) -> None:
     one, two = (
-        omega(load(tmp_path, BEAM, scene(f"{{kind: finite_element, elements: {n}, order: quintic}}")))
+        omega(
+            load(tmp_path, BEAM, scene(f"{{kind: finite_element, elements: {n}, order: quintic}}"))
+        )
         for n in (1, 2)
     )
     np.testing.assert_allclose(one[:3], (3.5160, 22.158, 63.347), rtol=1e-3)  # scenes.md 7, row 1
@@ -269,53 +273,6 @@ def test_assumed_modes_are_exact_for_their_own_ends_and_converge_for_others(
     assert -slope(counts, error) == pytest.approx(3.0, abs=0.3)
 
 
-# Preload ---------------------------------------------------------------------------------------
-
-
-PRINTED_LOADED = {-2: 4.606570, -1: 4.110242, 0: 3.516015, 1: 2.753625, 2: 1.580913}
-
-
-@pytest.mark.parametrize("force", PRINTED_LOADED)
-def test_an_axial_force_softens_or_stiffens(force: int, tmp_path: Path) -> None:
-    """A spring pushes a slider that the tip is pinned to; it slides across without friction."""
-    slider = (
-        Body("along", "base", "prismatic", xyz=(1, 0, 0), axis=(1, 0, 0)),
-        Body("across", "along", "prismatic", axis=(0, 1, 0)),
-    )
-    head = f"""
-joints: {{along_joint: {{spring: 1.0, rest: {-force}}}}}
-loops: {{end: {{kind: planar, between: [tip, across]}}}}
-"""
-    m = load(tmp_path, (*BEAM, *slider), scene(head=head))
-    exact = analytical.compressed_cantilever(force)
-    assert exact == pytest.approx(PRINTED_LOADED[force], abs=6e-7)
-    assert omega(m, "gravity")[0] == pytest.approx(exact, rel=LIMIT)
-    assert omega(m, "none")[0] == pytest.approx(analytical.wave_numbers("clamped_free")[0] ** 2, rel=LIMIT)
-
-
-PRINTED_COLUMN = {-5: 4.494313, 5: 2.118486, 7: 1.151553}
-
-
-def column(weight: float, folder: Path, basis: str = RICH) -> float:
-    """omega (negative: buckled) of a standing column; weight is q L^3/EI."""
-    yaml = scene(basis).replace("gravity: [0, 0, 0]", f"gravity: [{-weight!r}, 0, 0]")
-    return float(omega(load(folder, BEAM, yaml), "gravity")[0])
-
-
-@pytest.mark.parametrize("weight", PRINTED_COLUMN)
-def test_a_column_is_softened_by_its_own_weight(weight: float, tmp_path: Path) -> None:
-    # Seven printed digits, and near buckling the error of omega^2 is divided by a small omega^2.
-    assert column(weight, tmp_path) == pytest.approx(PRINTED_COLUMN[weight], rel=LIMIT)
-
-
-def test_a_column_buckles_where_its_frequency_reaches_zero(tmp_path: Path) -> None:
-    below, above = column(7.83, tmp_path), column(7.845, tmp_path)
-    assert below > 0 > above
-    square = [below**2, -(above**2)]
-    critical = 7.83 + 0.015 * square[0] / (square[0] - square[1])  # omega^2 is linear in the load
-    assert critical == pytest.approx(7.83734744, rel=1e-6)
-
-
 # Stiffness -------------------------------------------------------------------------------------
 
 
@@ -325,7 +282,9 @@ def test_a_tip_load_bends_by_PL3_over_3EI_with_any_basis(basis: str, tmp_path: P
     for shear in (False, True):
         extra = f"tip: {{mass: 1.0}}\n    shear: {str(shear).lower()}"
         h = 1e-3  # h/L: shear adds 3 EI/(kappa G A L^2) = 7.8e-7
-        section = f"{{shape: given, A: {12 / h**2!r}, Iy: 1, Iz: 1, J: 1, ky: {KAPPA}, kz: {KAPPA}}}"
+        section = (
+            f"{{shape: given, A: {12 / h**2!r}, Iy: 1, Iz: 1, J: 1, ky: {KAPPA}, kz: {KAPPA}}}"
+        )
         yaml = scene(basis, extra=extra, section=section)
         yaml = yaml.replace("rho: 1", "rho: 1e-16").replace("[0, 0, 0]", "[0, -1, 0]", 1)
         m = load(tmp_path, BEAM, yaml)

@@ -102,9 +102,7 @@ def test_lagging_stiffens_less_by_the_square_of_the_speed(eta: float, tmp_path: 
 
 
 def test_segments_change_nothing_of_a_straight_spinning_beam(tmp_path: Path) -> None:
-    one, three = (
-        steady(tmp_path, 6.0, "chord", segments=n, internal=6)[0][:2] for n in (1, 3)
-    )
+    one, three = (steady(tmp_path, 6.0, "chord", segments=n, internal=6)[0][:2] for n in (1, 3))
     np.testing.assert_allclose(one, three, rtol=LIMIT)
 
 

@@ -1,0 +1,45 @@
+"""Results made up from the synthetic one: six links, names like markup, a mode shape."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.result import Result
+
+EVIL = "</script><script>window.evil=1</script>"
+
+
+def six_links(run: Result) -> Result:
+    arrays, links = dict(run.arrays), dict(run.meta["links"])
+    for key, value in run.arrays.items():
+        if key.startswith("link/"):
+            arrays[key.replace("distal", "other")] = value
+    links |= {name.replace("distal", "other"): about for name, about in links.items()}
+    return Result(run.t, arrays, {**run.meta, "links": links})
+
+
+def renamed(run: Result) -> Result:
+    names = {"distal_1": EVIL, "distal_2": "__proto__"}
+    arrays = {}
+    for key, value in run.arrays.items():
+        for old, new in names.items():
+            key = key.replace(f"link/{old}/", f"link/{new}/")
+        arrays[key] = value
+    links = {names.get(k, k): v for k, v in run.meta["links"].items()}
+    return Result(run.t, arrays, {**run.meta, "links": links, "name": EVIL})
+
+
+def shape(run: Result, frequency: float, size: float) -> Result:
+    """One period of a motion about the first pose of a run."""
+    t = np.linspace(0.0, 1.0 / frequency, 41)
+    wave = size * np.sin(2 * np.pi * frequency * t)
+    arrays = {}
+    for key, value in run.arrays.items():
+        if key.startswith(("link/", "body/")):
+            arrays[key] = value if key.endswith("/x") else np.repeat(value[:1], len(t), axis=0)
+    for name in run.links:
+        rigid = arrays[f"link/{name}/centreline_rigid"]
+        bow = np.sin(np.pi * np.linspace(0, 1, rigid.shape[1]))
+        lift = wave[:, None, None] * bow[:, None] * np.array([0.0, 0.0, 0.01])
+        arrays[f"link/{name}/centreline"] = rigid + lift
+    return Result(t, arrays, {**run.meta, "frames": [], "platform": None, "actuated": []})

@@ -1,0 +1,116 @@
+"""Axial load near and beyond buckling, speeds beyond divergence: right, or said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from tests.analytical import compressed_cantilever
+from tests.scenes import Body, load
+
+CRITICAL = np.pi**2 / 4  # [EI/L^2] of a cantilever
+
+
+def column(folder: Path, push: float, segments: int = 1, side: float = 0.0) -> pf.Mechanism:
+    yaml = f"""
+gravity: [0, 0, 0]
+actuated: []
+forces: {{push: {{at: tip, force: [{-push!r}, {side!r}, 0]}}}}
+flexible:
+  beam:
+    material: {{E: 1, nu: 0.3, rho: 1}}
+    section: {{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}}
+    basis: {{kind: craig_bampton, internal: 4}}
+    end: tip
+    bending_y: true
+    bending_z: false
+    torsion: false
+    segments: {segments}
+"""
+    return load(folder, (Body("beam", "base"), Body("tip", "beam", xyz=(1, 0, 0))), yaml)
+
+
+@pytest.mark.parametrize("share", [-0.8, 0.5, 0.9, 0.99, 0.999])
+def test_frequencies_follow_the_axial_load_up_to_the_buckling_load(
+    share: float, tmp_path: Path
+) -> None:
+    omega = 2 * np.pi * pf.modes(column(tmp_path, share * CRITICAL)).frequencies[0]
+    # 1e-6 of the square at every load; near buckling it is divided by what is left of it.
+    assert omega == pytest.approx(compressed_cantilever(share * CRITICAL), rel=1e-5 / (1 - share))
+
+
+def test_the_first_frequency_turns_imaginary_at_the_buckling_load_and_is_shown_so(
+    tmp_path: Path,
+) -> None:
+    below, above = (
+        pf.modes(column(tmp_path, share * CRITICAL)).frequencies[0] for share in (1 - 1e-6, 1 + 1e-6)
+    )
+    assert below > 0 > above
+
+
+def test_beyond_buckling_the_straight_column_is_reported_unstable(tmp_path: Path) -> None:
+    m = column(tmp_path, 1.2 * CRITICAL, segments=4)
+    assert pf.modes(m).frequencies[0] < 0
+
+
+def test_beyond_buckling_a_disturbed_column_is_bent_or_reported_unstable(tmp_path: Path) -> None:
+    """P/Pc = 1.063: 40 deg on the elastica (Timoshenko, Gere). Newton finds the near, unstable one.
+
+    Its stability is part of the answer: `modes` shows the negative frequency.
+    """
+    m = column(tmp_path, 1.063 * CRITICAL, segments=6, side=1e-3)
+    rest = pf.static_equilibrium(m)
+    turn = sum(
+        float(s.body.rows(s.body.length)[0][3] @ rest.y[s.eta]) for s in m.flexible.expansion.slots
+    )
+    bent = abs(np.degrees(turn)) == pytest.approx(40, abs=4)
+    assert bent or pf.modes(m).frequencies[0] < 0
+
+
+def spun(folder: Path, speed: float, second_order: bool) -> pf.Mechanism:
+    yaml = f"""
+gravity: [0, 0, 0]
+flexible:
+  beam:
+    material: {{E: 1, nu: 0.3, rho: 1}}
+    section: {{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}}
+    end: tip
+    bending_y: true
+    bending_z: false
+    torsion: false
+    second_order: {str(second_order).lower()}
+motion: {{kind: spin_up, joints: {{beam_joint: {speed}}}, duration: 20}}
+"""
+    return load(
+        folder, (Body("beam", "base", "continuous"), Body("tip", "beam", xyz=(1, 0, 0))), yaml
+    )
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0, 8.0])
+def test_a_spinning_beam_is_stable_at_any_speed_with_second_order(
+    speed: float, tmp_path: Path
+) -> None:
+    r = pf.solve(spun(tmp_path, speed, True), until=40.0, dt=2e-2, level="coupled")
+    tip = r.link("beam").deflection[:, -1, 1]
+    # 0.4 rad/s^2 peak at 8 rad/s: a static lag of 11/120 alpha, stiffened.
+    assert np.abs(tip).max() < 0.1
+    assert np.abs(tip[r.t > 25]).max() < 0.02
+
+
+def test_a_linear_body_beyond_its_divergence_speed_is_warned_of_or_stopped(
+    tmp_path: Path,
+) -> None:
+    """Without second order mu^2 = 3.516^2 - Omega^2: from 3.516 rad/s on the answer is wrong."""
+    m = spun(tmp_path, 5.0, False)
+    try:
+        r = pf.solve(m, until=40.0, dt=2e-2, level="coupled")
+    except pf.ConvergenceError as error:
+        warnings = error.result.meta["warnings"]
+    else:
+        warnings = r.meta["warnings"]
+    assert any("second_order" in w and "beam" in w for w in warnings), warnings
+    slow = pf.solve(spun(tmp_path, 1.0, False), until=30.0, dt=2e-2, level="coupled")
+    assert not any("second_order" in w for w in slow.meta["warnings"])

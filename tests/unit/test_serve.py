@@ -1,0 +1,96 @@
+"""Servers on the loopback interface: for this machine, under its own name, and gone afterwards."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pinflex.errors import DescriptionError
+from pinflex.live import Live
+from pinflex.serve import Server
+from tests.synthetic import synthetic_result
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[Server]:
+    (tmp_path / "page.html").write_text("<p>page</p>", encoding="utf-8")
+    with Server(tmp_path / "page.html") as started:
+        thread = threading.Thread(target=started.serve_forever)
+        thread.start()
+        yield started
+        started.shutdown()
+        thread.join()
+
+
+def test_the_page_and_nothing_else_is_served(server: Server) -> None:
+    port = server.server_address[1]
+    assert _get(port, f"127.0.0.1:{port}") == (200, b"<p>page</p>")
+    assert _get(port, f"localhost:{port}")[0] == 200
+    assert _get(port, f"127.0.0.1:{port}", "/../page.html")[0] == 404
+    assert server.server_address[0] == "127.0.0.1"
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:{port}", "127.0.0.1:1", ""])
+def test_another_host_name_is_refused(server: Server, host: str) -> None:
+    port = server.server_address[1]
+    assert _get(port, host.format(port=port))[0] == 403
+
+
+def test_a_port_in_use_is_told(server: Server, tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match="cannot be used"):
+        Server(tmp_path / "page.html", server.server_address[1])
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of pyzmq and tornado
+def test_live_play_listens_to_this_machine_only_and_leaves_nothing_behind(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    before, children = threading.active_count(), _children()
+    with Live(synthetic_result(samples=21)) as live:
+        port = int(live.url.split(":")[2].split("/")[0])
+        status, page = _get(port, f"127.0.0.1:{port}", "/static/")
+        assert (status, b"MeshCat" in page or b"meshcat" in page) == (200, True)
+        assert _get(port, f"evil.example:{port}", "/static/")[0] == 403
+        assert _get(port, f"evil.example:{port}", "/")[0] == 403
+        assert live.url.startswith("http://127.0.0.1:")
+        assert _listening(port) in ({"0100007F"}, set())  # 127.0.0.1, where /proc tells
+        live.play(seconds=0.3)
+        assert _children() == children
+    assert threading.active_count() == before
+    with pytest.raises(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port), 2):
+        pass
+    assert capfd.readouterr().out == ""
+
+
+def _get(port: int, host: str, path: str = "/") -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    try:
+        connection.putrequest("GET", path, skip_host=True)
+        connection.putheader("Host", host)
+        connection.endheaders()
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+    finally:
+        connection.close()
+
+
+def _listening(port: int) -> set[str]:
+    """Local addresses, as /proc/net writes them, that listen on a port."""
+    found = set()
+    for table in (Path("/proc/net/tcp"), Path("/proc/net/tcp6")):
+        for line in table.read_text().splitlines()[1:] if table.is_file() else []:
+            local, state = line.split()[1], line.split()[3]
+            if state == "0A" and int(local.split(":")[1], 16) == port:
+                found.add(local.split(":")[0])
+    return found
+
+
+def _children() -> list[str]:
+    tasks = Path("/proc/self/task")
+    found = tasks.glob("*/children") if tasks.is_dir() else []
+    return sorted(pid for path in found for pid in path.read_text().split())

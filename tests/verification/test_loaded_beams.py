@@ -1,0 +1,59 @@
+"""Beams under axial force and under their own weight: stiffness that loads bring, to buckling.
+
+Every beam has L = rho A = E I = 1, as in test_beams.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests import analytical
+from tests.scenes import Body, load
+from tests.verification.test_beams import BEAM, LIMIT, RICH, omega, scene
+
+PRINTED_LOADED = {-2: 4.606570, -1: 4.110242, 0: 3.516015, 1: 2.753625, 2: 1.580913}
+
+
+@pytest.mark.parametrize("force", PRINTED_LOADED)
+def test_an_axial_force_softens_or_stiffens(force: int, tmp_path: Path) -> None:
+    """A spring pushes a slider that the tip is pinned to; it slides across without friction."""
+    slider = (
+        Body("along", "base", "prismatic", xyz=(1, 0, 0), axis=(1, 0, 0)),
+        Body("across", "along", "prismatic", axis=(0, 1, 0)),
+    )
+    head = f"""
+joints: {{along_joint: {{spring: 1.0, rest: {-force}}}}}
+loops: {{end: {{kind: planar, between: [tip, across]}}}}
+"""
+    m = load(tmp_path, (*BEAM, *slider), scene(head=head))
+    exact = analytical.compressed_cantilever(force)
+    assert exact == pytest.approx(PRINTED_LOADED[force], abs=6e-7)
+    assert omega(m, "gravity")[0] == pytest.approx(exact, rel=LIMIT)
+    assert omega(m, "none")[0] == pytest.approx(
+        analytical.wave_numbers("clamped_free")[0] ** 2, rel=LIMIT
+    )
+
+
+PRINTED_COLUMN = {-5: 4.494313, 5: 2.118486, 7: 1.151553}
+
+
+def column(weight: float, folder: Path, basis: str = RICH) -> float:
+    """omega (negative: buckled) of a standing column; weight is q L^3/EI."""
+    yaml = scene(basis).replace("gravity: [0, 0, 0]", f"gravity: [{-weight!r}, 0, 0]")
+    return float(omega(load(folder, BEAM, yaml), "gravity")[0])
+
+
+@pytest.mark.parametrize("weight", PRINTED_COLUMN)
+def test_a_column_is_softened_by_its_own_weight(weight: float, tmp_path: Path) -> None:
+    # Seven printed digits, and near buckling the error of omega^2 is divided by a small omega^2.
+    assert column(weight, tmp_path) == pytest.approx(PRINTED_COLUMN[weight], rel=LIMIT)
+
+
+def test_a_column_buckles_where_its_frequency_reaches_zero(tmp_path: Path) -> None:
+    below, above = column(7.83, tmp_path), column(7.845, tmp_path)
+    assert below > 0 > above
+    square = [below**2, -(above**2)]
+    critical = 7.83 + 0.015 * square[0] / (square[0] - square[1])  # omega^2 is linear in the load
+    assert critical == pytest.approx(7.83734744, rel=1e-6)
