@@ -1,4 +1,4 @@
-"""The command line: `pinflex check | modes | solve | compare | view`.
+"""The command line: `pinflex check | modes | solve | compare | view | verify`.
 
 Exit codes: 0 done, 1 the scene cannot be solved, 2 bad input, 130 interrupted.
 """
@@ -207,6 +207,19 @@ Writes one page that plays in any browser, offline, and opens it.""",
     p.add_argument(
         "--live", action="store_true", help="play in meshcat, this machine only, until Ctrl-C"
     )
+
+    p = _command(
+        commands,
+        "verify",
+        "published benchmarks on this machine",
+        """
+Runs beams, rotating beams, closed loops and large deflection against published or exact references
+and prints measured, reference, error and limit; takes about a minute.""",
+        "pinflex verify\n  pinflex verify A02 Princeton -o verify.html",
+        model=False,
+    )
+    p.add_argument("cases", nargs="*", metavar="CASE", help="parts of case names (default all)")
+    p.add_argument("-o", "--output", metavar="FILE.html", help="write a page with plots")
     return parser  # fmt: skip
 
 
@@ -247,6 +260,7 @@ examples:
   pinflex modes ur5 --count 6          natural frequencies
   pinflex solve 3rrr -o run.npz        one run
   pinflex view run.npz                 its animation
+  pinflex verify                       published benchmarks on this machine
 
 exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 

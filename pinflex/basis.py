@@ -46,11 +46,9 @@ class FlexibleBody:
     """Stations, stiffness and damping of a beam in coordinates eta.
 
     Attributes:
-        n: Number of coordinates.
+        n: Number of coordinates. labels: Name of each.
         length: Length of the beam (m).
-        families: Functions that span each direction.
-        slices: Place of each direction in eta.
-        labels: Name of each coordinate.
+        families: Functions that span each direction. slices: Place of each in eta.
         second_order: Whether the second-order rows G exist; they are None otherwise.
         x: Stations (m), shape (ns,).
         mass: Their masses rho A w (kg), shape (ns,). End masses are not in them.
@@ -58,13 +56,13 @@ class FlexibleBody:
         xt: Twist stations (m), shape (nt,): none without torsion or with rotary inertia.
         It: Their moments of inertia rho Ip w (kg m^2), shape (nt,).
         Phi_t, G_t: Rows of their rotation rx, shapes (nt, n) and (nt, n, n).
-        rotary: Whether stations have rotary inertia.
+        rotary: Whether stations turn with inertia.
         inertia: rho (Ip, Iy, Iz) w about (x, y, z) (kg m^2), shape (ns, 3); None without.
         Phi_r, G_r: Rows of their rotations (rz, ry, rx), shapes (ns, 3, n) and (ns, 3, n, n).
         K: Stiffness, shape (n, n).
         M: Linear mass matrix of the beam held at its root, shape (n, n); with the end masses,
             unless the link is cut into segments.
-        D: Damping, shape (n, n).
+        D: Damping.
         root_moves: Whether the section at x = 0 moves in the frame of the beam.
         solid: What a reduced solid has beside; None for a beam.
     """
@@ -95,7 +93,7 @@ class FlexibleBody:
 
     @property
     def points(self) -> Array:
-        """Places of the stations (m), shape (ns, 3): on the axis of a beam."""
+        """Places of the stations (m), shape (ns, 3)."""
         return np.outer(self.x, [1.0, 0.0, 0.0]) if self.solid is None else self.solid.points
 
     @property

@@ -231,6 +231,13 @@ def view(args: argparse.Namespace) -> int:
     return 0
 
 
+def verify(args: argparse.Namespace) -> int:
+    """Published benchmarks on this machine."""
+    from pinflex.verify import command
+
+    return command(args)
+
+
 def _close(bars: list[Progress]) -> None:
     for bar in bars:
         bar.close()

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.closure import ClosureState
+from pinflex.closure_state import ClosureState
 from pinflex.coordinate_map import CoordinateMap
 from pinflex.loads import LoadState
 from pinflex.system import System

@@ -144,7 +144,7 @@ class _Assembler:
         self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, ()))
         interfaces: list[Interface] = []
         following = root
-        sections = dict(sorted(inside.items()))
+        sections = dict(inside)
         if body.root_moves and k == 0:
             sections.setdefault(0.0, [])
         elif k == 0 and part.root is not None:
@@ -154,9 +154,8 @@ class _Assembler:
             if local <= 0 and not body.root_moves:
                 carrier, section = root, root.placement
             else:
-                interface = self._interface(body, root, slot_number, local)
-                interfaces.append(interface)
-                carrier, section = interface.attachment, pin.SE3.Identity()
+                interfaces.append(self._interface(body, root, slot_number, local))
+                carrier, section = interfaces[-1].attachment, pin.SE3.Identity()
             if x <= 0 and body.root_moves and part.root is not None:
                 self._append(carrier, end_inertia(part.root))
             if x >= part.length * (1 - 1e-9) and part.tip is not None:
@@ -167,10 +166,7 @@ class _Assembler:
                 self._child(child, Attachment(carrier.joint, section), placement)
             if abs(x - offset - body.length) <= 1e-9 * body.length:
                 following = Attachment(carrier.joint, section)
-        slot = self.slots[slot_number]
-        self.slots[slot_number] = Slot(
-            slot.link, offset, body, eta, root, stations, twists, tuple(interfaces)
-        )
+        self.slots[slot_number] = replace(self.slots[slot_number], interfaces=tuple(interfaces))
         return following
 
     def _solid(
@@ -191,15 +187,13 @@ class _Assembler:
             if self._matters(child):
                 at = part.placement.actInv(self.links[child].placement.translation)
                 nearest[int(np.argmin([np.linalg.norm(at - p) for p in places]))].append(child)
-        interfaces = []
+        interfaces: list[Interface] = []
         for k, children in enumerate(nearest):
-            carrier, section = root, root.placement
-            to_place = part.placement
+            carrier, section, to_place = root, root.placement, part.placement
             if k:
                 node = solid.nodes[k - 1]
-                interface = self._node(root, slot, node.place, node.Phi, node.G)
-                interfaces.append(interface)
-                carrier, section = interface.attachment, pin.SE3.Identity()
+                interfaces.append(self._node(root, slot, node.place, node.Phi, node.G))
+                carrier, section = interfaces[-1].attachment, pin.SE3.Identity()
                 to_place = part.placement * pin.SE3(np.eye(3), node.place)
             for child in children:
                 placement = to_place.actInv(self.links[child].placement)
@@ -223,10 +217,8 @@ class _Assembler:
     def _twists(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
         rows = np.empty(len(body.xt), dtype=np.intp)
         for k, inertia in enumerate(body.It):
-            placement = root.placement
-            joint = self.model.addJoint(
-                root.joint, pin.JointModelRX(), placement, f"twist {self.model.njoints}"
-            )
+            name = f"twist {self.model.njoints}"
+            joint = self.model.addJoint(root.joint, pin.JointModelRX(), root.placement, name)
             rows[k] = self.model.joints[joint].idx_v
             G = None if body.G_t is None else body.G_t[k : k + 1]
             self._map(slot, rows[k : k + 1], body.Phi_t[k : k + 1], G)

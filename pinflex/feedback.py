@@ -130,7 +130,7 @@ class FeedbackState:
         self.u = np.zeros(len(feedback.control.drives))
 
     def force(self, t: float, y: Array, v: Array) -> Array:
-        """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule since `keep`."""
+        """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule."""
         one, self._t = self.feedback, t
         self.m = one.S @ self._dynamics.difference(one.home, y)
         before = self.m if self._m_old is None else self._m_old

@@ -18,7 +18,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError
-from pinflex.integrators import newmark
+from pinflex.integrators import scheme
 from pinflex.linear_march import (
     Instant,
     March,
@@ -38,7 +38,7 @@ from pinflex.system import System
 
 
 def march_of(spec: SolveSpec) -> March:
-    """The method that a scene names: Newmark, unless it is one of the linear ones."""
+    """The method that a scene names: one of the alpha family, or one for linear systems."""
     if spec.integrator == "central_difference":
         return central_difference
     if spec.integrator == "houbolt":
@@ -47,12 +47,8 @@ def march_of(spec: SolveSpec) -> March:
         return partial(wilson_theta, theta=1.4 if spec.theta is None else spec.theta)
     if spec.integrator == "mode_superposition":
         return partial(mode_superposition, modes=12 if spec.modes is None else spec.modes)
-    if spec.integrator == "newmark" and spec.newmark is not None:
-        return partial(alpha, newmark(*spec.newmark))
-    # The trapezoidal rule keeps the round-off of the closures' multipliers alive at fine steps; a
-    # Newmark that damps infinite frequency by 5 % a step does not, and changes resolved ones by
-    # (gamma - 1/2) omega h / 2 of critical damping only.
-    return partial(alpha, newmark(0.5 + 0.025, 0.25 * (1.0 + 0.025) ** 2))
+    rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
+    return partial(alpha, scheme(spec.integrator, rho_inf, spec.newmark))
 
 
 def solve_ked(

@@ -102,8 +102,7 @@ class LoadState:
     def dissipation(self, V: Array) -> float:
         """Power that the dampers take, W."""
         return sum(
-            spring.damper
-            * self._tension(spring, a, b, self._point(a), self._point(b), V)[3] ** 2
+            spring.damper * self._tension(spring, a, b, self._point(a), self._point(b), V)[3] ** 2
             for spring, a, b in self._given.springs
         )
 

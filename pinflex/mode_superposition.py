@@ -133,7 +133,7 @@ def _state(now: Instant, here: _Reduced, z: Array, zd: Array, keep: int) -> Stat
         zdd = V @ (V.T @ (here.f - here.C @ zd - here.K @ z))
         z = z + rest
     else:
-        zdd = np.linalg.solve(here.M, here.f - here.C @ zd - here.K @ z)
+        zdd = np.asarray(np.linalg.solve(here.M, here.f - here.C @ zd - here.K @ z))
     d, v = here.Z @ z, here.Z @ zd + here.Zd @ z
     a = here.Z @ zdd + 2 * here.Zd @ zd + here.Zdd @ z
     return with_multipliers(now, d, v, a)

@@ -63,7 +63,7 @@ def read_patches(value: object, where: str, E: float, section: Section) -> tuple
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
         block = schema.mapping(item, here, ("from", "to", "constant", *sizes), ("from", "to"))
-        ends = [schema.number(block[key], schema.at(here, key)) for key in ("from", "to")]
+        start, end = (schema.number(block[k], schema.at(here, k)) for k in ("from", "to"))
         if "constant" in block:
             for key in block.keys() & set(sizes):
                 raise DescriptionError(f"{schema.at(here, key)}: `constant` says it. Give one.")
@@ -71,9 +71,11 @@ def read_patches(value: object, where: str, E: float, section: Section) -> tuple
         else:
             schema.mapping(item, here, None, sizes)
             d31 = schema.number(block["d31"], schema.at(here, "d31"))
-            rest = [schema.number(block[k], schema.at(here, k), above=0) for k in sizes[1:]]
+            E_patch, width, thickness = (
+                schema.number(block[k], schema.at(here, k), above=0) for k in sizes[1:]
+            )
             y, z = zip(*section.outline, strict=True)
             h, b = max(y) - min(y), max(z) - min(z)
-            constant = piezo_constant(d31, *rest, E, b, h)
-        found.append(Patch(name, *ends, constant))
+            constant = piezo_constant(d31, E_patch, width, thickness, E, b, h)
+        found.append(Patch(name, start, end, constant))
     return tuple(found)

@@ -346,6 +346,5 @@ def title(ax: Axes, text: str) -> None:
 
 def _legend(figure: Figure, ax: Axes) -> None:
     handles, labels = ax.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=len(labels), frameon=False, fontsize=9
-    )
+    style: dict[str, Any] = {"ncols": len(labels), "frameon": False, "fontsize": 9}
+    figure.legend(handles, labels, loc="outside upper center", **style)

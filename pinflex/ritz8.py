@@ -15,7 +15,7 @@ def ritz8(length: float, direction: str, shear_ratio: float) -> Family:
     twist has the stiffness G J / l.
     The frame of the link is fixed to its root section, not to the chord, so the shapes are those
     of the chord less a rotation; q1 and q4 move the whole link, which its joint does already.
-    Source: eq. 1-3 of the article on the 3-TPT (models/3tpt/SOURCE.md).
+    Source: Liu, Zhu, Zhao, the link of the 3-TPT (models/3tpt/SOURCE.md).
     """
     one = hermite(length, 1, "cubic", direction=direction, shear_ratio=shear_ratio)
     if direction in BENDING:

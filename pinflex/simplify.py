@@ -66,8 +66,8 @@ def _clustered(
 def _nearest(vertices: Array, faces: IntArray, group: IntArray, cell: float) -> Array:
     """Where each cell's planes come closest to one point, about the mean of its vertices."""
     count = int(group.max()) + 1
-    mean = np.stack([np.bincount(group, vertices[:, a], count) for a in range(3)], axis=1)
-    mean = mean / np.bincount(group, minlength=count)[:, None]
+    total = np.stack([np.bincount(group, vertices[:, a], count) for a in range(3)], axis=1)
+    mean = total / np.bincount(group, minlength=count)[:, None]
     normal = _normals(vertices, faces)
     area = np.linalg.norm(normal, axis=1)
     unit = normal / np.maximum(area, 1e-300)[:, None]

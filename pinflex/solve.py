@@ -182,7 +182,7 @@ def _run(
         structural = ked_terms == "structural"
         static = spec.start == "static"
         run = solve_ked(mechanism, motion, t, march_of(spec), static, structural, progress)
-        run.settings["integrator"] = spec.integrator if spec.integrator in KED_ONLY else "newmark"
+        run.settings["integrator"] = spec.integrator
     else:
         run = _coupled(mechanism, motion, spec, t, rho, tolerance, progress, control)
     return thin(run, every)

@@ -121,7 +121,12 @@ def write(done: Study, folder: Path) -> list[Path]:
         limit = min(strengths, default=None)
         title = f"{done.table.name}: {best.level} against rigid"
         page = folder / "animation.html"
-        files.append(write_html(best, page, rigid=rigid, limit=limit, title=title))
+        about = done.mechanism.description
+        folders: list[str | Path] = [
+            *about.package_dirs,
+            *([about.path.parent] if about.path else []),
+        ]
+        files.append(write_html(best, page, rigid=rigid, limit=limit, title=title, meshes=folders))
     return files
 
 

@@ -83,13 +83,15 @@ def summary(body: FlexibleBody, count: int = 12) -> str:
     """
     data = modal_data(body)
     I = data["inertia"]  # noqa: E741 - the symbol of the quantity
-    centre = ", ".join(f"{x:.6g}" for x in data["centre"])
+    near = np.where(np.abs(data["centre"]) < 1e-12 * body.length, 0.0, data["centre"])
+    I = np.where(np.abs(I) < 1e-12 * np.trace(I), 0.0, I)  # noqa: E741
+    centre = ", ".join(f"{x:.6g}" for x in near)
     lines = [
         "Modal summary (SI: kg, m, s; frame: x along the span from its start)",
         f"  mass             {data['mass']:.9g} kg",
         f"  centre           ({centre}) m",
-        f"  inertia, centre  xx {I[0, 0]:.6g}, yy {I[1, 1]:.6g}, zz {I[2, 2]:.6g}, "
-        f"xy {I[0, 1]:.3g}, yz {I[1, 2]:.3g}, zx {I[2, 0]:.3g} kg m^2",
+        f"  inertia, centre  xx {I[0, 0]:.6g}, yy {I[1, 1]:.6g}, zz {I[2, 2]:.6g} kg m^2",
+        f"                   xy {I[0, 1]:.3g}, yz {I[1, 2]:.3g}, zx {I[2, 0]:.3g} kg m^2",
         f"  coordinates      {body.n}, inertia on {data['points']} points",
     ]
     if body.solid is not None:

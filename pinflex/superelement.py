@@ -129,9 +129,7 @@ def reduce(
     shapes, K, squares = _craig_bampton(solid, T, moving, modes, where)
     n = shapes.shape[2]
     mass = solid.mass
-    M = np.zeros((n, n))
-    for c in range(3):
-        M += shapes[:, c].T @ (mass @ shapes[:, c])
+    M = np.sum([shapes[:, c].T @ (mass @ shapes[:, c]) for c in range(3)], axis=0)
     M = 0.5 * (M + M.T)
     bends = None
     solve = _factor(T.T @ solid.K @ T, where)
@@ -152,13 +150,8 @@ def reduce(
     if bends is not None:
         G = (onto @ (z.T @ (mass @ bends[0].reshape(len(z), -1)))).reshape(ns, 3, n, n)
     nodes = tuple(
-        Node(
-            name,
-            centre,
-            _node_rows(np.eye(n), k),
-            None if bends is None else _node_rows(bends[1], k),
-        )
-        for k, ((name, _), centre) in enumerate(zip(regions[1:], centres[1:], strict=True))
+        Node(name, at, _node_rows(np.eye(n), k), bends and _node_rows(bends[1], k))
+        for k, ((name, _), at) in enumerate(zip(regions[1:], centres[1:], strict=True))
     )
     x = np.linspace(0.0, length, SECTIONS)
     rows, curved = _sections(solid, x, shapes, bends, nodes)

@@ -19,6 +19,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.collada import read_collada
+from pinflex.errors import DescriptionError
 from pinflex.result import Result
 from pinflex.simplify import simplify
 
@@ -68,7 +69,7 @@ def surfaces(
     visuals = _visuals(result)
     count = sum(1 for parts in visuals.values() for part in parts if part.file)
     most = int(np.clip(TRIANGLES / max(count, 1), 200, MOST))
-    roots = [*_robot_data(), *(Path(f).resolve() for f in folders)]
+    roots = [*_robot_data(), *map(_folder, folders)]
     found: dict[str, Surface] = {}
     missing: list[str] = []
     thinned = 0
@@ -211,6 +212,12 @@ def _robot_data() -> list[Path]:
             if (parent / "share" / "example-robot-data").is_dir():
                 return [parent / "share"]
     return []
+
+
+def _folder(name: str | Path) -> Path:
+    if not Path(name).is_dir():
+        raise DescriptionError(f"view: meshes: {name}: no such folder. Name one that holds them.")
+    return Path(name).resolve()
 
 
 def _resolve(name: str, roots: Sequence[Path]) -> Path | None:

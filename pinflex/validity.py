@@ -124,9 +124,9 @@ def warnings(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> list[s
         segments, second = len(part.bodies), part.spec.second_order
         if not np.isfinite(m.deflection) or m.deflection > DEFLECTION or m.rotation > ROTATION:
             said.append(
-                f"{name}: deflection is {_percent(m.deflection)} of the length and {m.rotation:.2g} "
-                f"rad in one of {segments} segment(s), beyond what one carries; raise "
-                f"flexible.{name}.segments."
+                f"{name}: deflection is {_percent(m.deflection)} of the length and "
+                f"{m.rotation:.2g} rad in one of {segments} segment(s), beyond what one carries; "
+                f"raise flexible.{name}.segments."
             )
         if not second and m.speed > SPEED:
             grows = "" if m.when is None else f" and it runs away from t = {m.when:.4g} s on"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import base64
 import io
 import time
@@ -120,6 +121,26 @@ def _records(case: Case, outcome: Outcome, seconds: float) -> list[Record]:
     ]  # fmt: skip
 
 
+def command(args: argparse.Namespace) -> int:
+    """`pinflex verify`: print the table or JSON, write the page; 1 if something fails."""
+    from pinflex.console import Progress, print_json, writable
+
+    writable(args.output)
+    bar = Progress("verify")
+    try:
+        found = verify(args.cases, lambda _, k, n: bar(k, n))
+    finally:
+        bar.close()
+    page = None if args.output is None else write_page(found, args.output)
+    if args.json:
+        print_json({"passed": found.passed, "records": found.to_json(), "page": page})
+    else:
+        print(text(found), end="")
+        if page is not None:
+            print(f"\nwrote {page}")
+    return 0 if found.passed else 1
+
+
 # Text --------------------------------------------------------------------------------------------
 
 
@@ -128,9 +149,7 @@ def text(found: Verification) -> str:
     blocks = []
     for name, records in _by_case(found.records):
         first = records[0]
-        rows = [
-            ["ok" if r.passed else "FAILED", r.quantity, *_figures(r)] for r in records
-        ]
+        rows = [["ok" if r.passed else "FAILED", r.quantity, *_figures(r)] for r in records]
         head = f"{name}   [{first.source}; {first.seconds:.1f} s]"
         header = "|quantity|measured|reference|error|limit"
         blocks.append(table(head, header, rows, (6, 46)))
@@ -139,7 +158,9 @@ def text(found: Verification) -> str:
     good = sum(r.passed for r in found.records)
     seconds = sum(records[0].seconds for _, records in _by_case(found.records))
     verdict = "all within their limits" if found.passed else "SOME ARE OUTSIDE THEIR LIMITS"
-    blocks.append(f"{good} of {len(found.records)} quantities passed in {seconds:.0f} s: {verdict}.")
+    blocks.append(
+        f"{good} of {len(found.records)} quantities passed in {seconds:.0f} s: {verdict}."
+    )
     return "\n\n".join(blocks) + "\n"
 
 
@@ -147,7 +168,6 @@ def _figures(r: Record) -> list[str]:
     error = f"{r.error:.1e}" if r.error else "0"
     limit = f"{r.tolerance:g}"
     return [f"{r.measured:.8g}", f"{r.reference:.8g}", error, limit]
-
 
 
 def _by_case(records: Iterable[Record]) -> list[tuple[str, list[Record]]]:
@@ -213,7 +233,9 @@ def _figure(picture: Picture) -> str:
     figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     axes = figure.add_subplot()
     for line in picture.series:
-        style = {"marker": "o", "linestyle": "none", "markersize": 5} if line.reference else {}
+        style: dict[str, Any] = (
+            {"marker": "o", "linestyle": "none", "markersize": 5} if line.reference else {}
+        )
         axes.plot(line.x, line.y, label=line.label, **style)
     axes.set_title(picture.title)
     axes.set_xlabel(picture.x)

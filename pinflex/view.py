@@ -93,7 +93,7 @@ def write_modes_html(
         path: The .html file to write.
         title: Heading; default the mechanism's name.
     """
-    scenes = []
+    scenes: list[dict[str, Any]] = []
     for frequency, result in shapes:
         scene = build_scene(result)
         largest = scene["largest"]
@@ -105,6 +105,8 @@ def write_modes_html(
             "plots": [],
             "track": None,
         }
+        for part in [*scene["links"], *scene["bodies"]] if scenes else []:
+            part["mesh"] = bool(part["mesh"])  # that of the first mode: all show one robot
         scenes.append(scene)
     if not scenes:
         raise DescriptionError("view: no mode shape was given. Compute at least one mode.")

@@ -10,8 +10,8 @@ from pinflex.arrays import Array
 from pinflex.dynamics import Dynamics
 from pinflex.system import System
 
-# Two central differences, at h and h/2, extrapolated: h^4 f5/480 and round-off over h are both below
-# 1e-11 of functions of order one.
+# Two central differences, at h and h/2, extrapolated: h^4 f5/480 and round-off over h are both
+# below 1e-11 of functions of order one.
 STEP = 4e-4
 
 

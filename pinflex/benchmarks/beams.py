@@ -144,10 +144,10 @@ def rotating() -> Outcome:
     at = np.linspace(0.0, 12.0, 13)
     lines = [Series(f"pinflex, {plane}", at, np.array([turning(e, plane)[0] for e in at]))
              for plane in ("flap", "chord")]  # fmt: skip
-    eta = np.array(list(FLAP))
+    speeds = np.array(list(FLAP))
     first = np.array([f[0] for f in FLAP.values()])
-    lines += [Series("published, flap", eta, first, True),
-              Series("published, chord", eta, np.sqrt(first**2 - eta**2), True)]  # fmt: skip
+    lines += [Series("published, flap", speeds, first, True),
+              Series("published, chord", speeds, np.sqrt(first**2 - speeds**2), True)]  # fmt: skip
     picture = Picture("B rotating cantilever", "speed of rotation, eta", "first frequency",
                       tuple(lines))  # fmt: skip
     return Outcome(tuple(checks), picture)

@@ -94,9 +94,7 @@ def elastica() -> Outcome:
     checks, drop = [], []
     names = ("tip angle [rad]", "tip drop / L", "tip x / L")
     for a, exact in ELASTICA.items():
-        coarse, fine = (
-            _planar(tip_pose(cantilever(n, f"force: [0, {-a}, 0]"))) for n in (5, 10)
-        )
+        coarse, fine = (_planar(tip_pose(cantilever(n, f"force: [0, {-a}, 0]"))) for n in (5, 10))
         drop.append(fine[1])
         for label, found, limit in (
             ("10 segments", fine, 2e-3),
@@ -107,11 +105,11 @@ def elastica() -> Outcome:
                 Check(f"a = {a:g}, {label}, {names[worst]}", float(found[worst]), exact[worst],
                       limit, note="second-order segments: 1/n^3")
             )  # fmt: skip
-    a = np.array(list(ELASTICA))
+    loads = np.array(list(ELASTICA))
     picture = Picture(
         "D elastica under a dead tip load", "P L^2 / EI", "tip drop / L",
-        (Series("pinflex, 10 segments", a, np.array(drop)),
-         Series("elliptic integrals", a, np.array([e[1] for e in ELASTICA.values()]), True)),
+        (Series("pinflex, 10 segments", loads, np.array(drop)),
+         Series("elliptic integrals", loads, np.array([e[1] for e in ELASTICA.values()]), True)),
     )  # fmt: skip
     return Outcome(tuple(checks), picture)
 
@@ -133,7 +131,7 @@ def roll_up() -> Outcome:
                        EA=4.8e8, GA=3.231e8)
         )  # fmt: skip
         found.append([pose.translation[0] - 5.0, pose.translation[1], _planar(pose)[0]])
-    best = extrapolated(*np.array(found))
+    best = extrapolated(np.array(found[0]), np.array(found[1]))
     for k, (name, exact) in enumerate(
         (("u_x [m]", -0.59647127), ("u_z [m]", -2.15969389), ("rotation [rad]", 0.67200606))
     ):
@@ -205,7 +203,7 @@ def princeton() -> Outcome:
     checks, rows = [], []
     names = ("45 deg, stiff [mm]", "45 deg, soft [mm]", "45 deg, twist [deg]", "90 deg, soft [mm]")
     for load, published in PRINCETON.items():
-        best = extrapolated(*(_princeton(n, load) for n in (4, 8)), 2)
+        best = extrapolated(_princeton(4, load), _princeton(8, load), 2)
         rows.append(best)
         for name, value, exact in zip(names, best, published, strict=True):
             checks.append(

@@ -159,18 +159,19 @@ def bricard() -> Mechanism:
     """Six revolutes, five rods of 1 m: mobility 1 where counting says 0."""
     points = np.array([(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)], float)
     axes = np.eye(3)[[1, 2, 0, 1, 2, 0]]
-    bodies, parent, at = [], "base", points[0]
+    bodies: list[Body] = []
+    parent, at = "base", tuple(points[0])
     for k in range(5):
         span = points[k + 1] - points[k]
         # A square rod of 0.1 m: solid.
         inertia = np.where(np.abs(span) > 0.5, 0.02, 1.01) / 12.0
         bodies.append(
-            Body(f"rod_{k}", parent, "continuous", xyz=at, axis=axes[k], mass=1.0,
-                 com=0.5 * span, inertia=inertia)
+            Body(f"rod_{k}", parent, "continuous", xyz=at, axis=tuple(axes[k]), mass=1.0,
+                 com=tuple(0.5 * span), inertia=tuple(inertia))
         )  # fmt: skip
-        parent, at = f"rod_{k}", span
+        parent, at = f"rod_{k}", tuple(span)
     bodies += [Body("p3", "rod_2", xyz=(0, 0, 1)), Body("end", parent, xyz=at)]
-    bodies.append(Body("wall", "base", xyz=points[5]))
+    bodies.append(Body("wall", "base", xyz=tuple(points[5])))
     yaml = f"""
 gravity: [0, {-G}, 0]
 actuated: []

@@ -9,6 +9,8 @@ const DATA = JSON.parse(document.getElementById("pinflex-data").textContent, (ke
   a.shape = v.shape;
   return a;
 });
+for (const run of DATA.runs.slice(1)) for (const kind of ["links", "bodies"])   // mode shapes share the meshes of the first
+  run[kind].forEach((part, i) => { if (part.mesh === true) part.mesh = DATA.runs[0][kind][i].mesh; });
 const THREE = MeshCat.THREE;
 const MAPS = {                                     // viridis and cividis read the same to colour-blind eyes
   viridis: "44015448186a472d7b4240863b528b33638d2c728e26828e21918c1fa08828ae803fbc735ec96284d44baddc30d8e219fde725",

@@ -41,6 +41,10 @@ class Browser:
         self.driver.get("about:blank")
         self.driver.get_log("browser")
         self.driver.get(f"{page.as_uri()}#{state}")
+        self.wait()
+
+    def wait(self) -> None:
+        """Until the page is ready."""
         for _ in range(300):
             if self.run("return !!(window.pinflex && window.pinflex.ready)"):
                 return

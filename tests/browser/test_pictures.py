@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pinflex.__main__ import main
 from pinflex.capture import film, picture
 from pinflex.errors import DescriptionError
+from pinflex.pictures import instant
+from pinflex.result import Result
 from tests.browser.chromium import CHROMIUM
 
 
@@ -25,3 +28,49 @@ def test_pictures_and_films_are_saved(page: Path, tmp_path: Path) -> None:
         assert getattr(moving, "n_frames", 1) == 5
     with pytest.raises(DescriptionError, match=r"Allowed: \.gif"):
         film(page, tmp_path / "run.avi")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_the_command_saves_the_worst_instant(
+    run: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from PIL import Image
+
+    file = run.save(tmp_path / "run.npz")
+    assert main(["view", str(file), "--png", "worst"]) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / f"run.{x}") for x in ("html", "png")]
+    with Image.open(tmp_path / "run.png") as still:
+        assert still.size == (1280, 800)
+    assert (tmp_path / "run.png").stat().st_size < 400_000
+
+
+def test_without_a_browser_lines_are_drawn_and_it_is_said(
+    run: Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from PIL import Image
+
+    monkeypatch.setenv("PINFLEX_BROWSER", str(tmp_path / "none"))
+    monkeypatch.setattr("pinflex.pictures.SECONDS", 0.5)
+    file = str(run.save(tmp_path / "run.npz"))
+    assert main(["view", file, "--png", "0.03", "--gif"]) == 0
+    assert capsys.readouterr().out.count("no Chromium was found") == 2
+    with Image.open(tmp_path / "run.png") as still:
+        pixels = np.asarray(still.convert("RGB"), float)
+    assert pixels.std() > 5
+    assert np.ptp(pixels, axis=2).max() > 100  # stress in colour, on a robot in grey
+    with Image.open(tmp_path / "run.gif") as moving:
+        assert getattr(moving, "n_frames", 1) == 5
+    assert main(["view", file, "--mp4"]) == 1
+    assert "ask for --gif" in capsys.readouterr().err
+
+
+def test_an_instant_is_a_time_of_the_run_or_the_worst_one(run: Result) -> None:
+    stress = np.max([run.link(n).von_mises.max(axis=1) for n in run.links], axis=0)
+    assert instant(run, "worst") == run.t[stress.argmax()]
+    assert instant(run, "0.05") == 0.05
+    for text in ("0.3", "-1", "nan", "soon"):
+        with pytest.raises(DescriptionError, match="is no instant of the run"):
+            instant(run, text)

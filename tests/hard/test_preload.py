@@ -46,7 +46,8 @@ def test_the_first_frequency_turns_imaginary_at_the_buckling_load_and_is_shown_s
     tmp_path: Path,
 ) -> None:
     below, above = (
-        pf.modes(column(tmp_path, share * CRITICAL)).frequencies[0] for share in (1 - 1e-6, 1 + 1e-6)
+        pf.modes(column(tmp_path, share * CRITICAL)).frequencies[0]
+        for share in (1 - 1e-6, 1 + 1e-6)
     )
     assert below > 0 > above
 
@@ -112,5 +113,5 @@ def test_a_linear_body_beyond_its_divergence_speed_is_warned_of_or_stopped(
     else:
         warnings = r.meta["warnings"]
     assert any("second_order" in w and "beam" in w for w in warnings), warnings
-    slow = pf.solve(spun(tmp_path, 1.0, False), until=30.0, dt=2e-2, level="coupled")
+    slow = pf.solve(spun(tmp_path, 0.5, False), until=30.0, dt=2e-2, level="coupled")
     assert not any("second_order" in w for w in slow.meta["warnings"])

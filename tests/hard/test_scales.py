@@ -133,7 +133,9 @@ actuated: []
     m = load(tmp_path, bodies, yaml)
     omega = 2 * np.pi * pf.modes(m, preload="none").frequencies
     # Two springs of 100 in series under 1.001 kg m^2; the massless row has no frequency.
-    assert omega[np.isfinite(omega) & (omega > 0)][0] == pytest.approx(np.sqrt(50 / 1.001), rel=1e-9)
+    assert omega[np.isfinite(omega) & (omega > 0)][0] == pytest.approx(
+        np.sqrt(50 / 1.001), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("seconds", [1e-6, 1e-3, 1e3, 1e6])

@@ -21,7 +21,8 @@ def five_bar(folder: Path, home: str, extra: str = "") -> pf.Mechanism:
     bodies = []
     for side, x in (("left", 0.0), ("right", 1.0)):
         bodies += [
-            Body(f"{side}_crank", "base", "revolute", (x, 0, 0), mass=mass, com=com, inertia=inertia),
+            Body(f"{side}_crank", "base", "revolute", (x, 0, 0), mass=mass, com=com,
+                 inertia=inertia),
             Body(f"{side}_rod", f"{side}_crank", "revolute", (1, 0, 0), mass=mass, com=com,
                  inertia=inertia),
             Body(f"{side}_end", f"{side}_rod", xyz=(1, 0, 0)),

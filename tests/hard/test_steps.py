@@ -61,7 +61,7 @@ def test_multipliers_are_smooth_for_every_dissipation(rho: float) -> None:
     zigzag = np.abs(lam[2:] - 2 * lam[1:-1] + lam[:-2]) / 4
     # The smooth second difference is lam'' h^2/4, below 1e-3 of lambda's size at 2 ms.
     assert zigzag.max() < 1e-3 * np.abs(lam).max()
-    x, y = r.y.T
+    y = r.y[:, 1]
     vx, vy = r.v.T
     exact = -(vx * vx + vy * vy - 9.81 * y)
     # Second order at 2 ms; lambda is the pull of the rod (its row is scaled by the length, 1 m).
@@ -69,7 +69,7 @@ def test_multipliers_are_smooth_for_every_dissipation(rho: float) -> None:
 
 
 def test_without_any_dissipation_the_zigzag_is_there_and_is_warned_of() -> None:
-    """Index 3 and rho_inf = 1: lambda's zig-zag grows slowly; 2 to 3 % of lambda after 500 steps."""
+    """Index 3 and rho_inf = 1: the zig-zag grows slowly; 2 to 3 % of lambda after 500 steps."""
     lam = release(pendulum(), 1.0, 2e-3, rho_inf=1.0).lam[:, 0]
     zigzag = np.abs(lam[2:] - 2 * lam[1:-1] + lam[:-2]) / 4
     assert 5e-3 < zigzag.max() / np.abs(lam).max() < 0.1
@@ -86,7 +86,6 @@ def test_position_speed_and_multiplier_converge_with_order_two(rho: float) -> No
     errors = []
     for h in (4e-3, 2e-3, 1e-3):
         r = release(m, 1.0, h, rho_inf=rho, tolerance=1e-9)
-        x, y = r.y[-1]
         exact = np.array([-0.986291751132, -0.165010853126])
         speed = np.sqrt(2 * 9.81 * -exact[1])
         pull = speed**2 - 9.81 * exact[1]
@@ -118,7 +117,7 @@ def test_energy_over_long_time_decays_with_dissipation_and_never_grows() -> None
         assert drift[-1] < 1e-6
 
 
-def test_a_step_that_resolves_nothing_still_ends_or_says_so(tmp_path: Path) -> None:
+def test_a_step_that_resolves_nothing_ends_in_advice_to_halve_it(tmp_path: Path) -> None:
     """0.5 s steps on a beam that rings at 560 rad/s."""
     bodies = (Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(1, 0, 0)))
     yaml = """
@@ -130,10 +129,8 @@ flexible:
     end: tip
 """
     m = load(tmp_path, bodies, yaml)
-    try:
-        r = pf.solve(m, pf.quintic(joints={"beam_joint": 0.5}, duration=5.0), dt=0.5, samples=11,
-                     until=10.0, level="coupled")  # fmt: skip
-    except pf.ConvergenceError as error:
-        assert "dt" in str(error)
-    else:
-        assert np.abs(r.link("beam").deflection).max() < 0.05
+    move = pf.quintic(joints={"beam_joint": 0.5}, duration=5.0)
+    with pytest.raises(pf.ConvergenceError, match="Halve dt") as caught:
+        pf.solve(m, move, dt=0.5, samples=11, until=10.0, level="coupled")
+    # The run so far holds sound instants only: the static sag is 5 mm.
+    assert np.abs(caught.value.result.link("beam").deflection[:, :, :3]).max() < 0.05

@@ -25,11 +25,9 @@ def test_the_published_constant_of_a_patch() -> None:
 
 def test_a_constant_voltage_bends_a_beam_by_two_opposite_moments() -> None:
     # Between the ends of the patch the moment k V, nothing outside: a tip that turns by k V l / EI.
-    m = pf.load(
-        "cantilever",
-        ["gravity=[0,0,0]", "flexible.beam.damping={modal: 1.0}", "motion={kind: hold, duration: 1}",
-         "flexible.beam.patches={pzt: {from: 0.3, to: 0.5, constant: 0.01}}"],
-    )  # fmt: skip
+    patch = "flexible.beam.patches={pzt: {from: 0.3, to: 0.5, constant: 0.01}}"
+    still = ("gravity=[0,0,0]", "motion={kind: hold, duration: 1}")
+    m = pf.load("cantilever", [*still, "flexible.beam.damping={modal: 1.0}", patch])
     part = m.parts["beam"]
     EI = part.spec.material.E * part.spec.section.Iz
     volts = 1e-3 * EI / 0.01 / 0.2  # a milliradian

@@ -18,23 +18,24 @@ from pinflex.system import System
 from tests.finite import by_configuration, by_time, by_vector, close, random_state
 from tests.scenes import Body, load
 
-# The differences are good to about 1e-10 of a column's largest entry; the smallest term that could be
-# missing is 1e-3 of it.
+# The differences are good to about 1e-10 of a column's largest entry; the smallest term that could
+# be missing is 1e-3 of it.
 DIFFERENCES = 1e-8
 ROUNDING = 1e-11  # of sums of a few hundred terms
 SEEDS = (1, 2)
 
 # A tree on a free base with ball, universal, continuous and sliding joints and two bent links in
 # two bases: every chart of the configuration manifold at once. Closed by a distance and a pin.
+BALL = {"mass": 0.3, "com": (0.1, 0.1, 0.05), "inertia": (0.01, 0.02, 0.025)}
 MANIFOLD = (
     Body("body", "base", mass=3.0, com=(0.1, 0.0, 0.05), inertia=(0.1, 0.2, 0.15)),
     Body("boom", "body", "continuous", xyz=(0.3, 0.0, 0.1), axis=(0, 1, 0), mass=0.5),
-    Body("hand", "boom", "fixed", xyz=(0.8, 0.0, 0.1), mass=0.4, com=(0.1, 0.1, 0), inertia=(0.01, 0.02, 0.03)),
-    Body("grip", "hand", "prismatic", xyz=(0.1, 0, 0), axis=(0, 0.6, 0.8), mass=0.2, inertia=(0.01, 0.01, 0.01)),
+    Body("hand", "boom", "fixed", xyz=(0.8, 0.0, 0.1), **BALL),
+    Body("grip", "hand", "prismatic", xyz=(0.1, 0, 0), axis=(0, 0.6, 0.8), **BALL),
     Body("leg", "body", "continuous", xyz=(-0.3, 0.1, 0.0), axis=(0, 0, 1), mass=0.6),
-    Body("foot", "leg", "fixed", xyz=(0.2, 0.5, 0.0), mass=0.3, com=(0, 0, 0.1), inertia=(0.02, 0.01, 0.01)),
+    Body("foot", "leg", "fixed", xyz=(0.2, 0.5, 0.0), **BALL),
     Body("eye", "grip", xyz=(0.0, 0.0, 0.1)),
-)  # fmt: skip
+)
 MANIFOLD_YAML = """
 base: free_flyer
 actuated: [boom_joint]
@@ -172,6 +173,18 @@ def test_the_tangent_is_the_derivative_of_the_residual(
     )
 
 
+def test_newtons_matrix_is_the_weighted_sum_of_the_tangents(case: tuple[System, Array]) -> None:
+    system, home = case
+    if not system.nv:
+        pytest.skip("nothing moves")
+    y, v, a, lam = random_state(system, home, 5)
+    d = Dynamics(system)
+    weights = (0.7, 3e-2, 1e-3)
+    expected = sum(w * part for w, part in zip(weights, d.tangent(y, v, a, lam), strict=True))
+    found = d.iteration_matrix(y, v, a, lam, weights, rates=True)
+    close(found, np.asarray(expected), ROUNDING)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_power_of_all_forces_is_the_rate_of_all_energies(
     case: tuple[System, Array], seed: int
@@ -219,8 +232,8 @@ def test_slender_beams_weigh_what_the_urdf_says(name: str) -> None:
         model.armature[model.joints[model.getJointId(joint)].idx_v] = extra.rotor_inertia
     M = pin.crba(model, model.createData(), m.home)
     ours = Dynamics(m.rigid).mass(m.home)
-    # The links in the URDFs are rods as well, written to nine digits. Those of the ur5 are thicker and
-    # heavier at one end than its tubes, which changes the inertia about the shoulder by 17 %.
+    # The links in the URDFs are rods as well, written to nine digits. Those of the ur5 are thicker
+    # and heavier at one end than its tubes, worth 17 % of the inertia about the shoulder.
     tolerance = 0.2 if name == "ur5" else 1e-8
     np.testing.assert_allclose(np.diag(ours), np.diag(M), rtol=tolerance)
 

@@ -189,7 +189,7 @@ def test_motors_that_do_not_determine_the_motion_are_named(tmp_path: Path) -> No
 
 
 def test_too_few_platform_coordinates_are_counted() -> None:
-    with pytest.raises(pf.MotionError, match="imposes 2 coordinates .* mobility 3"):
+    with pytest.raises(pf.MotionError, match=r"imposes 2 coordinates .* mobility 3"):
         nominal(
             mechanism("3rrr"),
             pf.cycloid(platform={"x": 0.01, "y": 0.0}, duration=1.0),

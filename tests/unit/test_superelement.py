@@ -113,7 +113,7 @@ def test_a_clamped_slender_rod_has_the_frequencies_of_a_beam(rod: FlexibleBody) 
     twist = np.sqrt(STEEL.G / STEEL.rho) / (4 * SPAN)
     stretch = np.sqrt(STEEL.E / STEEL.rho) / (4 * SPAN)
     assert np.min(np.abs(found / twist - 1)) < 5e-3  # 12 modes hold one of torsion
-    assert np.min(np.abs(found / stretch - 1)) < 5e-3
+    assert np.min(np.abs(found / stretch - 1)) < 1e-2  # and one of stretch
     # The second mode, against the same rod with rotary inertia and shear (Timoshenko).
     spec = FlexibleLink(
         "rod", STEEL, Section.circle(D), Basis(internal=4), rotary_inertia=True, shear=True
@@ -257,15 +257,15 @@ def test_results_of_a_solid_have_section_forces_and_stress_on_the_mesh(tmp_path:
     w = m.parts["rod"].mass * 9.81
     root = np.abs(forces[0])
     # Weight of the rod and of the load, at small deflection.
-    assert root[2] == pytest.approx(w + 0.5 * 9.81, rel=1e-4)
-    assert root[4] == pytest.approx(w * SPAN / 2 + 0.5 * 9.81 * (SPAN + 0.05), rel=1e-3)
+    assert root[1] == pytest.approx(w + 0.5 * 9.81, rel=1e-4)
+    assert root[5] == pytest.approx(w * SPAN / 2 + 0.5 * 9.81 * (SPAN + 0.05), rel=1e-3)
     nodes, mises = r.array("link/rod/mesh/nodes"), r.array("link/rod/mesh/von_mises")
     triangles = r.array("link/rod/mesh/triangles").astype(int)
     assert mises.shape == (3, len(nodes))
     assert triangles.max() == len(nodes) - 1
     near = np.abs(nodes[:, 0] - 0.1) < 0.01
     at = float(nodes[near][0, 0])
-    moment = np.interp(at, r.array("link/rod/x"), np.abs(forces[:, 4]))
+    moment = np.interp(at, r.array("link/rod/x"), np.abs(forces[:, 5]))
     # Nominal bending stress, one diameter and more from the clamp; the load also twists (1 %).
     assert mises[-1][near].max() == pytest.approx(moment / (np.pi * D**3 / 32), rel=2e-2)
     # Triangles close the surface: each edge belongs to two of them.
@@ -430,7 +430,11 @@ def test_matrices_that_are_not_those_of_a_solid_are_refused(block: Solid) -> Non
 
 def test_absurd_units_are_refused(tmp_path: Path, block: Solid) -> None:
     with pytest.raises(DescriptionError, match="sound would travel"):
-        of_mesh(stepped_rod([(D, SPAN)], None, "rod"), Material(2.07e5, 2.07e5 / 2.58, 7.8e-9, 0.29), "rod")
+        of_mesh(
+            stepped_rod([(D, SPAN)], None, "rod"),
+            Material(2.07e5, 2.07e5 / 2.58, 7.8e-9, 0.29),
+            "rod",
+        )
     matrices(tmp_path, block, nodes=1e3 * block.nodes)
     with pytest.raises(DescriptionError, match="looks like mm"):
         load(tmp_path, BLOCK, GIVEN % NPZ)

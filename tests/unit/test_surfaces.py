@@ -9,6 +9,7 @@ import pytest
 
 from pinflex.arrays import Array, IntArray
 from pinflex.collada import read_collada
+from pinflex.errors import DescriptionError
 from pinflex.result import Result
 from pinflex.simplify import simplify
 from pinflex.surfaces import TRIANGLES, packed, surfaces
@@ -86,6 +87,8 @@ def test_meshes_are_looked_for_in_the_folders_given_only(tmp_path: Path) -> None
     assert set(found) == {"good", "relative"}
     assert any("mesh not found" in note and "3 more" in note for note in notes)
     assert surfaces(_result(names))[0] == {}
+    with pytest.raises(DescriptionError, match="no such folder"):
+        surfaces(_result(names), [tmp_path / "robbot"])
 
 
 def test_a_broken_mesh_is_told_and_the_link_drawn_otherwise(tmp_path: Path) -> None:

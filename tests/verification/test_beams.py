@@ -187,14 +187,14 @@ flexible:
     ("depth", "tolerance"), [(0.01, 2e-6), (0.05, 4e-5), (0.1, 2e-4), (0.2, 1e-3)]
 )
 def test_a_deep_beam_shears(depth: float, tolerance: float, tmp_path: Path) -> None:
-    """The fourth mode decides the tolerance: with shear, internal modes converge like 1/n^2 only."""
+    """The fourth mode decides the tolerance: internal modes converge like 1/n^2 with shear."""
     found = deep(depth, RICH, tmp_path)
     np.testing.assert_allclose(found, TIMOSHENKO[depth], rtol=tolerance)
     assert found[0] == pytest.approx(TIMOSHENKO[depth][0], rel=3e-6)
 
 
 def test_sheared_elements_converge_with_the_square_to_the_printed_number(tmp_path: Path) -> None:
-    """Their shear is constant along an element: order two, so two meshes extrapolate to the limit."""
+    """Their shear is constant along an element: order two, so two meshes give the limit."""
     basis = "{kind: finite_element, elements: %d, order: cubic}"
     coarse, middle, fine = (deep(0.2, basis % n, tmp_path)[0] for n in (4, 8, 16))
     exact = TIMOSHENKO[0.2][0]
@@ -276,7 +276,14 @@ def test_assumed_modes_are_exact_for_their_own_ends_and_converge_for_others(
 # Stiffness -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("basis", [RICH, "{kind: craig_bampton, internal: 0}", "{kind: finite_element, elements: 1, order: cubic}"])  # fmt: skip
+@pytest.mark.parametrize(
+    "basis",
+    [
+        RICH,
+        "{kind: craig_bampton, internal: 0}",
+        "{kind: finite_element, elements: 1, order: cubic}",
+    ],
+)
 def test_a_tip_load_bends_by_PL3_over_3EI_with_any_basis(basis: str, tmp_path: Path) -> None:
     """A heavy tip on a light beam; also sheared, where a locked element gives 1e-6 of it."""
     for shear in (False, True):

@@ -1,7 +1,7 @@
 """Vibration of a beam that turns steadily: geometric stiffening, gyroscopic terms.
 
-eta = Omega sqrt(m L^4/EI) with L = m = EI = 1. The hub's motor prescribes Omega; the steady state is
-balanced, the residual linearised there by the exact tangent, and the quadratic problem solved.
+eta = Omega sqrt(m L^4/EI) with L = m = EI = 1. The hub's motor prescribes Omega; the steady state
+is balanced, the residual linearised there by the exact tangent, and the quadratic problem solved.
 Source: Wright, Smith, Thresher, Wang (1982), recomputed with a 14-term Ritz series.
 """
 
@@ -29,7 +29,7 @@ FLAP = {
     10: (11.2023278, 33.6403659, 74.6492946),
     12: (13.1701505, 37.6031123, 79.6144785),
 }
-# First chord frequency at slenderness 70, with the stretch that Coriolis forces cause (five digits).
+# First chord frequency at slenderness 70, with the stretch that Coriolis forces cause.
 SLENDER_CHORD = {2: 3.6195, 4: 3.888, 6: 4.2393, 8: 4.6105, 10: 4.97}
 
 

@@ -1,0 +1,64 @@
+"""A run that leaves the theory says so, in words that tell what to change; a safe one is quiet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex import validity
+from tests.scenes import Body, load
+
+ARM = (Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(1, 0, 0)))
+
+
+def arm(folder: Path, force: str, *, segments: int = 1, second_order: bool = True) -> pf.Mechanism:
+    yaml = f"""
+gravity: [0, 0, 0]
+forces: {{load: {{at: tip, {force}}}}}
+flexible:
+  beam:
+    material: {{E: 1, nu: 0.3, rho: 1}}
+    section: {{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}}
+    end: tip
+    bending_y: true
+    bending_z: false
+    torsion: false
+    segments: {segments}
+    second_order: {str(second_order).lower()}
+"""
+    return load(folder, ARM, yaml)
+
+
+def held(m: pf.Mechanism) -> list[str]:
+    r = pf.solve(m, pf.hold(duration=1.0), level="quasistatic", samples=2)
+    return [str(w) for w in r.meta["warnings"]]
+
+
+def test_small_deflection_is_quiet_and_large_asks_for_segments(tmp_path: Path) -> None:
+    assert not held(arm(tmp_path, "force: [0, 0.15, 0]"))  # 5 % of the length
+    said = held(arm(tmp_path, "force: [0, 0.6, 0]"))  # 20 %
+    assert len(said) == 1
+    assert "flexible.beam.segments" in said[0]
+    assert not held(arm(tmp_path, "force: [0, 0.6, 0]", segments=4))
+
+
+def test_compression_is_measured_against_the_euler_load(tmp_path: Path) -> None:
+    m = arm(tmp_path, "force: [-2.0, 0, 0]")
+    assert validity.euler_load(m.parts["beam"]) == pytest.approx(np.pi**2)
+    assert validity.first_frequency(m.parts["beam"]) == pytest.approx(3.51601527, rel=1e-8)
+    assert not held(m)
+    said = held(arm(tmp_path, "force: [-2.0, 0, 0]", second_order=False))
+    assert any("does not see buckling" in w for w in said)
+
+
+def test_the_speed_monitor_is_the_speed_over_the_first_frequency(tmp_path: Path) -> None:
+    m = arm(tmp_path, "force: [0, 0, 0]", second_order=False)
+    turn = pf.spin_up(joints={"beam_joint": 1.0}, duration=10.0)
+    r = pf.solve(m, turn, level="coupled", dt=2e-2, until=15.0)
+    said = [w for w in r.meta["warnings"] if "second_order" in w]
+    assert len(said) == 1
+    assert "0.28 of its first frequency" in said[0]  # 1/3.516
+    assert "runs away" not in said[0]

@@ -1,0 +1,121 @@
+"""Which test notices which broken physics: `python tests/mutations.py` (not collected by pytest).
+
+Each mutation switches one thing off inside a fresh interpreter and runs a handful of tests there.
+The tests must pass without it and at least one must fail with it; its name is printed.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PATIENCE = 600  # [s] for the tests of one mutation
+
+# Name: what runs before the tests, and where they are.
+MUTATIONS = {
+    "foreshortening off: bodies are linear": (
+        """
+import pinflex.basis as basis
+plain = basis.flexible_body
+from dataclasses import replace
+def linear(link, *rest, **more):
+    return plain(replace(link, second_order=False), *rest, **more)
+basis.flexible_body = linear
+import pinflex.parts
+pinflex.parts.flexible_body = linear
+""",
+        ["tests/verification/test_rotating_beam.py", "tests/hard/test_preload.py"],
+    ),
+    "twist rows off: sections do not turn about the beam": (
+        """
+import pinflex.basis as basis, numpy as np
+plain = basis.FlexibleBody.rows
+def rows(self, x):
+    Phi, G = plain(self, x)
+    Phi = Phi.copy(); Phi[5] = 0.0
+    if G is not None:
+        G = G.copy(); G[5] = 0.0
+    return Phi, G
+basis.FlexibleBody.rows = rows
+""",
+        ["tests/verification/test_beams.py", "tests/hard/test_scales.py"],
+    ),
+    "gyroscopic terms off: velocities make no force": (
+        """
+import pinocchio as pin, numpy as np
+plain = pin.rnea
+def rnea(model, data, q, v, a, *more):
+    return plain(model, data, q, np.zeros_like(v), a, *more)
+pin.rnea = rnea
+derivatives = pin.computeRNEADerivatives
+def still(model, data, q, v, a, *more):
+    return derivatives(model, data, q, np.zeros_like(v), a, *more)
+pin.computeRNEADerivatives = still
+""",
+        ["tests/verification/test_rotating_beam.py", "tests/property"],
+    ),
+    "closure projection off: loops are held by accelerations only": (
+        """
+import pinflex.newton as newton, numpy as np
+plain = newton.Newton.step
+def step(self, r, c, *more):
+    return plain(self, r, np.zeros_like(c), *more)
+newton.Newton.step = step
+""",
+        ["tests/hard/test_steps.py", "tests/second_opinion"],
+    ),
+    "consistent start off: accelerations and multipliers begin at zero": (
+        """
+import pinflex.start as start, pinflex.coupled as coupled, numpy as np
+def nothing(dynamics, y, v, held, a_held, tau):
+    a = np.zeros(dynamics.system.nv); a[held] = a_held
+    return a, np.zeros(dynamics.system.closed.n)
+start.consistent_acceleration = nothing
+coupled.consistent_acceleration = nothing
+""",
+        ["tests/hard/test_steps.py", "tests/hard/test_starts.py"],
+    ),
+}
+_LONG = "tests/hard/test_steps.py::test_a_hundred_thousand_steps_do_not_drift_off_the_loop"
+_RUN = """
+import sys, pytest
+sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", "--tb=no", "-rf", "--deselect", {long!r}]
+                     + {paths!r}))
+"""
+
+
+def failures(code: str, paths: list[str]) -> list[str]:
+    """Names of the tests that fail after some code has run."""
+    script = code + _RUN.format(paths=paths, long=_LONG)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True,
+        timeout=PATIENCE, env=environment, check=False,
+    )  # fmt: skip
+    lines = done.stdout.splitlines()
+    failed = [line.split(" - ")[0].removeprefix("FAILED ") for line in lines if "FAILED " in line]
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"the tests did not run:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+    return failed
+
+
+def main() -> int:
+    missed = 0
+    for name, (code, paths) in MUTATIONS.items():
+        healthy = failures("", paths)
+        caught = [test for test in failures(code, paths) if test not in healthy]
+        print(f"\n{name}: caught by {len(caught)}")
+        for test in caught[:8]:
+            print(f"  {test}")
+        if healthy:
+            print(f"  (failed already without it: {', '.join(healthy)})")
+        missed += not caught
+    print(f"\n{len(MUTATIONS) - missed} of {len(MUTATIONS)} mutations caught")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
