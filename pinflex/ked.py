@@ -31,7 +31,7 @@ from pinflex.mechanism import Mechanism
 from pinflex.mode_superposition import mode_superposition
 from pinflex.motion import Motion
 from pinflex.nominal import Nominal, nominal
-from pinflex.quasistatic import balance, structural_stiffness
+from pinflex.quasistatic import structural_stiffness
 from pinflex.run import Run
 from pinflex.supplement import SolveSpec
 from pinflex.system import System
@@ -83,8 +83,7 @@ def solve_ked(
     line = _Line(mechanism, path, v.copy(), a.copy(), structural)
     start = np.zeros(nv)
     if static:
-        found = balance(dynamics, line.flat(0), v[0], a[0], free)
-        start = dynamics.difference(line.flat(0), found.y)
+        start[free] = _static_deviation(line.free(0))
     for k, state in enumerate(march(line.free, nt, h, start[free])):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
             raise _blown_up(system, path.t, y, v, a, lam, torque, k, h)
@@ -104,6 +103,18 @@ def solve_ked(
     }
     cost: dict[str, float] = {"steps": nt, "newton": nt}
     return Run(system, path.t, y, v, a, lam, torque, cost, settings, path=path)
+
+
+def _static_deviation(now: Instant) -> Array:
+    """The linear balance K d - J' dlam = -r, J d = 0 of an instant: what the march starts from.
+
+    The nonlinear balance would leave J d of second order, which the march divides by h^2.
+    """
+    n, rows = len(now.r), len(now.J)
+    S = np.zeros((n + rows, n + rows))
+    S[:n, :n], S[:n, n:], S[n:, :n] = now.K, -now.J.T, now.J
+    solution = np.linalg.solve(S, np.concatenate([-now.r, np.zeros(rows)]))
+    return np.asarray(solution[:n])
 
 
 def _spread(x: Array, rows: IntArray, nv: int) -> Array:
