@@ -123,7 +123,8 @@ def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
         raise SingularityError(
             "modes: a coordinate has neither mass nor stiffness: two coordinates make one motion "
             "(a basis with free ends on a joint that moves the same way), or a massless link "
-            "swings freely. Take a basis clamped at its root, fix the joint, or give the link a mass."
+            "swings freely. Take a basis clamped at its root, fix the joint, or give the link "
+            "a mass."
         )
     follow = -np.linalg.lstsq(L.T @ K @ L, L.T @ K @ H, rcond=None)[0]
     T = H + L @ follow

@@ -112,6 +112,8 @@ def _spec(
                 f"solve: {name}: no such option.{nearest(name, sorted(known | {'ked'}))}"
             )
     changes = {k: v for k, v in {**given, **options}.items() if v is not None}
+    if "newmark" in changes:
+        changes.setdefault("integrator", "newmark")
     spec = replace(mechanism.description.solve, **changes)
     if spec.level not in LEVELS:
         raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
@@ -124,6 +126,11 @@ def _spec(
         raise DescriptionError(
             f"{mechanism.name}: damping.scope: system damps the deviation from the nominal "
             "motion, which only level ked knows. Write scope: links for level coupled."
+        )
+    if "rho_inf" in options and spec.integrator == "newmark":
+        raise DescriptionError(
+            "solve.rho_inf: has no meaning for the integrator newmark, which this scene names. "
+            'Add integrator="generalized_alpha".'
         )
     if spec.dt is not None and not 0 < spec.dt < np.inf:
         raise DescriptionError(f"solve.dt: {spec.dt}. Give a step in s above zero.")

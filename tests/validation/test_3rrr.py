@@ -61,9 +61,6 @@ def test_locked_motors_leave_three_pinned_pinned_links(basis: str) -> None:
     np.testing.assert_allclose(found[3:6], 413.5, rtol=tolerance)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="models/3rrr has 2 internal modes, 0.42 % off at 413.5 Hz; 4 are needed"
-)
 def test_the_model_as_it_ships_meets_both_frequencies() -> None:
     found = pf.modes(pf.load("3rrr"), preload="none").frequencies
     np.testing.assert_allclose(found[:6], [103.37] * 3 + [413.5] * 3, rtol=3e-3)
