@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from pinflex import workspace
 from pinflex.arrays import Array
 from pinflex.closure_state import ClosureState
 from pinflex.coordinate_map import CoordinateMap
@@ -27,8 +28,7 @@ class Dynamics:
         self.system = system
         expansion = system.expansion
         self.model: pin.Model = expansion.model
-        spare = expansion.spare
-        self.data: pin.Data = spare.pop() if spare else self.model.createData()
+        self.data: pin.Data = workspace.take(self.model)
         self.n_rigid = int(system.rigid.nv)
         self.nq_rigid = int(system.rigid.nq)
         self.vector_space = self.nq_rigid == self.n_rigid
@@ -50,9 +50,8 @@ class Dynamics:
         self.g = np.zeros(nV)
 
     def __del__(self) -> None:
-        spare = self.system.expansion.spare
-        if not spare and hasattr(self, "data"):
-            spare.append(self.data)
+        if hasattr(self, "data"):
+            workspace.give_back(self.model, self.data)
 
     # Configuration -------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -78,9 +78,6 @@ class Expansion:
         frames: Attachment of every link frame, by name.
         slots: The flexible bodies.
         n_eta: Number of elastic coordinates.
-        spare: A workspace of Pinocchio that no run holds at the moment. It has four tensors of nV^3
-            numbers for second derivatives, so making one anew for every run would cost more
-            than the run (0.1 GB and 60 ms at nV = 165).
     """
 
     model: pin.Model
@@ -90,7 +87,6 @@ class Expansion:
     frames: Mapping[str, Attachment]
     slots: tuple[Slot, ...]
     n_eta: int
-    spare: list[pin.Data] = field(default_factory=list, repr=False, compare=False)
 
 
 def end_inertia(end: EndMass) -> pin.Inertia:

@@ -57,9 +57,9 @@ def test_every_output_is_of_second_order_in_the_step(key: str) -> None:
 def test_every_output_converges_with_the_modes_of_a_link() -> None:
     reference = outputs(run(4, 5e-5, 0.05))
     found = [outputs(run(n, 5e-5, 0.05)) for n in (0, 1, 2, 3)]
-    for key in ("position", "torque"):
-        errors = [error(o, reference, key) for o in found]
-        assert np.all(np.diff(errors) < 0), (key, errors)
+    errors = [error(o, reference, "torque") for o in found]
+    assert np.all(np.diff(errors) < 0), errors
+    # Poses are within 1.3e-6 from the first mode on; what is left there is the torsion modes.
     # Sudden gravity loads every mode: torques converge like the third power of the number of
     # shapes (2 end shapes and 0 to 3 modes); poses are a static affair and there at once.
     torque = [error(o, reference, "torque") for o in found]
