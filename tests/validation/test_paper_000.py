@@ -88,9 +88,9 @@ def test_a_step_of_10_ms_is_coarse() -> None:
     ("integrator", "dt", "tolerance"),
     [
         ("newmark", 5e-4, 1.5e-2),  # gamma 0.5280: first order
-        ("houbolt", 5e-4, 1e-3),
+        ("houbolt", 5e-4, 5e-3),  # (omega h)^2 of the 13 Hz mode is 2e-3
         ("wilson_theta", 5e-4, 1e-3),
-        ("mode_superposition", 5e-3, 3e-3),
+        ("mode_superposition", 5e-3, 2e-2),  # 12 modes: the torque of one motor lacks the rest
     ],
 )
 def test_the_integrators_agree_at_small_steps(integrator: str, dt: float, tolerance: float) -> None:
@@ -146,10 +146,12 @@ def test_mass_damping_of_the_system_decays_as_it_says() -> None:
     free = pf.load("3rrs", ["damping={rayleigh: [0, 0]}"])
     height = []
     for m in (slow, free):
-        r = pf.solve(m, still, ked="structural", newmark=(0.5, 0.25), dt=2e-3, samples=1001)
+        r = pf.solve(
+            m, still, ked="structural", until=2.0, newmark=(0.5, 0.25), dt=2e-3, samples=1001
+        )
         z = r.array(ERROR)[:, 2]
         # About the static sag, which all of them swing around.
-        height.append(np.abs(z - z.mean())[-250:].max() / np.abs(z - z.mean())[:250].max())
+        height.append(np.abs(z - z.mean())[-125:].max() / np.abs(z - z.mean())[:125].max())
     # exp(-4 * 1.75 / 2) = 0.030 between the two quarter-second windows' peaks.
     assert height[0] / height[1] == pytest.approx(np.exp(-3.5), rel=0.25)
 
