@@ -148,8 +148,11 @@ class _March:
         raise _NoConvergence(r[newton.free])
 
     def _follow(self, size: float) -> None:
-        """Let the scale of the tolerance follow the acceleration: a hard start must not loosen
-        what comes after it. A thousandth of the peak stays: below that lies the round-off of it."""
+        """Let the scale of the tolerance follow the acceleration.
+
+        A hard start must not loosen what comes after it; a thousandth of the peak stays, because
+        below that lies its round-off.
+        """
         self.peak = max(self.peak, size)
         self.reference = max(size, 0.9 * self.reference, 1e-3 * self.peak)
 

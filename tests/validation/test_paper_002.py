@@ -93,7 +93,7 @@ def test_the_end_force_is_the_pin_force_across_the_link() -> None:
         run().link("distal_2").section_y[:, 0],
         run().link("distal_2").deflection[:, 0, 5],
     )
-    # The root section turns with the pinned-free modes; phi is measured across the link's own frame.
+    # The root section turns with the pinned-free modes; phi is across the link's own frame.
     line = np.cos(turn)[:, None] * section
     line[:, :2] += np.sin(turn)[:, None] * np.column_stack([section[:, 1], -section[:, 0]])
     across = -np.einsum("ti,ti->t", pull, line)
