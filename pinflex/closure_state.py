@@ -47,9 +47,11 @@ class ClosureState:
         """c, W and J from the joint poses and Jacobians in the data (both must be current)."""
         cl, loops = self.closed, self._loops
         self.poses.refresh()
-        np.matmul(self.poses.rotation.take(cl.bodies, axis=0), cl.local, out=self._frames)
-        self._frames[:, :, 3] += self.poses.translation.take(cl.bodies, axis=0)
+        joints = self.poses.block.take(cl.bodies, axis=0)
+        rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+        np.matmul(rotations, cl.local, out=self._frames)
         origin = self._frames[:, :, 3]
+        origin += joints[:, 9:]
         np.subtract(origin[loops:], origin[:loops], out=self.gap)
         np.matmul(origin[loops:], SKEW, out=self._arm.reshape(loops, 9))
         if len(cl.point_rows):

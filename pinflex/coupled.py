@@ -129,7 +129,7 @@ class _March:
                 newton.rate = max(size / previous, 1e-3)
             rate = newton.rate if iteration else 0.5
             left = size * rate / (1 - rate) if rate < 0.9 else np.inf
-            if left > max(self.tolerance * self.reference, newton.noise):
+            if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
                 self.reference = max(self.reference, newton.size(now.a))
             if left <= max(self.tolerance * self.reference, newton.noise):
                 if prescribed:

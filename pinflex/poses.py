@@ -26,36 +26,34 @@ def skew(p: Array) -> Array:
 class JointPoses:
     """Rotations and translations of all joints, read straight from Pinocchio's memory.
 
-    Pinocchio keeps the poses of a `Data` in one block (12 numbers each); one strided view of it
-    spares a Python call per joint. The layout is checked once; if it changes, poses are copied.
+    Pinocchio keeps the poses of a `Data` in one block of 12 numbers each; one view of it spares a
+    Python call per joint. The layout is checked once; if it ever changes, poses are copied.
     """
 
     def __init__(self, model: pin.Model, data: pin.Data) -> None:
-        self._data = data
-        self.rotation = np.zeros((model.njoints, 3, 3))
-        self.translation = np.zeros((model.njoints, 3))
+        self._data, n = data, int(model.njoints)
         # Any pose in which all joints differ shows whether the view reads the right numbers.
         move = np.linspace(0.1, 0.2, model.nv)
         pin.forwardKinematics(model, data, pin.integrate(model, pin.neutral(model), move))
-        rotation, translation = data.oMi[0].rotation, data.oMi[0].translation
-        shape, n = np.lib.stride_tricks.as_strided, model.njoints
-        views = (
-            shape(rotation, (n, 3, 3), (96, *rotation.strides)),
-            shape(translation, (n, 3), (96, *translation.strides)),
+        first = data.oMi[0].rotation
+        view = np.lib.stride_tricks.as_strided(first, (n, 12), (96, 8))
+        self._direct = not first.flags.owndata and np.array_equal(view, self._copied())
+        self.block: Array = view if self._direct else self._copied()
+        # A rotation is stored column by column.
+        self.rotation = np.lib.stride_tricks.as_strided(
+            self.block, (n, 3, 3), (self.block.strides[0], 8, 24)
         )
-        self._direct = not rotation.flags.owndata and all(
-            np.array_equal(views[0][k], data.oMi[k].rotation)
-            and np.array_equal(views[1][k], data.oMi[k].translation)
-            for k in range(n)
+        self.translation = self.block[:, 9:]
+
+    def _copied(self) -> Array:
+        return np.array(
+            [np.concatenate([p.rotation.T.ravel(), p.translation]) for p in self._data.oMi]
         )
-        if self._direct:
-            self.rotation, self.translation = views
 
     def refresh(self) -> None:
         """Make the arrays current (nothing to do when they are views)."""
         if not self._direct:
-            for k, pose in enumerate(self._data.oMi):
-                self.rotation[k], self.translation[k] = pose.rotation, pose.translation
+            self.block[:] = self._copied()
 
 
 def columns(jacobian: Array) -> Array:
