@@ -84,6 +84,13 @@ class Newton:
         free = a[self.free]
         return float(np.sqrt((self.weight * free) @ free))
 
+    def closed(self, c: Array) -> bool:
+        """Whether the loops, open by c before the last correction, are closed after it.
+
+        A correction leaves a hundredth of c at most: 1e-11 m.
+        """
+        return not self.rows or float(np.abs(c).max()) < 1e-9
+
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
         """ds (n,) and dlam (rows,) from the residual."""
         b = np.empty(self.n + self.rows)

@@ -276,7 +276,7 @@ def sound(run: Run) -> Run:
     """The run up to its last instant with numbers that mean something."""
     states = np.concatenate([run.y, run.v, run.a, run.lam, run.torque], axis=1)
     # A state that has grown past this is on its way to infinity, not a motion in SI units.
-    good = np.all(np.abs(states) < 1e30, axis=1)  # false for NaN
+    good = np.all(np.abs(states) < 1e9, axis=1)  # false for NaN
     n = len(good) if np.all(good) else int(np.argmin(good))
     k = slice(0, n)
     return replace(

@@ -150,5 +150,5 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
         "bending": bending,
         "normal": normal,
         "shear": shear,
-        "von_mises": np.sqrt(normal**2 + 3.0 * shear**2),
+        "von_mises": np.hypot(normal, np.sqrt(3.0) * shear),
     }
