@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable
 from fnmatch import fnmatchcase
 from typing import Any
 
-import yaml  # type: ignore[import-untyped]
+import yaml
 
 from pinflex.errors import DescriptionError, nearest
 
@@ -22,7 +22,7 @@ _LETTERS: dict[str, Vec3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0
 _MERGE = "tag:yaml.org,2002:merge"
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+class _Loader(yaml.SafeLoader):
     """The safe loader, which also takes 7e10 and 1e-3 for numbers.
 
     PyYAML follows YAML 1.1, where an exponent needs a point before it and a sign inside; people,
