@@ -61,7 +61,7 @@ class _March:
         if self.feedback is not None:
             self.dynamics.push = self.feedback.force(float(self.path.t[k]), y, v)
 
-    def step(self, before: Step, guess: Array, k: int) -> Step:
+    def step(self, before: Step, guess: tuple[Array, Array], k: int) -> Step:
         """The state at step k.
 
         Frozen tangents first; where they fail, once more from the last acceleration with the exact
@@ -69,7 +69,7 @@ class _March:
 
         Args:
             before: State at step k - 1.
-            guess: Predicted acceleration, shape (nv,).
+            guess: Predicted acceleration (nv,) and multipliers (rows,), taken over.
             k: Step number.
         Raises:
             _NoConvergence: With the residual it stopped at.
@@ -78,7 +78,7 @@ class _March:
             return self._attempt(before, guess, k, False)
         except _NoConvergence:
             self.slow = True
-            now = self._attempt(before, before.a.copy(), k, True)
+            now = self._attempt(before, (before.a.copy(), before.lam.copy()), k, True)
             # Far from the motion the equations have other roots; ten lengths off is one of them.
             slots = self.dynamics.system.expansion.slots
             longest = max([1.0, *(slot.body.length for slot in slots)])
@@ -87,26 +87,25 @@ class _March:
                 raise _NoConvergence(np.full(len(self.newton.free), np.nan)) from None
             return now
 
-    def _attempt(self, before: Step, guess: Array, k: int, exact: bool) -> Step:
+    def _attempt(self, before: Step, guess: tuple[Array, Array], k: int, exact: bool) -> Step:
         scheme, h, motors, newton = self.scheme, self.h, self.motors, self.newton
         dynamics, path, prescribed = self.dynamics, self.path, self.drive is None
         am, af = scheme.alpha_m, scheme.alpha_f
         dynamics.loads.time = float(path.t[k])
         to_y, to_v, to_a = scheme.beta * h * h, scheme.gamma * h, scheme.mass_factor
-        s = ((1.0 - af) * guess + af * before.a - am * before.s) / (1.0 - am)
+        a, lam = guess
+        s = ((1.0 - af) * a + af * before.a - am * before.s) / (1.0 - am)
         if prescribed:
-            guess[motors] = s[motors] = path.acceleration[k]
+            a[motors] = s[motors] = path.acceleration[k]
         move = h * before.v + (h * h * (0.5 - scheme.beta)) * before.s + to_y * s
         v = before.v + (h * (1.0 - scheme.gamma)) * before.s + to_v * s
-        now = Step(
-            dynamics.integrate(before.y, move), v, guess, s, before.lam.copy(), before.torque
-        )
+        now = Step(dynamics.integrate(before.y, move), v, a, s, lam, before.torque)
         if prescribed:
             self.axes.write(now.y, path.position[k])
             now.v[motors] = path.velocity[k]
         if self.slow or exact:
             newton.refresh(now, exact)
-        fresh, previous, change = self.slow, 0.0, self._change
+        fresh, change = self.slow, self._change
         for iteration in range(_MAX_ITERATIONS):
             self.control(k, now.y, now.v)
             r = dynamics.residual(now.y, now.v, now.a, now.lam)
@@ -130,12 +129,7 @@ class _March:
                 now.y = dynamics.integrate(before.y, move)
                 if prescribed:
                     self.axes.write(now.y, path.position[k])
-            # The first correction is the predictor's error, the second what it bent the closures
-            # by; only from then on do ratios show how the iteration contracts.
-            if iteration >= 2 and previous > 0:
-                newton.rate = max(size / previous, 1e-3)
-            rate = newton.rate if iteration else 0.5
-            left = size * rate / (1 - rate) if rate < 0.9 else np.inf
+            left = newton.left(iteration, size)
             if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
                 self.reference = max(self.reference, newton.size(now.a))
             if left <= max(self.tolerance * self.reference, newton.noise) and newton.closed(
@@ -153,7 +147,6 @@ class _March:
                 fresh = True
             elif exact:
                 newton.refresh(now, exact)
-            previous = size
         raise _NoConvergence(r[newton.free])
 
     def _follow(self, size: float) -> None:
@@ -175,7 +168,7 @@ class _March:
         dynamics, newton = self.dynamics, self.newton
         if not newton.rows:
             return first
-        after = self.step(first, first.a.copy(), k + 1)
+        after = self.step(first, (first.a.copy(), first.lam.copy()), k + 1)
         held = self.motors if self.drive is None else self.motors[:0]
         tau = None if self.drive is None else after.torque
         a_held = self.path.acceleration[k + 1][: len(held)]
@@ -259,15 +252,16 @@ def integrate(
     now = _first_state(march, start[0], start[1], 0)
     power = keep(0, now)
     march.reference = _force_scale(dynamics, now, march.newton)
-    k, a_last, fresh = 0, now.a, kinks(path)
+    k, last, fresh = 0, now, kinks(path)
     try:
         for k in range(1, steps + 1):
             if k - 1 in fresh:
                 if k > 1:
                     now = _first_state(march, now.y, now.v, k - 1)
-                now, a_last = march.quiet_start(now, k - 1), now.a
-            guess = 2.0 * now.a - a_last
-            a_last, now = now.a, march.step(now, guess, k)
+                now = last = march.quiet_start(now, k - 1)
+            # Both go on as they did: a multiplier left behind would cost one more correction.
+            guess = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam
+            last, now = now, march.step(now, guess, k)
             dynamics.closed.require_on_beams(mechanism.name, float(t[k]))
             new = keep(k, now)
             work[k] = work[k - 1] + (0.5 * march.h) * (power + new)

@@ -47,7 +47,7 @@ class Newton:
         self.n, self.rows = len(self.free), system.closed.n
         self.S = np.zeros((self.n + self.rows, self.n + self.rows), order="F")
         self.count = 0
-        self.rate = 1.0
+        self.rate, self._previous, self._second, self._usual = 1.0, 0.0, 0.0, np.inf
 
     def refresh(self, step: Step, exact: bool = False) -> None:
         """New tangent at a state; raises numpy's LinAlgError when it is singular."""
@@ -72,7 +72,7 @@ class Newton:
             self.J_motors = J[:, self.motors]
         self.motor_rows = full[np.ix_(self.motors, self.free)]
         self.count += 1
-        self.rate = 1e-2
+        self.rate, self._usual = 1e-2, np.inf
         if not len(S):  # every coordinate is a motor: nothing to iterate on
             return
         self.lu, self.pivots, info = self._factor(S)
@@ -90,6 +90,27 @@ class Newton:
         A correction leaves a hundredth of c at most: 1e-11 m.
         """
         return not self.rows or float(np.abs(c).max()) < 1e-9
+
+    def left(self, iteration: int, size: float) -> float:
+        """Error that the corrections of a step leave, from their sizes so far.
+
+        The first correction is the predictor's error, the second what it bent the equations by;
+        only from then on do ratios show how the iteration contracts. Where a step ends before
+        that, the rate of an earlier one holds as long as its second correction was like this one.
+        """
+        rate = 0.5
+        if iteration >= 1:
+            ratio = size / max(self._previous, 1e-300)
+            if iteration == 1:
+                self._second = ratio
+                if self._usual == np.inf:
+                    self._usual = ratio
+                rate = self.rate * max(1.0, ratio / self._usual)
+            else:
+                self.rate = rate = max(ratio, 1e-3)
+                self._usual = self._second
+        self._previous = size
+        return size * rate / (1.0 - rate) if rate < 0.9 else np.inf
 
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
         """ds (n,) and dlam (rows,) from the residual."""
