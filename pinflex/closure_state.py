@@ -45,9 +45,17 @@ class ClosureState:
 
     def evaluate(self) -> None:
         """c, W and J from the joint poses and Jacobians in the data (both must be current)."""
-        cl, loops = self.closed, self._loops
         self.poses.refresh()
-        joints = self.poses.block.take(cl.bodies, axis=0)
+        self.rows_from(self.poses.block)
+        if self.contacts:
+            self._evaluate_contacts()
+        np.matmul(self.W, columns(self._data.J), out=self.J)
+        self.J *= self.closed.row_mask
+
+    def rows_from(self, poses: Array) -> None:
+        """c and W from joint poses, shape (joints, 12) (see `JointPoses`)."""
+        cl, loops = self.closed, self._loops
+        joints = poses.take(cl.bodies, axis=0)
         rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
         np.matmul(rotations, cl.local, out=self._frames)
         origin = self._frames[:, :, 3]
@@ -76,10 +84,6 @@ class ClosureState:
             u = d / cl.lengths[:, None]
             self.W[cl.distance_rows, :3] = u
             self.W[cl.distance_rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
-        if self.contacts:
-            self._evaluate_contacts()
-        np.matmul(self.W, columns(self._data.J), out=self.J)
-        self.J *= cl.row_mask
 
     def _evaluate_contacts(self) -> None:
         if self.J_eta.shape[1] != len(self.eta):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.loads import Loads
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
 from pinflex.motors import MotorAxes, joint_path, motor_axes
@@ -74,18 +75,26 @@ class TorqueDrive:
 
     Attributes:
         kp: N m/rad | N/m, shape (nm,). kd: N m s/rad | N s/m, shape (nm,).
-        feed_forward: N m | N on the run's time grid, shape (nt, nm).
+        feed_forward: N m | N on a grid of times, shape (nt, nm).
+        t: Those times in s, shape (nt,).
     """
 
     kp: Array
     kd: Array
     feed_forward: Array
+    t: Array
 
     def torque(self, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
         """Motor torques at step k in the state (y, v), shape (nm,)."""
         position = path.position[k] - axes.read(y)
         velocity = path.velocity[k] - v[axes.v_at]
         return np.asarray(self.feed_forward[k] + self.kp * position + self.kd * velocity)
+
+    def pull(self, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
+        """Motor torques at the times of a path in the states (y, v), shape (k, nm)."""
+        forward = [np.interp(path.t, self.t, column) for column in self.feed_forward.T]
+        error, rate = path.position - axes.read(y), path.velocity - v[:, axes.v_at]
+        return np.asarray(np.array(forward).T + self.kp * error + self.kd * rate)
 
 
 def kinks(path: MotorPath) -> frozenset[int]:
@@ -104,3 +113,16 @@ def kinks(path: MotorPath) -> frozenset[int]:
     found = np.flatnonzero(sharp[3:-3]) + 3
     # A rough sampled motion bends everywhere: then the steps are what limits it.
     return frozenset({0, *found.tolist()}) if len(found) <= 32 else frozenset({0})
+
+
+def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:
+    """Times in s at which a motion or a load switches: where a piece of it ends."""
+    spec, end = motion.spec, motion.duration
+    times = {end, float(spec.get("smooth", 0.0)), float(spec.get("ramp", 0.0))}
+    if motion.kind == "trapezoid":
+        times.add(end - float(spec["ramp"]))
+    for force, _ in loads.forces:
+        times |= {force.start, force.start + force.ramp}
+        if force.until is not None:
+            times.add(force.until)
+    return tuple(sorted(time for time in times if time > 0.0))

@@ -44,7 +44,7 @@ class Dynamics:
         nV = int(self.model.nv)
         self.Q = pin.neutral(self.model)
         self._maps = [CoordinateMap(block) for block in expansion.blocks]
-        self._K_eta = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
+        self.stiffness = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
         self._V, self._A = np.zeros(nV), np.zeros(nV)
         self.g = np.zeros(nV)
@@ -180,19 +180,20 @@ class Dynamics:
 
     def _add_elastic(self, r: Array, y: Array, v: Array, lam: Array) -> Array:
         if self.flexible:
-            r[self.n_rigid :] += self._K_eta @ y[self.nq_rigid :]
+            r[self.n_rigid :] += self.stiffness @ y[self.nq_rigid :]
         if self.damped:
             r += self.system.D @ v
         if self.sprung:
             s = self.system.springs
-            r[s.v_at] += s.stiffness * (self._spring_angles(y) - s.rest)
+            r[s.v_at] += s.stiffness * (self.spring_angles(y) - s.rest)
         if self.slides:
             r[self.n_rigid :] -= self.closed.J_eta.T @ lam
         if self.push is not None:
             r -= self.push
         return r
 
-    def _spring_angles(self, y: Array) -> Array:
+    def spring_angles(self, y: Array) -> Array:
+        """Positions (rad | m) of the joints with springs."""
         s = self.system.springs
         angle = y[s.q_at].copy()
         for k in np.flatnonzero(s.paired):
@@ -391,9 +392,9 @@ class Dynamics:
         kinetic = 0.5 * float(V @ pin.crba(self.model, self.data, self.Q) @ V)
         gravity = float(pin.computePotentialEnergy(self.model, self.data, self.Q))
         eta = y[self.nq_rigid :]
-        elastic = 0.5 * float(eta @ self._K_eta @ eta)
+        elastic = 0.5 * float(eta @ self.stiffness @ eta)
         s = self.system.springs
-        stretch = self._spring_angles(y) - s.rest
+        stretch = self.spring_angles(y) - s.rest
         spring = 0.5 * float(stretch @ (s.stiffness * stretch))
         if self.loaded:
             pin.computeJointJacobians(self.model, self.data, self.Q)

@@ -22,21 +22,20 @@ class MotorAxes:
     simple: bool
 
     def write(self, y: Array, angle: Array) -> None:
-        """Put motor positions (rad | m), shape (nm,), into y."""
+        """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq)."""
         if self.simple:
-            y[self.q_at] = angle
+            y[..., self.q_at] = angle
             return
-        plain = self.paired == 0
-        y[self.q_at[plain]] = angle[plain]
-        for k in np.flatnonzero(self.paired):
-            y[self.q_at[k]] = np.cos(angle[k])
-            y[self.q_at[k] + 1] = np.sin(angle[k])
+        plain, turning = self.paired == 0, self.paired == 1
+        at = self.q_at[turning]
+        y[..., self.q_at[plain]] = angle[..., plain]
+        y[..., at], y[..., at + 1] = np.cos(angle[..., turning]), np.sin(angle[..., turning])
 
     def read(self, y: Array) -> Array:
-        """Motor positions (rad | m) of y, shape (nm,)."""
-        angle = np.array(y[self.q_at], float)
+        """Motor positions (rad | m), shape (..., nm), of y, shape (..., nq)."""
+        angle = np.array(y[..., self.q_at], float)
         for k in np.flatnonzero(self.paired):
-            angle[k] = np.arctan2(y[self.q_at[k] + 1], y[self.q_at[k]])
+            angle[..., k] = np.arctan2(y[..., self.q_at[k] + 1], y[..., self.q_at[k]])
         return angle
 
 

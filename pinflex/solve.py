@@ -241,7 +241,7 @@ def _torque_drive(mechanism: Mechanism, motion: Motion, spec: SolveSpec, t: Arra
     except MotionError:
         rigid = np.zeros((len(coarse), count))
     forward = np.column_stack([np.interp(t, coarse, column) for column in rigid.T])
-    return TorqueDrive(np.full(count, spec.kp), np.full(count, spec.kd), forward)
+    return TorqueDrive(np.full(count, spec.kp), np.full(count, spec.kd), forward, t)
 
 
 def default_step(mechanism: Mechanism, end: float) -> float:

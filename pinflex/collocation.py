@@ -1,0 +1,91 @@
+"""Radau IIA collocation with s stages: its nodes, integrals and eigenvalues (order 2 s - 1).
+
+Hairer and Wanner 1996, Solving Ordinary Differential Equations II, sections IV.5 and IV.8. The
+accelerations of a step are the polynomial through s stages; velocities and positions are its
+integrals. Newton's equations for all stages fall apart along the eigenvectors of A^-1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from pinflex.arrays import Array
+
+
+@dataclass(frozen=True)
+class Collocation:
+    """Radau IIA with s stages on the unit interval.
+
+    Attributes:
+        c: Nodes, shape (s,), the last one 1.
+        A: Integrals of the stage polynomials up to the nodes, shape (s, s).
+        A2: A A. A2_inverse: Its inverse.
+        values: Eigenvalues of A^-1, one of each conjugate pair, shape (s/2 rounded up,).
+        forward: Stages to eigenvectors, complex, one row for each of `values`.
+        back: Eigenvectors to stages: stages = real(back @ parts).
+        last: Weights of (0, stages) that give the last Legendre coefficient of the polynomial
+            through them, without that of 0, shape (s,).
+    """
+
+    c: Array
+    A: Array
+    A2: Array
+    A2_inverse: Array
+    values: Array
+    forward: Array
+    back: Array
+    last: Array
+
+    @property
+    def s(self) -> int:
+        """Number of stages."""
+        return len(self.c)
+
+    def at(self, x: Array, integrals: int = 0) -> Array:
+        """Weights of the stages for their polynomial, or an integral of it, at x, (len(x), s)."""
+        powers = np.arange(self.s)
+        rows = np.asarray(x, float)[:, None] ** powers
+        for k in range(1, integrals + 1):
+            rows = rows * np.asarray(x, float)[:, None] / (powers + k)
+        return np.asarray(rows @ _monomials(self.s, False))
+
+    def through(self, x: Array) -> Array:
+        """Weights of the value at 0 and of the stages for their polynomial, (len(x), s + 1)."""
+        rows = np.asarray(x, float)[:, None] ** np.arange(self.s + 1)
+        return np.asarray(rows @ _monomials(self.s, True))
+
+
+@cache
+def _monomials(s: int, zero: bool) -> Array:
+    """Values at the nodes (and at 0) to coefficients of the powers."""
+    c = radau(s).c
+    nodes = np.append(0.0, c) if zero else c
+    return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True)))
+
+
+@cache
+def radau(s: int) -> Collocation:
+    """The scheme with s stages (2 to 7: beyond that round-off shows in the eigenvectors)."""
+    from scipy.special import roots_jacobi
+
+    if not 2 <= s <= 7:
+        raise ValueError(f"radau: {s} stages. Take 2 to 7.")
+    inner, _ = roots_jacobi(s - 1, 1, 0)
+    c = np.append((inner + 1.0) / 2.0, 1.0)
+    powers = np.arange(s)
+    V = np.vander(c, increasing=True)
+    A = np.linalg.solve(V.T, (c[:, None] ** (powers + 1) / (powers + 1)).T).T
+    values, vectors = np.linalg.eig(np.linalg.inv(A))
+    inverse = np.linalg.inv(vectors)
+    kept = np.flatnonzero(values.imag > -1e-9)
+    # A pair counts twice: its other half is the conjugate.
+    twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
+    legendre = np.polynomial.legendre.legvander(2.0 * np.append(0.0, c) - 1.0, s)
+    last = np.linalg.inv(legendre)[s, 1:]
+    return Collocation(
+        c, A, A @ A, np.linalg.inv(A @ A), values[kept], inverse[kept], vectors[:, kept] * twice,
+        last,
+    )  # fmt: skip
