@@ -70,6 +70,7 @@ class Loop:
         sleeve: slider: length of the sleeve [m]; 0: it touches the beam at a point.
         pivoting: slider: the sleeve turns freely on three points in line, instead of along the
             beam's tangent at its middle.
+        turning: slider: the sleeve may turn against frame b; else it is fixed to it.
     """
 
     name: str
@@ -81,6 +82,7 @@ class Loop:
     length: float | None = None
     sleeve: float = 0.0
     pivoting: bool = False
+    turning: bool = True
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ def read_loops(value: object, where: str, urdf: Urdf) -> tuple[Loop, ...]:
 
 
 def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
-    keys = ("kind", "between", "axis", "axis_b", "length", "sleeve", "pivoting")
+    keys = ("kind", "between", "axis", "axis_b", "length", "sleeve", "pivoting", "turning")
     block = schema.mapping(value, where, keys, ("kind", "between"))
     place = {key: schema.at(where, key) for key in keys}
     kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
@@ -190,7 +192,7 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
     what = f"link in {urdf.file}"
     a, b = schema.names(block["between"], place["between"], urdf.links, what)
     used = {"axis": _WITH_AXIS, "axis_b": ("universal",), "length": ("distance",)}
-    used |= {"sleeve": ("slider",), "pivoting": ("slider",)}
+    used |= dict.fromkeys(("sleeve", "pivoting", "turning"), ("slider",))
     for key, kinds in used.items():
         if key in block and kind not in kinds:
             raise DescriptionError(
@@ -210,7 +212,12 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
         raise DescriptionError(
             f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
         )
-    return Loop(name, kind, a, b, axis, axis_b, length, sleeve, pivoting)
+    turning = schema.boolean(block.get("turning", True), place["turning"])
+    if pivoting and not turning:
+        raise DescriptionError(
+            f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."
+        )
+    return Loop(name, kind, a, b, axis, axis_b, length, sleeve, pivoting, turning)
 
 
 def read_solve(value: object, where: str) -> SolveSpec:
