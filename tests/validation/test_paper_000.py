@@ -142,7 +142,8 @@ def test_central_difference_agrees_on_a_robot_with_few_coordinates() -> None:
     for key in (ERROR, "torque"):
         want = implicit.array(key)
         gap = np.abs(explicit.array(key) - want)[1:].max(axis=0)
-        assert np.all(gap < 2e-3 * np.abs(want).max())
+        # Houbolt at 1e-4 s has 1e-4 of its second-order error, measured 4.5e-4 at 2.5e-4 s.
+        assert np.all(gap < 2e-4 * np.abs(want).max())
     with pytest.raises(DescriptionError, match="stable below"):
         pf.solve(few, integrator="central_difference", dt=2e-4, **options)
 
