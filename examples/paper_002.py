@@ -32,9 +32,14 @@ def record(t: np.ndarray, lines: dict[str, np.ndarray], unit: str, title: str) -
         right.plot(found.frequency, found.amplitude, lw=1.1, color=colour, label=name)
         for f, height in found.peaks(3) if len(lines) == 1 else ():
             right.annotate(
-                f"{f:.2f} Hz", (f, height), xytext=(3, 3), textcoords="offset points", fontsize=8
+                f"{f:.2f} Hz",
+                (f, height),
+                xytext=(1, 2),
+                textcoords="offset points",
+                fontsize=8,
+                rotation=40,
             )
-        right.margins(y=0.1)
+        right.margins(y=0.22)
     left.set(xlabel="t [s]", ylabel=unit, title=title)
     right.set(xlabel="frequency [Hz]", ylabel=f"amplitude {unit}", title="spectrum")
     for panel in (left, right):

@@ -18,6 +18,7 @@ INTEGRATORS = (
     *("central_difference", "houbolt", "wilson_theta", "mode_superposition"),
 )
 KED_ONLY = INTEGRATORS[3:]
+KED_TERMS = ("full", "structural")
 LOOP_KINDS = (
     "weld",
     "revolute",
@@ -98,6 +99,8 @@ class SolveSpec:
             houbolt, wilson_theta and mode_superposition.
         rho_inf: Spectral radius at infinity [-], 0 to 1; None: the integrator's own.
         newmark: (gamma, beta) [-] of the integrator newmark; None: (1/2, 1/4).
+        ked: Terms of level ked: full, or structural (M, the beams' K and the damping alone, the
+            classical method).
         theta: Length of the step of wilson_theta over dt [-]; None: 1.4.
         modes: Number of modes of mode_superposition; None: 12.
         drive: prescribed (the motors follow the motion) or torque (they push).
@@ -113,6 +116,7 @@ class SolveSpec:
     integrator: str = "generalized_alpha"
     rho_inf: float | None = None
     newmark: tuple[float, float] | None = None
+    ked: str = "full"
     theta: float | None = None
     modes: int | None = None
     drive: str = "prescribed"
@@ -225,6 +229,7 @@ def read_solve(value: object, where: str) -> SolveSpec:
     words = {
         "level": LEVELS,
         "integrator": INTEGRATORS,
+        "ked": KED_TERMS,
         "drive": ("prescribed", "torque"),
         "start": ("straight", "static"),
     }
@@ -267,6 +272,8 @@ def read_solve(value: object, where: str) -> SolveSpec:
             f"{place['integrator']}: {integrator} is for linear systems: level ked only. "
             "Write `level: ked`, or integrator: generalized_alpha."
         )
+    if "ked" in block and fields.get("level", SolveSpec.level) != "ked":
+        raise DescriptionError(f"{place['ked']}: only for `level: ked`. Add it, or remove this.")
     for key, meant in ((key, integrator in names) for key, names in owners.items()):
         if key in block and not meant:
             raise DescriptionError(

@@ -188,6 +188,15 @@ def test_damping_of_the_system_is_for_linear_runs_only() -> None:
         pf.load("3rrs", ["damping={modal: 0.01, scope: system}"])
 
 
+def test_the_published_method_is_available_by_name_in_the_scene() -> None:
+    by_key = pf.solve(pf.load("3rrs", [SYSTEM, "solve.ked=structural"]), samples=101)
+    np.testing.assert_array_equal(by_key.torque, run().torque)
+    with pytest.raises(DescriptionError, match="only for `level: ked`"):
+        pf.load("3rrr", ["solve.ked=structural"])
+    with pytest.raises(DescriptionError, match=r"solve\.ked: struktural.*structural"):
+        pf.solve(robot(), ked="struktural")
+
+
 @pytest.mark.parametrize("integrator", ["houbolt", "wilson_theta", "central_difference"])
 def test_linear_integrators_refuse_the_coupled_level(integrator: str) -> None:
     with pytest.raises(DescriptionError, match="level ked only"):
