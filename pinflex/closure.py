@@ -127,10 +127,14 @@ def closures(
     ends = [(frames[loop.frame_a], frames[loop.frame_b]) for loop in loops]
     sleeves = sleeves or {}
     for k, loop in enumerate(loops):
-        if loop.name in sleeves:  # frame a of a slider is the frame of the beam
+        if loop.name in sleeves:  # both frames of a slider are turned into that of the beam
             here, other = ends[k]
-            beam = Attachment(here.joint, here.placement * sleeves[loop.name].placement)
-            ends[k] = (beam, other)
+            beam = sleeves[loop.name].placement
+            along = other.placement * pin.SE3(beam.rotation, np.zeros(3))
+            ends[k] = (
+                Attachment(here.joint, here.placement * beam),
+                Attachment(other.joint, along),
+            )
     turn_a = [_axes(loop.axis, None) for loop in loops]
     # A universal joint holds the axis of a (z) perpendicular to the axis of b (x here).
     turn_b = [

@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.closure import Closures
+from pinflex.contact import ContactState
 from pinflex.poses import SKEW, JointPoses, columns, skew
-from pinflex.slider import ContactState
 
 
 class ClosureState:
@@ -89,11 +89,9 @@ class ClosureState:
         if self.J_eta.shape[1] != len(self.eta):
             self.J_eta = np.zeros((self.closed.n, len(self.eta)))
         for one in self.contacts:
-            axes, gap = self.frames_a[one.loop, :, :2], self.gap[one.loop]
-            one.update(float(gap @ axes[:, 0]), float(gap @ axes[:, 1]), self.eta)
-            u = np.outer(one.by_X, axes[:, 0]) + np.outer(one.by_Y, axes[:, 1])
-            self.c[one.rows], self.W[one.rows, :3] = one.value, u
-            self.W[one.rows, 3:] = u @ self._arm[one.loop].T
+            k = one.loop
+            one.evaluate(self.frames_a[k], self.frames_b[k], self._arm[k], self.eta)
+            self.c[one.rows], self.W[one.rows] = one.value, one.W
             if self.J_eta.shape[1]:
                 self.J_eta[one.rows, one.eta] = one.by_eta
 
@@ -156,15 +154,11 @@ class ClosureState:
             point(cl.distance_rows, loop, u, du)
         drift = np.zeros(cl.n)
         for one in self.contacts:
-            k, axes = one.loop, self.frames_a[one.loop, :, :2]
-            turn = spin_a[k] @ axes
-            slip = float(axes[:, 0] @ (v_b - v_a)[k] + turn[:, 0] @ self.gap[k])
-            swing = one.by_X_eta @ self.eta_rate[one.eta]
-            du = np.outer(one.by_XX(self.eta) * slip + swing, axes[:, 0])
-            du += np.outer(one.by_X, turn[:, 0]) + np.outer(one.by_Y, turn[:, 1])
-            rate[one.rows, :3] = du
-            rate[one.rows, 3:] = self.W[one.rows, :3] @ swept[k].T + du @ self._arm[k].T
-            drift[one.rows] = swing * slip
+            k = one.loop
+            rate[one.rows], drift[one.rows] = one.bias(
+                spin_a[k], spin_b[k], (v_b - v_a)[k], swept[k], self.gap[k], self.eta,
+                self.eta_rate,
+            )  # fmt: skip
         loop = cl.loop_of
         total: Array = (rate * relative[loop]).sum(1) + (self.W * turned[loop]).sum(1)
         return total + drift
@@ -189,6 +183,9 @@ class ClosureState:
         np.add.at(force, self._distance_loop, pull)
         for one in self.contacts:
             force[one.loop] += lam[one.rows] @ self.W[one.rows, :3]
+            turned_b, turned_a = one.turning_stiffness(lam)
+            on_b[one.loop, 3:, 3:] += turned_b
+            on_a[one.loop, 3:, 3:] += turned_a
         f, arm = skew(force), self._arm
         on_b[:, :3, 3:] += f
         on_b[:, 3:, 3:] += arm @ f
@@ -215,13 +212,5 @@ class ClosureState:
         total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)
         total -= J_a.reshape(-1, width).T @ pushed[1].reshape(-1, width)
         for one in self.contacts:
-            x = self.frames_a[one.loop, :, 0]
-            slip = np.concatenate([x, self._arm[one.loop] @ x]) @ (J_b - J_a)[one.loop]
-            total += float(lam[one.rows] @ one.by_XX(self.eta)) * np.outer(slip, slip)
-            if one.by_X_eta.shape[1]:
-                start = width - len(self.eta)
-                at = slice(start + one.eta.start, start + one.eta.stop)
-                cross = np.outer(slip, lam[one.rows] @ one.by_X_eta)
-                total[:, at] += cross
-                total[at] += cross.T
+            one.add_tangent(total, lam, (J_b - J_a)[one.loop], self.eta, width - len(self.eta))
         return total

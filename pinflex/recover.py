@@ -10,13 +10,13 @@ import pinocchio as pin
 
 from pinflex import mesh_stress, stress
 from pinflex.arrays import Array, IntArray
+from pinflex.contact import section_forces
 from pinflex.dynamics import Dynamics
 from pinflex.expanded import Attachment
 from pinflex.mechanism import Mechanism
 from pinflex.nominal import Nominal
 from pinflex.quasistatic import structural_stiffness
 from pinflex.run import Run
-from pinflex.slider import section_forces
 
 _SECTIONS = (
     21  # per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola
@@ -83,7 +83,7 @@ class Samples:
         self.g = np.empty((nt, model.nv))
         self.f = np.empty((nt, model.njoints, 6))
         contacts = self.dynamics.closed.contacts if run.system.n_eta else []
-        self.sleeves = [(c, np.empty((nt, 3, 4))) for c in contacts]
+        self.sleeves = [(c, np.empty((nt, 3, 7))) for c in contacts]
         self.out: dict[str, Array] = {}
 
     def collect(self) -> None:

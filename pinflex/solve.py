@@ -30,7 +30,7 @@ from pinflex.result import Result
 from pinflex.rigid import solve_rigid
 from pinflex.run import Run
 from pinflex.start import straight_start
-from pinflex.supplement import KED_ONLY, SolveSpec
+from pinflex.supplement import KED_ONLY, KED_TERMS, SolveSpec
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 SAMPLES = 401
@@ -61,14 +61,13 @@ def solve(
         control: Feedback (level coupled); default: the YAML's, False: none.
         progress: Called with (step, steps) on long work.
         **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
-            theta, modes, kp, kd, start; and `ked="full"|"structural"`, `tolerance` (Newton's).
+            theta, modes, ked, kp, kd, start; and `tolerance` (Newton's).
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:
         DescriptionError: An unknown level or option.
         MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
     """
-    ked_terms = options.pop("ked", "full")
     tolerance = options.pop("tolerance", None)
     spec = _spec(mechanism, level, until, dt, samples, options)
     motion = motion if motion is not None else _default_motion(mechanism)
@@ -82,7 +81,7 @@ def solve(
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)
-            run = _run(mechanism, motion, spec, end, ked_terms, tolerance, progress, acting)
+            run = _run(mechanism, motion, spec, end, tolerance, progress, acting)
         except (ConvergenceError, MotionError) as error:
             part, why = error.result, str(error)
             if isinstance(part, Run):
@@ -108,15 +107,15 @@ def _spec(
     known = set(SolveSpec.__dataclass_fields__)
     for name in options:
         if name not in known:
-            raise DescriptionError(
-                f"solve: {name}: no such option.{nearest(name, sorted(known | {'ked'}))}"
-            )
+            raise DescriptionError(f"solve: {name}: no such option.{nearest(name, sorted(known))}")
     changes = {k: v for k, v in {**given, **options}.items() if v is not None}
     if "newmark" in changes:
         changes.setdefault("integrator", "newmark")
     spec = replace(mechanism.description.solve, **changes)
     if spec.level not in LEVELS:
         raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
+    if spec.ked not in KED_TERMS:
+        raise DescriptionError(f"solve.ked: {spec.ked}.{nearest(spec.ked, KED_TERMS)}")
     if spec.integrator in KED_ONLY and spec.level not in ("rigid", "quasistatic", "ked"):
         raise DescriptionError(
             f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
@@ -166,7 +165,6 @@ def _run(
     motion: Motion,
     spec: SolveSpec,
     end: float,
-    ked_terms: str,
     tolerance: float | None,
     progress: Progress | None,
     control: Control | None,
@@ -184,9 +182,7 @@ def _run(
     rho = 0.8 if spec.rho_inf is None else spec.rho_inf
     if spec.level == "ked":
         _need_prescribed(mechanism, spec)
-        if ked_terms not in ("full", "structural"):
-            raise DescriptionError(f"ked: {ked_terms}.{nearest(ked_terms, ('full', 'structural'))}")
-        structural = ked_terms == "structural"
+        structural = spec.ked == "structural"
         static = spec.start == "static"
         run = solve_ked(mechanism, motion, t, march_of(spec), static, structural, progress)
         run.settings["integrator"] = spec.integrator

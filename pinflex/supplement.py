@@ -18,6 +18,7 @@ INTEGRATORS = (
     *("central_difference", "houbolt", "wilson_theta", "mode_superposition"),
 )
 KED_ONLY = INTEGRATORS[3:]
+KED_TERMS = ("full", "structural")
 LOOP_KINDS = (
     "weld",
     "revolute",
@@ -70,6 +71,7 @@ class Loop:
         sleeve: slider: length of the sleeve [m]; 0: it touches the beam at a point.
         pivoting: slider: the sleeve turns freely on three points in line, instead of along the
             beam's tangent at its middle.
+        turning: slider: the sleeve may turn against frame b; else it is fixed to it.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Loop:
     length: float | None = None
     sleeve: float = 0.0
     pivoting: bool = False
+    turning: bool = True
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,8 @@ class SolveSpec:
             houbolt, wilson_theta and mode_superposition.
         rho_inf: Spectral radius at infinity [-], 0 to 1; None: the integrator's own.
         newmark: (gamma, beta) [-] of the integrator newmark; None: (1/2, 1/4).
+        ked: Terms of level ked: full, or structural (M, the beams' K and the damping alone, the
+            classical method).
         theta: Length of the step of wilson_theta over dt [-]; None: 1.4.
         modes: Number of modes of mode_superposition; None: 12.
         drive: prescribed (the motors follow the motion) or torque (they push).
@@ -111,6 +116,7 @@ class SolveSpec:
     integrator: str = "generalized_alpha"
     rho_inf: float | None = None
     newmark: tuple[float, float] | None = None
+    ked: str = "full"
     theta: float | None = None
     modes: int | None = None
     drive: str = "prescribed"
@@ -182,7 +188,7 @@ def read_loops(value: object, where: str, urdf: Urdf) -> tuple[Loop, ...]:
 
 
 def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
-    keys = ("kind", "between", "axis", "axis_b", "length", "sleeve", "pivoting")
+    keys = ("kind", "between", "axis", "axis_b", "length", "sleeve", "pivoting", "turning")
     block = schema.mapping(value, where, keys, ("kind", "between"))
     place = {key: schema.at(where, key) for key in keys}
     kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
@@ -190,7 +196,7 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
     what = f"link in {urdf.file}"
     a, b = schema.names(block["between"], place["between"], urdf.links, what)
     used = {"axis": _WITH_AXIS, "axis_b": ("universal",), "length": ("distance",)}
-    used |= {"sleeve": ("slider",), "pivoting": ("slider",)}
+    used |= dict.fromkeys(("sleeve", "pivoting", "turning"), ("slider",))
     for key, kinds in used.items():
         if key in block and kind not in kinds:
             raise DescriptionError(
@@ -210,7 +216,12 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
         raise DescriptionError(
             f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
         )
-    return Loop(name, kind, a, b, axis, axis_b, length, sleeve, pivoting)
+    turning = schema.boolean(block.get("turning", True), place["turning"])
+    if pivoting and not turning:
+        raise DescriptionError(
+            f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."
+        )
+    return Loop(name, kind, a, b, axis, axis_b, length, sleeve, pivoting, turning)
 
 
 def read_solve(value: object, where: str) -> SolveSpec:
@@ -218,6 +229,7 @@ def read_solve(value: object, where: str) -> SolveSpec:
     words = {
         "level": LEVELS,
         "integrator": INTEGRATORS,
+        "ked": KED_TERMS,
         "drive": ("prescribed", "torque"),
         "start": ("straight", "static"),
     }
@@ -260,6 +272,8 @@ def read_solve(value: object, where: str) -> SolveSpec:
             f"{place['integrator']}: {integrator} is for linear systems: level ked only. "
             "Write `level: ked`, or integrator: generalized_alpha."
         )
+    if "ked" in block and fields.get("level", SolveSpec.level) != "ked":
+        raise DescriptionError(f"{place['ked']}: only for `level: ked`. Add it, or remove this.")
     for key, meant in ((key, integrator in names) for key, names in owners.items()):
         if key in block and not meant:
             raise DescriptionError(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinflex as pf
 from pinflex.dynamics import Dynamics
-from tests.finite import by_configuration, by_time, close, random_state
+from tests.finite import by_configuration, by_time, close, random_state, slope
+from tests.scenes import Body, load
 
 # As in tests/unit/test_dynamics.py: differences are good to 1e-10 of a column's largest entry.
 DIFFERENCES = 1e-8
@@ -105,7 +107,12 @@ WRONG: Sequence[tuple[str, str]] = (
     ("loops.sleeve.sleeve=0.6", "not shorter than the beam"),
     ("loops.sleeve.sleeve=-1", "out of range"),
     ("loops.sleeve.pivoting=true", "Give `sleeve`"),
-    ("flexible.beam.bending_z=true", "deforms in v, w"),
+    ("flexible.beam.segments=2", r"2 segment\(s\)"),
+    (
+        "loops.sleeve={kind: slider, between: [beam, carriage_1], sleeve: 0.03, pivoting: true, "
+        "turning: false}",
+        "lets the sleeve turn",
+    ),
     ("loops.root.sleeve=0.1", "only for slider"),
 )
 
@@ -114,6 +121,149 @@ WRONG: Sequence[tuple[str, str]] = (
 def test_a_wrong_slider_is_refused(change: str, text: str) -> None:
     with pytest.raises(pf.DescriptionError, match=text):
         robot(change)
+
+
+SPACE = """
+actuated: []
+loops:
+  sleeve: {kind: slider, between: [rod, guide]}
+flexible:
+  rod:
+    material: steel
+    section: {shape: rectangle, width: 0.02, thickness: 0.01}
+    end: tip
+    basis: {kind: craig_bampton, internal: 3}
+"""
+ROD = (
+    Body("rod", "base", "floating"),
+    Body("tip", "rod", xyz=(0.5, 0, 0), mass=0.1, inertia=(1e-4, 1e-4, 1e-4)),
+    Body("carriage", "base", "revolute", xyz=(0.2, 0, 0), axis=(0.6, 0, 0.8), mass=0.1,
+         inertia=(1e-4, 1e-4, 1e-4)),
+    Body("guide", "carriage"),
+)  # fmt: skip
+FIXED = "loops.sleeve.turning=false"
+
+
+@pytest.mark.parametrize(
+    ("changes", "rows"),
+    [
+        ((), 2),
+        ((FIXED,), 5),
+        ((FIXED, "loops.sleeve.sleeve=0.04"), 9),
+        (("loops.sleeve.sleeve=0.04",), 6),
+        (("loops.sleeve.sleeve=0.04", "loops.sleeve.pivoting=true"), 4),
+        ((FIXED, "flexible.rod.torsion=false", "flexible.rod.up=[0, 1, 1]"), 5),
+    ],
+)
+def test_in_space_the_rows_hold_both_bendings_and_the_twist(
+    changes: tuple[str, ...], rows: int, tmp_path: Path
+) -> None:
+    m = load(tmp_path, ROD, SPACE, changes)
+    assert m.flexible_report.rank == rows
+    d = Dynamics(m.flexible)
+    y, v, a, lam = random_state(m.flexible, m.undeformed(), 2)
+    y[8:], v[7:] = 0.5 * y[8:], 0.5 * v[7:]  # a per cent of the length
+    J = d.close(y)[1].copy()
+    close(J, by_configuration(d, lambda y: d.close(y)[0].copy(), y), DIFFERENCES)
+    bias = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, 0.0 * a)
+    np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
+    d.system.K[:] = 0.0
+    d._K_eta[:] = 0.0
+    K = d.tangent(y, v, a, lam)[2]
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam), y), DIFFERENCES)
+
+
+TUBE = """
+gravity: [0, 0, 0]
+actuated: [rod_joint]
+loops:
+  mouth: {kind: slider, between: [rod, mouth], turning: false}
+frames: [tip]
+flexible:
+  rod:
+    material: {E: 2.0e11, nu: 0.25, rho: 7800}
+    section: {shape: circle, diameter: 0.01}
+    end: tip
+    basis: {kind: finite_element, elements: 5}
+    second_order: false
+motion: {kind: formula, joints: {rod_joint: -t}, duration: 0.2}
+solve: {level: quasistatic, samples: 9}
+"""
+TELESCOPE = (
+    Body("rod", "base", "prismatic", axis=(1, 0, 0)),
+    Body("tip", "rod", xyz=(0.5, 0, 0)),
+    Body("mouth", "base", xyz=(0.1, 0, 0)),
+)
+EI = 2.0e11 * np.pi * 0.01**4 / 64
+
+
+def test_a_rod_drawn_into_its_tube_is_a_cantilever_of_the_length_that_is_out(
+    tmp_path: Path,
+) -> None:
+    """Force across it both ways and a torque; held at x = 0.1 to 0.3 m by a mouth that is fixed."""
+    load_ = "forces={pull: {at: tip, force: [0, 2.0e-3, -1.0e-3], moment: [5.0e-4, 0, 0]}}"
+    m = load(tmp_path, TELESCOPE, TUBE, [load_])
+    r = pf.solve(m)
+    out = 0.4 - r.t  # [m]
+    moved = r.frame("tip").position[:, 1:]
+    exact = np.outer(out**3 / (3 * EI), [2e-3, -1e-3])
+    ratio = moved / exact
+    # At the nodes, every 0.1 m, cubic elements are exact; between them the kink of the curvature at
+    # the mouth lies inside an element, which only stiffens it: an effective length h/8 shorter.
+    np.testing.assert_allclose(ratio[::4], 1.0, rtol=1e-5)
+    assert np.all(ratio < 1 + 1e-5)
+    assert np.all(ratio > 0.8)
+    turn = 5e-4 * out / (EI / 1.25)  # G J = E I / (1 + nu)
+    rod = r.link("rod")
+    np.testing.assert_allclose(rod.deflection[::4, -1, 3], turn[::4], rtol=1e-5)
+    # Forces: the whole load outside the mouth, none inside it.
+    forces, x = r.array("link/rod/resultant")[0], r.array("link/rod/x")
+    outside = x > 0.1 + 1e-9
+    np.testing.assert_allclose(forces[outside, 3], 5e-4, rtol=1e-6)
+    np.testing.assert_allclose(forces[outside, 5], 2e-3 * (0.5 - x[outside]), atol=1e-9)
+    np.testing.assert_allclose(forces[outside, 4], 1e-3 * (0.5 - x[outside]), atol=1e-9)
+    # Force times slope, 2e-3 N times 1e-5, is of second order.
+    np.testing.assert_allclose(forces[x < 0.1 - 1e-9], 0.0, atol=2e-8)
+
+
+def test_a_turning_mouth_and_the_end_in_the_tube_carry_an_overhanging_rod(tmp_path: Path) -> None:
+    load_ = "forces={pull: {at: tip, force: [0, 2.0, 0]}}"
+    turning = "loops.mouth.turning=true"
+    r = pf.solve(load(tmp_path, TELESCOPE, TUBE, [load_, turning]))
+    # Clamped at x = 0 and propped at a: the tip of P gives P l^3/3EI + P l^2 a/4EI.
+    out, inside = 0.4 - r.t, 0.1 + r.t
+    exact = 2.0 * (out**3 / 3 + out**2 * inside / 4) / EI
+    np.testing.assert_allclose(r.frame("tip").position[::4, 1], exact[::4], rtol=1e-5)
+
+
+DRAWN = (
+    "gravity=[0, -9.81, -4]",
+    "flexible.rod.second_order=true",
+    "flexible.rod.basis={kind: craig_bampton, internal: 4}",
+    "motion={kind: cycloid, joints: {rod_joint: -0.15}, duration: 0.2}",
+    "solve={level: coupled, samples: 201}",
+)
+
+
+def test_a_fixed_sleeve_does_no_work_while_the_rod_is_drawn_through(tmp_path: Path) -> None:
+    m = load(tmp_path, TELESCOPE, TUBE, DRAWN)
+    steps = (2e-4, 1e-4)
+    runs = [pf.solve(m, dt=dt) for dt in steps]
+    lost = [float(r.meta["energy_balance"]) for r in runs]
+    # All of it is the error of the step: 1.4e-6 of the energy, of second order.
+    assert slope(steps, lost) == pytest.approx(2.0, abs=0.2)
+    linear = pf.solve(m, level="ked", dt=1e-4)
+    gap = np.abs(linear.frame("tip").position - runs[1].frame("tip").position).max()
+    # 0.33 mm on half a metre: what is not linear is of the square of 1e-3, measured 5e-6.
+    assert gap < 1e-4 * np.abs(runs[1].frame("tip").position[:, 1]).max()
+
+
+def test_a_solid_has_no_shapes_for_a_sleeve(tmp_path: Path) -> None:
+    pytest.importorskip("skfem")
+    solid = ["flexible.rod.section=null",
+             "flexible.rod.basis={kind: mesh, rod: {diameters: [0.01]}}"]  # fmt: skip
+    with pytest.raises(pf.DescriptionError, match="rod is a solid"):
+        load(tmp_path, TELESCOPE, TUBE, solid)
 
 
 def test_ked_tends_to_coupled_for_a_stiff_beam() -> None:

@@ -15,6 +15,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from tests import analytical
+from tests.scenes import Body, load
 
 # The link of the article, pinned-pinned: b^2 sqrt(EI/(rho A L^4)) [Hz].
 UNIT = np.sqrt(7.1e10 * 0.025 * 0.002**3 / 12 / (2810 * 0.025 * 0.002 * 0.21**4)) / (2 * np.pi)
@@ -121,6 +122,48 @@ def test_an_elbow_inertia_lowers_the_frequencies(
     assert locked(pinned.replace("MODES", "1"), root)[0] == pytest.approx(one, rel=3e-3)
     found = locked(pinned.replace("MODES", "2"), root)
     np.testing.assert_allclose(found[[0, 3]], two, rtol=3e-3)
+
+
+LINK = """
+gravity: [0, 0, 0]
+actuated: []
+LOOP
+flexible:
+  link:
+    material: {E: 7.1e10, nu: 0.33, rho: 2810}
+    section: {shape: rectangle, width: 0.025, thickness: 0.002}
+    basis: {kind: craig_bampton, internal: 6}
+    end: tip
+    root: {inertia: [0, 0, INERTIA]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("inertia", "far", "expected"),
+    [
+        (0.0, "free", (161.48, 523.31)),
+        (0.0, "pinned", (103.37, 413.48)),
+        (2.2e-3, "free", (40.18, 231.34)),
+        (2.2e-3, "pinned", (13.87, 162.29)),
+    ],
+)
+def test_one_link_on_a_pin_has_the_transcendental_frequencies(
+    inertia: float, far: str, expected: tuple[float, ...], tmp_path: Path
+) -> None:
+    """scenes 7, rows 3 and 4: with the elbow inertia as printed, and without."""
+    bodies = (
+        Body("link", "base", "revolute"),
+        Body("tip", "link", xyz=(0.21, 0, 0)),
+        Body("wall", "base", xyz=(0.21, 0, 0)),
+    )
+    loop = "loops: {end: {kind: planar, between: [tip, wall]}}" if far == "pinned" else ""
+    yaml = LINK.replace("LOOP", loop).replace("INERTIA", str(inertia))
+    found = pf.modes(load(tmp_path, bodies, yaml), preload="none").frequencies
+    found = found[found > 1.0]  # a link on one pin turns freely
+    np.testing.assert_allclose(found[:2], expected, rtol=1e-3 if inertia == 0.0 else 2e-3)
+    if inertia and far == "free":
+        exact = analytical.hub(inertia / (0.1405 * 0.21**3), 2) ** 2 * UNIT
+        np.testing.assert_allclose(found[:2], exact, rtol=1e-6)
 
 
 def test_the_measured_first_frequency_is_met() -> None:

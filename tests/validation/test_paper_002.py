@@ -106,7 +106,7 @@ def test_the_rigid_inertia_term_is_that_of_a_rigid_rod() -> None:
     body = robot().parts["distal_1"].bodies[0]
     azimuth = r.joint("motor_1").position + r.joint("knee_1").position
     alpha, beta = r.joint("motor_1"), r.joint("knee_1")
-    spin, turn = alpha.velocity + beta.velocity, alpha.acceleration + beta.acceleration
+    turn = alpha.acceleration + beta.acceleration  # the spin pulls along the rod only
     a = alpha.position
     elbow = 0.21 * np.stack(
         [
@@ -115,8 +115,6 @@ def test_the_rigid_inertia_term_is_that_of_a_rigid_rod() -> None:
         ]
     )
     across = -np.sin(azimuth) * elbow[0] + np.cos(azimuth) * elbow[1]
-    # The link's frame turns with the joint angles; spin only pulls along the rod.
-    del spin
     want = -np.einsum(
         "s,sn,ts->tn", body.mass, body.Phi[:, 1], across[:, None] + turn[:, None] * body.x
     )

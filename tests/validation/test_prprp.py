@@ -10,16 +10,33 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh, null_space
 
 import pinflex as pf
-from examples.paper_004 import CASES, across, controlled, fast_part, literal_growth, tip
+from examples.paper_004 import (
+    CASES,
+    EI,
+    ELEMENTS,
+    MODES,
+    MU,
+    L,
+    across,
+    controlled,
+    fast_part,
+    literal_growth,
+    tip,
+)
 from pinflex.arrays import Array
+from pinflex.family import Family, assumed, hermite, quadrature
+from tests.finite import slope
 
 POINT = (7.2187, 48.772, 104.39, 159.11)  # [Hz] beam elements
 SLEEVE = (7.849, 49.967, 108.59, 172.00)  # [Hz] 3 cm
 LOAD = "gravity=[0,0,-10.41]"  # [m/s^2] case 1: weight and the constant acceleration of 0.6 m/s^2
-ELEMENTS = "flexible.beam.basis={kind: finite_element, elements: 16, boundary: free_free}"
-FEWER = "flexible.beam.basis.modes=30"  # 6e-6 m from 50 over a second
+FREE = ELEMENTS.format(8)
+FINE = ELEMENTS.format(24)
+CLAMPED = "flexible.beam.basis={kind: finite_element, elements: 8, order: quintic}"
+FEWER = MODES.format(30)  # 6e-6 m from 50 over a second
 STEP = 1e-3  # [s] both bases take the same; its own error is 2e-4 m
 
 
@@ -47,7 +64,7 @@ def test_frequencies_of_case_1_with_a_sleeve_of_3_cm() -> None:
 
 
 def test_frequencies_by_beam_elements() -> None:
-    np.testing.assert_allclose(frequencies(ELEMENTS), POINT, rtol=1e-3)
+    np.testing.assert_allclose(frequencies(FREE), POINT, rtol=1e-3)
 
 
 def test_static_tip_and_forces() -> None:
@@ -90,8 +107,74 @@ def test_the_beam_stays_in_hinge_and_sleeve_all_along(case: int, sleeve: str) ->
 
 @pytest.mark.parametrize("case", CASES)
 def test_beam_elements_and_assumed_modes_agree(case: int) -> None:
-    modes, elements = (run(case, "0", basis).frame("tip").position for basis in (FEWER, ELEMENTS))
+    modes, elements = (run(case, "0", basis).frame("tip").position for basis in (FEWER, FREE))
+    assert np.abs(modes - elements).max() < 1e-4  # the project's limit; measured 9e-6
+
+
+def test_they_agree_with_a_sleeve_of_3_cm_too() -> None:
+    """50 modes and 24 elements: with 8 or 16 the sleeve is not resolved, 7e-3 and 3e-4 m."""
+    modes, elements = (
+        run(3, "0.03", basis).frame("tip").position for basis in (MODES.format(50), FINE)
+    )
     assert np.abs(modes - elements).max() < 1e-4
+
+
+def case_1_alone(family: Family, t: Array, sleeve: float) -> Array:
+    """Tip in case 1 (m) by a sum of modes, exact in time: a second formulation, linear."""
+    x, w = (v.ravel() for v in quadrature(family.breaks, family.gauss))
+    F = family.evaluate(x)
+    M, K = MU * F.f.T @ (w[:, None] * F.f), EI * F.curv.T @ (w[:, None] * F.curv)
+    a = 0.5 * sleeve
+    at = family.evaluate(np.array([0.0, 0.18, 0.18 + a, 0.18 - a]))
+    rows = [at.f[0], at.f[1]]
+    if sleeve:
+        rows += [at.f[2] - at.f[1] - a * at.df[1], at.f[3] - at.f[1] + a * at.df[1]]
+    Z = null_space(np.array(rows))
+    square, V = eigh(Z.T @ K @ Z, Z.T @ M @ Z)
+    load = -10.41 * MU * (Z @ V).T @ (F.f.T @ w)
+    swing = (1 - np.cos(np.sqrt(square) * t[:, None])) / square
+    return np.asarray((swing * load) @ (family.evaluate(np.array([L])).f[0] @ Z @ V))
+
+
+def test_how_many_modes_a_sleeve_of_3_cm_needs() -> None:
+    """Against 100 cubic elements (the article's number): 50 modes are not within 1e-4 m, 80 are."""
+    t = np.linspace(0.0, 1.0, 1001)
+    fine = case_1_alone(hermite(L, 100, "cubic", "free"), t, 0.03)
+    gap = {
+        n: np.abs(case_1_alone(assumed(L, "free_free", n), t, 0.03) - fine).max()
+        for n in (30, 50, 80)
+    }
+    assert gap[30] > 1e-3  # 3.0e-3
+    assert 1e-4 < gap[50] < 1.5e-4  # 1.36e-4
+    assert gap[80] < 1e-4  # 8.5e-5
+
+
+def test_under_a_tenth_of_the_load_case_1_is_that_sum_of_modes() -> None:
+    """Under the full load the second-order terms are worth 1.7e-4 m (scenes 5.5: 1.1e-4)."""
+    m = mechanism("gravity=[0,0,-0.441]", FEWER)
+    r = pf.solve(m, dt=5e-4, samples=401)
+    own = 0.1 * case_1_alone(assumed(L, "free_free", 30), r.t, 0.0)
+    # The step turns 7 Hz by (omega h)^2/12 of 45 rad and loses the phase of 100 Hz: 6e-6 of 1.5 mm.
+    assert np.abs(tip(r) - own).max() < 1e-5
+
+
+def test_a_clamped_root_differs_with_the_cube_of_the_deflection() -> None:
+    """Not with the number of elements: second-order shapes in a frame tangent at the root.
+
+    2.1e-4 m over a second under the full load, where the frame of the article, along the chord,
+    leaves 2e-6.
+    """
+    loads = 10.41 * np.array([1.0, 0.5, 0.25])  # [m/s^2]
+    gap = []
+    for load in loads:
+        weight = f"gravity=[0,0,{0.6 - load}]"  # the slides accelerate by 0.6 m/s^2
+        ends = [
+            pf.solve(mechanism(weight, basis), dt=STEP, samples=201).frame("tip").position
+            for basis in (CLAMPED, FREE)
+        ]
+        gap.append(np.abs(ends[0] - ends[1]).max())
+    assert slope(loads, gap) == pytest.approx(3.0, abs=0.3)
+    assert gap[0] < 3e-4
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -114,9 +197,9 @@ def test_forces_as_printed_are_unstable_at_50_modes_and_the_transposed_ones_are_
 
 
 def test_patches_remove_the_free_vibration() -> None:
-    runs = controlled()
+    runs = controlled(samples=801)
     before, after = (fast_part(tip(runs[key]), runs[key].t) for key in ("without", "with"))
-    assert before > 25.0 * after
+    assert before > 25.0 * after  # the project's limit; measured 37.7, from an undamped beam
     for r in runs.values():
         assert r.arrays["residual/closure"].max() < 1e-10
         assert r.meta["status"] == "complete"

@@ -240,6 +240,15 @@ def test_one_and_two_quintic_elements_give_the_printed_numbers(tmp_path: Path) -
     np.testing.assert_allclose(two[:3], (3.5160, 22.0347, 61.831), rtol=1e-4)  # row 2
 
 
+def test_two_quintic_elements_pinned_at_both_ends_give_the_printed_numbers(tmp_path: Path) -> None:
+    """The curvature at the pins stays free: it vanishes in the weak sense only."""
+    bodies = (Body("beam", "base", "revolute"), BEAM[1], WALL)
+    head = "loops: {end: {kind: planar, between: [tip, wall]}}"
+    basis = "{kind: finite_element, elements: 2, order: quintic}"
+    found = omega(load(tmp_path, bodies, scene(basis, head=head)))[:3]
+    np.testing.assert_allclose(found, (9.8696, 39.496, 89.089), rtol=1e-4)  # scenes.md 7, row 2
+
+
 def test_internal_modes_converge_faster_than_any_power_at_hand(tmp_path: Path) -> None:
     """Each pair of modes more divides the error of omega_2 by at least 100, down to rounding."""
     exact = analytical.wave_numbers("clamped_free", 2)[1] ** 2
