@@ -134,12 +134,16 @@ class _March:
             # by; only from then on do ratios show how the iteration contracts.
             if iteration >= 2 and previous > 0:
                 newton.rate = max(size / previous, 1e-3)
-            rate = newton.rate if iteration else 0.5
+            # A kept tangent ages: its rate is no better than what this step shows.
+            rate = max(newton.rate, size / max(previous, 1e-300)) if iteration else 0.5
             left = size * rate / (1 - rate) if rate < 0.9 else np.inf
             if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
                 self.reference = max(self.reference, newton.size(now.a))
-            if left <= max(self.tolerance * self.reference, newton.noise) and newton.closed(
-                dynamics.closed.c
+            goal = max(self.tolerance * self.reference, 0.01 * newton.noise)
+            # Next to a singular pose round-off alone moves the weak direction by more than that.
+            stuck = iteration >= 3 and size > 0.5 * previous
+            if (left <= goal and newton.closed(dynamics.closed.c)) or (
+                stuck and newton.spent(r[newton.free], dynamics.closed.c, goal)
             ):
                 if prescribed:
                     now.torque = r[motors] + newton.motor_rows @ ds

@@ -91,6 +91,11 @@ class Newton:
         """
         return not self.rows or float(np.abs(c).max()) < 1e-9
 
+    def spent(self, r: Array, c: Array, goal: float) -> bool:
+        """Whether forces balance to a goal (or round-off) and loops are shut to round-off."""
+        force = float(np.sqrt(r @ (r / np.maximum(self.weight, 1e-300))))
+        return force <= max(goal, self.noise) and float(np.abs(c).max(initial=0.0)) < 1e-13
+
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
         """ds (n,) and dlam (rows,) from the residual."""
         b = np.empty(self.n + self.rows)
