@@ -1,6 +1,12 @@
 """Published benchmarks as scenes built from a few numbers, for `pinflex verify`."""
 
-from pinflex.benchmarks import beams, elastica, loops, springs
+from pinflex.benchmarks import beams, elastica, four_bars, loops, springs
 from pinflex.benchmarks.record import Case
 
-CASES: tuple[Case, ...] = (*beams.CASES, *loops.CASES, *springs.CASES, *elastica.CASES)
+CASES: tuple[Case, ...] = (
+    *beams.CASES,
+    *loops.CASES,
+    *four_bars.CASES,
+    *springs.CASES,
+    *elastica.CASES,
+)
