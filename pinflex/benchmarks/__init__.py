@@ -1,6 +1,6 @@
 """Published benchmarks as scenes built from a few numbers, for `pinflex verify`."""
 
-from pinflex.benchmarks import beams, elastica, four_bars, loops, springs
+from pinflex.benchmarks import beams, elastica, four_bars, loops, princeton, springs
 from pinflex.benchmarks.record import Case
 
 CASES: tuple[Case, ...] = (
@@ -9,4 +9,5 @@ CASES: tuple[Case, ...] = (
     *four_bars.CASES,
     *springs.CASES,
     *elastica.CASES,
+    *princeton.CASES,
 )
