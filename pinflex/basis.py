@@ -140,7 +140,7 @@ def flexible_body(
     """Build the stations, stiffness and damping of a flexible link.
 
     craig_bampton: static end shapes and fixed-interface modes of polynomials; finite_element:
-    Hermite elements; assumed: analytic bending modes, sines for stretch and twist.
+    Hermite elements; assumed: analytic bending modes, sines or polynomials for stretch and twist.
 
     Args:
         link: The flexible link.
@@ -233,6 +233,8 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
     if basis.kind == "assumed":
         if direction in BENDING:
             return assumed(length, basis.boundary, basis.modes)
+        if basis.stretch == "polynomials":
+            return polynomial(length, basis.modes, direction)
         return sines(length, basis.modes)
     if basis.kind == "ritz8":
         return ritz8(length, direction, ratio)

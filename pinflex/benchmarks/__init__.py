@@ -1,6 +1,6 @@
 """Published benchmarks as scenes built from a few numbers, for `pinflex verify`."""
 
-from pinflex.benchmarks import beams, elastica, four_bars, loops, princeton, springs
+from pinflex.benchmarks import beams, elastica, four_bars, loops, princeton, simeon, springs
 from pinflex.benchmarks.record import Case
 
 CASES: tuple[Case, ...] = (
@@ -8,6 +8,7 @@ CASES: tuple[Case, ...] = (
     *loops.CASES,
     *four_bars.CASES,
     *springs.CASES,
+    *simeon.CASES,
     *elastica.CASES,
     *princeton.CASES,
 )
