@@ -1,6 +1,16 @@
 """Published benchmarks as scenes built from a few numbers, for `pinflex verify`."""
 
-from pinflex.benchmarks import beams, elastica, four_bars, loops, princeton, simeon, springs
+from pinflex.benchmarks import (
+    beams,
+    elastica,
+    flying,
+    four_bars,
+    loops,
+    princeton,
+    simeon,
+    springs,
+    tilted,
+)
 from pinflex.benchmarks.record import Case
 
 CASES: tuple[Case, ...] = (
@@ -9,6 +19,8 @@ CASES: tuple[Case, ...] = (
     *four_bars.CASES,
     *springs.CASES,
     *simeon.CASES,
+    *tilted.CASES,
+    *flying.CASES,
     *elastica.CASES,
     *princeton.CASES,
 )

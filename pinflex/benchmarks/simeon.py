@@ -29,6 +29,7 @@ from pinflex.motion import from_spec
 
 CRANK, ROD, OMEGA = 0.15, 0.30, 150.0  # [m], [m], [rad/s]
 UNTIL = 0.1  # [s]
+DIGITS = 1e-6  # the project's limit: six digits
 NAMES = ("phi2 [rad]", "x3 [m]", "q1 [m]", "q2 [m]", "q3 [m]", "q4 [m]", "lam1 [N]", "lam2 [N]")
 SET_START = ((0.0, 0.0, 0.103339863e-4, 0.169327969e-4),
              (0.444896105, 0.463434311e-2, -0.178591076e-5, -0.268938672e-5))  # fmt: skip
@@ -110,13 +111,18 @@ class Scene:
 
 
 def _checks(
-    best: Array, exact: tuple[float, ...], note: str, unreached: tuple[int, ...] = ()
+    best: Array,
+    exact: tuple[float, ...],
+    note: str,
+    ringing: tuple[int, ...] = (),
+    lam: float = DIGITS,
 ) -> tuple[Check, ...]:
-    """Six digits of everything, which is the project's limit."""
+    """Six digits of all coordinates; `lam`: limit of the multipliers."""
     return tuple(
-        Check(f"{name} at 0.1 s", float(value), reference, 1e-6, note=note, reported=k in unreached)
+        Check(f"{name} at 0.1 s", float(value), reference, DIGITS if k < 6 else lam, note=note,
+              reported=k in ringing)
         for k, (name, value, reference) in enumerate(zip(NAMES, best, exact, strict=True))
-    )
+    )  # fmt: skip
 
 
 def consistent() -> Outcome:
@@ -133,17 +139,19 @@ def consistent() -> Outcome:
 
 
 def as_published() -> Outcome:
-    """The published numbers; a default run leaves the ringing of q2, q3, q4 and lam unresolved."""
+    """The published numbers; a default run leaves the ringing of the axial shapes unresolved."""
     _, best = by_step(partial(Scene(15.0).run, SET_START), (1e-5, 5e-6))
     note = "extrapolated from 10, 5 us, which do not resolve axial ringing at 24600 rad/s: --long"
-    return Outcome(_checks(best[-1], SET_END, note, (3, 4, 5, 6, 7)))
+    return Outcome(_checks(best[-1], SET_END, note, (3, 4, 5), lam=1e-4))
 
 
 def as_published_finely() -> Outcome:
     """The published numbers, with the axial ringing resolved."""
     steps = (1.25e-6, 6.25e-7, 3.125e-7)
     _, best = by_step(partial(Scene(15.0).run, SET_START), steps)
-    return Outcome(_checks(best[-1], SET_END, "extrapolated from 1.25, 0.625, 0.3125 us"))
+    # Closures close to 1e-16 m: over beta h^2 and times the mass, that is 1e-3 N of round-off.
+    note = "extrapolated from 1.25, 0.625, 0.3125 us; at these steps lam has four digits"
+    return Outcome(_checks(best[-1], SET_END, note, lam=1e-4))
 
 
 _SET = "Simeon 1996; IVP test set, MEBDFI 1e-14"
