@@ -1,6 +1,7 @@
 """Published benchmarks as scenes built from a few numbers, for `pinflex verify`."""
 
 from pinflex.benchmarks import (
+    arms,
     beams,
     elastica,
     flying,
@@ -21,6 +22,7 @@ CASES: tuple[Case, ...] = (
     *simeon.CASES,
     *tilted.CASES,
     *flying.CASES,
+    *arms.CASES,
     *elastica.CASES,
     *princeton.CASES,
 )
