@@ -76,7 +76,7 @@ class Case:
     """A benchmark: its name, where its reference is from, and the function that runs it.
 
     Attributes:
-        slow: Runs only when all are asked for, or this one by name.
+        slow: It takes minutes, and runs when asked for.
     """
 
     name: str
