@@ -253,8 +253,8 @@ def _energy(link: FlexibleLink, direction: str, family: Family, rho: float) -> t
         stiffness, spin = G * section.J, rho * section.Ip
     else:
         second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
-        turning = section.turning[direction == "v"]
-        stiffness, spin = E * second, rho * turning * link.rotary_inertia
+        stiffness = E * second
+        spin = rho * section.turning[direction == "v"] * link.rotary_inertia
         shear = k * G * section.A * family.shear
     x, weights = quadrature(family.breaks, family.gauss)
     F, w = family.evaluate(x.ravel()), weights.ravel()[:, None]
