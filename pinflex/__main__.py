@@ -214,11 +214,12 @@ Writes one page that plays in any browser, offline, and opens it.""",
         "published benchmarks on this machine",
         """
 Runs beams, rotating beams, closed loops and large deflection against published or exact references
-and prints measured, reference, error and limit; takes about a minute.""",
+and prints measured, reference, error and limit; takes about two minutes, with --long more.""",
         "pinflex verify\n  pinflex verify A02 Princeton -o verify.html",
         model=False,
     )
     p.add_argument("cases", nargs="*", metavar="CASE", help="parts of case names (default all)")
+    p.add_argument("--long", action="store_true", help="also cases that take minutes")
     p.add_argument("-o", "--output", metavar="FILE.html", help="write a page with plots")
     return parser  # fmt: skip
 

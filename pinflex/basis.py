@@ -57,7 +57,7 @@ class FlexibleBody:
         It: Their moments of inertia rho Ip w (kg m^2), shape (nt,).
         Phi_t, G_t: Rows of their rotation rx, shapes (nt, n) and (nt, n, n).
         rotary: Whether stations turn with inertia.
-        inertia: rho (Ip, Iy, Iz) w about (x, y, z) (kg m^2), shape (ns, 3); None without.
+        inertia: rho (Ip, my, mz) w about (x, y, z) (kg m^2), shape (ns, 3); None without.
         Phi_r, G_r: Rows of their rotations (rz, ry, rx), shapes (ns, 3, n) and (ns, 3, n, n).
         K: Stiffness, shape (n, n).
         M: Linear mass matrix of the beam held at its root, shape (n, n); with the end masses,
@@ -140,7 +140,7 @@ def flexible_body(
     """Build the stations, stiffness and damping of a flexible link.
 
     craig_bampton: static end shapes and fixed-interface modes of polynomials; finite_element:
-    Hermite elements; assumed: analytic bending modes, sines for stretch and twist.
+    Hermite elements; assumed: analytic bending modes, sines or polynomials for stretch and twist.
 
     Args:
         link: The flexible link.
@@ -200,7 +200,7 @@ def flexible_body(
         Phi_t=Phi_t[:, 5],
         G_t=G_t,
         rotary=rotary,
-        inertia=density * np.outer(w, [section.Ip, section.Iy, section.Iz]) if rotary else None,
+        inertia=density * np.outer(w, [section.Ip, *section.turning]) if rotary else None,
         Phi_r=Phi[:, 3:] if rotary else None,
         G_r=G[:, 3:] if rotary and G is not None else None,
         K=K,
@@ -233,6 +233,8 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
     if basis.kind == "assumed":
         if direction in BENDING:
             return assumed(length, basis.boundary, basis.modes)
+        if basis.stretch == "polynomials":
+            return polynomial(length, basis.modes, direction)
         return sines(length, basis.modes)
     if basis.kind == "ritz8":
         return ritz8(length, direction, ratio)
@@ -251,7 +253,8 @@ def _energy(link: FlexibleLink, direction: str, family: Family, rho: float) -> t
         stiffness, spin = G * section.J, rho * section.Ip
     else:
         second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
-        stiffness, spin = E * second, rho * second * link.rotary_inertia
+        stiffness = E * second
+        spin = rho * section.turning[direction == "v"] * link.rotary_inertia
         shear = k * G * section.A * family.shear
     x, weights = quadrature(family.breaks, family.gauss)
     F, w = family.evaluate(x.ravel()), weights.ravel()[:, None]

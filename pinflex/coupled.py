@@ -132,8 +132,9 @@ class _March:
             left = newton.left(iteration, size)
             if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
                 self.reference = max(self.reference, newton.size(now.a))
-            if left <= max(self.tolerance * self.reference, newton.noise) and newton.closed(
-                dynamics.closed.c
+            goal = max(self.tolerance * self.reference, 0.01 * newton.noise)
+            if (left <= goal and newton.closed(dynamics.closed.c)) or (
+                newton.stuck and newton.spent(r[newton.free], dynamics.closed.c, goal)
             ):
                 if prescribed:
                     now.torque = r[motors] + newton.motor_rows @ ds

@@ -19,12 +19,13 @@ Switch = bool | Literal["auto"]
 _BASIS_KEYS: dict[str, tuple[str, ...]] = {
     "craig_bampton": ("internal",),
     "finite_element": ("elements", "order", "boundary"),
-    "assumed": ("boundary", "modes"),
+    "assumed": ("boundary", "modes", "stretch"),
     "ritz8": (),
     "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
     "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
 }
 ORDERS = ("cubic", "quintic")
+STRETCHES = ("sines", "polynomials")
 BOUNDARIES = (
     "clamped_free",
     "pinned_free",
@@ -56,6 +57,8 @@ class Basis:
             clamped_free, or free_free, of which a `slider` or a loop holds the root.
         modes: assumed: number of modes per bending direction; mesh, matrices: number of modes with
             all interfaces held.
+        stretch: assumed: what stretch and twist are made of, sines of a bar held at its root or
+            polynomials of degree 1 to `modes`.
         file: mesh: a mesh in a format of meshio; matrices: a .npz. Relative to the YAML.
         scale: mesh: metres per unit of the file.
         rod: mesh: instead of a file, (diameter, length) [m] of the segments of a round rod along
@@ -75,6 +78,7 @@ class Basis:
     order: str = "cubic"
     boundary: str = "clamped_free"
     modes: int = 3
+    stretch: str = "sines"
     file: str | None = None
     scale: float = 1.0
     rod: tuple[tuple[float, float], ...] = ()
@@ -258,6 +262,8 @@ def basis_from_spec(spec: object, where: str) -> Basis:
         elif key in ("order", "boundary"):
             ends = BOUNDARIES if kind == "assumed" else ("clamped_free", "free_free")
             fields[key] = schema.choice(value, place, ORDERS if key == "order" else ends)
+        elif key == "stretch":
+            fields[key] = schema.choice(value, place, STRETCHES)
         else:
             fields[key] = schema.integer(value, place, low=0 if key == "internal" else 1)
     if kind in solid_keys.KINDS:

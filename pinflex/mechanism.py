@@ -12,6 +12,7 @@ import pinocchio as pin
 from pinflex import assembly
 from pinflex.arrays import Array, IntArray
 from pinflex.assembly import LoopReport
+from pinflex.basis import FlexibleBody
 from pinflex.closure import Closures, closures
 from pinflex.description import Description, read
 from pinflex.dynamics import Dynamics
@@ -76,12 +77,18 @@ class Mechanism:
         return frames[name]
 
 
-def load(source: str | Path | Description, overrides: Sequence[str] = ()) -> Mechanism:
+def load(
+    source: str | Path | Description,
+    overrides: Sequence[str] = (),
+    bodies: Mapping[str, FlexibleBody] | None = None,
+) -> Mechanism:
     """Read a model (URDF + YAML) and assemble it.
 
     Args:
         source: Path of a YAML file or folder, the name of a shipped model, or a Description.
         overrides: "key.path=value" changes of the YAML, applied before validation.
+        bodies: Stations, stiffness and damping of flexible links by name, from anywhere, in place
+            of those that the description makes.
     Returns:
         The mechanism with its loops closed at home.
     Raises:
@@ -94,6 +101,11 @@ def load(source: str | Path | Description, overrides: Sequence[str] = ()) -> Mec
     model = _pinocchio_model(description)
     links = link_tree(model, description.joints)
     parts = resolve(description, links)
+    for name, body in (bodies or {}).items():
+        if name not in parts:
+            known = nearest(name, parts)
+            raise DescriptionError(f"{description.name}: bodies: {name} is not flexible.{known}")
+        parts[name] = replace(parts[name], bodies=(body,) * len(parts[name].bodies))
     for part in parts.values():
         for patch in part.spec.patches:
             patch.require_on_beam(f"{description.name}: flexible.{part.link}", part.length)

@@ -48,6 +48,7 @@ class Newton:
         self.S = np.zeros((self.n + self.rows, self.n + self.rows), order="F")
         self.count = 0
         self.rate, self._previous, self._second, self._usual = 1.0, 0.0, 0.0, np.inf
+        self.stuck = False
 
     def refresh(self, step: Step, exact: bool = False) -> None:
         """New tangent at a state; raises numpy's LinAlgError when it is singular."""
@@ -109,8 +110,17 @@ class Newton:
             else:
                 self.rate = rate = max(ratio, 1e-3)
                 self._usual = self._second
+        self.stuck = iteration >= 3 and size > 0.5 * self._previous
         self._previous = size
         return size * rate / (1.0 - rate) if rate < 0.9 else np.inf
+
+    def spent(self, r: Array, c: Array, goal: float) -> bool:
+        """Whether forces balance to a goal (or round-off) and loops are shut to round-off.
+
+        Next to a singular pose round-off alone moves the weak direction by more than the goal.
+        """
+        force = float(np.sqrt(r @ (r / np.maximum(self.weight, 1e-300))))
+        return force <= max(goal, self.noise) and float(np.abs(c).max(initial=0.0)) < 1e-13
 
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
         """ds (n,) and dlam (rows,) from the residual."""

@@ -43,6 +43,7 @@ class Section:
         fibres: Points (y, z) [m] among which the largest normal stress is sought.
         outline: Polygon (y, z) [m] to draw, counter-clockwise about x.
         dimensions: What it was built from, (name, value) pairs.
+        my, mz: Second moments of the mass over rho [m^4]; None: Iy, Iz (not so in a composite).
     """
 
     shape: str
@@ -56,11 +57,18 @@ class Section:
     fibres: Points
     outline: Points
     dimensions: tuple[tuple[str, float], ...]
+    my: float | None = None
+    mz: float | None = None
+
+    @property
+    def turning(self) -> tuple[float, float]:
+        """Second moments [m^4] of rotary inertia about beam y and z."""
+        return self.Iy if self.my is None else self.my, self.Iz if self.mz is None else self.mz
 
     @property
     def Ip(self) -> float:
-        """Polar second moment Iy + Iz [m^4]: inertia of the twist, not its stiffness."""
-        return self.Iy + self.Iz
+        """Polar second moment [m^4]: inertia of the twist, not its stiffness."""
+        return sum(self.turning)
 
     @classmethod
     def rectangle(cls, width: float, thickness: float, where: str = "section") -> Section:
@@ -244,7 +252,7 @@ def from_spec(spec: object, where: str = "section") -> Section:
         )
     shape = schema.choice(spec["shape"], schema.at(where, "shape"), _DIMENSIONS)
     needed = _DIMENSIONS[shape]
-    optional = ("ky", "kz", "Wt", "fibres") if shape == "given" else ("ky", "kz", "J")
+    optional = ("ky", "kz", "Wt", "fibres", "my", "mz") if shape == "given" else ("ky", "kz", "J")
     block = schema.mapping(spec, where, ("shape", *needed, *optional), needed)
     value = {
         key: schema.number(block[key], schema.at(where, key), above=0)
@@ -263,7 +271,7 @@ def from_spec(spec: object, where: str = "section") -> Section:
         "given": Section.given,
     }
     section = builders[shape](**chosen, where=where)
-    changes: dict[str, Any] = {key: value[key] for key in ("ky", "kz") if key in value}
+    changes: dict[str, Any] = {key: value[key] for key in ("ky", "kz", "my", "mz") if key in value}
     if shape != "given" and "J" in value:
         # The stress at a given twist is kept, so a corrected J changes Wt in proportion.
         changes |= {"J": value["J"], "Wt": section.Wt * value["J"] / section.J}

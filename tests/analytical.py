@@ -1,4 +1,4 @@
-"""Closed forms of Euler-Bernoulli and Timoshenko beams, solved here, for the tests to compare with.
+"""Closed forms of beams, and shooting on the exact rod, for the tests to compare with.
 
 omega = b^2 sqrt(E I / (m L^4)); every beam in these tests has L = m = E I = 1, so omega = b^2.
 """
@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, fsolve
 
 from pinflex.arrays import Array
 
@@ -145,3 +146,43 @@ def lagging_rod(eta: float, slenderness: float, steady_stretch: bool = True) -> 
     first = np.block([[0 * M, np.eye(2 * n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     roots = np.linalg.eigvals(first).imag
     return np.sort(roots[roots > 1e-6])
+
+
+def cosserat_tip(
+    length: float, force: Array, stiffness: Array, curvature: float = 0.0, parts: int = 4
+) -> tuple[Array, Array]:
+    """Tip place [m] and rotation of a rod along x, clamped at the origin, under a dead tip force.
+
+    r' = R (e1 + C1 R'F), R' = R [kappa0 e3 + C2 R'm], m' = -r' x F, m(L) = 0: Reissner's rod
+    without any approximation, by shooting on m(0).
+
+    Args:
+        length: m. force: N, world. stiffness: EA, kGA_y, kGA_z, GJ, EI_y, EI_z.
+        curvature: Of the unloaded rod towards y, 1/m. parts: In which the load is put on.
+    """
+    soft = 1.0 / np.asarray(stiffness, float)
+
+    def tip(root: Array, F: Array) -> Array:
+        def slope(_: float, z: Array) -> Array:
+            R, m = z[3:12].reshape(3, 3), z[12:]
+            moved = R @ (np.array([1.0, 0, 0]) + soft[:3] * (R.T @ F))
+            k = soft[3:] * (R.T @ m) + np.array([0, 0, curvature])
+            turn = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+            return np.concatenate([moved, (R @ turn).ravel(), np.cross(F, moved)])
+
+        start = np.concatenate([np.zeros(3), np.eye(3).ravel(), root])
+        run = solve_ivp(slope, (0.0, length), start, "DOP853", rtol=1e-10, atol=1e-12)
+        return np.asarray(run.y[:, -1])
+
+    F, root = np.asarray(force, float), np.zeros(3)
+    scale = length * float(np.linalg.norm(F))
+    for part in np.arange(1, parts + 1) / parts:
+
+        def open_by(x: Array, F: Array = part * F) -> Array:
+            return tip(scale * x, F)[12:] / scale
+
+        found, _, _, _ = fsolve(open_by, root / scale, xtol=1e-11, full_output=True)
+        root = scale * found
+    end = tip(root, F)
+    assert np.abs(end[12:]).max() < 1e-7 * scale
+    return end[:3], end[3:12].reshape(3, 3)

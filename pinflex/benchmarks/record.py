@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from pinflex.arrays import Array
 
@@ -19,6 +19,8 @@ class Check:
         tolerance: Largest error that passes.
         relative: The error is relative to the reference; else it is in the quantity's own unit.
         note: Why the tolerance is what it is, or why the reference cannot be reached.
+        reported: It is known not to reach the tolerance, and the note says why: its error is shown,
+            and it never counts as passed.
     """
 
     quantity: str
@@ -27,6 +29,7 @@ class Check:
     tolerance: float
     relative: bool = True
     note: str = ""
+    reported: bool = False
 
     @property
     def error(self) -> float:
@@ -37,7 +40,7 @@ class Check:
     @property
     def passed(self) -> bool:
         """Within tolerance; a number that is none never passes."""
-        return bool(self.error <= self.tolerance)
+        return bool(self.error <= self.tolerance) and not self.reported
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Case:
-    """A benchmark: its name, where its reference is from, and the function that runs it."""
+    """A benchmark: its name, where its reference is from, and the function that runs it.
+
+    Attributes:
+        slow: It takes minutes, and runs when asked for.
+    """
 
     name: str
     source: str
     run: Callable[[], Outcome]
-    slow: bool = field(default=False)
+    slow: bool = False

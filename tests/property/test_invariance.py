@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.benchmarks.loops import four_bars
+from pinflex.benchmarks.four_bars import four_bars
 from pinflex.coupled import integrate
 from pinflex.drive import motor_path
 from pinflex.dynamics import Dynamics

@@ -279,3 +279,13 @@ def test_bodies_build_quickly() -> None:
 def test_wrong_input_is_named(planes: str, basis: Basis, link: dict[str, Any], text: str) -> None:
     with pytest.raises(DescriptionError, match=text):
         body(planes, basis, **link)
+
+
+def test_polynomial_stretch_is_that_of_a_quadratic_bar_element() -> None:
+    """Nodes in the middle and at the tip: K = EA/3L [16 -8; -8 7], M = m/15 [8 1; 1 2]."""
+    b = body("u", Basis("assumed", modes=2, stretch="polynomials"))
+    nodes = b.families["u"].evaluate(np.array([0.5, 1.0]) * b.length).f
+    T = np.linalg.inv(nodes)
+    K, M = T.T @ b.K @ T, T.T @ b.M @ T
+    assert K / K[1, 1] == pytest.approx(np.array([[16, -8], [-8, 7]]) / 7, rel=1e-12)
+    assert M / b.mass.sum() == pytest.approx(np.array([[8, 1], [1, 2]]) / 15, rel=1e-12)

@@ -241,3 +241,10 @@ def test_a_material_that_cannot_be_is_refused(spec: object, text: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         material.from_spec(spec, "x.yaml: material")
     assert text in str(caught.value)
+
+
+def test_a_given_section_may_turn_with_an_inertia_that_does_not_go_with_its_stiffness() -> None:
+    spec = {"shape": "given", "A": 1.0, "Iy": 2.0, "Iz": 3.0, "J": 1.0}
+    plain, heavy = from_spec(spec), from_spec({**spec, "my": 20.0, "mz": 30.0})
+    assert (plain.turning, plain.Ip) == ((2.0, 3.0), 5.0)
+    assert (heavy.turning, heavy.Ip, heavy.Iz) == ((20.0, 30.0), 50.0, 3.0)
