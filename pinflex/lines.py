@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.scene import FIELDS
+from pinflex.bent import FIELDS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,6 +105,12 @@ def _canvas(
     return figure, draw
 
 
+def magnified(body: dict[str, Any], k: int, mag: float) -> Array:
+    """Affine map (3, 4) that draws a body at instant k."""
+    pose = body["rigid"][min(k, len(body["rigid"]) - 1)]
+    return np.asarray(pose if body["disp"] is None else pose + mag * body["disp"][k]).reshape(3, 4)
+
+
 def _some(scene: dict[str, Any]) -> list[int]:
     return [int(k) for k in np.linspace(0, len(scene["t"]) - 1, 12)]
 
@@ -125,9 +131,7 @@ def _lines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, str]]
             rigid = rigid[0] * (1 - share) + rigid[1] * share
         lines.append((rigid + mag * link["disp"][k], link["name"]))
     for body in scene["bodies"]:
-        pose = body["pose"][min(k, len(body["pose"]) - 1)].reshape(3, 4)
-        still_pose = pose if body["rigid"] is None else body["rigid"][k].reshape(3, 4)
-        pose = still_pose + mag * (pose - still_pose)
+        pose = magnified(body, k, mag)
         points = np.array(body["points"]).reshape(-1, 3)
         if len(points) > 2:
             points = np.concatenate([points, points[:1]])

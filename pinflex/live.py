@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.bent import FIELDS
 from pinflex.errors import PinflexError
+from pinflex.lines import magnified
 from pinflex.result import Result
-from pinflex.scene import FIELDS, build_scene
+from pinflex.scene import build_scene
 
 HOSTS = ("127.0.0.1", "localhost")
 FPS = 12  # a browser digests no more of the flexible links, and meshcat does not slow us down
@@ -74,9 +76,7 @@ class Live:
             material = geometry.MeshPhongMaterial(vertexColors=True)
             self._viewer[f"robot/link_{n}"].set_object(shape, material)
         for n, body in enumerate(scene["bodies"]):
-            pose = body["pose"][min(k, len(body["pose"]) - 1)].reshape(3, 4)
-            rigid = pose if body["rigid"] is None else body["rigid"][k].reshape(3, 4)
-            moved = np.vstack([rigid + mag * (pose - rigid), [0.0, 0.0, 0.0, 1.0]])
+            moved = np.vstack([magnified(body, k, mag), [0.0, 0.0, 0.0, 1.0]])
             self._viewer[f"robot/body_{n}"].set_transform(moved.astype(float))
 
     def play(self, seconds: float, speed: float | None = None) -> None:
@@ -251,7 +251,7 @@ def _tube(
     centre = rigid + mag * link["disp"][k]
     along = np.gradient(centre, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-    y = link["y_rigid"][k] + mag * (link["y"][k] / 32767.0 - link["y_rigid"][k])
+    y = link["y_rigid"][k] + mag * link["y_disp"][k]
     y -= along * np.sum(along * y, axis=1, keepdims=True)
     y /= np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
     z = np.cross(along, y)
@@ -275,7 +275,7 @@ def _middle(scene: dict[str, Any]) -> Array:
     """Centre of the rigid robot at its first instant [m]."""
     points = [link["rigid"][0].reshape(-1, 3) for link in scene["links"]]
     for body in scene["bodies"]:
-        pose = body["pose"][0].reshape(3, 4)
+        pose = magnified(body, 0, 0.0)
         points.append(np.array(body["points"]).reshape(-1, 3) @ pose[:, :3].T + pose[:, 3])
     cloud = np.concatenate(points)
     return np.asarray((cloud.min(axis=0) + cloud.max(axis=0)) / 2)

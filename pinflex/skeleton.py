@@ -49,9 +49,10 @@ def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface])
     """
     about = result.meta.get("bodies", {})
     names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
-    joints = carrier.joints.values()
-    above = {j.child: j.parent for j in joints if j.kind == "fixed"}
-    moved = {j.child for j in joints if j.kind != "fixed"}
+    joints = [j for j in carrier.joints.values() if j.child in names]
+    fixed = [j for j in joints if j.kind == "fixed" and _together(result, j.parent, j.child)]
+    above = {j.child: j.parent for j in fixed}
+    moved = {j.child for j in joints if j not in fixed}
     groups: dict[str, list[str]] = {}
     for name in names:
         head = name
@@ -101,7 +102,7 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         across = np.append(spread, np.zeros(3))[:3] / max(float(spread[0]), 1e-12)
     rods: list[Any] = []
     plate = None
-    mesh = None if bone.surface is None else packed(bone.surface)
+    mesh = None if bone.surface is None else packed(bone.surface)[0]
     if mesh is not None:
         pass  # it says more than any simple shape
     elif len(points) == 2:
@@ -123,9 +124,19 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "rods": rods,
         "plate": plate,
         "mesh": mesh,
-        "pose": pose[keep[:1] if still else keep].reshape(-1, 12),
-        "rigid": None if np.array_equal(rigid, pose) else rigid[keep].reshape(-1, 12),
+        "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
+        "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
     }
+
+
+def _together(result: Result, parent: str, child: str) -> bool:
+    """Whether a joint that the URDF calls fixed is so: a YAML may make it universal."""
+    a, b = (result.arrays.get(f"body/{name}/pose") for name in (parent, child))
+    if a is None or b is None:
+        return True
+    turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
+    shift = np.einsum("tji,tj->ti", a[:, :, :3], b[:, :, 3] - a[:, :, 3])
+    return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
 
 
 def _plate(points: Array, axes: Array, margin: float) -> dict[str, Any]:

@@ -10,7 +10,7 @@ function peakOf(key) {                             // largest magnitude of a fie
     if (f) for (let i = 0; i < f.length; i++) {
       const v = f[i];
       if (v < low) low = v; else if (v > high) high = v;
-      if (Math.abs(v) > Math.abs(best.value)) Object.assign(best, {value: v, link: b, frame: Math.floor(i / b.m), station: i % b.m});
+      if (Math.abs(v) > Math.abs(best.value)) Object.assign(best, {value: v, link: b, frame: Math.floor(i / f.shape[1])});
     }
   });
   best.signed = low < -1e-3 * Math.max(high, -low);
@@ -82,7 +82,7 @@ function refresh(k, w) {
   }
   $("readout").replaceChildren(...parts);
   scene.top = null;
-  for (const b of scene.links) for (let i = 0; i < b.m; i++)
+  for (const b of scene.links) for (let i = 0; i < b.now.length; i++)
     if (!scene.top || Math.abs(b.now[i]) > Math.abs(scene.top.link.now[scene.top.i])) scene.top = {link: b, i};
   movePlots();
 }
@@ -107,12 +107,15 @@ function place() {
   if (!R || !scene) return;
   const want = [];
   viewer.camera.updateMatrixWorld();
-  const at = (b, i) => project(b.c[3 * i], b.c[3 * i + 1], b.c[3 * i + 2]);
+  const at = (b, i, on) => {                        // a station, or a point of the surface
+    const c = on ? b.sweep.position : b.c, j = 3 * (on ? b.sweep.base.of.indexOf(i) : i);
+    return project(c[j], c[j + 1], c[j + 2]).slice();
+  };
   if (S.names) for (const b of scene.links) want.push(["name", b.data.name, at(b, Math.round(0.3 * (b.m - 1)))]);
   const f = fieldOf(S.field);
   if (S.peak && S.colours && scene.top && f && !R.mode) {
     const v = scene.top.link.now[scene.top.i] * scene.factor;
-    if (Math.abs(v) > 0) want.push(["peak" + (S.limit > 0 && isStress() && Math.abs(v) > S.limit ? " over" : ""), `${minus(digits(v))} ${f.unit}`, at(scene.top.link, scene.top.i)]);
+    if (Math.abs(v) > 0) want.push(["peak" + (S.limit > 0 && isStress() && Math.abs(v) > S.limit ? " over" : ""), `${minus(digits(v))} ${f.unit}`, at(scene.top.link, scene.top.i, scene.top.link.onSurface(S.field))]);
   }
   while (marks.length < want.length) { const m = el("div"); $("labels").append(m); marks.push(m); }
   marks.forEach((m, i) => {
@@ -140,18 +143,29 @@ function hover(e) {
       p = q;
     }
   }
+  if (best && best.b.onSurface(S.field) && (best.point = pointAt(best.b, x, y)) === null) best = null;
   tip.hidden = !best;
   if (!best) return;
-  const lines = describe(best.b, best.i, best.u);
+  const lines = describe(best.b, best.i, best.u, best.point);
   tip.replaceChildren(el("b", {}, lines[0]), ...lines.slice(1).map((s) => el("div", {}, s)));
   tip.style.left = clamp(x + 14, 4, box.width - tip.offsetWidth - 4) + "px";
   tip.style.top = clamp(y + 14, 4, box.height - tip.offsetHeight - 4) + "px";
 }
-function describe(b, i, u) {
+const ray = new THREE.Raycaster();
+function pointAt(b, x, y) {                        // of a link's own surface, the point nearest to where the pointer meets it
+  ray.setFromCamera({x: 2 * x / $("stage").clientWidth - 1, y: 1 - 2 * y / $("stage").clientHeight}, viewer.camera);
+  const {mesh, position, base} = b.sweep, hit = ray.intersectObject(mesh)[0];
+  if (!hit) return null;
+  const away = (i) => V().fromArray(position, 3 * i).applyMatrix4(mesh.matrixWorld).distanceTo(hit.point);
+  return base.of[[hit.face.a, hit.face.b, hit.face.c].sort((i, j) => away(i) - away(j))[0]];
+}
+function describe(b, i, u, point) {
   const mix = (a) => a[i] * (1 - u) + a[Math.min(i + 1, b.m - 1)] * u, [k, w] = frameOf(S.t), out = [b.data.name];
   out.push(`x = ${digits(1e3 * mix(b.data.x))} of ${digits(1e3 * b.data.length)} mm`);
   for (const f of R.fields) {
-    const v = mix(lerp(b.fields[f.key], b.m, k, w, new Float32Array(b.m)));
+    const own = b.onSurface(f.key), n = b.fields[f.key].shape[1], values = lerp(b.fields[f.key], n, k, w, new Float32Array(n));
+    if (own && point == null) continue;            // it has no value on the centreline
+    const v = own ? values[point] : mix(values);
     out.push(R.mode ? `${f.label} ${minus(digits(v / (Math.abs(peakOf(f.key).value) || 1)))} of largest` : `${f.label} ${minus(digits(v * f.factor))} ${f.unit}`);
   }
   return out;

@@ -145,15 +145,17 @@ function makeScene(run) {
     shade.mesh.renderOrder = -1;                    // before the robot, which then covers it: no tint on the colours
     root.add(sweep.mesh); soft.add(shade.mesh);
     const move = new Float32Array(nt * m);          // size of the displacement, a field as any other
+    move.shape = [nt, m];
     for (let i = 0; i < nt * m; i++) move[i] = Math.hypot(k.disp[3 * i], k.disp[3 * i + 1], k.disp[3 * i + 2]);
     s.links.push({data: k, m, straight, sweep, shade, coloured, plain, share: Array.from(k.x, (x) => (x - k.x[0]) / (k.x[m - 1] - k.x[0])),
-      fields: {...k.fields, displacement: move}, c: new Float32Array(3 * m), r: new Float32Array(3 * m),
+      fields: {...k.fields, displacement: move, ...k.surface}, onSurface: (key) => key in k.surface, c: new Float32Array(3 * m), r: new Float32Array(3 * m),
       rigid: new Float32Array(straight ? 6 : 3 * m), y: new Float32Array(3 * m), value: new Float32Array(m), now: new Float32Array(m),
       half: skin ? 0.7 * reach(skin.position) : Math.max(...outline.map((p) => Math.hypot(...p))), meshed: !!skin});
   }
   if (thin !== null) s.notes.push(`thin sections are drawn at least ${digits(1e3 * least, 2)} mm thick (true ${digits(1e3 * thin, 2)} mm)`);
   const ballGeometry = new THREE.SphereGeometry(1, 20, 14), jointMaterial = phong(COLOUR.joint);
-  const place0 = (b, p) => { const m = b.pose; return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); };
+  const start = (b) => Array.from(b.rigid.subarray(0, 12), (x, i) => x + (b.disp ? b.disp[i] : 0));   // as it is at first
+  const place0 = (b, p) => { const m = start(b); return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); };
   const joints = run.bodies.filter((b) => b.points.length > 1 || b.base).flatMap((b) => b.points.map((p) => place0(b, p)));
   const ends = run.links.flatMap((k) => { const n = 3 * (k.x.length - 1), r = k.rigid, q = 3 * (r.shape[1] - 1);
     return [V(r[0] + k.disp[0], r[1] + k.disp[1], r[2] + k.disp[2]), V(r[q] + k.disp[n], r[q + 1] + k.disp[n + 1], r[q + 2] + k.disp[n + 2])]; });
@@ -206,9 +208,9 @@ function makeScene(run) {
     root.add(ball);
     s.balls.push({ball, link: k, end: e});
   }
-  if (run.track && maxAbs(run.track.deviation) + spread(run.track.position) > 1e-5 * size) {
+  if (run.track && maxAbs(run.track.deviation) + spread(run.track.rigid) > 1e-5 * size) {
     const over = (color) => new THREE.MeshBasicMaterial({color, fog: false, depthTest: false, transparent: true});
-    const width = clamp(0.02 * (spread(run.track.position) + Math.min(run.scale, 10) * maxAbs(run.track.deviation)), 0.0007 * size, 0.002 * size);
+    const width = clamp(0.02 * (spread(run.track.rigid) + Math.min(run.scale, 10) * maxAbs(run.track.deviation)), 0.0007 * size, 0.002 * size);
     s.path = new Sweep(circle(width, 6), nt, over(COLOUR.path));   // a short path is drawn thin
     s.pathRigid = new Sweep(circle(0.65 * width, 6), nt, over(COLOUR.pathRigid));
     s.dot = new THREE.Mesh(ballGeometry, over(COLOUR.path));
@@ -260,7 +262,7 @@ function baseMarkers(b, run, size) {
     }
     return out;
   }
-  const p = points.reduce((a, c) => (c.z < a.z ? c : a)), pose = b.pose, at = V(pose[3], pose[7], pose[11]).add(p);
+  const p = points.reduce((a, c) => (c.z < a.z ? c : a)), pose = b.rigid, at = V(pose[3], pose[7], pose[11]).add(p);
   const still = (a, n) => { for (let i = n; i < a.length; i += n + 3) for (let j = 0; j < 3; j++) if (Math.abs(a[i + j] - a[n + j]) > 1e-3 * size) return false; return true; };
   const beam = run.links.find((k) => V(k.rigid[0], k.rigid[1], k.rigid[2]).distanceTo(at) < 1e-3 * size);
   const k = beam && beam.rigid, n = beam ? 3 * (beam.rigid.shape[1] - 1) : 0;

@@ -169,21 +169,22 @@ function move(k, w) {
       c[3 * i + a] = r + mag * c[3 * i + a];
     }
     lerp(d.y_rigid, 3, k, w, three);
-    lerp(d.y, 3 * m, k, w, b.y);
-    for (let i = 0; i < 3 * m; i++) b.y[i] = three[i % 3] + mag * (b.y[i] - three[i % 3]);
-    if (b.fields[field]) lerp(b.fields[field], m, k, w, b.now); else b.now.fill(0);
-    const factor = scene.factor;
-    for (let i = 0; i < m; i++) b.value[i] = clamp((b.now[i] * factor - low) / (top - low), 0, 1);
+    lerp(d.y_disp, 3 * m, k, w, b.y);
+    for (let i = 0; i < 3 * m; i++) b.y[i] = three[i % 3] + mag * b.y[i];
+    const f = b.fields[field], n = f ? f.shape[1] : m, factor = scene.factor;
+    if (b.now.length !== n) { b.now = new Float32Array(n); b.value = new Float32Array(n); }
+    if (f) lerp(f, n, k, w, b.now); else b.now.fill(0);
+    for (let i = 0; i < n; i++) b.value[i] = clamp((b.now[i] * factor - low) / (top - low), 0, 1);
     b.sweep.mesh.material = S.colours ? b.coloured : b.plain;
-    b.sweep.set(c, b.y, b.value);
+    b.sweep.set(c, b.y, b.value, b.onSurface(field));
     if (S.ghost !== "off") b.shade.set(b.rigid, three);
   }
   for (const b of scene.bodies) {
-    const d = b.data, still = d.pose.length === 12;
-    lerp(d.pose, 12, still ? 0 : k, still ? 0 : w, row);
-    if (d.rigid) { lerp(d.rigid, 12, k, w, rowRigid); } else rowRigid.set(row);
+    const d = b.data, still = d.rigid.length === 12;
+    lerp(d.rigid, 12, still ? 0 : k, still ? 0 : w, rowRigid);
     if (b.shade) { b.shade.matrix.set(...rowRigid, 0, 0, 0, 1); b.shade.matrixWorldNeedsUpdate = true; }
-    for (let i = 0; i < 12; i++) row[i] = rowRigid[i] + mag * (row[i] - rowRigid[i]);
+    if (d.disp) lerp(d.disp, 12, k, w, row); else row.fill(0);
+    for (let i = 0; i < 12; i++) row[i] = rowRigid[i] + mag * row[i];
     b.matrix.set(...row, 0, 0, 0, 1);
     b.group.matrix.copy(b.matrix);
     b.group.matrixWorldNeedsUpdate = true;
@@ -194,15 +195,15 @@ function move(k, w) {
   }
 }
 
-function magnified(at, rigid, k, w, out) {
-  lerp(at, 3, k, w, three); lerp(rigid, 3, k, w, threeRigid);
-  return out.set(...[0, 1, 2].map((i) => threeRigid[i] + S.mag * (three[i] - threeRigid[i])));
+function magnified({rigid, disp}, k, w, out) {
+  lerp(disp, 3, k, w, three); lerp(rigid, 3, k, w, threeRigid);
+  return out.set(...[0, 1, 2].map((i) => threeRigid[i] + S.mag * three[i]));
 }
 
 function drawPath() {
   if (!scene.path) return;
-  const {position, rigid} = R.track, c = new Float32Array(position.length);
-  for (let i = 0; i < c.length; i++) c[i] = rigid[i] + S.mag * (position[i] - rigid[i]);
+  const {disp, rigid} = R.track, c = new Float32Array(rigid.length);
+  for (let i = 0; i < c.length; i++) c[i] = rigid[i] + S.mag * disp[i];
   scene.path.set(c, across(c));
 }
 
@@ -219,19 +220,19 @@ function seek(t) {
   scene.ghostMaterial.depthWrite = S.ghost === "beside";
   if (scene.path) {
     scene.pathGroup.visible = S.path;
-    magnified(R.track.position, R.track.rigid, k, w, scene.dot.position);
+    magnified(R.track, k, w, scene.dot.position);
   }
   for (const f of scene.forces) {
     lerp(f.data.vector, 3, k, w, three);
     way.set(...three);
     const n = S.force ? way.length() : 0;
-    f.arrow(magnified(f.data.at, f.data.at_rigid, k, w, spot), way.normalize(), 0.24 * scene.size * n / scene.forceMax);
+    f.arrow(magnified(f.data, k, w, spot), way.normalize(), 0.24 * scene.size * n / scene.forceMax);
   }
   for (const f of scene.torques) {
     lerp(f.data.vector, 3, k, w, three);
     way.set(...three).normalize();
     const value = S.torque ? (f.data.value[k] * (1 - w) + (w > 0 ? f.data.value[k + 1] * w : 0)) / scene.torqueMax : 0;
-    magnified(f.data.at, f.data.at_rigid, k, w, spot);
+    magnified(f.data, k, w, spot);
     if (f.arc) f.arc(spot, way, value);
     else f.arrow(spot, way.multiplyScalar(Math.sign(value) || 1), 0.24 * scene.size * Math.abs(value));
   }
