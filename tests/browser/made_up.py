@@ -33,7 +33,8 @@ def with_surface(run: Result) -> Result:
     stress[18] = 1.5 * section
     about = {"frame": np.eye(3).tolist(), "origin": [0.0, 0.0, 0.0]}
     links = {**run.meta["links"], "distal_1": {**run.meta["links"]["distal_1"], **about}}
-    mesh = {"nodes": nodes, "triangles": np.array(faces, float), "von_mises": np.outer(wave, stress)}
+    mesh = {"nodes": nodes, "triangles": np.array(faces, float)}
+    mesh["von_mises"] = np.outer(wave, stress)
     arrays = {**run.arrays, **{f"link/distal_1/mesh/{k}": v for k, v in mesh.items()}}
     return Result(run.t, arrays, {**run.meta, "links": links})
 
