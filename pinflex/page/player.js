@@ -90,8 +90,11 @@ function image() {                                 // the drawing with its legen
     for (const u of [0, 0.25, 0.5, 0.75, 1]) g.fillText(minus(digits(low + u * (top - low))), 42, 98 + 180 * (1 - u));
   }
   g.font = "600 13px system-ui, sans-serif";
-  for (const m of marks) if (!m.hidden) { const [, x, y] = m.style.transform.match(/([\d.-]+)px, ([\d.-]+)px/); g.fillText(m.textContent, +x + 10, +y - 8); }
+  for (const m of marks) if (!m.hidden) { const [, x, y] = m.style.transform.match(/([\d.-]+)px, ([\d.-]+)px/); g.fillText(m.textContent, +x + 10, +y - 8); if (m.classList.contains("peak")) ring(g, +x, +y); }
   return c.toDataURL("image/png");
+}
+function ring(g, x, y) {
+  for (const [width, colour] of [[5, "rgba(255, 255, 255, .85)"], [2, "#1b2430"]]) { g.lineWidth = width; g.strokeStyle = colour; g.beginPath(); g.arc(x, y, 5, 0, 2 * Math.PI); g.stroke(); }
 }
 function save(name, url) { el("a", {href: url, download: name}).click(); }
 function savePicture() { save(`${DATA.file}.png`, image()); }
