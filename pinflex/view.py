@@ -69,7 +69,8 @@ def write_html(
         scale: Magnification of displacements about the rigid pose, or "auto".
         title: Heading; default the run's name.
         rigid: The same motion without elasticity, to compare torques and the platform path with.
-        limit: Stress the material bears [Pa]; above it the colour changes.
+        limit: Stress the material bears [Pa], above which the colour changes; default the lowest
+            yield strength among the links, where known.
         meshes: Folders in which the meshes of the URDF are looked for, besides the package
             example-robot-data; None draws simple shapes only.
 
@@ -79,6 +80,10 @@ def write_html(
     scene = build_scene(result, rigid, _scale(scale), meshes)
     if field not in FIELDS:
         raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
+    if limit is None:
+        materials = [about.get("material", {}) for about in result.meta.get("links", {}).values()]
+        known = [m["yield_strength"] for m in materials if m.get("yield_strength")]
+        limit = min(known, default=None)
     page = {"field": field, "limit": None if limit is None else 1e-6 * limit}
     return _write([scene], path, title or scene["name"], page)
 
