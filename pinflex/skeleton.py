@@ -27,6 +27,8 @@ class Skeleton:
         root: No moving joint carries it.
         platform: It carries the platform frame.
         surface: What the URDF draws of it, in the same frame.
+        frame: It only marks a place on a flexible link.
+        rails: Ends of the straight ways on which sliding links move along it, each (2, 3).
     """
 
     name: str
@@ -37,6 +39,8 @@ class Skeleton:
     root: bool
     platform: bool
     surface: Surface | None = None
+    frame: bool = False
+    rails: tuple[Array, ...] = ()
 
 
 def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface]) -> list[Skeleton]:
@@ -83,7 +87,27 @@ def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface])
             rigid = result.arrays.get(f"body/{head}/pose_rigid", pose)
             root = not moved & set(links)
             skin = joined(skins) if skins else None
-            bones.append(Skeleton(head, points, radius, pose, rigid, root, platform in links, skin))
+            above_it = [j for j in joints if j.child == head and j.kind == "fixed"]
+            frame = any(j.parent in result.links for j in above_it)
+            rails = [
+                _way(pose, result.arrays[f"body/{j.child}/pose"])
+                for j in joints
+                if j.kind == "prismatic" and j.parent in links
+            ]
+            bones.append(
+                Skeleton(
+                    head,
+                    points,
+                    radius,
+                    pose,
+                    rigid,
+                    root,
+                    platform in links,
+                    skin,
+                    frame,
+                    tuple(rails),
+                )
+            )
     return bones
 
 
@@ -120,10 +144,12 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "radius": radius,
         "base": still and bone.root,
         "platform": bone.platform,
+        "frame": bone.frame,
         "points": points.tolist(),
         "rods": rods,
         "plate": plate,
         "mesh": mesh,
+        "rails": [rail.tolist() for rail in bone.rails] if bone.root else [],
         "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
         "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
     }
@@ -137,6 +163,13 @@ def _together(result: Result, parent: str, child: str) -> bool:
     turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
     shift = np.einsum("tji,tj->ti", a[:, :, :3], b[:, :, 3] - a[:, :, 3])
     return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
+
+
+def _way(pose: Array, child: Array) -> Array:
+    """Ends of the path of a sliding link, as its parent sees it; shape (2, 3)."""
+    path = np.einsum("tji,tj->ti", pose[:, :, :3], child[:, :, 3] - pose[:, :, 3])
+    axis = int(np.ptp(path, axis=0).argmax())
+    return np.asarray(path[[path[:, axis].argmin(), path[:, axis].argmax()]])
 
 
 def _plate(points: Array, axes: Array, margin: float) -> dict[str, Any]:

@@ -129,7 +129,7 @@ function makeScene(run) {
   s.ghostMaterial = ghost;
   s.lut = new THREE.DataTexture(new Uint8Array(4 * 1024), 1024, 1, THREE.RGBAFormat);
   s.lut.magFilter = s.lut.minFilter = THREE.LinearFilter;
-  const coloured = phong(0xffffff, {map: s.lut, emissive: 0xffffff, emissiveMap: s.lut, emissiveIntensity: 0.16}), plain = phong(COLOUR.plain);
+  const coloured = phong(0xffffff, {map: s.lut, emissive: 0xffffff, emissiveMap: s.lut, emissiveIntensity: 0.26}), plain = phong(COLOUR.plain);
   const least = 0.008 * size;
   let thin = null;
   for (const k of run.links) {
@@ -154,23 +154,29 @@ function makeScene(run) {
   }
   if (thin !== null) s.notes.push(`thin sections are drawn at least ${digits(1e3 * least, 2)} mm thick (true ${digits(1e3 * thin, 2)} mm)`);
   const ballGeometry = new THREE.SphereGeometry(1, 20, 14), jointMaterial = phong(COLOUR.joint);
-  const start = (b) => Array.from(b.rigid.subarray(0, 12), (x, i) => x + (b.disp ? b.disp[i] : 0));   // as it is at first
-  const place0 = (b, p) => { const m = start(b); return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); };
-  const joints = run.bodies.filter((b) => b.points.length > 1 || b.base).flatMap((b) => b.points.map((p) => place0(b, p)));
-  const ends = run.links.flatMap((k) => { const n = 3 * (k.x.length - 1), r = k.rigid, q = 3 * (r.shape[1] - 1);
-    return [V(r[0] + k.disp[0], r[1] + k.disp[1], r[2] + k.disp[2]), V(r[q] + k.disp[n], r[q + 1] + k.disp[n + 1], r[q + 2] + k.disp[n + 2])]; });
-  const meeting = (at) => joints.concat(ends).some((p) => p.distanceTo(at) < 0.01 * size);
+  const poseAt = (b, k) => { const o = b.rigid.length > 12 ? 12 * k : 0; return Array.from(b.rigid.subarray(o, o + 12), (x, i) => x + (b.disp ? b.disp[o + i] : 0)); };
+  const placeAt = (b, p, k) => { const m = poseAt(b, k); return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); };
+  const whens = [0, nt >> 1, nt - 1];               // what meets at all three belongs together
+  const joints = run.bodies.filter((b) => !b.frame).flatMap((b) => b.points.map((p) => ({body: b, at: whens.map((k) => placeAt(b, p, k))})));
+  const ends = run.links.flatMap((link) => [0, 1].map((e) => {
+    const n = link.x.length, m = link.rigid.shape[1], vector = (a, count, k) => V().fromArray(a, 3 * (k * count + (e ? count - 1 : 0)));
+    return {at: whens.map((k) => vector(link.rigid, m, k).add(vector(link.disp, n, k)))};
+  }));
+  const near = (p, q) => p !== q && p.at.every((v, i) => v.distanceTo(q.at[i]) < 0.01 * size);
   for (const b of run.bodies) {
     const material = phong(b.base ? COLOUR.base : b.platform ? COLOUR.platform : COLOUR.body);
-    const group = new THREE.Group(), shade = b.base ? null : new THREE.Group();
+    const group = new THREE.Group(), shade = new THREE.Group();
     group.matrixAutoUpdate = false;
     const add = (make) => {
       const mesh = make(material);
       mesh.castShadow = mesh.receiveShadow = true;
       group.add(mesh);
-      if (shade) { const pale = make(ghost); pale.renderOrder = -1; shade.add(pale); }
+      const pale = make(ghost);
+      pale.renderOrder = -1;
+      shade.add(pale);
+      if (b.base) s.besides.push(pale);             // it does not move: seen side by side only
     };
-    for (const [p, q] of b.rods) if (!b.base || b.rods.length === 1) add((m) => rod(p, q, b.radius, m));
+    for (const [p, q] of b.base ? [] : b.rods) add((m) => rod(p, q, b.radius, m));
     if (b.plate && !b.base) add((m) => plate(b.plate.outline, b.plate.normal, 0.9 * b.radius, m));
     const box = [];
     if (b.mesh) {
@@ -180,13 +186,18 @@ function makeScene(run) {
       const {min, max} = g.boundingBox;
       for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z]) box.push(V(x, y, z));
     }
-    else if (b.base) baseMarkers(b, run, size).forEach((mesh) => group.add(mesh));
+    else if (b.base) for (const mesh of baseMarkers(b, run, size)) {
+      const copy = mesh.clone();
+      group.add(mesh); shade.add(copy); s.besides.push(copy);
+    }
     root.add(group);
-    if (shade) { shade.matrixAutoUpdate = false; soft.add(shade); }
+    shade.matrixAutoUpdate = false;
+    soft.add(shade);
     if (b.mesh) { s.bodies.push({data: b, group, shade, box, matrix: new THREE.Matrix4()}); continue; }
-    const lone = b.points.length === 1 && !b.base;  // a frame on something else: that has its own ball
+    const lone = b.points.length === 1 && !b.base;  // on something else, which has its own ball
+    const elsewhere = (j) => j.body === b && joints.concat(ends).some((o) => o.body !== b && near(o, j));
     for (const p of b.points) {
-      if ((b.base && b.walled) || (lone && meeting(place0(b, p)))) continue;
+      if (b.frame || (b.base && b.walled) || (lone && joints.some(elsewhere))) continue;
       const ball = new THREE.Mesh(ballGeometry, jointMaterial);
       ball.scale.setScalar(Math.min(1.25 * b.radius, 0.018 * size) + (b.rods.length && b.radius > 0.014 * size ? b.radius - 0.014 * size : 0));
       ball.castShadow = true;
@@ -195,13 +206,13 @@ function makeScene(run) {
       const still = new THREE.Mesh(ballGeometry, ghost); // the same joint of the rigid robot, seen side by side
       still.position.set(...p);
       still.scale.copy(ball.scale);
-      if (shade) { shade.add(still); s.besides.push(still); }
+      shade.add(still);
+      s.besides.push(still);
     }
     s.bodies.push({data: b, group, shade, box, matrix: new THREE.Matrix4()});
   }
   for (const [n, k] of s.links.entries()) for (const e of [0, 1]) { // a ball where a link meets something; none at a free end
-    const here = ends[2 * n + e], meets = (p) => p !== here && p.distanceTo(here) < 0.01 * size;
-    if (k.meshed || (!joints.some(meets) && !ends.some(meets))) continue;
+    if (k.meshed || !joints.concat(ends).some((o) => near(o, ends[2 * n + e]))) continue;
     const ball = new THREE.Mesh(ballGeometry, jointMaterial);
     ball.scale.setScalar(Math.max(0.0085 * size, 1.05 * Math.min(k.half, 0.012 * size)));
     ball.castShadow = true;
@@ -251,15 +262,16 @@ function baseMarkers(b, run, size) {
     mesh.castShadow = mesh.receiveShadow = true;
     out.push(mesh);
   };
-  const points = b.points.map((p) => V(...p));
-  if (points.length > 2) {
+  const line = (radius, from, to) => {
+    const c = new Float32Array([...from, ...to]), sweep = new Sweep(circle(radius, 6), 2, new THREE.MeshBasicMaterial({color: 0xb4bcc8, fog: false}));
+    sweep.set(c, across(c));
+    out.push(sweep.mesh);
+  };
+  for (const [p, q] of b.rails) line(0.004 * size, p, q);
+  const points = b.points.map((p) => V(...p)), count = points.length;
+  if (count > 1) {
     points.forEach((p) => flange(p, V(0, 0, 1)));
-    const flat = points.flatMap((p) => [p.x, p.y, p.z]), loop = new Float32Array([...flat, ...flat.slice(0, 3)]);
-    for (let i = 0; i < points.length; i++) {
-      const line = new Sweep(circle(0.0016 * size, 6), 2, new THREE.MeshBasicMaterial({color: 0xb4bcc8, fog: false})), part = loop.slice(3 * i, 3 * i + 6);
-      line.set(part, across(part));
-      out.push(line.mesh);
-    }
+    for (let i = 0; i < (count > 2 ? count : 1); i++) line(0.0016 * size, b.points[i], b.points[(i + 1) % count]);
     return out;
   }
   const p = points.reduce((a, c) => (c.z < a.z ? c : a)), pose = b.rigid, at = V(pose[3], pose[7], pose[11]).add(p);

@@ -21,6 +21,7 @@ function makeViewer() {
     viewer.set_3d_pane_size();
     if (!R) return;
     if (!cameraMoved) fitCamera();
+    setColours();
     drawPlots();
     viewer.render();                                // at once: a screenshot may be taken before the next frame
     place();
@@ -84,18 +85,22 @@ function cloud() {
   return out.length ? out : [V(0, 0, 0), V(1, 1, 1)];
 }
 
+/* The side from which a robot of the extent e is seen. */
+function viewFrom(e) {
+  const most = Math.max(e.x, e.y, e.z) || 1, least = Math.min(e.x, e.y, e.z);
+  if (least >= 0.15 * most) return V(0.62, -1, 0.42).normalize();   // a spatial mechanism: from the front, a little above
+  return (e.z === least ? V(0, -0.62, 1) : e.y === least ? V(0.16, -1, 0.14) : V(1, -0.16, 0.14)).normalize();
+}
+
 function fitCamera(points) {
   points = points || cloud();
   const low = points[0].clone(), high = points[0].clone();
   points.forEach((p) => { low.min(p); high.max(p); });
-  const e = V().subVectors(high, low), most = Math.max(e.x, e.y, e.z) || 1, least = Math.min(e.x, e.y, e.z);
-  let d = V(0.62, -1, 0.42);                        // a spatial mechanism: from the front, a little above
-  if (least < 0.15 * most) d = e.z === least ? V(0, -0.62, 1) : e.y === least ? V(0.16, -1, 0.14) : V(1, -0.16, 0.14);
-  d.normalize();
+  const d = viewFrom(scene.extent);
   const up = V(0, 0, 1), right = V().crossVectors(up, d).normalize(), top = V().crossVectors(d, right);
   const w = $("stage").clientWidth || 1, h = $("stage").clientHeight || 1, tall = Math.tan(16 * Math.PI / 180), wide = tall * w / h;
   /* the legend covers the left edge of a wide page and the top of a narrow one */
-  const narrow = w < 700, padX = narrow ? 1.02 : 1.06, padY = narrow ? 1.3 : 1.1, side = narrow ? 0 : Math.min(0.35, 190 / w);
+  const narrow = w < 700, padX = narrow ? 1.02 : 1.06, padY = narrow ? 1.3 : 1.14, side = narrow ? 0 : Math.min(0.35, 190 / w);
   const rim = 0.035 * scene.size;                   // points stand for joints and feet with a size
   let centre = V().addVectors(low, high).multiplyScalar(0.5), distance = 1;
   for (let pass = 0; pass < 4; pass++) {            // centre what is seen, then step back just enough
@@ -113,7 +118,7 @@ function fitCamera(points) {
   for (const p of points) { const q = V().subVectors(p, centre); half = Math.max(half, (Math.abs(q.dot(right)) + rim) / wide / (distance - q.dot(d))); }
   const shift = clamp(2 * side - 1 + half, narrow ? 0 : 0.03, side); // no further from the middle than the legend asks
   const target = centre.clone().addScaledVector(right, -shift * wide * distance);
-  if (narrow) target.addScaledVector(top, 0.06 * tall * distance);
+  target.addScaledVector(top, (narrow ? 0.06 : 0.03) * tall * distance);   // the heading covers some of the top
   const world = (p) => V(p.x, p.z, -p.y);           // meshcat's camera lives in a y-up world
   viewer.controls.target.copy(world(target));
   viewer.camera.position.copy(world(target.clone().addScaledVector(d, distance)));
@@ -182,7 +187,8 @@ function move(k, w) {
   for (const b of scene.bodies) {
     const d = b.data, still = d.rigid.length === 12;
     lerp(d.rigid, 12, still ? 0 : k, still ? 0 : w, rowRigid);
-    if (b.shade) { b.shade.matrix.set(...rowRigid, 0, 0, 0, 1); b.shade.matrixWorldNeedsUpdate = true; }
+    b.shade.matrix.set(...rowRigid, 0, 0, 0, 1);
+    b.shade.matrixWorldNeedsUpdate = true;
     if (d.disp) lerp(d.disp, 12, k, w, row); else row.fill(0);
     for (let i = 0; i < 12; i++) row[i] = rowRigid[i] + mag * row[i];
     b.matrix.set(...row, 0, 0, 0, 1);
