@@ -75,8 +75,7 @@ def picture(
     path.parent.mkdir(parents=True, exist_ok=True)
     if at is not None:
         state["t"] = at
-    window = (size[0], size[1])
-    _run(page, state, window, [f"--screenshot={path}"])
+    _run(page, {"shadow": 1, "sharp": 2, **state}, size, [f"--screenshot={path}"])
     if not path.is_file():
         raise PinflexError(
             f"capture: {browser()} wrote no {path.name}. Open {page} in it to see why."

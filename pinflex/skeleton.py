@@ -88,7 +88,9 @@ def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface])
             root = not moved & set(links)
             skin = joined(skins) if skins else None
             above_it = [j for j in joints if j.child == head and j.kind == "fixed"]
-            frame = any(j.parent in result.links for j in above_it)
+            on_beam = any(j.parent in result.links for j in above_it)
+            massless = not any(about.get(link, {}).get("mass") for link in links)
+            frame = on_beam and massless and len(points) < 2
             rails = [
                 _way(pose, result.arrays[f"body/{j.child}/pose"])
                 for j in joints

@@ -219,7 +219,7 @@ function drawPlots() {
   movePlots();
 }
 /* Names of a plot's curves: before their values where there is room, without what all have in common
-   where there is less, in a line of their own where there is little. */
+   where there is less, in a line of their own where there is little, without values where those do not fit either. */
 function named(p, width) {
   const some = p.curves.filter((c) => !c.rigid).slice(0, 8), full = some.map((c) => c.name), rigid = p.curves.some((c) => c.rigid);
   const line = (...parts) => parts.length ? el("span", {class: "names"}, ...parts) : null, dash = rigid ? [el("span", {class: "dash"}, "┄ rigid")] : [];
@@ -232,13 +232,14 @@ function named(p, width) {
   const tail = full[0].slice(full[0].length - common(full.map(back))).match(/[_\W].*$/) || [""];
   const brief = full.map((s) => s.slice(head[0].length, s.length - tail[0].length)), short = brief.every((s) => /[a-z]/i.test(s)) ? brief : full;
   for (const names of [full, short]) if (fits(names)) return {names, line: line(...dash)};
-  return {names: some.map(() => ""), line: line(...dash, ...some.map((c, i) => el("span", {style: `color:${CURVES[c.colour % CURVES.length]}`}, short[i])))};
+  return {names: 0.9 * widths < room ? some.map(() => "") : null, line: line(...dash, ...some.map((c, i) => el("span", {style: `color:${CURVES[c.colour % CURVES.length]}`}, short[i])))};
 }
 function movePlots() {
   if (!plots.length) return;
   const [k, w] = frameOf(S.t);
   for (const {p, cursor, X, values, names} of plots) {
     cursor.setAttribute("x1", X(S.t)); cursor.setAttribute("x2", X(S.t));
+    if (!names) continue;
     const some = p.curves.filter((c) => !c.rigid).slice(0, 8);
     const texts = some.map((c) => minus(digits(c.y[k] * (1 - w) + (w > 0 ? c.y[k + 1] * w : 0))));
     values.replaceChildren(...some.map((c, i) => el("span", {style: `color:${CURVES[c.colour % CURVES.length]}`, title: c.name}, (names[i] ? names[i] + " " : "") + texts[i])));

@@ -28,9 +28,9 @@ function makeViewer() {
   }).observe(stage);
   const gl = viewer.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
   soft = /swiftshader|llvmpipe|software/i.test(info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "");
-  const wish = new URLSearchParams(location.hash.slice(1)).get("shadow");
-  viewer.renderer.shadowMap.enabled = wish ? wish === "1" : !soft;   // software drawing: half the speed with shadows
-  viewer.renderer.setPixelRatio(soft ? 1 : Math.min(devicePixelRatio, 2));
+  const wish = new URLSearchParams(location.hash.slice(1)), shadow = wish.get("shadow");   // still pictures ask for the best
+  viewer.renderer.shadowMap.enabled = shadow ? shadow === "1" : !soft;   // software drawing: half the speed with shadows
+  viewer.renderer.setPixelRatio(+wish.get("sharp") > 0 ? Math.min(+wish.get("sharp"), 4) : soft ? 1 : Math.min(devicePixelRatio, 2));
   viewer.set_property(["Background"], "top_color", [1, 1, 1]);
   viewer.set_property(["Background"], "bottom_color", [0.885, 0.91, 0.945]);
   viewer.delete_path(["Lights"]);
