@@ -45,12 +45,11 @@ def bent(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
     station = np.union1d(station, np.array(peaks, dtype=np.intp))
     section_y = get["section_y"] if "section_y" in get else _any_normal(rigid)
     y_rigid = _rigid_normal(rigid, section_y)
-    mesh, surface = _on_beam(skin, about), {}
-    if "mesh/von_mises" in get:
-        solids = sum(k.endswith("/mesh/von_mises") for k in result.arrays)
-        most = int(np.clip(TRIANGLES / solids, FEWEST, MOST))
-        mesh, values = _solid(get, most)
-        surface = {"von_mises": values}
+    mesh = _on_beam(skin, about)
+    surface: dict[str, Array] = {}
+    if "mesh/nodes" in get:
+        solids = sum(k.endswith("/mesh/nodes") for k in result.arrays)
+        mesh, surface = _solid(get, int(np.clip(TRIANGLES / solids, FEWEST, MOST)))
     return {
         "name": name,
         "x": x[station],
@@ -92,20 +91,24 @@ def largest(link: dict[str, Any], field: str) -> Array | None:
     return None if values is None else np.abs(values).max(axis=1)
 
 
-def _solid(get: dict[str, Array], most: int) -> tuple[dict[str, Any] | None, Array]:
-    """Surface of a solid's mesh in its beam frame, and the stress at its points, (nt, n)."""
-    nodes, stress = get["mesh/nodes"], get["mesh/von_mises"]
+def _solid(get: dict[str, Array], most: int) -> tuple[dict[str, Any] | None, dict[str, Array]]:
+    """Surface of a solid's mesh in its beam frame, and fields at its points, (nt, n).
+
+    A mode shape has no size, and so no stress.
+    """
+    nodes = get["mesh/nodes"]
+    stress = get.get("mesh/von_mises", np.empty((0, len(nodes))))
     points, faces = simplify(nodes, get["mesh/triangles"].astype(np.intp), most)
     if len(points) < len(nodes):  # a point shows the worst of the nodes that it stands for
         from scipy.spatial import cKDTree
 
         own = cKDTree(nodes).query(points)[1]
         stands = cKDTree(points).query(nodes)[1]
-        for node in np.argsort(stress.max(axis=0)):  # the worst is written last
+        for node in np.argsort(stress.max(axis=0, initial=0.0)):  # the worst is written last
             own[stands[node]] = node
         stress = stress[:, own]
     mesh, first = packed(Surface(points, faces, True))
-    return mesh, stress[:, first]
+    return mesh, {"von_mises": stress[:, first]} if len(stress) else {}
 
 
 def _on_beam(skin: Surface | None, about: dict[str, Any]) -> dict[str, Any] | None:

@@ -9,10 +9,11 @@ import pytest
 
 import pinflex as pf
 from pinflex.bent import MOST
+from pinflex.mode_shapes import mode_runs
 from pinflex.pictures import instant
 from pinflex.result import Result
 from pinflex.scene import build_scene
-from pinflex.view import write_html
+from pinflex.view import write_html, write_modes_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import with_surface
 
@@ -99,6 +100,7 @@ def test_a_solved_solid_is_drawn_by_its_mesh(browser: Browser, tmp_path: Path) -
     result = pf.solve(pf.load("3tpt", change), level="quasistatic", samples=5, until=0.02)
     browser.open(write_html(result, tmp_path / "rods.html"), "t=0.02&mag=1")
     assert browser.errors() == []
+    assert all(link["surface"] for link in build_scene(result)["links"])
     for name in result.links:
         stress = result.array(f"link/{name}/mesh/von_mises")[-1]
         shown = browser.run("return pinflex.values(arguments[0])", name)
@@ -107,3 +109,9 @@ def test_a_solved_solid_is_drawn_by_its_mesh(browser: Browser, tmp_path: Path) -
         line = browser.centreline(name)
         away = np.linalg.norm(points[:, None] - line[None], axis=2).min(axis=1)
         assert away.max() < 0.015  # its radius is 0.010 m, stations stand 0.014 m apart
+    solid = pf.load("3tpt", change)
+    shapes = mode_runs(solid, pf.modes(solid, count=1))
+    browser.open(write_modes_html(shapes, tmp_path / "modes.html"), "play=0")
+    assert browser.errors() == []
+    drawn = browser.run("return pinflex.surface(arguments[0]).length", name)
+    assert drawn == points.size  # the same mesh, though a shape has no stress
