@@ -56,7 +56,6 @@ def bent(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
         "length": float(about.get("length", x[-1])),
         "outline": about.get("section", {}).get("outline") or _circle(0.01 * float(x[-1])),
         "mesh": mesh,
-        "shape": about.get("section", {}).get("shape", ""),
         "rigid": rigid[:, station],
         "disp": (centre - rigid)[:, station],
         "y_rigid": y_rigid,
@@ -108,7 +107,7 @@ def _solid(get: dict[str, Array], most: int) -> tuple[dict[str, Any] | None, dic
             own[stands[node]] = node
         stress = stress[:, own]
     mesh, first = packed(Surface(points, faces, True))
-    return mesh, {"von_mises": stress[:, first]} if len(stress) else {}
+    return mesh, {"von_mises": stress[:, first]} if mesh and len(stress) else {}
 
 
 def _on_beam(skin: Surface | None, about: dict[str, Any]) -> dict[str, Any] | None:
