@@ -291,11 +291,16 @@ function baseMarkers(b, run, size) {
   return out;
 }
 
+/* Arrows start at joints, which lie inside of meshes: they are drawn over everything. */
+const onTop = (colour) => phong(colour, {depthTest: false, transparent: true});
+const lifted = (group) => group.children.forEach((mesh, i) => { mesh.renderOrder = 8 + i; });
+
 function arrow(size, colour, root) {
-  const material = phong(colour), group = new THREE.Group();
+  const material = onTop(colour), group = new THREE.Group();
   const shaft = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 12), material);
   const head = new THREE.Mesh(new THREE.ConeGeometry(0.011 * size, 0.03 * size, 16), material);
   group.add(shaft, head);
+  lifted(group);
   group.visible = false;
   root.add(group);
   return (at, direction, length) => {               // direction is a unit vector
@@ -312,10 +317,11 @@ function arrow(size, colour, root) {
 }
 
 function arc(size, root) {
-  const n = 33, radius = 0.055 * size, group = new THREE.Group(), material = phong(COLOUR.torque);
+  const n = 33, radius = 0.055 * size, group = new THREE.Group(), material = onTop(COLOUR.torque);
   const sweep = new Sweep(circle(0.0038 * size, 8), n, material), head = new THREE.Mesh(new THREE.ConeGeometry(0.011 * size, 0.028 * size, 16), material);
   const c = new Float32Array(3 * n), e = V(), f = V(), p = V();
   group.add(sweep.mesh, head);
+  lifted(group);
   root.add(group);
   return {group, arc: (at, axis, share) => {        // share of the largest torque, signed
     group.visible = Math.abs(share) > 0.01;
