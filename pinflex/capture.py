@@ -15,12 +15,14 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlencode
 
 from pinflex.errors import DescriptionError, PinflexError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 MACOS = "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome"
+_GROUND = 48  # colours of a .gif kept for the background
 FLAGS = (
     "--headless=new",
     "--disable-gpu",
@@ -73,8 +75,7 @@ def picture(
     path.parent.mkdir(parents=True, exist_ok=True)
     if at is not None:
         state["t"] = at
-    window = (size[0], size[1])
-    _run(page, state, window, [f"--screenshot={path}"])
+    _run(page, {"shadow": 1, "sharp": 2, **state}, size, [f"--screenshot={path}"])
     if not path.is_file():
         raise PinflexError(
             f"capture: {browser()} wrote no {path.name}. Open {page} in it to see why."
@@ -159,15 +160,31 @@ def _gif(shots: list[bytes], path: Path, fps: int) -> None:
     from PIL import Image  # comes with matplotlib
 
     frames = [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
-    # one palette for all (no flicker), with room for the colours of the legend at the left edge
-    middle = frames[len(frames) // 2]
-    sample = Image.new("RGB", (middle.width, 2 * middle.height))
-    sample.paste(middle)
-    strip = middle.crop((22, 94, 34, 274)).resize((middle.width, middle.height))
-    sample.paste(strip, (0, middle.height))
-    palette = sample.quantize(colors=255)
+    palette = _palette(frames)
     still = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     still[0].save(path, save_all=True, append_images=still[1:], duration=round(1000 / fps), loop=0)
+
+
+def _palette(frames: list[Any]) -> Any:
+    """One palette for all pictures, so that nothing flickers.
+
+    A palette by area would be spent on the background and lose the few pixels of a path or a peak;
+    one by colour would leave steps in the background, so that has some of its own.
+    """
+    from PIL import Image
+
+    some = frames[:: max(1, len(frames) // 4)]
+    width, height = some[0].size
+    sample = Image.new("RGB", (width, height * len(some)))
+    for i, frame in enumerate(some):
+        sample.paste(frame, (0, i * height))
+    edge = some[0].crop((width - 2, 0, width, height))
+    whole = edge.quantize(_GROUND).getpalette() or []
+    whole = whole[: 3 * _GROUND]
+    rest = sample.quantize(256 - _GROUND, method=Image.Quantize.MAXCOVERAGE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette((whole + rest)[: 3 * 256])
+    return palette
 
 
 def _encode(ffmpeg: str, shots: list[bytes], path: Path, fps: int) -> None:

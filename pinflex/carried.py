@@ -36,7 +36,7 @@ class Carrier:
     result: Result
 
     def forces(self) -> list[dict[str, Any]]:
-        """Joint and loop forces [N] on the child: {name, at, at_rigid, vector}, each (nt, 3)."""
+        """Joint and loop forces [N] on the child: {name, rigid, disp, vector}, each (nt, 3)."""
         arrays, arrows = self.result.arrays, list[dict[str, Any]]()
         for key in sorted(k for k in arrays if k.startswith("reaction/")):
             joint = self.joints.get(key[9:])
@@ -52,7 +52,7 @@ class Carrier:
         return arrows
 
     def torques(self) -> list[dict[str, Any]]:
-        """Motor torques: {name, at, at_rigid, vector (axis, nt x 3), value (nt), unit}."""
+        """Motor torques: as forces, the axis being the vector, and value (nt,), linear."""
         arrows: list[dict[str, Any]] = []
         for i, name in enumerate(self.result.motors):
             joint = self.joints.get(name)
@@ -187,7 +187,7 @@ class Carrier:
 
 
 def _arrow(name: str, place: tuple[Array, Array], vector: Array) -> dict[str, Any]:
-    return {"name": name, "at": place[0], "at_rigid": place[1], "vector": vector}
+    return {"name": name, "rigid": place[1], "disp": place[0] - place[1], "vector": vector}
 
 
 def _move(pose: Array, point: Array) -> Array:

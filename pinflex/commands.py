@@ -227,7 +227,7 @@ def view(args: argparse.Namespace) -> int:
     if args.serve is not None:
         serve.page_until_interrupted(page, args.serve)
     elif args.live:
-        serve.live_until_interrupted(result, args.field, args.scale)
+        serve.live_until_interrupted(result, args.field, args.scale, args.meshes)
     return 0
 
 

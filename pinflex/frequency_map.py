@@ -16,10 +16,12 @@ from pinflex.modes import Modes, modes
 from pinflex.motion import Motion
 from pinflex.nominal import nominal
 from pinflex.plot import COLOURS, DPI, HEIGHT, panels, title
+from pinflex.solve import default_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_WIDE = 1 / 15  # a lowest frequency below this share of the highest: on a logarithmic axis
 _SPARE = 4  # modes followed beside those shown: one of them may come down among the shown
 
 
@@ -71,8 +73,6 @@ def frequency_map(
     if instants < 2:
         raise DescriptionError(f"frequency_map: instants: {instants}. Give at least 2.")
     if motion is None:
-        from pinflex.solve import _default_motion as default_motion
-
         motion = default_motion(mechanism)
     end = mechanism.description.solve.until or motion.duration
     t = np.linspace(0.0, min(end, motion.duration) or end, instants)
@@ -104,8 +104,22 @@ def plot_frequency_map(found: FrequencyMap) -> Figure:
     for i, column in enumerate(found.frequencies.T):
         ax.plot(found.t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
     known = np.isfinite(found.frequencies).all(axis=1)
-    top, n = float(np.nanmax(found.frequencies)), int(np.flatnonzero(known)[-1])
-    for group in _close_together(found.frequencies[n], 0.045 * top):
+    top, bottom = float(np.nanmax(found.frequencies)), float(np.nanmin(found.frequencies))
+    n = int(np.flatnonzero(known)[-1])
+    wide = 0 < bottom < _WIDE * top
+    if wide:
+        ax.set_yscale("log")
+        low, high = bottom / (top / bottom) ** 0.12, top * (top / bottom) ** 0.06
+    else:
+        low, high = min(0.0, 1.06 * bottom), 1.06 * top
+    ax.set_ylim(low, high)
+
+    def height(f: Array) -> Array:  # 0 to 1 of the axis
+        return np.asarray(
+            np.log(f / low) / np.log(high / low) if wide else (f - low) / (high - low)
+        )
+
+    for group in _close_together(height(found.frequencies[n]), 0.045):
         ax.annotate(
             ", ".join(str(i + 1) for i in sorted(group)),
             (found.t[n], float(np.mean(found.frequencies[n][group]))), (5, 0), va="center",
@@ -114,19 +128,19 @@ def plot_frequency_map(found: FrequencyMap) -> Figure:
         )  # fmt: skip
     lowest = np.where(known, np.min(found.frequencies, axis=1), np.inf)
     k = int(np.argmin(lowest))
-    side = "center" if 0.2 < k / len(lowest) < 0.8 else "left" if k < len(lowest) / 2 else "right"
     if np.ptp(lowest[known]) > 1e-3 * lowest[k]:  # otherwise no pose is worse than another
         ax.plot(found.t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
+        early, below = k < len(lowest) / 2, height(lowest[k]) > 0.08
         ax.annotate(
             f"lowest {lowest[k]:.4g} Hz at {found.t[k]:.4g} s", (found.t[k], lowest[k]),
-            (0, -14 if lowest[k] > 0.08 * top else 10), textcoords="offset points", fontsize=8,
-            ha=side, bbox={"fc": "w", "ec": "none", "pad": 1},
+            (8 if early else -8, -14 if below else 10), textcoords="offset points", fontsize=8,
+            ha="left" if early else "right", bbox={"fc": "w", "ec": "none", "pad": 1}, zorder=4,
         )  # fmt: skip
     if not known.all() and n + 1 < len(found.t):
         ax.axvspan(found.t[n], found.t[-1], color="0.95", zorder=0)
-        middle = (found.t[n] + found.t[-1]) / 2
-        ax.text(middle, 0.5 * top, "no static equilibrium", ha="center", color="0.4", fontsize=9)
-    ax.set_ylim(0.0, 1.06 * top)
+        middle, style = (found.t[n] + found.t[-1]) / 2, {"ha": "center", "color": "0.4"}
+        place = ax.get_xaxis_transform()
+        ax.text(middle, 0.5, "no static equilibrium", transform=place, fontsize=9, **style)
     ax.set_xlim(found.t[0], found.t[-1])
     ax.set_xlabel("time along the motion [s]")
     ax.set_ylabel("natural frequency [Hz]")

@@ -110,6 +110,7 @@ def _links(mechanism: Mechanism) -> dict[str, Any]:
                 "E": material.E,
                 "G": material.G,
                 "rho": material.rho,
+                "yield_strength": material.yield_strength,
             },
             "frame": [[float(x) for x in row] for row in part.placement.rotation],
             "origin": [float(x) for x in part.placement.translation],

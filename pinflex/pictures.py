@@ -26,12 +26,14 @@ class Picture:
 def instant(result: Result, text: str) -> float:
     """Instant [s] that a text names: a number within the run, or "worst".
 
-    The worst instant is that of the largest von Mises stress.
+    The worst instant is that of the largest von Mises stress, in a section or on a surface.
     """
     if text == "worst":
         if not result.links:
             raise DescriptionError("view: worst: a rigid run has no stress. Give a time in s.")
-        peaks = np.max([result.link(name).von_mises.max(axis=1) for name in result.links], axis=0)
+        own = [result.arrays.get(f"link/{name}/mesh/von_mises") for name in result.links]
+        stress = [*(result.link(name).von_mises for name in result.links), *own]
+        peaks = np.max([s.max(axis=1) for s in stress if s is not None], axis=0)
         return float(result.t[int(np.argmax(peaks))])
     first, last = float(result.t[0]), float(result.t[-1])
     try:

@@ -15,6 +15,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
+from pinflex.peaks import amplitudes, highest, modes_near
 from pinflex.result import Result, peak, same_grid
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 RIGID = "#000000"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 WIDTH, HEIGHT, DPI = 7.0, 4.5, 150  # [in], [in], [dots/in]
-_PADDING = 4  # spectra are computed on a grid this many times finer than 1 / duration
 _COMPONENTS = {  # of a section, in the beam frame
     "u": "stretch",
     "v": "deflection",
@@ -60,9 +60,12 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
             zorder=5,
             label="rigid",
         )
-        for colour, (label, run) in zip(_cycle(len(others)), others.items(), strict=True):
-            above.plot(run.t, run.torque[:, i], color=colour, lw=0.9, label=label)
-            below.plot(run.t, run.torque[:, i] - rigid.torque[:, i], color=colour, lw=0.9)
+        for n, (colour, (label, run)) in enumerate(
+            zip(_cycle(len(others)), others.items(), strict=True)
+        ):
+            width = 0.9 + 0.7 * (len(others) - 1 - n)  # thinner on top: where they agree, all show
+            above.plot(run.t, run.torque[:, i], color=colour, lw=width, label=label)
+            below.plot(run.t, run.torque[:, i] - rigid.torque[:, i], color=colour, lw=width)
         title(above, motor)
         below.axhline(0.0, color="0.6", lw=0.6, zorder=0)
         unit, word = rigid.unit(f"torque/{motor}"), _torque_word(rigid, motor)
@@ -131,7 +134,8 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
         )
         when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
         spot = (result.t[when], 1e3 * view.x[where])
-        ax.plot(*spot, "o", mfc="none", mec="white", ms=6, mew=1.1, clip_on=False)
+        for colour, width in (("white", 2.6), ("black", 1.0)):  # seen on any colour, and outside
+            ax.plot(*spot, "o", mfc="none", mec=colour, ms=6, mew=width, clip_on=False, zorder=5)
         title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
         ax.set_ylabel("x [mm]")
     axes[-1, 0].set_xlabel("time [s]")
@@ -159,7 +163,8 @@ def spectrum(
         reference: A run whose same quantity is subtracted first, usually the rigid one.
         after: Start of the window [s]; the end of the motion leaves the free vibration.
         peaks: How many peaks to label.
-        natural: Natural frequencies [Hz] to mark by thin lines.
+        natural: Natural frequencies [Hz], ascending, to mark by thin lines; peaks near one of them
+            are labelled with its number.
     """
     values, label, unit = signal(result, quantity)
     if reference is not None:
@@ -167,19 +172,20 @@ def spectrum(
         values = values - signal(reference, quantity)[0]
         label += f" minus {reference.level}"
     frequency, amplitude = amplitudes(result.t, values, after)
-    found = _highest(frequency, amplitude, peaks)
+    found = highest(frequency, amplitude, peaks)
     figure, axes = panels(1, 1)
     ax = axes[0, 0]
     ax.plot(frequency, amplitude, color=COLOURS[0], lw=1.0)
     for f, a in found:
         ax.plot(f, a, "o", color=COLOURS[1], ms=4)
         ax.annotate(
-            f"{f:.1f} Hz",
+            f"{f:.1f} Hz" + modes_near(f, natural, 1.0 / (result.t[-1] - max(after, result.t[0]))),
             (f, a),
             (0, 6),
             textcoords="offset points",
             ha="center",
-            fontsize=9,
+            fontsize=8,
+            linespacing=1.1,
             bbox={"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
         )
     title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
@@ -194,7 +200,7 @@ def spectrum(
     ax.set_xlim(0.0, end)
     if shown.max() > 0:  # a quantity that never moves has no logarithm
         ax.set_yscale("log")
-        ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 2.5 * shown.max())
+        ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 9 * shown.max())  # and labels
     if len(natural):
         _legend(figure, ax)
     return figure
@@ -223,28 +229,6 @@ def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
         f"spectrum: quantity {quantity!r} is not known." + nearest(quantity, forms),
         quantity=quantity,
     )
-
-
-def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Array]:
-    """One-sided amplitude spectrum (Hann window, trend removed, padded to four times).
-
-    Returns:
-        Frequencies [Hz] and amplitudes in the unit of values: a sine of height a peaks at a.
-    """
-    from scipy.signal import detrend
-
-    keep = t >= after
-    if np.count_nonzero(keep) < 16:
-        raise DescriptionError(
-            f"spectrum: {np.count_nonzero(keep)} instants after {after:g} s are too few (16). "
-            f"Choose an earlier start than {after:g} s, or solve with more samples."
-        )
-    grid = np.linspace(t[keep][0], t[-1], np.count_nonzero(keep))  # equal steps, as the FFT needs
-    window = np.hanning(len(grid))
-    series = window * detrend(np.interp(grid, t, values))
-    count = _PADDING * len(grid)
-    amplitude = 2 * np.abs(np.fft.rfft(series, count)) / window.sum()
-    return np.fft.rfftfreq(count, grid[1] - grid[0]), np.asarray(amplitude)
 
 
 def save_all(
@@ -286,30 +270,6 @@ def _liveliest(run: Result) -> str:
         for column, axis in ((1, "v"), (2, "w"))
     }
     return max(height, key=lambda quantity: height[quantity])
-
-
-def _highest(frequency: Array, amplitude: Array, count: int) -> list[tuple[float, float]]:
-    """The highest peaks (Hz, amplitude), placed between bins by a parabola through three."""
-    from scipy.signal import find_peaks
-
-    if not amplitude.max() > 0:
-        return []
-    level = np.log(np.maximum(amplitude, 1e-12 * amplitude.max()))
-    bins, _ = find_peaks(level, prominence=np.log(2), height=level.max() - np.log(100))
-    kept: list[int] = []
-    for i in sorted(bins, key=lambda i: -amplitude[i]):
-        # lobes of a higher peak fall like 1 / (pi d (d^2 - 1)) at d unpadded bins (Hann)
-        away = [max(abs(i - k) / _PADDING, 1.5) for k in kept]
-        lobes = [amplitude[k] / (np.pi * d * (d**2 - 1)) for k, d in zip(kept, away, strict=True)]
-        if amplitude[i] > 2 * max(lobes, default=0.0):
-            kept.append(int(i))
-    found = []
-    for i in kept[:count]:
-        left, top, right = level[i - 1 : i + 2]
-        shift = 0.5 * (left - right) / (left - 2 * top + right)
-        height = np.exp(top - 0.25 * (left - right) * shift)
-        found.append((float(frequency[i] + shift * frequency[1]), float(height)))
-    return sorted(found)
 
 
 def _torque_word(result: Result, motor: str) -> str:

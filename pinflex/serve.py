@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -46,11 +47,13 @@ def page_until_interrupted(page: Path, port: int) -> None:
         server.serve_forever()
 
 
-def live_until_interrupted(result: Result, field: str, scale: float | str) -> None:
+def live_until_interrupted(
+    result: Result, field: str, scale: float | str, meshes: Sequence[str | Path]
+) -> None:
     """Play a run in meshcat until Ctrl-C; the address is printed."""
     from pinflex.live import Live
 
-    with Live(result, field, scale) as live, contextlib.suppress(KeyboardInterrupt):
+    with Live(result, field, scale, meshes) as live, contextlib.suppress(KeyboardInterrupt):
         print(f"{live.url} (only from this machine; Ctrl-C ends it)", flush=True)
         live.play(seconds=math.inf)
 

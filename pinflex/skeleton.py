@@ -27,6 +27,8 @@ class Skeleton:
         root: No moving joint carries it.
         platform: It carries the platform frame.
         surface: What the URDF draws of it, in the same frame.
+        frame: It only marks a place on a flexible link.
+        rails: Ends of the straight ways on which sliding links move along it, each (2, 3).
     """
 
     name: str
@@ -37,6 +39,8 @@ class Skeleton:
     root: bool
     platform: bool
     surface: Surface | None = None
+    frame: bool = False
+    rails: tuple[Array, ...] = ()
 
 
 def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface]) -> list[Skeleton]:
@@ -49,9 +53,10 @@ def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface])
     """
     about = result.meta.get("bodies", {})
     names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
-    joints = carrier.joints.values()
-    above = {j.child: j.parent for j in joints if j.kind == "fixed"}
-    moved = {j.child for j in joints if j.kind != "fixed"}
+    joints = [j for j in carrier.joints.values() if j.child in names]
+    fixed = [j for j in joints if j.kind == "fixed" and _together(result, j.parent, j.child)]
+    above = {j.child: j.parent for j in fixed}
+    moved = {j.child for j in joints if j not in fixed}
     groups: dict[str, list[str]] = {}
     for name in names:
         head = name
@@ -82,7 +87,29 @@ def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface])
             rigid = result.arrays.get(f"body/{head}/pose_rigid", pose)
             root = not moved & set(links)
             skin = joined(skins) if skins else None
-            bones.append(Skeleton(head, points, radius, pose, rigid, root, platform in links, skin))
+            above_it = [j for j in joints if j.child == head and j.kind == "fixed"]
+            on_beam = any(j.parent in result.links for j in above_it)
+            massless = not any(about.get(link, {}).get("mass") for link in links)
+            frame = on_beam and massless and len(points) < 2
+            rails = [
+                _way(pose, result.arrays[f"body/{j.child}/pose"])
+                for j in joints
+                if j.kind == "prismatic" and j.parent in links
+            ]
+            bones.append(
+                Skeleton(
+                    head,
+                    points,
+                    radius,
+                    pose,
+                    rigid,
+                    root,
+                    platform in links,
+                    skin,
+                    frame,
+                    tuple(rails),
+                )
+            )
     return bones
 
 
@@ -101,7 +128,7 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         across = np.append(spread, np.zeros(3))[:3] / max(float(spread[0]), 1e-12)
     rods: list[Any] = []
     plate = None
-    mesh = None if bone.surface is None else packed(bone.surface)
+    mesh = None if bone.surface is None else packed(bone.surface)[0]
     if mesh is not None:
         pass  # it says more than any simple shape
     elif len(points) == 2:
@@ -119,13 +146,32 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "radius": radius,
         "base": still and bone.root,
         "platform": bone.platform,
+        "frame": bone.frame,
         "points": points.tolist(),
         "rods": rods,
         "plate": plate,
         "mesh": mesh,
-        "pose": pose[keep[:1] if still else keep].reshape(-1, 12),
-        "rigid": None if np.array_equal(rigid, pose) else rigid[keep].reshape(-1, 12),
+        "rails": [rail.tolist() for rail in bone.rails] if bone.root else [],
+        "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
+        "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
     }
+
+
+def _together(result: Result, parent: str, child: str) -> bool:
+    """Whether a joint that the URDF calls fixed is so: a YAML may make it universal."""
+    a, b = (result.arrays.get(f"body/{name}/pose") for name in (parent, child))
+    if a is None or b is None:
+        return True
+    turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
+    shift = np.einsum("tji,tj->ti", a[:, :, :3], b[:, :, 3] - a[:, :, 3])
+    return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
+
+
+def _way(pose: Array, child: Array) -> Array:
+    """Ends of the path of a sliding link, as its parent sees it; shape (2, 3)."""
+    path = np.einsum("tji,tj->ti", pose[:, :, :3], child[:, :, 3] - pose[:, :, 3])
+    axis = int(np.ptp(path, axis=0).argmax())
+    return np.asarray(path[[path[:, axis].argmin(), path[:, axis].argmax()]])
 
 
 def _plate(points: Array, axes: Array, margin: float) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def solve(
     """
     tolerance = options.pop("tolerance", None)
     spec = _spec(mechanism, level, until, dt, samples, options)
-    motion = motion if motion is not None else _default_motion(mechanism)
+    motion = motion if motion is not None else default_motion(mechanism)
     end = spec.until if spec.until is not None else motion.duration
     if not 0 < end < np.inf:
         raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
@@ -151,7 +151,8 @@ def _control(
     return control if isinstance(control, Control) else mechanism.description.control
 
 
-def _default_motion(mechanism: Mechanism) -> Motion:
+def default_motion(mechanism: Mechanism) -> Motion:
+    """The motion of the YAML; one second at rest where it has none."""
     block = mechanism.description.motion
     if block is None:
         return hold(duration=1.0)

@@ -11,6 +11,7 @@ import numpy as np
 
 from pinflex.check import first_frequencies
 from pinflex.comparison import Comparison, comparison
+from pinflex.curves import with_rigid_torque
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.mechanism import Mechanism
 from pinflex.result import Result, peak
@@ -82,9 +83,14 @@ def study(
             "Write some under `flexible`, or use `pinflex solve`."
         )
     record = _Record()
+
+    def beside(run: Result) -> Result:  # so that its file alone shows what it is compared with
+        rigid = record.runs.get("rigid")
+        return run if rigid is None else with_rigid_torque(run, rigid)
+
     for level in _ordered(levels):
         try:
-            run = solve(mechanism, level=level, progress=progress(level))
+            run = beside(solve(mechanism, level=level, progress=progress(level)))
         except np.linalg.LinAlgError as error:
             record.unsolved[level] = ConvergenceError(
                 f"{mechanism.name}: the equations broke down ({error}). Make the step smaller, or "
@@ -93,8 +99,8 @@ def study(
         except PinflexError as error:
             record.unsolved[level] = error
             if isinstance(error, SceneError) and isinstance(error.result, Result):
-                record.partial[level] = error.result
-                keep(level, error.result, False)
+                record.partial[level] = beside(error.result)
+                keep(level, record.partial[level], False)
         else:
             record.runs[level] = run
             keep(level, run, True)
@@ -117,16 +123,12 @@ def write(done: Study, folder: Path) -> list[Path]:
         files += save_all(rigid, flexible, folder, done.table.frequencies)
     if flexible:
         best = list(flexible.values())[-1]
-        strengths = yield_strengths(done.mechanism).values()
-        limit = min(strengths, default=None)
-        title = f"{done.table.name}: {best.level} against rigid"
-        page = folder / "animation.html"
         about = done.mechanism.description
         folders: list[str | Path] = [
             *about.package_dirs,
             *([about.path.parent] if about.path else []),
         ]
-        files.append(write_html(best, page, rigid=rigid, limit=limit, title=title, meshes=folders))
+        files.append(write_html(best, folder / "animation.html", meshes=folders))
     return files
 
 

@@ -99,22 +99,26 @@ def surfaces(
     return found, notes
 
 
-def packed(surface: Surface) -> dict[str, Any] | None:
-    """A surface as a page holds it: 16 bits a number, equal vertices merged; None if too large."""
+def packed(surface: Surface) -> tuple[dict[str, Any] | None, IntArray]:
+    """A surface as a page holds it, and the vertex that each of its points was.
+
+    16 bits a number, equal vertices merged; None if it is too large.
+    """
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2 or 1.0
     steps = np.round(32767 * (surface.vertices - centre) / half).astype(np.int16)
-    points, place = np.unique(steps, axis=0, return_inverse=True)
+    points, first, place = np.unique(steps, axis=0, return_index=True, return_inverse=True)
     faces = place.reshape(-1)[surface.faces]
     real = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     if len(points) > 65535 or not real.any():
-        return None
-    return {
+        return None, first
+    mesh = {
         "points": points,
         "faces": faces[real].astype(np.uint16),
         "centre": centre.tolist(),
         "half": half,
     }
+    return mesh, first
 
 
 def joined(pieces: list[Surface]) -> Surface:

@@ -1,8 +1,8 @@
 """One self-contained page that plays a run in a browser: offline, from file://, no server.
 
-The page holds meshcat's own bundle, the player (the folder page) and the arrays of the run as
-base64 float32. Its content security policy names the two scripts by their hash and allows no
-network at all; every name of the user's reaches the page as data, never as markup.
+The page holds meshcat's own bundle, the player (the folder page) and the arrays of the run, the
+first and the last deflated. Its content security policy names the two scripts by their hash and
+allows no network at all; every name of the user's reaches the page as data, never as markup.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-import json
 import os
 import re
 import sys
@@ -23,15 +22,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from pinflex.bent import FIELDS
 from pinflex.errors import DescriptionError, PinflexError, nearest
+from pinflex.packing import deflated, pack
 from pinflex.result import Result
-from pinflex.scene import FIELDS, build_scene
+from pinflex.scene import build_scene
 
 FRAME = 640  # [px] height of a page in a notebook
 MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
-PLAYER = ("state", "meshes", "shapes", "stage", "readings", "player")  # in this order, one script
+# Files of the folder page, in this order one script.
+PLAYER = ("load", "state", "meshes", "shapes", "stage", "readings", "player")
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}; \
@@ -41,9 +41,9 @@ form-action 'none'">
 <meta name="generator" content="pinflex"><title>{title}</title>
 <style>{css}</style></head><body><div id="app"></div>
 <noscript>This page plays a motion and needs JavaScript.</noscript>
-<script type="application/json" id="pinflex-data">{data}</script>
+<script type="text/plain" id="pinflex-data">{data}</script>
 <!-- meshcat and three.js, MIT licence; see https://github.com/meshcat-dev/meshcat -->
-<script>{bundle}</script>
+<script type="text/plain" id="pinflex-viewer">{viewer}</script>
 <script>{player}</script>
 </body></html>
 """
@@ -69,7 +69,8 @@ def write_html(
         scale: Magnification of displacements about the rigid pose, or "auto".
         title: Heading; default the run's name.
         rigid: The same motion without elasticity, to compare torques and the platform path with.
-        limit: Stress the material bears [Pa]; above it the colour changes.
+        limit: Stress the material bears [Pa], above which the colour changes; default the lowest
+            yield strength among the links, where known.
         meshes: Folders in which the meshes of the URDF are looked for, besides the package
             example-robot-data; None draws simple shapes only.
 
@@ -79,6 +80,10 @@ def write_html(
     scene = build_scene(result, rigid, _scale(scale), meshes)
     if field not in FIELDS:
         raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
+    if limit is None:
+        materials = [about.get("material", {}) for about in result.meta.get("links", {}).values()]
+        known = [m["yield_strength"] for m in materials if m.get("yield_strength")]
+        limit = min(known, default=None)
     page = {"field": field, "limit": None if limit is None else 1e-6 * limit}
     return _write([scene], path, title or scene["name"], page)
 
@@ -172,17 +177,15 @@ def has_desktop() -> bool:
 def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) -> str:
     """The whole page as text."""
     parts = "\n".join(_asset(f"{name}.js") for name in PLAYER)
-    bundle, player = _bundle(), f'"use strict";\n(() => {{\n{parts}\n}})();'
-    data = {"title": title, "file": _slug(title), **page, "runs": scenes}
-    # in JSON a "<" can stand only inside a text, where its escape means the same
-    text = json.dumps(data, default=_packed, allow_nan=False).replace("<", "\\u003c")
-    hashes = " ".join(f"'sha256-{_sha256(script)}'" for script in (bundle, player))
+    player = f'"use strict";\n(async () => {{\n{parts}\n}})();'
+    hash_, viewer = _viewer()
+    runs = [{**scene, "t": scene["t"].tolist()} for scene in scenes]
     return _PAGE.format(
-        hashes=hashes,
+        hashes=f"'sha256-{hash_}' 'sha256-{_sha256(player)}'",
         title=html.escape(title),
         css=_asset("player.css"),
-        data=text,
-        bundle=bundle,
+        data=pack({"title": title, "file": _slug(title), **page, "runs": runs}),
+        viewer=viewer,
         player=player,
     )
 
@@ -218,26 +221,15 @@ def _scale(scale: float | str) -> float | str:
     return value
 
 
-def _packed(value: Any) -> Any:
-    """An array as base64 text of little-endian float32, or of 16-bit integers where it is so."""
-    if isinstance(value, np.ndarray):
-        kind = {"int16": "i2", "uint16": "u2"}.get(value.dtype.name, "f4")
-        raw = np.ascontiguousarray(np.nan_to_num(value), dtype=f"<{kind}").tobytes()
-        return {kind: base64.b64encode(raw).decode(), "shape": list(value.shape)}
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} has no place in a page")
-
-
 @cache
-def _bundle() -> str:
-    """Viewer of meshcat, found without importing meshcat, which would pull in its server."""
+def _viewer() -> tuple[str, str]:
+    """Hash and deflated text of meshcat's viewer; importing meshcat would pull in its server."""
     spec = find_spec("meshcat")
     for place in (spec.submodule_search_locations or []) if spec else []:
         file = Path(place) / "viewer" / "dist" / "main.min.js"
         if file.is_file():
             text = file.read_text("utf-8").replace("\r\n", "\n")
-            return text.replace("</script", "<\\/script")
+            return _sha256(text), deflated(text.encode())
     raise PinflexError(
         "view: meshcat's viewer was not found. It draws the page. Install it: pip install meshcat"
     )

@@ -4,7 +4,7 @@
    degrees do not share one. Equal corners are merged. */
 function corners(mesh) {
   const n = mesh.points.length / 3, f = mesh.faces, m = f.length / 3, p = new Float32Array(3 * n);
-  for (let i = 0; i < 3 * n; i++) p[i] = mesh.centre[i % 3] + mesh.half * mesh.points[i];
+  for (let i = 0; i < 3 * n; i++) p[i] = mesh.centre[i % 3] + mesh.half / 32767 * mesh.points[i];
   const normal = new Float32Array(3 * m), unit = new Float32Array(3 * m), first = new Int32Array(n + 1), around = new Int32Array(3 * m);
   for (let t = 0; t < m; t++) {
     const [a, b, c] = [3 * f[3 * t], 3 * f[3 * t + 1], 3 * f[3 * t + 2]];
@@ -15,7 +15,7 @@ function corners(mesh) {
   for (let i = 0; i < n; i++) first[i + 1] += first[i];
   const next = first.slice();
   for (let k = 0; k < 3 * m; k++) around[next[f[k]]++] = Math.floor(k / 3);
-  const position = [], normals = [], index = new Uint32Array(3 * m), known = new Map(), sharp = Math.cos(40 * Math.PI / 180);
+  const position = [], normals = [], of = [], index = new Uint32Array(3 * m), known = new Map(), sharp = Math.cos(40 * Math.PI / 180);
   for (let k = 0; k < 3 * m; k++) {
     const t = 3 * Math.floor(k / 3), v = f[k], sum = [0, 0, 0];
     for (let j = first[v]; j < first[v + 1]; j++) {
@@ -27,11 +27,12 @@ function corners(mesh) {
     if (at === undefined) {
       at = position.length / 3;
       known.set(key, at);
+      of.push(v);                                  // the point that this corner is a copy of
       position.push(p[3 * v], p[3 * v + 1], p[3 * v + 2]); normals.push(sum[0] / l, sum[1] / l, sum[2] / l);
     }
     index[k] = at;
   }
-  return {position: Float32Array.from(position), normal: Float32Array.from(normals), index};
+  return {position: Float32Array.from(position), normal: Float32Array.from(normals), of, index};
 }
 
 function meshGeometry(mesh) {
@@ -66,10 +67,12 @@ class Skin {
     }
     this.mesh = new THREE.Mesh(g, material);
     this.mesh.frustumCulled = false;
+    g.boundingSphere = new THREE.Sphere(V(0, 0, 0), Infinity);   // it moves: a ray looks at every triangle
     this.mesh.castShadow = this.mesh.receiveShadow = true;
   }
-  /* c: points (3 m); ys: wished y directions (3 m, or 3 for all); values: m texture coordinates */
-  set(c, ys, values) {
+  /* c: points (3 m); ys: wished y directions (3 m, or 3 for all); values: texture coordinates of the
+     m stations, or own: of the points of the mesh */
+  set(c, ys, values, own) {
     const {base, at, share, over, position, normal, uv, t, y, z} = this, one = ys.length === 3;
     sections(c, ys, one, this.count, t, y, z);
     const p = base.position, q = base.normal;
@@ -80,7 +83,7 @@ class Skin {
         position[r + j] = v * c[a + j] + w * c[b + j] + o * T + py * Y + pz * Z;
         normal[r + j] = q[r] * T + q[r + 1] * Y + q[r + 2] * Z;
       }
-      uv[2 * i] = values ? v * values[at[i]] + w * values[at[i] + 1] : 0;
+      uv[2 * i] = !values ? 0 : own ? values[base.of[i]] : v * values[at[i]] + w * values[at[i] + 1];
       uv[2 * i + 1] = 0.5;
     }
     for (const k of ["position", "normal", "uv"]) this.geometry.attributes[k].needsUpdate = true;

@@ -87,11 +87,14 @@ function image() {                                 // the drawing with its legen
     g.fillText(`${f.label} ${R.mode ? "(relative)" : `[${f.unit}]`}`, 20, 84);
     for (let i = 0; i < 180; i++) { g.fillStyle = `rgb(${colourOf(top + (low - top) * i / 179)})`; g.fillRect(20, 94 + i, 16, 1.5); }
     g.fillStyle = "#1b2430";
-    for (const u of [0, 0.25, 0.5, 0.75, 1]) g.fillText(minus(digits(low + u * (top - low))), 42, 98 + 180 * (1 - u));
+    for (const [v, text] of legendTicks()) g.fillText(text, 42, 98 + 180 * (top - v) / (top - low));
   }
   g.font = "600 13px system-ui, sans-serif";
-  for (const m of marks) if (!m.hidden) { const [, x, y] = m.style.transform.match(/([\d.-]+)px, ([\d.-]+)px/); g.fillText(m.textContent, +x + 10, +y - 8); }
+  for (const m of marks) if (!m.hidden) { const [, x, y] = m.style.transform.match(/([\d.-]+)px, ([\d.-]+)px/); g.fillText(m.textContent, +x + 10, +y - 8); if (m.classList.contains("peak")) ring(g, +x, +y); }
   return c.toDataURL("image/png");
+}
+function ring(g, x, y) {
+  for (const [width, colour] of [[5, "rgba(255, 255, 255, .85)"], [2, "#1b2430"]]) { g.lineWidth = width; g.strokeStyle = colour; g.beginPath(); g.arc(x, y, 5, 0, 2 * Math.PI); g.stroke(); }
 }
 function save(name, url) { el("a", {href: url, download: name}).click(); }
 function savePicture() { save(`${DATA.file}.png`, image()); }
@@ -141,7 +144,9 @@ function show(index, from = {}) {
   const points = cloud(), low = points[0].clone(), high = low.clone();
   points.forEach((p) => { low.min(p); high.max(p); });
   const e = V().subVectors(high, low), flat = e.z < 0.15 * Math.max(e.x, e.y);
-  scene.aside.set(1.15 * e.x, 0, 0);
+  const right = V(0, 0, 1).cross(viewFrom(e)).normalize(), across = points.map((p) => p.dot(right));
+  scene.extent = e;
+  scene.aside.copy(right).multiplyScalar(1.12 * (Math.max(...across) - Math.min(...across)));   // seen as large as the robot
   S.ghost = ghost;
   const cell = light(scene.size, V().addVectors(low, high).multiplyScalar(0.5), low.z - (flat ? 0.05 : 0.12) * scene.size);
   const notes = [...scene.notes, `grid ${digits(1e3 * cell, 3)} mm`];

@@ -10,7 +10,7 @@ function peakOf(key) {                             // largest magnitude of a fie
     if (f) for (let i = 0; i < f.length; i++) {
       const v = f[i];
       if (v < low) low = v; else if (v > high) high = v;
-      if (Math.abs(v) > Math.abs(best.value)) Object.assign(best, {value: v, link: b, frame: Math.floor(i / b.m), station: i % b.m});
+      if (Math.abs(v) > Math.abs(best.value)) Object.assign(best, {value: v, link: b, frame: Math.floor(i / f.shape[1])});
     }
   });
   best.signed = low < -1e-3 * Math.max(high, -low);
@@ -32,6 +32,12 @@ function colourOf(v) {                             // v in the shown unit; beyon
   return colourAt((v - low) / (top - low));
 }
 
+function legendTicks() {                           // [value, text]: round numbers, and the end itself
+  const top = legendMax(), low = scene.signed ? -top : 0, step = nice((top - low) / 4.5), apart = innerWidth < 700 ? 0.17 : 0.07, ends = scene.signed ? [low, top] : [top], out = ends.map((v) => [v, minus(digits(v))]);
+  for (let i = Math.ceil(low / step); i * step <= top; i++)
+    if (ends.every((v) => Math.abs(v - i * step) > apart * (top - low))) out.push([i * step, minus(+(i * step).toPrecision(6))]);
+  return out;
+}
 function setColours() {
   const f = fieldOf(S.field) || R.fields[0];
   if (!f) { $("legend").hidden = !R.torques.length && !R.forces.length; $("legend-title").hidden = $("scale").hidden = true; return; }
@@ -47,7 +53,7 @@ function setColours() {
   $("bar").style.setProperty("--right", `linear-gradient(to right, ${stops})`);
   $("bar").classList.toggle("off", !S.colours);
   $("unit").textContent = R.mode ? "relative" : `[${f.unit}]`;
-  const ticks = [0, 0.25, 0.5, 0.75, 1].map((u) => el("span", {style: `--u:${u}`}, minus(digits(low + u * (top - low)))));
+  const ticks = legendTicks().map(([v, text]) => el("span", {style: `--u:${(v - low) / (top - low)}`}, text));
   const limited = S.limit > 0 && isStress();
   if (limited && S.limit < top) ticks.push(el("b", {style: `--u:${(S.limit - low) / (top - low)}`}, ""));
   $("ticks").replaceChildren(...ticks);
@@ -82,7 +88,7 @@ function refresh(k, w) {
   }
   $("readout").replaceChildren(...parts);
   scene.top = null;
-  for (const b of scene.links) for (let i = 0; i < b.m; i++)
+  for (const b of scene.links) for (let i = 0; i < b.now.length; i++)
     if (!scene.top || Math.abs(b.now[i]) > Math.abs(scene.top.link.now[scene.top.i])) scene.top = {link: b, i};
   movePlots();
 }
@@ -107,12 +113,15 @@ function place() {
   if (!R || !scene) return;
   const want = [];
   viewer.camera.updateMatrixWorld();
-  const at = (b, i) => project(b.c[3 * i], b.c[3 * i + 1], b.c[3 * i + 2]);
+  const at = (b, i, on) => {                        // a station, or a point of the surface
+    const c = on ? b.sweep.position : b.c, j = 3 * (on ? b.sweep.base.of.indexOf(i) : i);
+    return project(c[j], c[j + 1], c[j + 2]).slice();
+  };
   if (S.names) for (const b of scene.links) want.push(["name", b.data.name, at(b, Math.round(0.3 * (b.m - 1)))]);
   const f = fieldOf(S.field);
   if (S.peak && S.colours && scene.top && f && !R.mode) {
     const v = scene.top.link.now[scene.top.i] * scene.factor;
-    if (Math.abs(v) > 0) want.push(["peak" + (S.limit > 0 && isStress() && Math.abs(v) > S.limit ? " over" : ""), `${minus(digits(v))} ${f.unit}`, at(scene.top.link, scene.top.i)]);
+    if (Math.abs(v) > 0) want.push(["peak" + (S.limit > 0 && isStress() && Math.abs(v) > S.limit ? " over" : ""), `${minus(digits(v))} ${f.unit}`, at(scene.top.link, scene.top.i, scene.top.link.onSurface(S.field))]);
   }
   while (marks.length < want.length) { const m = el("div"); $("labels").append(m); marks.push(m); }
   marks.forEach((m, i) => {
@@ -140,18 +149,29 @@ function hover(e) {
       p = q;
     }
   }
+  if (best && best.b.onSurface(S.field) && (best.point = pointAt(best.b, x, y)) === null) best = null;
   tip.hidden = !best;
   if (!best) return;
-  const lines = describe(best.b, best.i, best.u);
+  const lines = describe(best.b, best.i, best.u, best.point);
   tip.replaceChildren(el("b", {}, lines[0]), ...lines.slice(1).map((s) => el("div", {}, s)));
   tip.style.left = clamp(x + 14, 4, box.width - tip.offsetWidth - 4) + "px";
   tip.style.top = clamp(y + 14, 4, box.height - tip.offsetHeight - 4) + "px";
 }
-function describe(b, i, u) {
+const ray = new THREE.Raycaster();
+function pointAt(b, x, y) {                        // of a link's own surface, the point nearest to where the pointer meets it
+  ray.setFromCamera({x: 2 * x / $("stage").clientWidth - 1, y: 1 - 2 * y / $("stage").clientHeight}, viewer.camera);
+  const {mesh, position, base} = b.sweep, hit = ray.intersectObject(mesh)[0];
+  if (!hit) return null;
+  const away = (i) => V().fromArray(position, 3 * i).applyMatrix4(mesh.matrixWorld).distanceTo(hit.point);
+  return base.of[[hit.face.a, hit.face.b, hit.face.c].sort((i, j) => away(i) - away(j))[0]];
+}
+function describe(b, i, u, point) {
   const mix = (a) => a[i] * (1 - u) + a[Math.min(i + 1, b.m - 1)] * u, [k, w] = frameOf(S.t), out = [b.data.name];
   out.push(`x = ${digits(1e3 * mix(b.data.x))} of ${digits(1e3 * b.data.length)} mm`);
   for (const f of R.fields) {
-    const v = mix(lerp(b.fields[f.key], b.m, k, w, new Float32Array(b.m)));
+    const own = b.onSurface(f.key), n = b.fields[f.key].shape[1], values = lerp(b.fields[f.key], n, k, w, new Float32Array(n));
+    if (own && point == null) continue;            // it has no value on the centreline
+    const v = own ? values[point] : mix(values);
     out.push(R.mode ? `${f.label} ${minus(digits(v / (Math.abs(peakOf(f.key).value) || 1)))} of largest` : `${f.label} ${minus(digits(v * f.factor))} ${f.unit}`);
   }
   return out;
@@ -164,12 +184,13 @@ function drawPlots() {
   document.body.classList.toggle("plots", list.length > 0);
   host.replaceChildren();
   plots = [];
-  const boxes = list.map((p) => el("figure", {}, el("figcaption", {}, el("b", {}, `${p.title} [${p.unit}]`), el("span", {class: "values"}))));
+  const width = innerWidth < 700 ? innerWidth : innerWidth / Math.max(list.length, 1), legends = list.map((p) => named(p, width));
+  const boxes = list.map((p, n) => el("figure", {}, el("figcaption", {}, el("b", {}, `${p.title} [${p.unit}]`), el("span", {class: "values"}), legends[n].line)));
   host.append(...boxes);                           // all in place before any is measured
   for (const [n, p] of list.entries()) {
     const box = boxes[n], svg = el("svg", {role: "img", "aria-label": `${p.title} over time`});
     box.append(svg);
-    const w = Math.max(box.clientWidth - 12, 60), h = Math.max(box.clientHeight - box.firstChild.offsetHeight - 4, 40), left = 38, right = 6, low = 15, T = R.t;
+    const w = Math.max(box.clientWidth - 12, 60), h = Math.max(box.clientHeight - box.firstChild.offsetHeight - 8, 40), left = 38, right = 6, low = 15, T = R.t;
     svg.setAttribute("viewBox", `0 0 ${w} ${h}`); svg.setAttribute("width", w); svg.setAttribute("height", h);
     let a = 0, b = 0;
     for (const c of p.curves) for (const y of c.y) { if (y < a) a = y; if (y > b) b = y; }
@@ -193,22 +214,35 @@ function drawPlots() {
     svg.append(cursor);
     const drag = (e) => { if (e.type === "pointerdown" || e.buttons) seek(T[0] + (T[T.length - 1] - T[0]) * (e.clientX - svg.getBoundingClientRect().left - left) / (w - left - right)); };
     svg.addEventListener("pointerdown", drag); svg.addEventListener("pointermove", drag);
-    plots.push({p, cursor, X, values: box.querySelector(".values")});
+    plots.push({p, cursor, X, values: box.querySelector(".values"), names: legends[n].names});
   }
   movePlots();
+}
+/* Names of a plot's curves: before their values where there is room, without what all have in common
+   where there is less, in a line of their own where there is little, without values where those do not fit either. */
+function named(p, width) {
+  const some = p.curves.filter((c) => !c.rigid).slice(0, 8), full = some.map((c) => c.name), rigid = p.curves.some((c) => c.rigid);
+  const line = (...parts) => parts.length ? el("span", {class: "names"}, ...parts) : null, dash = rigid ? [el("span", {class: "dash"}, "┄ rigid")] : [];
+  const longest = (y) => { let n = 0; for (let i = 0; i < y.length; i += 1 + (y.length >> 6)) n = Math.max(n, digits(y[i]).length); return n; };
+  const widths = some.reduce((n, c) => n + longest(c.y) + 2.5, 0);   // of the whole run: nothing jumps as it plays
+  if (some.length < 2) return {names: [""], line: line(...dash)};
+  const room = width / 6.4 - p.title.length - p.unit.length - 6, fits = (names) => names.join("").length + widths < room;
+  const common = (names) => { let n = 0; while (names.every((s) => n < s.length && s[n] === names[0][n])) n++; return n; };
+  const head = full[0].slice(0, common(full)).match(/^.*[_\W]/) || [""], back = (s) => [...s].reverse().join("");
+  const tail = full[0].slice(full[0].length - common(full.map(back))).match(/[_\W].*$/) || [""];
+  const brief = full.map((s) => s.slice(head[0].length, s.length - tail[0].length)), short = brief.every((s) => /[a-z]/i.test(s)) ? brief : full;
+  for (const names of [full, short]) if (fits(names)) return {names, line: line(...dash)};
+  return {names: 0.9 * widths < room ? some.map(() => "") : null, line: line(...dash, ...some.map((c, i) => el("span", {style: `color:${CURVES[c.colour % CURVES.length]}`}, short[i])))};
 }
 function movePlots() {
   if (!plots.length) return;
   const [k, w] = frameOf(S.t);
-  for (const {p, cursor, X, values} of plots) {
+  for (const {p, cursor, X, values, names} of plots) {
     cursor.setAttribute("x1", X(S.t)); cursor.setAttribute("x2", X(S.t));
+    if (!names) continue;
     const some = p.curves.filter((c) => !c.rigid).slice(0, 8);
     const texts = some.map((c) => minus(digits(c.y[k] * (1 - w) + (w > 0 ? c.y[k + 1] * w : 0))));
-    const room = values.parentNode.clientWidth / 6.9 - p.title.length - 14 - 3 * some.length;
-    const named = some.length > 1 && some.reduce((n, c) => n + c.name.length + 6, 0) < room;   // a steady guess: widths change with the values
-    const now = some.map((c, i) => el("span", {style: `color:${CURVES[c.colour % CURVES.length]}`, title: c.name}, (named ? c.name + " " : "") + texts[i]));
-    if (p.curves.some((c) => c.rigid)) now.unshift(el("span", {class: "dash"}, "┄ rigid"));
-    values.replaceChildren(...now);
+    values.replaceChildren(...some.map((c, i) => el("span", {style: `color:${CURVES[c.colour % CURVES.length]}`, title: c.name}, (names[i] ? names[i] + " " : "") + texts[i])));
   }
 }
 

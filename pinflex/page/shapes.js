@@ -129,7 +129,7 @@ function makeScene(run) {
   s.ghostMaterial = ghost;
   s.lut = new THREE.DataTexture(new Uint8Array(4 * 1024), 1024, 1, THREE.RGBAFormat);
   s.lut.magFilter = s.lut.minFilter = THREE.LinearFilter;
-  const coloured = phong(0xffffff, {map: s.lut, emissive: 0xffffff, emissiveMap: s.lut, emissiveIntensity: 0.16}), plain = phong(COLOUR.plain);
+  const coloured = phong(0xffffff, {map: s.lut, emissive: 0xffffff, emissiveMap: s.lut, emissiveIntensity: 0.26}), plain = phong(COLOUR.plain);
   const least = 0.008 * size;
   let thin = null;
   for (const k of run.links) {
@@ -145,30 +145,38 @@ function makeScene(run) {
     shade.mesh.renderOrder = -1;                    // before the robot, which then covers it: no tint on the colours
     root.add(sweep.mesh); soft.add(shade.mesh);
     const move = new Float32Array(nt * m);          // size of the displacement, a field as any other
+    move.shape = [nt, m];
     for (let i = 0; i < nt * m; i++) move[i] = Math.hypot(k.disp[3 * i], k.disp[3 * i + 1], k.disp[3 * i + 2]);
     s.links.push({data: k, m, straight, sweep, shade, coloured, plain, share: Array.from(k.x, (x) => (x - k.x[0]) / (k.x[m - 1] - k.x[0])),
-      fields: {...k.fields, displacement: move}, c: new Float32Array(3 * m), r: new Float32Array(3 * m),
+      fields: {...k.fields, displacement: move, ...k.surface}, onSurface: (key) => key in k.surface, c: new Float32Array(3 * m), r: new Float32Array(3 * m),
       rigid: new Float32Array(straight ? 6 : 3 * m), y: new Float32Array(3 * m), value: new Float32Array(m), now: new Float32Array(m),
       half: skin ? 0.7 * reach(skin.position) : Math.max(...outline.map((p) => Math.hypot(...p))), meshed: !!skin});
   }
   if (thin !== null) s.notes.push(`thin sections are drawn at least ${digits(1e3 * least, 2)} mm thick (true ${digits(1e3 * thin, 2)} mm)`);
   const ballGeometry = new THREE.SphereGeometry(1, 20, 14), jointMaterial = phong(COLOUR.joint);
-  const place0 = (b, p) => { const m = b.pose; return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); };
-  const joints = run.bodies.filter((b) => b.points.length > 1 || b.base).flatMap((b) => b.points.map((p) => place0(b, p)));
-  const ends = run.links.flatMap((k) => { const n = 3 * (k.x.length - 1), r = k.rigid, q = 3 * (r.shape[1] - 1);
-    return [V(r[0] + k.disp[0], r[1] + k.disp[1], r[2] + k.disp[2]), V(r[q] + k.disp[n], r[q + 1] + k.disp[n + 1], r[q + 2] + k.disp[n + 2])]; });
-  const meeting = (at) => joints.concat(ends).some((p) => p.distanceTo(at) < 0.01 * size);
+  const poseAt = (b, k) => { const o = b.rigid.length > 12 ? 12 * k : 0; return Array.from(b.rigid.subarray(o, o + 12), (x, i) => x + (b.disp ? b.disp[o + i] : 0)); };
+  const placeAt = (b, p, k) => { const m = poseAt(b, k); return V(...[0, 4, 8].map((r) => m[r] * p[0] + m[r + 1] * p[1] + m[r + 2] * p[2] + m[r + 3])); };
+  const whens = [0, nt >> 1, nt - 1];               // what meets at all three belongs together
+  const joints = run.bodies.filter((b) => !b.frame).flatMap((b) => b.points.map((p) => ({body: b, at: whens.map((k) => placeAt(b, p, k))})));
+  const ends = run.links.flatMap((link) => [0, 1].map((e) => {
+    const n = link.x.length, m = link.rigid.shape[1], vector = (a, count, k) => V().fromArray(a, 3 * (k * count + (e ? count - 1 : 0)));
+    return {at: whens.map((k) => vector(link.rigid, m, k).add(vector(link.disp, n, k)))};
+  }));
+  const near = (p, q) => p !== q && p.at.every((v, i) => v.distanceTo(q.at[i]) < 0.01 * size);
   for (const b of run.bodies) {
     const material = phong(b.base ? COLOUR.base : b.platform ? COLOUR.platform : COLOUR.body);
-    const group = new THREE.Group(), shade = b.base ? null : new THREE.Group();
+    const group = new THREE.Group(), shade = new THREE.Group();
     group.matrixAutoUpdate = false;
     const add = (make) => {
       const mesh = make(material);
       mesh.castShadow = mesh.receiveShadow = true;
       group.add(mesh);
-      if (shade) { const pale = make(ghost); pale.renderOrder = -1; shade.add(pale); }
+      const pale = make(ghost);
+      pale.renderOrder = -1;
+      shade.add(pale);
+      if (b.base) s.besides.push(pale);             // it does not move: seen side by side only
     };
-    for (const [p, q] of b.rods) if (!b.base || b.rods.length === 1) add((m) => rod(p, q, b.radius, m));
+    for (const [p, q] of b.base ? [] : b.rods) add((m) => rod(p, q, b.radius, m));
     if (b.plate && !b.base) add((m) => plate(b.plate.outline, b.plate.normal, 0.9 * b.radius, m));
     const box = [];
     if (b.mesh) {
@@ -178,13 +186,18 @@ function makeScene(run) {
       const {min, max} = g.boundingBox;
       for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z]) box.push(V(x, y, z));
     }
-    else if (b.base) baseMarkers(b, run, size).forEach((mesh) => group.add(mesh));
+    else if (b.base) for (const mesh of baseMarkers(b, run, size)) {
+      const copy = mesh.clone();
+      group.add(mesh); shade.add(copy); s.besides.push(copy);
+    }
     root.add(group);
-    if (shade) { shade.matrixAutoUpdate = false; soft.add(shade); }
+    shade.matrixAutoUpdate = false;
+    soft.add(shade);
     if (b.mesh) { s.bodies.push({data: b, group, shade, box, matrix: new THREE.Matrix4()}); continue; }
-    const lone = b.points.length === 1 && !b.base;  // a frame on something else: that has its own ball
+    const lone = b.points.length === 1 && !b.base;  // on something else, which has its own ball
+    const elsewhere = (j) => j.body === b && joints.concat(ends).some((o) => o.body !== b && near(o, j));
     for (const p of b.points) {
-      if ((b.base && b.walled) || (lone && meeting(place0(b, p)))) continue;
+      if (b.frame || (b.base && b.walled) || (lone && joints.some(elsewhere))) continue;
       const ball = new THREE.Mesh(ballGeometry, jointMaterial);
       ball.scale.setScalar(Math.min(1.25 * b.radius, 0.018 * size) + (b.rods.length && b.radius > 0.014 * size ? b.radius - 0.014 * size : 0));
       ball.castShadow = true;
@@ -193,22 +206,22 @@ function makeScene(run) {
       const still = new THREE.Mesh(ballGeometry, ghost); // the same joint of the rigid robot, seen side by side
       still.position.set(...p);
       still.scale.copy(ball.scale);
-      if (shade) { shade.add(still); s.besides.push(still); }
+      shade.add(still);
+      s.besides.push(still);
     }
     s.bodies.push({data: b, group, shade, box, matrix: new THREE.Matrix4()});
   }
   for (const [n, k] of s.links.entries()) for (const e of [0, 1]) { // a ball where a link meets something; none at a free end
-    const here = ends[2 * n + e], meets = (p) => p !== here && p.distanceTo(here) < 0.01 * size;
-    if (k.meshed || (!joints.some(meets) && !ends.some(meets))) continue;
+    if (k.meshed || !joints.concat(ends).some((o) => near(o, ends[2 * n + e]))) continue;
     const ball = new THREE.Mesh(ballGeometry, jointMaterial);
     ball.scale.setScalar(Math.max(0.0085 * size, 1.05 * Math.min(k.half, 0.012 * size)));
     ball.castShadow = true;
     root.add(ball);
     s.balls.push({ball, link: k, end: e});
   }
-  if (run.track && maxAbs(run.track.deviation) + spread(run.track.position) > 1e-5 * size) {
+  if (run.track && maxAbs(run.track.deviation) + spread(run.track.rigid) > 1e-5 * size) {
     const over = (color) => new THREE.MeshBasicMaterial({color, fog: false, depthTest: false, transparent: true});
-    const width = clamp(0.02 * (spread(run.track.position) + Math.min(run.scale, 10) * maxAbs(run.track.deviation)), 0.0007 * size, 0.002 * size);
+    const width = clamp(0.02 * (spread(run.track.rigid) + Math.min(run.scale, 10) * maxAbs(run.track.deviation)), 0.0007 * size, 0.002 * size);
     s.path = new Sweep(circle(width, 6), nt, over(COLOUR.path));   // a short path is drawn thin
     s.pathRigid = new Sweep(circle(0.65 * width, 6), nt, over(COLOUR.pathRigid));
     s.dot = new THREE.Mesh(ballGeometry, over(COLOUR.path));
@@ -249,18 +262,19 @@ function baseMarkers(b, run, size) {
     mesh.castShadow = mesh.receiveShadow = true;
     out.push(mesh);
   };
-  const points = b.points.map((p) => V(...p));
-  if (points.length > 2) {
+  const line = (radius, from, to) => {
+    const c = new Float32Array([...from, ...to]), sweep = new Sweep(circle(radius, 6), 2, new THREE.MeshBasicMaterial({color: 0xb4bcc8, fog: false}));
+    sweep.set(c, across(c));
+    out.push(sweep.mesh);
+  };
+  for (const [p, q] of b.rails) line(0.004 * size, p, q);
+  const points = b.points.map((p) => V(...p)), count = points.length;
+  if (count > 1) {
     points.forEach((p) => flange(p, V(0, 0, 1)));
-    const flat = points.flatMap((p) => [p.x, p.y, p.z]), loop = new Float32Array([...flat, ...flat.slice(0, 3)]);
-    for (let i = 0; i < points.length; i++) {
-      const line = new Sweep(circle(0.0016 * size, 6), 2, new THREE.MeshBasicMaterial({color: 0xb4bcc8, fog: false})), part = loop.slice(3 * i, 3 * i + 6);
-      line.set(part, across(part));
-      out.push(line.mesh);
-    }
+    for (let i = 0; i < (count > 2 ? count : 1); i++) line(0.0016 * size, b.points[i], b.points[(i + 1) % count]);
     return out;
   }
-  const p = points.reduce((a, c) => (c.z < a.z ? c : a)), pose = b.pose, at = V(pose[3], pose[7], pose[11]).add(p);
+  const p = points.reduce((a, c) => (c.z < a.z ? c : a)), pose = b.rigid, at = V(pose[3], pose[7], pose[11]).add(p);
   const still = (a, n) => { for (let i = n; i < a.length; i += n + 3) for (let j = 0; j < 3; j++) if (Math.abs(a[i + j] - a[n + j]) > 1e-3 * size) return false; return true; };
   const beam = run.links.find((k) => V(k.rigid[0], k.rigid[1], k.rigid[2]).distanceTo(at) < 1e-3 * size);
   const k = beam && beam.rigid, n = beam ? 3 * (beam.rigid.shape[1] - 1) : 0;
@@ -277,11 +291,16 @@ function baseMarkers(b, run, size) {
   return out;
 }
 
+/* Arrows start at joints, which lie inside of meshes: they are drawn over everything. */
+const onTop = (colour) => phong(colour, {depthTest: false, transparent: true});
+const lifted = (group) => group.children.forEach((mesh, i) => { mesh.renderOrder = 8 + i; });
+
 function arrow(size, colour, root) {
-  const material = phong(colour), group = new THREE.Group();
+  const material = onTop(colour), group = new THREE.Group();
   const shaft = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 12), material);
   const head = new THREE.Mesh(new THREE.ConeGeometry(0.011 * size, 0.03 * size, 16), material);
   group.add(shaft, head);
+  lifted(group);
   group.visible = false;
   root.add(group);
   return (at, direction, length) => {               // direction is a unit vector
@@ -298,10 +317,11 @@ function arrow(size, colour, root) {
 }
 
 function arc(size, root) {
-  const n = 33, radius = 0.055 * size, group = new THREE.Group(), material = phong(COLOUR.torque);
+  const n = 33, radius = 0.055 * size, group = new THREE.Group(), material = onTop(COLOUR.torque);
   const sweep = new Sweep(circle(0.0038 * size, 8), n, material), head = new THREE.Mesh(new THREE.ConeGeometry(0.011 * size, 0.028 * size, 16), material);
   const c = new Float32Array(3 * n), e = V(), f = V(), p = V();
   group.add(sweep.mesh, head);
+  lifted(group);
   root.add(group);
   return {group, arc: (at, axis, share) => {        // share of the largest torque, signed
     group.visible = Math.abs(share) > 0.01;

@@ -21,15 +21,16 @@ function makeViewer() {
     viewer.set_3d_pane_size();
     if (!R) return;
     if (!cameraMoved) fitCamera();
+    setColours();
     drawPlots();
     viewer.render();                                // at once: a screenshot may be taken before the next frame
     place();
   }).observe(stage);
   const gl = viewer.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
   soft = /swiftshader|llvmpipe|software/i.test(info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "");
-  const wish = new URLSearchParams(location.hash.slice(1)).get("shadow");
-  viewer.renderer.shadowMap.enabled = wish ? wish === "1" : !soft;   // software drawing: half the speed with shadows
-  viewer.renderer.setPixelRatio(soft ? 1 : Math.min(devicePixelRatio, 2));
+  const wish = new URLSearchParams(location.hash.slice(1)), shadow = wish.get("shadow");   // still pictures ask for the best
+  viewer.renderer.shadowMap.enabled = shadow ? shadow === "1" : !soft;   // software drawing: half the speed with shadows
+  viewer.renderer.setPixelRatio(+wish.get("sharp") > 0 ? Math.min(+wish.get("sharp"), 4) : soft ? 1 : Math.min(devicePixelRatio, 2));
   viewer.set_property(["Background"], "top_color", [1, 1, 1]);
   viewer.set_property(["Background"], "bottom_color", [0.885, 0.91, 0.945]);
   viewer.delete_path(["Lights"]);
@@ -84,18 +85,22 @@ function cloud() {
   return out.length ? out : [V(0, 0, 0), V(1, 1, 1)];
 }
 
+/* The side from which a robot of the extent e is seen. */
+function viewFrom(e) {
+  const most = Math.max(e.x, e.y, e.z) || 1, least = Math.min(e.x, e.y, e.z);
+  if (least >= 0.15 * most) return V(0.62, -1, 0.42).normalize();   // a spatial mechanism: from the front, a little above
+  return (e.z === least ? V(0, -0.62, 1) : e.y === least ? V(0.16, -1, 0.14) : V(1, -0.16, 0.14)).normalize();
+}
+
 function fitCamera(points) {
   points = points || cloud();
   const low = points[0].clone(), high = points[0].clone();
   points.forEach((p) => { low.min(p); high.max(p); });
-  const e = V().subVectors(high, low), most = Math.max(e.x, e.y, e.z) || 1, least = Math.min(e.x, e.y, e.z);
-  let d = V(0.62, -1, 0.42);                        // a spatial mechanism: from the front, a little above
-  if (least < 0.15 * most) d = e.z === least ? V(0, -0.62, 1) : e.y === least ? V(0.16, -1, 0.14) : V(1, -0.16, 0.14);
-  d.normalize();
+  const d = viewFrom(scene.extent);
   const up = V(0, 0, 1), right = V().crossVectors(up, d).normalize(), top = V().crossVectors(d, right);
   const w = $("stage").clientWidth || 1, h = $("stage").clientHeight || 1, tall = Math.tan(16 * Math.PI / 180), wide = tall * w / h;
   /* the legend covers the left edge of a wide page and the top of a narrow one */
-  const narrow = w < 700, padX = narrow ? 1.02 : 1.06, padY = narrow ? 1.3 : 1.1, side = narrow ? 0 : Math.min(0.35, 190 / w);
+  const narrow = w < 700, padX = narrow ? 1.02 : 1.06, padY = narrow ? 1.3 : 1.14, side = narrow ? 0 : Math.min(0.35, 190 / w);
   const rim = 0.035 * scene.size;                   // points stand for joints and feet with a size
   let centre = V().addVectors(low, high).multiplyScalar(0.5), distance = 1;
   for (let pass = 0; pass < 4; pass++) {            // centre what is seen, then step back just enough
@@ -113,7 +118,7 @@ function fitCamera(points) {
   for (const p of points) { const q = V().subVectors(p, centre); half = Math.max(half, (Math.abs(q.dot(right)) + rim) / wide / (distance - q.dot(d))); }
   const shift = clamp(2 * side - 1 + half, narrow ? 0 : 0.03, side); // no further from the middle than the legend asks
   const target = centre.clone().addScaledVector(right, -shift * wide * distance);
-  if (narrow) target.addScaledVector(top, 0.06 * tall * distance);
+  target.addScaledVector(top, (narrow ? 0.06 : 0.03) * tall * distance);   // the heading covers some of the top
   const world = (p) => V(p.x, p.z, -p.y);           // meshcat's camera lives in a y-up world
   viewer.controls.target.copy(world(target));
   viewer.camera.position.copy(world(target.clone().addScaledVector(d, distance)));
@@ -169,21 +174,23 @@ function move(k, w) {
       c[3 * i + a] = r + mag * c[3 * i + a];
     }
     lerp(d.y_rigid, 3, k, w, three);
-    lerp(d.y, 3 * m, k, w, b.y);
-    for (let i = 0; i < 3 * m; i++) b.y[i] = three[i % 3] + mag * (b.y[i] - three[i % 3]);
-    if (b.fields[field]) lerp(b.fields[field], m, k, w, b.now); else b.now.fill(0);
-    const factor = scene.factor;
-    for (let i = 0; i < m; i++) b.value[i] = clamp((b.now[i] * factor - low) / (top - low), 0, 1);
+    lerp(d.y_disp, 3 * m, k, w, b.y);
+    for (let i = 0; i < 3 * m; i++) b.y[i] = three[i % 3] + mag * b.y[i];
+    const f = b.fields[field], n = f ? f.shape[1] : m, factor = scene.factor;
+    if (b.now.length !== n) { b.now = new Float32Array(n); b.value = new Float32Array(n); }
+    if (f) lerp(f, n, k, w, b.now); else b.now.fill(0);
+    for (let i = 0; i < n; i++) b.value[i] = clamp((b.now[i] * factor - low) / (top - low), 0, 1);
     b.sweep.mesh.material = S.colours ? b.coloured : b.plain;
-    b.sweep.set(c, b.y, b.value);
+    b.sweep.set(c, b.y, b.value, b.onSurface(field));
     if (S.ghost !== "off") b.shade.set(b.rigid, three);
   }
   for (const b of scene.bodies) {
-    const d = b.data, still = d.pose.length === 12;
-    lerp(d.pose, 12, still ? 0 : k, still ? 0 : w, row);
-    if (d.rigid) { lerp(d.rigid, 12, k, w, rowRigid); } else rowRigid.set(row);
-    if (b.shade) { b.shade.matrix.set(...rowRigid, 0, 0, 0, 1); b.shade.matrixWorldNeedsUpdate = true; }
-    for (let i = 0; i < 12; i++) row[i] = rowRigid[i] + mag * (row[i] - rowRigid[i]);
+    const d = b.data, still = d.rigid.length === 12;
+    lerp(d.rigid, 12, still ? 0 : k, still ? 0 : w, rowRigid);
+    b.shade.matrix.set(...rowRigid, 0, 0, 0, 1);
+    b.shade.matrixWorldNeedsUpdate = true;
+    if (d.disp) lerp(d.disp, 12, k, w, row); else row.fill(0);
+    for (let i = 0; i < 12; i++) row[i] = rowRigid[i] + mag * row[i];
     b.matrix.set(...row, 0, 0, 0, 1);
     b.group.matrix.copy(b.matrix);
     b.group.matrixWorldNeedsUpdate = true;
@@ -194,15 +201,15 @@ function move(k, w) {
   }
 }
 
-function magnified(at, rigid, k, w, out) {
-  lerp(at, 3, k, w, three); lerp(rigid, 3, k, w, threeRigid);
-  return out.set(...[0, 1, 2].map((i) => threeRigid[i] + S.mag * (three[i] - threeRigid[i])));
+function magnified({rigid, disp}, k, w, out) {
+  lerp(disp, 3, k, w, three); lerp(rigid, 3, k, w, threeRigid);
+  return out.set(...[0, 1, 2].map((i) => threeRigid[i] + S.mag * three[i]));
 }
 
 function drawPath() {
   if (!scene.path) return;
-  const {position, rigid} = R.track, c = new Float32Array(position.length);
-  for (let i = 0; i < c.length; i++) c[i] = rigid[i] + S.mag * (position[i] - rigid[i]);
+  const {disp, rigid} = R.track, c = new Float32Array(rigid.length);
+  for (let i = 0; i < c.length; i++) c[i] = rigid[i] + S.mag * disp[i];
   scene.path.set(c, across(c));
 }
 
@@ -219,19 +226,19 @@ function seek(t) {
   scene.ghostMaterial.depthWrite = S.ghost === "beside";
   if (scene.path) {
     scene.pathGroup.visible = S.path;
-    magnified(R.track.position, R.track.rigid, k, w, scene.dot.position);
+    magnified(R.track, k, w, scene.dot.position);
   }
   for (const f of scene.forces) {
     lerp(f.data.vector, 3, k, w, three);
     way.set(...three);
     const n = S.force ? way.length() : 0;
-    f.arrow(magnified(f.data.at, f.data.at_rigid, k, w, spot), way.normalize(), 0.24 * scene.size * n / scene.forceMax);
+    f.arrow(magnified(f.data, k, w, spot), way.normalize(), 0.24 * scene.size * n / scene.forceMax);
   }
   for (const f of scene.torques) {
     lerp(f.data.vector, 3, k, w, three);
     way.set(...three).normalize();
     const value = S.torque ? (f.data.value[k] * (1 - w) + (w > 0 ? f.data.value[k + 1] * w : 0)) / scene.torqueMax : 0;
-    magnified(f.data.at, f.data.at_rigid, k, w, spot);
+    magnified(f.data, k, w, spot);
     if (f.arc) f.arc(spot, way, value);
     else f.arrow(spot, way.multiplyScalar(Math.sign(value) || 1), 0.24 * scene.size * Math.abs(value));
   }

@@ -1,16 +1,6 @@
 /* state.js: what is shown, its text form in the address, and the page it is shown on.
 
 The files of this folder run as one script, in the order of view.PLAYER, inside one function. */
-const DATA = JSON.parse(document.getElementById("pinflex-data").textContent, (key, v) => {
-  const text = v && typeof v === "object" && (v.f4 || v.i2 || v.u2);
-  if (!text) return v;
-  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
-  const a = v.f4 ? new Float32Array(bytes) : v.u2 ? new Uint16Array(bytes) : Float32Array.from(new Int16Array(bytes), (x) => x / 32767);
-  a.shape = v.shape;
-  return a;
-});
-for (const run of DATA.runs.slice(1)) for (const kind of ["links", "bodies"])   // mode shapes share the meshes of the first
-  run[kind].forEach((part, i) => { if (part.mesh === true) part.mesh = DATA.runs[0][kind][i].mesh; });
 const THREE = MeshCat.THREE;
 const MAPS = {                                     // viridis and cividis read the same to colour-blind eyes
   viridis: "44015448186a472d7b4240863b528b33638d2c728e26828e21918c1fa08828ae803fbc735ec96284d44baddc30d8e219fde725",

@@ -18,6 +18,27 @@ def six_links(run: Result) -> Result:
     return Result(run.t, arrays, {**run.meta, "links": links})
 
 
+def with_surface(run: Result) -> Result:
+    """The run with stress on a box about distal_1, larger at one corner than in any section."""
+    x, y, z = np.meshgrid(np.linspace(0, 0.22, 9), (-1e-3, 1e-3), (-0.0125, 0.0125), indexing="ij")
+    nodes = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+    ring = [0, 1, 3, 2]
+    faces = [[0, 1, 3], [0, 3, 2], [32, 35, 33], [32, 34, 35]]
+    for k in range(0, 32, 4):
+        for a, b in zip(ring, ring[1:] + ring[:1], strict=True):
+            faces += [[k + a, k + 4 + a, k + 4 + b], [k + a, k + 4 + b, k + b]]
+    wave = np.abs(np.sin(40 * run.t)) + 0.1
+    section = run.link("distal_1").von_mises.max()
+    stress = section * (0.2 + 0.2 * x.ravel() / 0.22 + 0.05 * (y.ravel() > 0))
+    stress[18] = 1.5 * section
+    about = {"frame": np.eye(3).tolist(), "origin": [0.0, 0.0, 0.0]}
+    links = {**run.meta["links"], "distal_1": {**run.meta["links"]["distal_1"], **about}}
+    mesh = {"nodes": nodes, "triangles": np.array(faces, float)}
+    mesh["von_mises"] = np.outer(wave, stress)
+    arrays = {**run.arrays, **{f"link/distal_1/mesh/{k}": v for k, v in mesh.items()}}
+    return Result(run.t, arrays, {**run.meta, "links": links})
+
+
 def renamed(run: Result) -> Result:
     names = {"distal_1": EVIL, "distal_2": "__proto__"}
     arrays = {}

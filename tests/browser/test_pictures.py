@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from pinflex.__main__ import main
 from pinflex.capture import film, picture
-from pinflex.errors import DescriptionError
+from pinflex.errors import DescriptionError, PinflexError
 from pinflex.pictures import instant
 from pinflex.result import Result
 from tests.browser.chromium import CHROMIUM
@@ -28,6 +29,57 @@ def test_pictures_and_films_are_saved(page: Path, tmp_path: Path) -> None:
         assert getattr(moving, "n_frames", 1) == 5
     with pytest.raises(DescriptionError, match=r"Allowed: \.gif"):
         film(page, tmp_path / "run.avi")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_a_film_of_few_colours_keeps_those_of_the_path_and_of_the_legend(
+    page: Path, tmp_path: Path
+) -> None:
+    """The path is a thousandth of the picture: a palette by area would turn it yellow."""
+    from PIL import Image
+
+    with Image.open(film(page, tmp_path / "run.gif", seconds=0.2, fps=10)) as moving:
+        shown = np.asarray(moving.convert("RGB"), int).reshape(-1, 3)
+    for colour in ((213, 94, 0), (253, 231, 37), (68, 1, 84)):  # path, ends of viridis
+        assert np.abs(shown - colour).max(axis=1).min() < 12
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_an_mp4_is_every_picture_given_to_ffmpeg(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stand-in that keeps what it is told and given; the real one made a film of this by hand."""
+    ffmpeg = tmp_path / "ffmpeg"
+    ffmpeg.write_text('#!/bin/sh\nfor last; do :; done\necho "$@" > "$last.txt"\ncat > "$last"\n')
+    ffmpeg.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    made = film(page, tmp_path / "run.mp4", seconds=0.3, fps=10, size=(481, 320))
+    assert made.read_bytes().count(b"\x89PNG\r\n\x1a\n") == 3
+    told = (tmp_path / "run.mp4.txt").read_text()
+    assert "-framerate 10" in told
+    assert "libx264" in told
+    assert "yuv420p" in told  # what every player can show; it needs even sizes:
+    assert "crop=trunc(iw/2)*2:trunc(ih/2)*2" in told
+    ffmpeg.write_text("#!/bin/sh\necho no such codec >&2\nexit 3\n")
+    with pytest.raises(PinflexError, match="ffmpeg failed: no such codec"):
+        film(page, tmp_path / "run.mp4", seconds=0.2, fps=10, size=(480, 320))
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_without_ffmpeg_one_sentence_says_what_to_do(
+    run: Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(
+        "pinflex.capture.shutil.which", lambda name: CHROMIUM if "chrom" in name else None
+    )
+    assert main(["view", str(run.save(tmp_path / "run.npz")), "--mp4"]) == 1
+    told = capsys.readouterr().err.strip().splitlines()
+    assert told == [
+        "pinflex: capture: run.mp4: ffmpeg was not found. Install it, or ask for a .gif."
+    ]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")

@@ -39,6 +39,29 @@ def test_the_policy_stops_requests_and_foreign_scripts(browser: Browser, page: P
     assert browser.run("return window.injected === undefined")
 
 
+def test_a_browser_that_cannot_unpack_the_page_says_which_can(browser: Browser, page: Path) -> None:
+    old = {"source": "delete window.DecompressionStream"}
+    script = browser.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", old)
+    try:
+        browser.driver.get("about:blank")
+        browser.driver.get(page.as_uri())
+        text = browser.run("return document.getElementById('app').textContent")
+    finally:
+        browser.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", script)
+    assert "too old" in text
+    assert "Firefox 113" in text
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_a_run_of_few_instants_is_drawn(browser: Browser, tmp_path: Path, samples: int) -> None:
+    whole = synthetic_result(samples=max(samples, 2))
+    arrays = {k: v if k.endswith("/x") else v[:samples] for k, v in whole.arrays.items()}
+    few = Result(whole.t[:samples], arrays, whole.meta)
+    browser.open(write_html(few, tmp_path / "few.html"))
+    assert browser.pixels().std() > 5
+    assert browser.errors() == []
+
+
 def test_pictures_differ_over_time_and_are_equal_at_equal_times(
     browser: Browser, page: Path
 ) -> None:

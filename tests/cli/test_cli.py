@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -217,6 +218,19 @@ def test_view_writes_the_page_beside_the_run_or_where_it_is_told(capsys, compare
     data = numbers(call(capsys, "view", run, "--no-open", "--json").out)
     assert data["file"] == str(run.with_suffix(".html"))
     assert run.with_suffix(".html").is_file()
+
+
+def test_a_user_with_only_the_file_of_a_run_and_pinflex_gets_the_same_page(compared, tmp_path):
+    """Byte by byte, in another process and folder: rigid torques and yield strength with it."""
+    shutil.copy(compared[0] / "fourbar-coupled.npz", tmp_path / "sent.npz")
+    command = [sys.executable, "-m", "pinflex", "view", "sent.npz", "--no-open"]
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    subprocess.run(command, cwd=tmp_path, env=env, check=True, capture_output=True)
+    page = (tmp_path / "sent.html").read_bytes()
+    assert page == (compared[0] / "animation.html").read_bytes()
+    run, rigid = (Result.load(compared[0] / f"fourbar-{x}.npz") for x in ("coupled", "rigid"))
+    assert run.array("rigid/torque") == pytest.approx(rigid.torque)
+    assert run.meta["links"]["coupler"]["material"]["yield_strength"] == 5.03e8
 
 
 # compare ---------------------------------------------------------------------------------------

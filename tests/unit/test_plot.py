@@ -9,6 +9,7 @@ import pytest
 
 from pinflex import plot
 from pinflex.errors import DescriptionError
+from pinflex.peaks import amplitudes
 from pinflex.result import Result, peak
 from tests.synthetic import BENDING, synthetic_result
 
@@ -96,7 +97,7 @@ def test_a_rigid_result_has_no_stress_to_map(rigid):
 
 def test_a_sine_peaks_at_its_frequency_with_its_amplitude():
     t = np.linspace(0.0, 2.0, 2001)
-    frequency, amplitude = plot.amplitudes(t, 0.3 * np.sin(2 * np.pi * 37.3 * t) + 5 * t - 2)
+    frequency, amplitude = amplitudes(t, 0.3 * np.sin(2 * np.pi * 37.3 * t) + 5 * t - 2)
     best = int(np.argmax(amplitude))
     assert frequency[best] == pytest.approx(37.3, abs=0.07)  # half a bin of 1 / (4 * 2 s)
     assert amplitude[best] == pytest.approx(0.3, rel=0.01)
@@ -166,3 +167,10 @@ def test_plotting_leaves_no_global_state_and_importing_it_is_light():
         "p.torques(s('rigid'), {'c': s()}); assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_peaks_are_labelled_with_the_modes_they_may_be(flexible):
+    axes = plot.spectrum(flexible, "link/distal_1/v", natural=(60.0, 61.0, 61.5, 300.0)).axes[0]
+    labels = [text.get_text() for text in axes.texts]
+    assert any(label.endswith("Hz\nmodes 1-3") for label in labels)
+    assert not any("4" in label.partition("\n")[2] for label in labels)

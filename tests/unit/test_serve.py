@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import http.client
+import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+import pinflex as pf
 from pinflex.errors import DescriptionError
 from pinflex.live import Live
 from pinflex.serve import Server
+from pinflex.skin import triangles
 from tests.synthetic import synthetic_result
 
 
@@ -67,6 +75,50 @@ def test_live_play_listens_to_this_machine_only_and_leaves_nothing_behind(
     assert capfd.readouterr().out == ""
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_live_play_draws_the_robots_own_meshes_and_bends_them() -> None:
+    pytest.importorskip("example_robot_data")
+    result = pf.solve(pf.load("ur5"), until=0.02, samples=3)
+    with Live(result) as live:
+        commands: list[dict[str, Any]] = []
+        live._window.send = lambda command: commands.append(command.lower())  # type: ignore
+        live._bodies()
+        live.show(result.t[-1])
+    bodies = {c["path"] for c in commands if c["type"] == "set_object" and "/body_" in c["path"]}
+    drawn = [c for c in commands if c["type"] == "set_object" and "/link_" in c["path"]]
+    assert len(bodies) == 5  # of meshes: a body of simple shapes has several objects each
+    assert len(drawn) == 2
+    for command, link in zip(drawn, live.scene["links"], strict=True):
+        sent = command["object"]["geometries"][0]["data"]["attributes"]["position"]["array"]
+        points = np.frombuffer(sent["data"] if isinstance(sent, dict) else sent.data, "<f4")
+        points = points.reshape(-1, 3)
+        ends = link["rigid"][-1]  # a straight link is kept by its two ends
+        line = ends[0] + np.outer(link["x"] / link["x"][-1], ends[1] - ends[0])
+        away = np.linalg.norm(points[:, None] - line[None], axis=2).min(axis=1)
+        mesh = triangles(link["mesh"])[0]
+        # as far from its line as the mesh is: deflections are small, stations 0.02 m apart
+        assert away.max() == pytest.approx(np.hypot(*mesh[:, 1:].T).max(), rel=0.2)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_command_that_plays_live_ends_with_its_signal_and_leaves_no_process(
+    tmp_path: Path,
+) -> None:
+    file = synthetic_result(samples=21).save(tmp_path / "run.npz")
+    command = [sys.executable, "-m", "pinflex", "view", str(file), "--live", "--no-open"]
+    env = {**os.environ, "PYTHONPATH": str(Path(pf.__file__).parents[1])}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env) as live:
+        assert live.stdout is not None
+        live.stdout.readline()  # the page
+        port = int(live.stdout.readline().split(":")[2].split("/")[0])
+        assert _get(port, f"127.0.0.1:{port}", "/static/")[0] == 200
+        assert _children(live.pid) == []
+        live.send_signal(signal.SIGTERM)
+        assert live.wait(10) == -signal.SIGTERM
+    with pytest.raises(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port), 2):
+        pass
+
+
 def _get(port: int, host: str, path: str = "/") -> tuple[int, bytes]:
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     try:
@@ -90,7 +142,7 @@ def _listening(port: int) -> set[str]:
     return found
 
 
-def _children() -> list[str]:
-    tasks = Path("/proc/self/task")
+def _children(pid: int | str = "self") -> list[str]:
+    tasks = Path(f"/proc/{pid}/task")
     found = tasks.glob("*/children") if tasks.is_dir() else []
     return sorted(pid for path in found for pid in path.read_text().split())

@@ -62,8 +62,9 @@ def test_packing_merges_equal_vertices_and_is_right_to_a_step_of_16_bits() -> No
 
     vertices, faces = _cylinder(40, 10)
     soup = Surface(vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3), True)
-    found = packed(soup)
+    found, first = packed(soup)
     assert found is not None
+    assert (soup.vertices[first] == vertices[np.lexsort(vertices.T[::-1])]).all()
     assert len(found["points"]) == len(vertices)
     back = found["points"] / 32767 * found["half"] + np.array(found["centre"])
     assert back[found["faces"]] == pytest.approx(vertices[faces], abs=found["half"] / 32767)
