@@ -41,6 +41,7 @@ from pinflex.quasistatic import Equilibrium, linear_statics, static_equilibrium
 from pinflex.result import Result
 from pinflex.rigid import inverse_dynamics
 from pinflex.solve import LEVELS, solve
+from pinflex.sweep import sweep
 from pinflex.view import view
 
 __all__ = [
@@ -81,6 +82,7 @@ __all__ = [
     "solve",
     "spin_up",
     "static_equilibrium",
+    "sweep",
     "trapezoid",
     "view",
 ]

@@ -1,0 +1,171 @@
+"""Many cases, some of which may fail, worked on in parallel and kept one by one as they end.
+
+The journal has one JSON object a line; a case counts as done when its line is on the disk. A line
+is found again by its key, which names the case and everything that its numbers follow from.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+import yaml
+
+from pinflex.console import plain, writable
+from pinflex.description import Description
+from pinflex.errors import DescriptionError, PinflexError
+from pinflex.meta import version
+from pinflex.pool import Lost, answers
+from pinflex.study import reason
+
+Work = Callable[[Any], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What became of a case: numbers and texts by name, or one line that says why there are none.
+
+    Numbers that are not finite are None.
+    """
+
+    found: Mapping[str, Any]
+    error: str = ""
+
+
+def run(
+    work: Work,
+    cases: Mapping[str, Any],
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    journal: str | Path | None = None,
+    fresh: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[tuple[str, Record]]:
+    """Key and record of every case: first those that the journal has, then others as they end.
+
+    Args:
+        work: Function of one case; it, the cases and what it finds travel between processes.
+        cases: By key, see `keys`.
+        jobs: Processes of this machine.
+        scheduler: Address of a Dask cluster to use instead.
+        journal: File that keeps every record; None keeps none.
+        fresh: Forget what the journal has.
+        progress: Called with (cases ended, cases) of those that the journal does not have.
+
+    Raises:
+        DescriptionError: The journal cannot be written or is in use; no such scheduler.
+    """
+    with ExitStack() as open_files:
+        stream = None
+        kept: dict[str, Record] = {}
+        if journal is not None:
+            stream = open_files.enter_context(_opened(Path(journal)))
+            kept = {} if fresh else _read(stream)
+            if fresh:
+                stream.truncate(0)
+        yield from ((key, kept[key]) for key in cases if key in kept)
+        left = [key for key in cases if key not in kept]
+        ready = answers(partial(_outcome, work), [cases[key] for key in left], jobs, scheduler)
+        for ended, (number, answer) in enumerate(ready, 1):
+            record = Record({}, answer.reason) if isinstance(answer, Lost) else answer
+            if stream is not None:
+                _write(stream, left[number], record)
+            if progress is not None:
+                progress(ended, len(left))
+            yield left[number], record
+
+
+def _outcome(work: Work, case: Any) -> Record:
+    """What a case gives, or why it fails: nothing that goes wrong in one stops the others."""
+    try:
+        return Record(plain(work(case)))
+    except PinflexError as error:
+        why = reason(error)
+    except MemoryError:
+        why = "not enough memory"
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}"
+    return Record({}, " ".join(why.split()))
+
+
+# Keys ------------------------------------------------------------------------------------------
+
+
+def keys(description: Description, cases: Iterable[Any], *about: Any) -> list[str]:
+    """A key for each case, which changes with whatever changes the numbers of the case.
+
+    These are the version, the texts of the model, the contents of the files that it or a case
+    names, the case itself and `about` (plain JSON values: level, outputs, ...).
+    """
+    cases = list(cases)
+    model = hashlib.sha256(version().encode())
+    for text in (description.urdf_text, description.yaml_text):
+        model.update(b"\0" + text.encode())
+    folder = Path() if description.path is None else description.path.parent
+    for name in sorted({*_texts([yaml.safe_load(description.yaml_text), cases])}):
+        with_it = folder / name
+        if len(name) < 256 and "\0" not in name and with_it.is_file():
+            model.update(b"\0" + with_it.read_bytes())
+    return [
+        hashlib.sha256(json.dumps([model.hexdigest(), case, about]).encode()).hexdigest()[:32]
+        for case in cases
+    ]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Every text in nested lists and mappings."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from _texts([*value.values()])
+    elif isinstance(value, Sequence):
+        for item in value:
+            yield from _texts(item)
+
+
+# The journal -----------------------------------------------------------------------------------
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[IO[bytes]]:
+    """The journal, for this process alone until it ends, however it ends."""
+    writable(path)
+    with path.open("a+b") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise DescriptionError(
+                f"{path}: another process is writing it. Wait for that one, or choose another "
+                "output file."
+            ) from None
+        yield stream
+
+
+def _read(stream: IO[bytes]) -> dict[str, Record]:
+    """The records, without a last line that a kill left unfinished, which is cut off."""
+    stream.seek(0)
+    lines = stream.read().split(b"\n")
+    stream.truncate(stream.tell() - len(lines[-1]))
+    found = {}
+    for line in lines[:-1]:
+        try:
+            entry = json.loads(line)
+            found[entry["key"]] = Record(entry["found"], entry["error"])
+        except (ValueError, TypeError, KeyError):
+            continue  # a line of something else: the case is worked on again
+    return found
+
+
+def _write(stream: IO[bytes], key: str, record: Record) -> None:
+    stream.write(json.dumps({"key": key, **asdict(record)}).encode() + b"\n")
+    stream.flush()
+    os.fsync(stream.fileno())
