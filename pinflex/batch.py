@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import IO, Any
 
 import yaml
 
+from pinflex.columns import Columns
 from pinflex.console import plain, writable
 from pinflex.description import Description
 from pinflex.errors import DescriptionError, PinflexError
@@ -40,6 +41,15 @@ class Record:
     error: str = ""
 
 
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C: `records` has the cases that ended, `table` what the caller makes of them."""
+
+    def __init__(self, records: Mapping[str, Record], message: str) -> None:
+        super().__init__(message)
+        self.records = records
+        self.table: Columns | None = None
+
+
 def run(
     work: Work,
     cases: Mapping[str, Any],
@@ -49,39 +59,48 @@ def run(
     journal: str | Path | None = None,
     fresh: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> Iterator[tuple[str, Record]]:
-    """Key and record of every case: first those that the journal has, then others as they end.
+) -> dict[str, Record]:
+    """The record of every case, by its key.
 
     Args:
         work: Function of one case; it, the cases and what it finds travel between processes.
         cases: By key, see `keys`.
-        jobs: Processes of this machine.
+        jobs: Processes of this machine; 1 works in this one.
         scheduler: Address of a Dask cluster to use instead.
-        journal: File that keeps every record; None keeps none.
+        journal: File that keeps every record as soon as there is one. Cases that it has are not
+            worked on again.
         fresh: Forget what the journal has.
         progress: Called with (cases ended, cases) of those that the journal does not have.
 
     Raises:
         DescriptionError: The journal cannot be written or is in use; no such scheduler.
+        Interrupted: On Ctrl-C.
     """
-    with ExitStack() as open_files:
-        stream = None
-        kept: dict[str, Record] = {}
-        if journal is not None:
-            stream = open_files.enter_context(_opened(Path(journal)))
-            kept = {} if fresh else _read(stream)
-            if fresh:
+    if jobs < 1:
+        raise DescriptionError(f"jobs: {jobs}. Give 1 or more.")
+    records: dict[str, Record] = {}
+    try:
+        with _opened(journal) as stream:
+            kept = {} if fresh or stream is None else _read(stream)
+            if fresh and stream is not None:
                 stream.truncate(0)
-        yield from ((key, kept[key]) for key in cases if key in kept)
-        left = [key for key in cases if key not in kept]
-        ready = answers(partial(_outcome, work), [cases[key] for key in left], jobs, scheduler)
-        for ended, (number, answer) in enumerate(ready, 1):
-            record = Record({}, answer.reason) if isinstance(answer, Lost) else answer
-            if stream is not None:
-                _write(stream, left[number], record)
-            if progress is not None:
-                progress(ended, len(left))
-            yield left[number], record
+            records |= {key: kept[key] for key in cases if key in kept}
+            left = [key for key in cases if key not in kept]
+            todo = [cases[key] for key in left]
+            ready = answers(partial(_outcome, work), todo, jobs, scheduler)
+            for ended, (number, answer) in enumerate(ready, 1):
+                record = Record({}, answer.reason) if isinstance(answer, Lost) else answer
+                if stream is not None:
+                    _write(stream, left[number], record)
+                records[left[number]] = record
+                if progress is not None:
+                    progress(ended, len(left))
+    except KeyboardInterrupt:
+        said = f"interrupted: {len(records)} of {len(cases)} cases are done"
+        if journal is not None:
+            said += f" and kept in {journal}; the same command goes on from there"
+        raise Interrupted(records, said) from None
+    return records
 
 
 def _outcome(work: Work, case: Any) -> Record:
@@ -136,10 +155,13 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
+def _opened(path: str | Path | None) -> Iterator[IO[bytes] | None]:
     """The journal, for this process alone until it ends, however it ends."""
+    if path is None:
+        yield None
+        return
     writable(path)
-    with path.open("a+b") as stream:
+    with Path(path).open("a+b") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:

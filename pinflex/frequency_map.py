@@ -16,8 +16,10 @@ from pinflex.modes import Modes, modes
 from pinflex.motion import Motion
 from pinflex.nominal import nominal
 from pinflex.plot import COLOURS, DPI, HEIGHT, panels, title
+from pinflex.tracking import matched
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SPARE = 4  # modes followed beside those shown: one of them may come down among the shown
@@ -89,7 +91,7 @@ def frequency_map(
             continue
         order: IntArray = np.arange(len(found.frequencies))
         if last is not None:
-            order = _matched(last, found.shapes, dynamics.mass(found.y))
+            order, _ = matched(last, found.shapes, dynamics.mass(found.y))
         last = found.shapes[:, order]
         rows.append(_first(found, order, count))
     if all(np.isnan(row).all() for row in rows):
@@ -101,65 +103,71 @@ def plot_frequency_map(found: FrequencyMap) -> Figure:
     """Frequency against time along the motion, one line a mode; the lowest of the first marked."""
     figure, axes = panels(1, 1, HEIGHT)
     ax = axes[0, 0]
-    for i, column in enumerate(found.frequencies.T):
-        ax.plot(found.t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
-    known = np.isfinite(found.frequencies).all(axis=1)
-    top, n = float(np.nanmax(found.frequencies)), int(np.flatnonzero(known)[-1])
-    for group in _close_together(found.frequencies[n], 0.045 * top):
-        ax.annotate(
-            ", ".join(str(i + 1) for i in sorted(group)),
-            (found.t[n], float(np.mean(found.frequencies[n][group]))), (5, 0), va="center",
-            textcoords="offset points", fontsize=9, annotation_clip=False,
-            color=COLOURS[group[0] % len(COLOURS)] if len(group) == 1 else "0.2",
-        )  # fmt: skip
-    lowest = np.where(known, np.min(found.frequencies, axis=1), np.inf)
-    k = int(np.argmin(lowest))
-    side = "center" if 0.2 < k / len(lowest) < 0.8 else "left" if k < len(lowest) / 2 else "right"
-    if np.ptp(lowest[known]) > 1e-3 * lowest[k]:  # otherwise no pose is worse than another
-        ax.plot(found.t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
-        ax.annotate(
-            f"lowest {lowest[k]:.4g} Hz at {found.t[k]:.4g} s", (found.t[k], lowest[k]),
-            (0, -14 if lowest[k] > 0.08 * top else 10), textcoords="offset points", fontsize=8,
-            ha=side, bbox={"fc": "w", "ec": "none", "pad": 1},
-        )  # fmt: skip
-    if not known.all() and n + 1 < len(found.t):
-        ax.axvspan(found.t[n], found.t[-1], color="0.95", zorder=0)
-        middle = (found.t[n] + found.t[-1]) / 2
-        ax.text(middle, 0.5 * top, "no static equilibrium", ha="center", color="0.4", fontsize=9)
-    ax.set_ylim(0.0, 1.06 * top)
-    ax.set_xlim(found.t[0], found.t[-1])
+    draw_frequencies(ax, found.t, found.frequencies, "s")
     ax.set_xlabel("time along the motion [s]")
-    ax.set_ylabel("natural frequency [Hz]")
     about = "under gravity" if found.preload == "gravity" else "undeformed"
     title(ax, f"{found.name}: natural frequencies along the motion, motors locked, {about}")
     return figure
 
 
+def draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None:
+    """One line a mode, numbered; the lowest frequency of all marked.
+
+    Args:
+        ax: Where to draw.
+        t: Poses, shape (n,), in `unit`: time of a motion, or a coordinate.
+        frequencies: Hz, shape (n, count); nan where there is no equilibrium.
+        unit: For the mark.
+    """
+    for i, column in enumerate(frequencies.T):
+        ax.plot(t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
+    known = np.isfinite(frequencies).all(axis=1)
+    top, n = float(np.nanmax(frequencies)), int(np.flatnonzero(known)[-1])
+    for group in _close_together(frequencies[n], 0.045 * top):
+        ax.annotate(
+            ", ".join(str(i + 1) for i in sorted(group)),
+            (t[n], float(np.mean(frequencies[n][group]))), (5, 0), va="center",
+            textcoords="offset points", fontsize=9, annotation_clip=False,
+            color=COLOURS[group[0] % len(COLOURS)] if len(group) == 1 else "0.2",
+        )  # fmt: skip
+    lowest = np.where(known, np.min(frequencies, axis=1), np.inf)
+    k = int(np.argmin(lowest))
+    side = "center" if 0.2 < k / len(lowest) < 0.8 else "left" if k < len(lowest) / 2 else "right"
+    if np.ptp(lowest[known]) > 1e-3 * lowest[k]:  # otherwise no pose is worse than another
+        ax.plot(t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
+        ax.annotate(
+            f"lowest {lowest[k]:.4g} Hz at {t[k]:.4g} {unit}", (t[k], lowest[k]),
+            (0, -14 if lowest[k] > 0.08 * top else 10), textcoords="offset points", fontsize=8,
+            ha=side, bbox={"fc": "w", "ec": "none", "pad": 1},
+        )  # fmt: skip
+    if not known.all() and n + 1 < len(t):
+        ax.axvspan(t[n], t[-1], color="0.95", zorder=0)
+        middle = (t[n] + t[-1]) / 2
+        ax.text(middle, 0.5 * top, "no static equilibrium", ha="center", color="0.4", fontsize=9)
+    ax.set_ylim(0.0, 1.06 * top)
+    ax.set_xlim(t[0], t[-1])
+    ax.set_ylabel("natural frequency [Hz]")
+
+
 def save_frequency_map(found: FrequencyMap, path: str | Path) -> Path:
     """Write the figure (.png, .pdf, .svg); returns the file."""
+    path = check_figure(path)
+    plot_frequency_map(found).savefig(path, dpi=DPI)
+    return path
+
+
+def check_figure(path: str | Path) -> Path:
+    """The path of a figure, if there is such a kind; its folder is made."""
     path = Path(path)
     if path.suffix not in (".png", ".pdf", ".svg"):
         raise DescriptionError(f"{path}: no such kind of figure. Allowed: .png, .pdf, .svg.")
     path.parent.mkdir(parents=True, exist_ok=True)
-    plot_frequency_map(found).savefig(path, dpi=DPI)
     return path
 
 
 def _first(found: Modes, order: IntArray, count: int) -> Array:
     frequencies = found.frequencies[order][:count]
     return np.append(frequencies, np.full(count - len(frequencies), np.nan))
-
-
-def _matched(before: Array, now: Array, M: Array) -> IntArray:
-    """Which shape of now follows which one before: the largest sum of squared cosines.
-
-    Cosines are those of the mass matrix: shapes of different frequencies are at right angles, and
-    shapes of equal ones, which may turn among themselves, stay among themselves.
-    """
-    from scipy.optimize import linear_sum_assignment
-
-    rows, columns = linear_sum_assignment(-np.square(before.T @ M @ now))
-    return np.asarray(columns[np.argsort(rows)])
 
 
 def _close_together(heights: Array, least: float) -> list[list[int]]:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pinflex.batch import Record, keys, run
+from pinflex.batch import Interrupted, Record, keys, run
 from pinflex.cases import Case, assignments, combined, listed
 from pinflex.columns import Columns, column
 from pinflex.description import Description, read
@@ -15,16 +15,7 @@ from pinflex.errors import DescriptionError
 from pinflex.mechanism import Mechanism, load
 from pinflex.outputs import OUTPUTS, check_outputs, scene_outputs, unit
 
-Progress = Callable[[int, int], None]
 _TRIED = 100  # cases, spread over all, before a sweep is refused because none can be read
-
-
-class SweepInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a sweep; `table` has the cases that ended, `left` how many did not."""
-
-    def __init__(self, table: Columns, left: int) -> None:
-        super().__init__(f"{left} cases left")
-        self.table, self.left = table, left
 
 
 def sweep(
@@ -38,7 +29,7 @@ def sweep(
     scheduler: str | None = None,
     journal: str | Path | None = None,
     fresh: bool = False,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Columns:
     """Solve a scene for many values of its parameters.
 
@@ -65,26 +56,21 @@ def sweep(
 
     Raises:
         DescriptionError: A key path that does not exist, or no value that the model takes.
-        SweepInterrupted: On Ctrl-C, with the rows that there are.
+        Interrupted: On Ctrl-C; `table` has the rows that there are.
     """
-    if jobs < 1:
-        raise DescriptionError(f"sweep: jobs: {jobs}. Give 1 or more.")
     description = described(model)
     groups = check_outputs(outputs, level)
     cases = combined(listed(parameters, f"{description.name}: sweep"), paired)
     _check_keys(description, cases)
     named = keys(description, cases, level, groups)
-    records: dict[str, Record] = {}
-    work = partial(_solved, description, level, groups)
     try:
-        for key, record in run(
-            work, dict(zip(named, cases, strict=True)), jobs=jobs, scheduler=scheduler,
-            journal=journal, fresh=fresh, progress=progress,
-        ):  # fmt: skip
-            records[key] = record
-    except KeyboardInterrupt:
-        table = _table(named, cases, records)
-        raise SweepInterrupted(table, len(cases) - len(table)) from None
+        records = run(
+            partial(_solved, description, level, groups), dict(zip(named, cases, strict=True)),
+            jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=progress,
+        )  # fmt: skip
+    except Interrupted as stop:
+        stop.table = _table(named, cases, stop.records)
+        raise
     return _table(named, cases, records)
 
 
