@@ -168,8 +168,7 @@ the others.""",
         help="beside rigid: quasistatic, ked, coupled (default all)",
     )
 
-    batch_arguments.sweep(partial(_command, commands))
-    batch_arguments.map_poses(partial(_command, commands))
+    batch_arguments.add(partial(_command, commands), _count)
 
     p = _command(
         commands,

@@ -8,11 +8,12 @@ from collections.abc import Callable
 Command = Callable[..., argparse.ArgumentParser]
 
 
-def sweep(command: Command) -> None:
-    """Add `sweep`.
+def add(command: Command, count: Callable[[str], int]) -> None:
+    """Add both commands.
 
     Args:
         command: Makes the parser of a command from its name, summary, text and example.
+        count: Reads a whole number above zero.
     """
     p = command(
         "sweep",
@@ -42,11 +43,8 @@ kept as it ends, in FILE.journal: stopped or killed, the same command goes on fr
         metavar="A,B,...",
         help="torque, deviation, stress, frequency, cost, validity (default all)",
     )
-    _shared(p, "the table, .csv or .parquet")
+    _shared(p, count)
 
-
-def map_poses(command: Command) -> None:
-    """Add `map`; `command` as in `sweep`."""
     p = command(
         "map",
         "natural frequencies and platform stiffness over a grid of poses",
@@ -64,7 +62,7 @@ pose to pose. The 6x6 stiffness is that of the platform in world axes, motors lo
         metavar="COORDINATE=A:B:N",
         help="values of a coordinate; may be repeated",
     )
-    p.add_argument("--count", type=int, default=6, metavar="N", help="frequencies (default 6)")
+    p.add_argument("--count", type=count, default=6, metavar="N", help="frequencies (default 6)")
     p.add_argument(
         "--preload",
         choices=("gravity", "none"),
@@ -73,11 +71,13 @@ pose to pose. The 6x6 stiffness is that of the platform in world axes, motors lo
     )
     p.add_argument("--free-motors", action="store_true", help="frequencies with free motors")
     p.add_argument("--plot", metavar="FILE.png", help="write a figure (.png, .pdf, .svg)")
-    _shared(p, "the table, .csv or .parquet")
+    _shared(p, count)
 
 
-def _shared(p: argparse.ArgumentParser, out: str) -> None:
-    p.add_argument("-o", "--out", "--output", metavar="FILE", help=out)
-    p.add_argument("--jobs", type=int, metavar="N", help="processes (default: one per core)")
+def _shared(p: argparse.ArgumentParser, count: Callable[[str], int]) -> None:
+    p.add_argument(
+        "-o", "--out", "--output", metavar="FILE", help="write the table, .csv or .parquet"
+    )
+    p.add_argument("--jobs", type=count, metavar="N", help="processes (default: one per core)")
     p.add_argument("--scheduler", metavar="ADDRESS", help="work on this Dask cluster instead")
     p.add_argument("--fresh", action="store_true", help="forget FILE.journal and begin anew")

@@ -42,11 +42,13 @@ def sweep(args: argparse.Namespace) -> int:
 
 def map_poses(args: argparse.Namespace) -> int:
     """Frequencies and stiffness over a grid of poses: table and figure."""
+    from pinflex.frequency_map import check_figure
     from pinflex.plot_pose_map import save_pose_map
     from pinflex.pose_map import pose_map
 
     out, options = _batch(args)
-    writable(args.plot)
+    if args.plot is not None:
+        writable(check_figure(args.plot))
     mechanism = load_model(args)
     bar = Progress("map")
     try:
@@ -84,14 +86,15 @@ def _answer(args: argparse.Namespace, found: Columns, out: Path | None, figures:
         print_json({"columns": columns, "units": found.units, "files": files})
     else:
         print(_ranges(found))
-        print(f"\n{len(found)} cases, {len(found) - len(failed)} done, {len(failed)} failed")
+        cases = "1 case" if len(found) == 1 else f"{len(found)} cases"
+        print(f"\n{cases}, {len(found) - len(failed)} done, {len(failed)} failed")
         for row, why in [*errors.items()][:_SHOWN]:
             print(paragraph(why, "    ", f"  case {row}: "))
         if len(failed) > _SHOWN:
             print(f"  and {len(failed) - _SHOWN} more")
         print("\n".join(f"wrote {path}" for path in files) or "nothing saved (--out FILE saves it)")
     if len(failed) == len(found):
-        raise SceneError(f"none of the {len(found)} cases has an answer: {errors[1]}")
+        raise SceneError(f"none of the cases has an answer: {errors[1]}")
     return 0
 
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PANELS = 3  # a row
+_PREFIXES = (("M", 1e6), ("k", 1e3), ("", 1.0))
+_FLAT = 0.02  # of the largest value: what varies less needs no lines of equal height
 
 
 def plot_pose_map(found: PoseMap) -> Figure:
@@ -75,6 +77,8 @@ def _curves(frequencies: Array, stiffness: dict[str, Array], x: list[Array], lab
 
 def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], labels: Any) -> Figure:
     """One panel each: the first frequencies, and the axes that give way, translations first."""
+    from matplotlib.ticker import ScalarFormatter
+
     rows = [
         {
             f"mode {k + 1} [Hz]": frequencies[..., k]
@@ -89,10 +93,12 @@ def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], label
     for row, line in zip(rows, axes, strict=True):
         for ax, (name, values) in zip(line, row.items(), strict=False):
             image = ax.pcolormesh(*x, values.T, cmap="viridis", shading="gouraud", rasterized=True)
-            if np.ptp(values[np.isfinite(values)]) > 1e-6 * np.nanmax(np.abs(values)):
+            if np.ptp(values[np.isfinite(values)]) > _FLAT * np.nanmax(np.abs(values)):
                 lines = ax.contour(*x, values.T, 6, colors="white", linewidths=0.6)
                 ax.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.4g}")
-            bar = figure.colorbar(image, ax=ax, pad=0.02, aspect=30)
+            bar = figure.colorbar(
+                image, ax=ax, pad=0.02, aspect=30, format=ScalarFormatter(useOffset=False)
+            )
             bar.ax.tick_params(width=0.6, labelsize=7)
             bar.outline.set_visible(False)
             title(ax, name)
@@ -110,6 +116,8 @@ def _stiffness(compliance: Array) -> dict[str, Array]:
     for i, axis in enumerate(AXES):
         values = compliance[..., i, i]
         if np.isfinite(values).any() and np.all(values[np.isfinite(values)] > 0):
-            word = f"along {axis} [N/m]" if i < 3 else f"about {axis[1]} [N m/rad]"
-            found[word] = 1.0 / values
+            size = float(np.nanmin(values))
+            prefix, factor = next((p, f) for p, f in _PREFIXES if 1.0 / size > f or not p)
+            word = f"along {axis} [{prefix}N/m]" if i < 3 else f"about {axis[1]} [{prefix}N m/rad]"
+            found[word] = 1.0 / values / factor
     return found
