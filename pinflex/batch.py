@@ -135,7 +135,9 @@ def keys(description: Description, cases: Iterable[Any], *about: Any) -> list[st
         if len(name) < 256 and "\0" not in name and with_it.is_file():
             model.update(b"\0" + with_it.read_bytes())
     return [
-        hashlib.sha256(json.dumps([model.hexdigest(), case, about]).encode()).hexdigest()[:32]
+        hashlib.sha256(
+            json.dumps([model.hexdigest(), case, about], sort_keys=True).encode()
+        ).hexdigest()[:32]
         for case in cases
     ]
 

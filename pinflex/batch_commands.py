@@ -32,7 +32,7 @@ def sweep(args: argparse.Namespace) -> int:
             paired=args.zip, progress=bar, **options,
         )  # fmt: skip
     except Interrupted as stop:
-        if out is not None and stop.table is not None:
+        if out is not None and stop.table:  # any rows
             stop.table.save(out)
         raise
     finally:

@@ -5,6 +5,7 @@ Answers come as they are ready. A process that dies takes one piece of work with
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import warnings
@@ -59,9 +60,10 @@ def alone(work: Work, item: Any) -> Any:
         return work(item)
 
 
-def _numbered(work: Work, number: int, item: Any) -> tuple[int, Any]:
+def _numbered(parent: int, work: Work, number: int, item: Any) -> tuple[int, Any]:
     """The work in a process of this machine, which leaves Ctrl-C to the one that started it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if os.getpid() != parent:  # joblib may decide to work without processes
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     return number, alone(work, item)
 
 
@@ -100,7 +102,9 @@ def _parallel(work: Work, items: Sequence[tuple[int, Any]], jobs: int) -> Any:
         parallel = Parallel(
             n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2 * n_jobs", batch_size=1
         )
-        return parallel(delayed(_numbered)(work, number, item) for number, item in items)
+        return parallel(
+            delayed(_numbered)(os.getpid(), work, number, item) for number, item in items
+        )
 
 
 def _cluster(work: Work, items: Sequence[Any], scheduler: str) -> Iterator[tuple[int, Any]]:

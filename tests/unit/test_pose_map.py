@@ -13,6 +13,7 @@ from pinflex.plot_pose_map import plot_pose_map
 from pinflex.pose import moved, pose
 from pinflex.pose_map import pose_map
 from pinflex.stiffness import platform_compliance
+from pinflex.tracking import tracked
 from tests.scenes import Body, load
 
 # Two arms that share nothing but the ground. Gravity stiffens a hanging arm and softens a standing
@@ -127,3 +128,12 @@ def test_the_figure_has_a_panel_for_each_frequency_and_axis() -> None:
     ]
     with pytest.raises(DescriptionError, match="one pose makes no plot"):
         plot_pose_map(pose_map("cantilever", {}))
+
+
+def test_modes_are_followed_over_a_gap() -> None:
+    rng = np.random.default_rng(0)
+    perms = {place: rng.permutation(5) for place in [(0,), (1,), (3,), (4,)]}
+    found = tracked({p: np.eye(5)[:, perm] for p, perm in perms.items()}, lambda p: np.eye(5), 5)
+    assert len({tuple(perms[p][order]) for p, (order, _) in found.items()}) == 1
+    assert all(agreement == 1.0 for _, agreement in found.values())
+    assert tracked({}, lambda p: np.eye(5), 5) == {}
