@@ -103,22 +103,24 @@ def plot_frequency_map(found: FrequencyMap) -> Figure:
     """Frequency against time along the motion, one line a mode; the lowest of the first marked."""
     figure, axes = panels(1, 1, HEIGHT)
     ax = axes[0, 0]
-    draw_frequencies(ax, found.t, found.frequencies, "s")
+    draw_frequencies(ax, found.t, found.frequencies, "s", "no static equilibrium")
     ax.set_xlabel("time along the motion [s]")
     about = "under gravity" if found.preload == "gravity" else "undeformed"
     title(ax, f"{found.name}: natural frequencies along the motion, motors locked, {about}")
     return figure
 
 
-def draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None:
+def draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str, gap: str) -> None:
     """One line a mode, numbered; the lowest frequency of all marked.
 
     Args:
         ax: Where to draw.
         t: Poses, shape (n,), in `unit`: time of a motion, or a coordinate.
-        frequencies: Hz, shape (n, count); nan where there is no equilibrium.
+        frequencies: Hz, shape (n, count); nan where there is none.
         unit: For the mark.
+        gap: What poses at the end lack that have no frequencies.
     """
+    frequencies = frequencies[:, np.isfinite(frequencies).any(axis=0)]
     for i, column in enumerate(frequencies.T):
         ax.plot(t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
     known = np.isfinite(frequencies).all(axis=1)
@@ -143,7 +145,7 @@ def draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None:
     if not known.all() and n + 1 < len(t):
         ax.axvspan(t[n], t[-1], color="0.95", zorder=0)
         middle = (t[n] + t[-1]) / 2
-        ax.text(middle, 0.5 * top, "no static equilibrium", ha="center", color="0.4", fontsize=9)
+        ax.text(middle, 0.5 * top, gap, ha="center", color="0.4", fontsize=9)
     ax.set_ylim(0.0, 1.06 * top)
     ax.set_xlim(t[0], t[-1])
     ax.set_ylabel("natural frequency [Hz]")

@@ -34,12 +34,15 @@ def plot_pose_map(found: PoseMap) -> Figure:
         raise DescriptionError(f"{found.name}: one pose makes no plot. Give a grid with a:b:n.")
     drawn = wide[:2]
     cut = tuple(slice(None) if k in drawn else size // 2 for k, size in enumerate(sizes))
-    stiffness = _stiffness(found.compliance[cut])
+    frequencies, stiffness = found.frequencies[cut], _stiffness(found.compliance[cut])
+    frequencies = frequencies[..., np.isfinite(frequencies).any(axis=tuple(range(len(drawn))))]
+    if not frequencies.size:
+        raise DescriptionError(f"{found.name}: no pose of the middle of the grid has an answer.")
     x = [list(found.grid.values())[k] for k in drawn]
     names = [list(found.grid)[k] for k in drawn]
     labels = [f"{name} from home [{found.units[name]}]" for name in names]
     draw = _curves if len(drawn) == 1 else _maps
-    figure: Figure = draw(found.frequencies[cut], stiffness, x, labels)
+    figure: Figure = draw(frequencies, stiffness, x, labels)
     about = "under gravity" if found.preload == "gravity" else "undeformed"
     motors = "free in frequencies" if found.free_motors else "locked"
     rest = [
@@ -61,7 +64,7 @@ def save_pose_map(found: PoseMap, path: str | Path) -> Path:
 
 def _curves(frequencies: Array, stiffness: dict[str, Array], x: list[Array], labels: Any) -> Figure:
     figure, axes = panels(1 + bool(stiffness), 1, 3.2 * (1 + bool(stiffness)), sharex=True)
-    draw_frequencies(axes[0, 0], x[0], frequencies, labels[0].split("[")[1][:-1])
+    draw_frequencies(axes[0, 0], x[0], frequencies, labels[0].split("[")[1][:-1], "no answer")
     if stiffness:
         ax = axes[1, 0]
         for k, (name, values) in enumerate(stiffness.items()):

@@ -1,7 +1,8 @@
 """What a second core brings to a sweep: `python tests/benchmarks/sweep.py`. 64 cases of the 3-RRR.
 
 Times include the start of the processes, as a user waits for it. What others kept busy meanwhile
-is printed with each: a ratio means something only where that is small in both.
+is printed with each: the ratio means something only where that is small in both. Core seconds, which
+others change less, say what two processes cost more than one.
 """
 
 import os
@@ -44,8 +45,9 @@ def measured(jobs: int) -> tuple[float, Columns]:
     own, all_of_it, began = own_busy(), machine_busy(), time.perf_counter()
     table = pf.sweep("3rrr", CASES, level="quasistatic", jobs=jobs)
     seconds = time.perf_counter() - began
-    others = (machine_busy() - all_of_it - (own_busy() - own)) / seconds
-    print(f"{jobs} process{'es' if jobs > 1 else '  '} {seconds:7.2f} s   "
+    worked = own_busy() - own
+    others = (machine_busy() - all_of_it - worked) / seconds
+    print(f"{jobs} process{'es' if jobs > 1 else '  '} {seconds:7.2f} s, {worked:7.2f} core s, "
           f"others kept {max(others, 0.0):.2f} cores busy", flush=True)  # fmt: skip
     return seconds, table
 
