@@ -1,8 +1,8 @@
 """What a second core brings to a sweep: `python tests/benchmarks/sweep.py`. 64 cases of the 3-RRR.
 
 Times include the start of the processes, as a user waits for it. What others kept busy meanwhile
-is printed with each: the ratio means something only where that is small in both. Core seconds, which
-others change less, say what two processes cost more than one.
+is printed with each: the ratio means something only where that is small in both. Core seconds,
+which others change less, say what two processes cost more than one.
 """
 
 import os

@@ -200,7 +200,7 @@ def test_a_dask_cluster_gives_the_same_table(arm):
 def test_a_map_is_a_table_and_a_figure(tmp_path, capsys):
     arm = write_model(tmp_path, "arm")
     out, figure = tmp_path / "map.csv", tmp_path / "map.png"
-    done = call(capsys, "map", arm, "--grid", "shoulder=-.5:.5:3", "--count", 2, "--jobs", 1,
+    done = call(capsys, "map", arm, "--grid", "shoulder=-.5:.5:3", "--jobs", 1,
                 "--out", out, "--plot", figure)  # fmt: skip
     assert (done.code, done.err) == (0, "")
     table = rows(out)
