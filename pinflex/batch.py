@@ -78,16 +78,14 @@ def run(
     """
     if jobs < 1:
         raise DescriptionError(f"jobs: {jobs}. Give 1 or more.")
-    records: dict[str, Record] = {}
-    try:
-        with _opened(journal) as stream:
-            kept = {} if fresh or stream is None else _read(stream)
-            if fresh and stream is not None:
-                stream.truncate(0)
-            records |= {key: kept[key] for key in cases if key in kept}
-            left = [key for key in cases if key not in kept]
-            todo = [cases[key] for key in left]
-            ready = answers(partial(_outcome, work), todo, jobs, scheduler)
+    with _opened(journal) as stream:
+        if fresh and stream is not None:
+            stream.truncate(0)
+        records = _kept(stream, cases)
+        left = [key for key in cases if key not in records]
+        todo = [cases[key] for key in left]
+        ready = answers(partial(_outcome, work), todo, jobs, scheduler)
+        try:
             for ended, (number, answer) in enumerate(ready, 1):
                 record = Record({}, answer.reason) if isinstance(answer, Lost) else answer
                 if stream is not None:
@@ -95,11 +93,12 @@ def run(
                 records[left[number]] = record
                 if progress is not None:
                     progress(ended, len(left))
-    except KeyboardInterrupt:
-        said = f"interrupted: {len(records)} of {len(cases)} cases are done"
-        if journal is not None:
-            said += f" and kept in {journal}; the same command goes on from there"
-        raise Interrupted(records, said) from None
+        except KeyboardInterrupt:
+            records |= _kept(stream, cases)  # it may come between a line and its record
+            said = f"interrupted: {len(records)} of {len(cases)} cases are done"
+            if journal is not None:
+                said += f" and kept in {journal}; the same command goes on from there"
+            raise Interrupted(records, said) from None
     return records
 
 
@@ -174,8 +173,10 @@ def _opened(path: str | Path | None) -> Iterator[IO[bytes] | None]:
         yield stream
 
 
-def _read(stream: IO[bytes]) -> dict[str, Record]:
-    """The records, without a last line that a kill left unfinished, which is cut off."""
+def _kept(stream: IO[bytes] | None, cases: Iterable[str]) -> dict[str, Record]:
+    """The records of these cases; a last line that a kill left unfinished is cut off."""
+    if stream is None:
+        return {}
     stream.seek(0)
     lines = stream.read().split(b"\n")
     stream.truncate(stream.tell() - len(lines[-1]))
@@ -186,7 +187,7 @@ def _read(stream: IO[bytes]) -> dict[str, Record]:
             found[entry["key"]] = Record(entry["found"], entry["error"])
         except (ValueError, TypeError, KeyError):
             continue  # a line of something else: the case is worked on again
-    return found
+    return {key: found[key] for key in cases if key in found}
 
 
 def _write(stream: IO[bytes], key: str, record: Record) -> None:

@@ -8,17 +8,19 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 from pinflex.errors import DescriptionError, PinflexError
 
 Work = Callable[[Any], Any]
 _ONE_AT_A_TIME = threading.Lock()
+_WATCH = 0.5  # [s]
 _PATIENCE = "10s"  # for a scheduler to answer
 
 
@@ -64,7 +66,20 @@ def _numbered(parent: int, work: Work, number: int, item: Any) -> tuple[int, Any
     """The work in a process of this machine, which leaves Ctrl-C to the one that started it."""
     if os.getpid() != parent:  # joblib may decide to work without processes
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _end_with(parent)
     return number, alone(work, item)
+
+
+@lru_cache(maxsize=1)
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent was killed; of itself it would wait for minutes."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _processes(work: Work, items: Sequence[Any], jobs: int) -> Iterator[tuple[int, Any]]:

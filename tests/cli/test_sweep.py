@@ -118,7 +118,7 @@ def test_wrong_input_is_said_before_anything_runs(arm, capsys, options, said):
 
 # Processes ---------------------------------------------------------------------------------------
 
-COUNT = 24
+COUNT = 16
 LONG = ["--set", f"{THICKNESS}=3e-3:5e-3:{COUNT}", "--outputs", "stress", "--jobs", "2"]
 
 
@@ -142,8 +142,8 @@ def test_killed_and_restarted_no_case_is_lost_or_repeated(arm, tmp_path):
     out, journal = tmp_path / "t.csv", tmp_path / "t.csv.journal"
     first = start(arm, out)
     wait_for(journal, 5, first)
-    os.killpg(first.pid, signal.SIGKILL)
-    first.communicate()
+    os.kill(first.pid, signal.SIGKILL)  # and its workers end by themselves
+    first.communicate(timeout=60)  # which waits for them: they hold the pipe
     kept = journal.read_bytes()
     kept = kept[: kept.rindex(b"\n") + 1]
     assert 5 <= kept.count(b"\n") < COUNT and not out.exists()
@@ -167,7 +167,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_so(arm, tmp_path):
     process = start(arm, out)
     wait_for(journal, 3, process)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal sends it: to the workers too
-    said = process.communicate(timeout=20)[1]
+    said = process.communicate(timeout=60)[1]
     kept = journal.read_bytes().count(b"\n")
     assert process.returncode == 130
     assert said.startswith(f"pinflex: interrupted: {kept} of {COUNT} cases are done and kept in ")
@@ -186,12 +186,8 @@ def test_a_dask_cluster_gives_the_same_table(arm):
             arm, values, level="quasistatic", outputs=["stress", "torque"],
             scheduler=cluster.scheduler_address,
         )  # fmt: skip
-    assert [*there.arrays] == [*here.arrays]
-    for name in here.arrays:
-        assert there[name].tolist() == pytest.approx(here[name].tolist(), nan_ok=True) or (
-            here[name].dtype.kind == "U"
-        )
-    assert there["error"].tolist() == here["error"].tolist()
+    said = {name: repr(values.tolist()) for name, values in there.arrays.items()}  # nan = nan
+    assert said == {name: repr(values.tolist()) for name, values in here.arrays.items()}
 
 
 # map ---------------------------------------------------------------------------------------------
