@@ -37,10 +37,13 @@ from pinflex.motion import (
     spin_up,
     trapezoid,
 )
+from pinflex.pose_map import pose_map
 from pinflex.quasistatic import Equilibrium, linear_statics, static_equilibrium
 from pinflex.result import Result
 from pinflex.rigid import inverse_dynamics
 from pinflex.solve import LEVELS, solve
+from pinflex.stiffness import platform_compliance
+from pinflex.sweep import sweep
 from pinflex.view import view
 
 __all__ = [
@@ -76,11 +79,14 @@ __all__ = [
     "modes",
     "newmark",
     "pid",
+    "platform_compliance",
+    "pose_map",
     "quintic",
     "sampled",
     "solve",
     "spin_up",
     "static_equilibrium",
+    "sweep",
     "trapezoid",
     "view",
 ]

@@ -1,4 +1,4 @@
-"""The command line: `pinflex check | modes | solve | compare | view | verify`.
+"""The command line: `pinflex check | modes | solve | compare | sweep | map | view | verify`.
 
 Exit codes: 0 done, 1 the scene cannot be solved, 2 bad input, 130 interrupted.
 """
@@ -11,8 +11,10 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NoReturn
 
+from pinflex import batch_arguments
 from pinflex.errors import DescriptionError, PinflexError
 
 _ISSUES = "please report it with the model and the output of --debug"
@@ -41,8 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = _parser().parse_args(arguments)
         return _run(args)
-    except KeyboardInterrupt:
-        return _complain("interrupted", 130)
+    except KeyboardInterrupt as stop:
+        return _complain(str(stop) or "interrupted", 130)
     except BrokenPipeError:
         # the reader has gone; a second complaint at interpreter exit would be noise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -71,7 +73,7 @@ def _run(args: argparse.Namespace) -> int:
     if not args.debug:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")
-    code: int = getattr(commands, args.command)(args)
+    code: int = getattr(commands, getattr(args, "function", args.command))(args)
     sys.stdout.flush()
     return code
 
@@ -165,6 +167,8 @@ the others.""",
         metavar="A,B,...",
         help="beside rigid: quasistatic, ked, coupled (default all)",
     )
+
+    batch_arguments.add(partial(_command, commands), _count)
 
     p = _command(
         commands,
@@ -260,6 +264,8 @@ examples:
   pinflex check 3rrr                   what was understood of the model
   pinflex modes ur5 --count 6          natural frequencies
   pinflex solve 3rrr -o run.npz        one run
+  pinflex sweep ur5 --set flexible.*.material.E=5e10:9e10:5 --out table.csv
+  pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png
   pinflex view run.npz                 its animation
   pinflex verify                       published benchmarks on this machine
 

@@ -1,4 +1,4 @@
-"""A run of the coupled level by collocation: steps as long as the motion allows, samples for free."""
+"""A run of the coupled level by collocation: steps as long as the motion allows."""
 
 from __future__ import annotations
 

@@ -1,170 +1,196 @@
-"""The residual of several states at once: what numpy costs is paid once for all of them.
+"""Many cases, some of which may fail, worked on in parallel and kept one by one as they end.
 
-The same equations as `pinflex.dynamics`, for the stages of a collocation step. Pinocchio takes the
-states one after the other; everything around it runs on stacked arrays. Scenes with loads, sleeves
-or feedback go through `Dynamics` state by state.
+The journal has one JSON object a line; a case counts as done when its line is on the disk. A line
+is found again by its key, which names the case and everything that its numbers follow from.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
 
-import numpy as np
-import pinocchio as pin
+import yaml
 
-from pinflex.arrays import Array
-from pinflex.closure import Closures
-from pinflex.closure_state import ClosureState
-from pinflex.dynamics import Dynamics
-from pinflex.poses import columns
+from pinflex.columns import Columns
+from pinflex.console import plain, writable
+from pinflex.description import Description
+from pinflex.errors import DescriptionError, PinflexError
+from pinflex.meta import version
+from pinflex.pool import Lost, answers
+from pinflex.study import reason
 
-
-class Batch:
-    """Residuals of `size` states of one system, on the workspace of its Dynamics."""
-
-    def __init__(self, dynamics: Dynamics, size: int) -> None:
-        system = dynamics.system
-        self.dynamics, self.size = dynamics, size
-        self.plain = not (dynamics.loaded or dynamics.slides) and dynamics.push is None
-        nV, rows = int(dynamics.model.nv), system.closed.n
-        self._blocks = system.expansion.blocks
-        self._rigid = int(system.rigid.nq), int(system.rigid.nv)
-        self.Q = np.tile(dynamics.Q, (size, 1))
-        self.V, self.A = np.zeros((size, nV)), np.zeros((size, nV))
-        self.g = np.empty((size, nV))
-        self.c = np.zeros((size, rows))
-        if dynamics.looped:
-            joints, loops = int(dynamics.model.njoints), len(system.closed.names)
-            self._poses = np.empty((size, joints, 12))
-            self._J = np.empty((size, 6, nV))
-            stacked = _stack(system.closed, size, joints)
-            self._closed = ClosureState(stacked, dynamics.model, dynamics.data)
-            self._of_loop = (np.arange(loops)[:, None] == system.closed.loop_of).astype(float)
-            self._mask = system.closed.support_b - system.closed.support_a
-
-    def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> Array:
-        """Residuals of the states; afterwards `c` holds their closure residuals.
-
-        Args:
-            Y: Shape (size, nq). V, A: Shape (size, nv). lam: Shape (size, rows).
-            t: Times in s, shape (size,).
-        Returns:
-            Shape (size, nv).
-        """
-        if not self.plain:
-            return self._one_by_one(Y, V, A, lam, t)
-        d, (nq, nv) = self.dynamics, self._rigid
-        Q, V_all, A_all = Y, V, A
-        if d.flexible:
-            maps = self._expand(np.stack([Y[:, nq:], V[:, nv:], A[:, nv:]]))
-            expansion = d.system.expansion
-            Q, V_all, A_all = self.Q, self.V, self.A
-            Q[:, expansion.q_at] = Y[:, :nq]
-            V_all[:, expansion.v_at], A_all[:, expansion.v_at] = V[:, :nv], A[:, :nv]
-        g, model, data = self.g, d.model, d.data
-        jacobian = columns(data.J)
-        for k in range(self.size):
-            g[k] = pin.rnea(model, data, Q[k], V_all[k], A_all[k])
-            if d.looped:
-                pin.computeJointJacobians(model, data, Q[k])
-                self._J[k] = jacobian
-                d.closed.poses.refresh()
-                self._poses[k] = d.closed.poses.block
-        if d.looped:
-            g -= self._closure_forces(lam)
-        if not d.flexible:
-            R = g.copy()
-        else:
-            R = np.empty((self.size, d.system.nv))
-            R[:, :nv] = g[:, d.system.expansion.v_at]
-            for block, X in zip(self._blocks, maps, strict=True):
-                bodies, rows, n = block.Phi.shape
-                force = g[:, block.rows.reshape(-1)].reshape(-1, bodies, 1, rows)
-                R[:, nv:][:, block.eta] = np.matmul(force, X).reshape(self.size, -1)
-            R[:, nv:] += Y[:, nq:] @ d.stiffness
-        if d.damped:
-            R += V @ d.system.D
-        if d.sprung:
-            s = d.system.springs
-            R[:, s.v_at] += s.stiffness * (np.array([d.spring_angles(y) for y in Y]) - s.rest)
-        return R
-
-    def _one_by_one(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> Array:
-        R = np.empty_like(V)
-        for k in range(self.size):
-            self.dynamics.loads.time = float(t[k])
-            R[k] = self.dynamics.residual(Y[k], V[k], A[k], lam[k])
-            self.c[k] = self.dynamics.closed.c
-        return R
-
-    def _expand(self, states: Array) -> list[Array]:
-        """Q, V, A of the elastic coordinates from theirs (3, size, n_eta).
-
-        Returns:
-            The blocks of X, (size, bodies, R, n).
-        """
-        size, maps = self.size, []
-        for block in self._blocks:
-            (bodies, rows, n), curved = block.Phi.shape, block.G.shape[1]
-            xva = states[:, :, block.eta].reshape(3, size, bodies, n)
-            X = np.empty((size, bodies, rows, n))
-            X[:] = block.Phi
-            if curved:
-                # States side by side, so that each body is one product.
-                G = block.G.reshape(bodies, curved * n, n)
-                side = xva[:2].transpose(2, 3, 0, 1).reshape(bodies, n, 2 * size)
-                bent = np.matmul(G, side).reshape(bodies, curved, n, 2, size)
-                bend, rate = np.ascontiguousarray(bent.transpose(3, 4, 0, 1, 2))
-                X[:, :, :curved] += bend
-            moved = np.matmul(X, np.ascontiguousarray(xva.transpose(1, 2, 3, 0)))
-            if curved:
-                x, v = xva[0, ..., None], xva[1, ..., None]
-                moved[:, :, :curved, :1] -= 0.5 * np.matmul(bend, x)
-                moved[:, :, :curved, 2:] += np.matmul(rate, v)
-            Q, V, A = moved.transpose(3, 0, 1, 2).reshape(3, size, -1)
-            at = block.rows.reshape(-1)
-            self.Q[:, block.q_rows], self.V[:, at], self.A[:, at] = Q, V, A
-            maps.append(X)
-        return maps
-
-    def _closure_forces(self, lam: Array) -> Array:
-        """J_Q' lam of all states, (size, nV); sets c."""
-        closed, size = self._closed, self.size
-        closed.rows_from(self._poses.reshape(-1, 12))
-        self.c = closed.c.reshape(size, -1)
-        on_loops = np.matmul(self._of_loop, (closed.W * lam.reshape(-1, 1)).reshape(size, -1, 6))
-        force: Array = (np.matmul(on_loops, self._J) * self._mask).sum(axis=1)
-        return force
+Work = Callable[[Any], dict[str, Any]]
 
 
-def _stack(closed: Closures, size: int, joints: int) -> Closures:
-    """The loops of `size` copies of a model whose joint poses lie one after the other."""
-    loops, rows = len(closed.names), closed.n
-    copies = np.arange(size)[:, None]
-    sides = (closed.bodies.reshape(2, 1, loops) + joints * copies).reshape(-1)
-    local = np.tile(closed.local.reshape(2, 1, loops, 3, 4), (1, size, 1, 1, 1))
+@dataclass(frozen=True)
+class Record:
+    """What became of a case: numbers and texts by name, or one line that says why there are none.
 
-    def shifted(at: Array, step: int) -> Array:
-        return np.asarray((at + step * copies).reshape(-1), dtype=np.intp)
+    Numbers that are not finite are None.
+    """
 
-    none = np.zeros((0, 0))
-    return replace(
-        closed,
-        names=closed.names * size,
-        kinds=closed.kinds * size,
-        labels=closed.labels * size,
-        loop_of=shifted(closed.loop_of, loops),
-        bodies=sides,
-        local=local.reshape(-1, 3, 4),
-        point_rows=shifted(closed.point_rows, rows),
-        point_axes=np.tile(closed.point_axes, size),
-        dot_rows=shifted(closed.dot_rows, rows),
-        dot_a=np.tile(closed.dot_a, size),
-        dot_b=np.tile(closed.dot_b, size),
-        distance_rows=shifted(closed.distance_rows, rows),
-        lengths=np.tile(closed.lengths, size),
-        support_a=none,
-        support_b=none,
-        row_mask=none,
-        contacts=(),
-    )
+    found: Mapping[str, Any]
+    error: str = ""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C: `records` has the cases that ended, `table` what the caller makes of them."""
+
+    def __init__(self, records: Mapping[str, Record], message: str) -> None:
+        super().__init__(message)
+        self.records = records
+        self.table: Columns | None = None
+
+
+def run(
+    work: Work,
+    cases: Mapping[str, Any],
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    journal: str | Path | None = None,
+    fresh: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Record]:
+    """The record of every case, by its key.
+
+    Args:
+        work: Function of one case; it, the cases and what it finds travel between processes.
+        cases: By key, see `keys`.
+        jobs: Processes of this machine; 1 works in this one.
+        scheduler: Address of a Dask cluster to use instead.
+        journal: File that keeps every record as soon as there is one. Cases that it has are not
+            worked on again.
+        fresh: Forget what the journal has.
+        progress: Called with (cases ended, cases) of those that the journal does not have.
+
+    Raises:
+        DescriptionError: The journal cannot be written or is in use; no such scheduler.
+        Interrupted: On Ctrl-C.
+    """
+    if jobs < 1:
+        raise DescriptionError(f"jobs: {jobs}. Give 1 or more.")
+    with _opened(journal) as stream:
+        if fresh and stream is not None:
+            stream.truncate(0)
+        records = _kept(stream, cases)
+        left = [key for key in cases if key not in records]
+        todo = [cases[key] for key in left]
+        ready = answers(partial(_outcome, work), todo, jobs, scheduler)
+        try:
+            for ended, (number, answer) in enumerate(ready, 1):
+                record = Record({}, answer.reason) if isinstance(answer, Lost) else answer
+                if stream is not None:
+                    _write(stream, left[number], record)
+                records[left[number]] = record
+                if progress is not None:
+                    progress(ended, len(left))
+        except KeyboardInterrupt:
+            records |= _kept(stream, cases)  # it may come between a line and its record
+            said = f"interrupted: {len(records)} of {len(cases)} cases are done"
+            if journal is not None:
+                said += f" and kept in {journal}; the same command goes on from there"
+            raise Interrupted(records, said) from None
+    return records
+
+
+def _outcome(work: Work, case: Any) -> Record:
+    """What a case gives, or why it fails: nothing that goes wrong in one stops the others."""
+    try:
+        return Record(plain(work(case)))
+    except PinflexError as error:
+        why = reason(error)
+    except MemoryError:
+        why = "not enough memory"
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}"
+    return Record({}, " ".join(why.split()))
+
+
+# Keys ------------------------------------------------------------------------------------------
+
+
+def keys(description: Description, cases: Iterable[Any], *about: Any) -> list[str]:
+    """A key for each case, which changes with whatever changes the numbers of the case.
+
+    These are the version, the texts of the model, the contents of the files that it or a case
+    names, the case itself and `about` (plain JSON values: level, outputs, ...).
+    """
+    cases = list(cases)
+    model = hashlib.sha256(version().encode())
+    for text in (description.urdf_text, description.yaml_text):
+        model.update(b"\0" + text.encode())
+    folder = Path() if description.path is None else description.path.parent
+    for name in sorted({*_texts([yaml.safe_load(description.yaml_text), cases])}):
+        with_it = folder / name
+        if len(name) < 256 and "\0" not in name and with_it.is_file():
+            model.update(b"\0" + with_it.read_bytes())
+    return [
+        hashlib.sha256(
+            json.dumps([model.hexdigest(), case, about], sort_keys=True).encode()
+        ).hexdigest()[:32]
+        for case in cases
+    ]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Every text in nested lists and mappings."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from _texts([*value.values()])
+    elif isinstance(value, Sequence):
+        for item in value:
+            yield from _texts(item)
+
+
+# The journal -----------------------------------------------------------------------------------
+
+
+@contextmanager
+def _opened(path: str | Path | None) -> Iterator[IO[bytes] | None]:
+    """The journal, for this process alone until it ends, however it ends."""
+    if path is None:
+        yield None
+        return
+    writable(path)
+    with Path(path).open("a+b") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise DescriptionError(
+                f"{path}: another process is writing it. Wait for that one, or choose another "
+                "output file."
+            ) from None
+        yield stream
+
+
+def _kept(stream: IO[bytes] | None, cases: Iterable[str]) -> dict[str, Record]:
+    """The records of these cases; a last line that a kill left unfinished is cut off."""
+    if stream is None:
+        return {}
+    stream.seek(0)
+    lines = stream.read().split(b"\n")
+    stream.truncate(stream.tell() - len(lines[-1]))
+    found = {}
+    for line in lines[:-1]:
+        try:
+            entry = json.loads(line)
+            found[entry["key"]] = Record(entry["found"], entry["error"])
+        except (ValueError, TypeError, KeyError):
+            continue  # a line of something else: the case is worked on again
+    return {key: found[key] for key in cases if key in found}
+
+
+def _write(stream: IO[bytes], key: str, record: Record) -> None:
+    stream.write(json.dumps({"key": key, **asdict(record)}).encode() + b"\n")
+    stream.flush()
+    os.fsync(stream.fileno())

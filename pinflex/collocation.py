@@ -74,18 +74,18 @@ def radau(s: int) -> Collocation:
     if not 2 <= s <= 7:
         raise ValueError(f"radau: {s} stages. Take 2 to 7.")
     inner, _ = roots_jacobi(s - 1, 1, 0)
-    c = np.append((inner + 1.0) / 2.0, 1.0)
+    c: Array = np.append((inner + 1.0) / 2.0, 1.0)
     powers = np.arange(s)
     V = np.vander(c, increasing=True)
-    A = np.linalg.solve(V.T, (c[:, None] ** (powers + 1) / (powers + 1)).T).T
+    A: Array = np.linalg.solve(V.T, (c[:, None] ** (powers + 1) / (powers + 1)).T).T
     values, vectors = np.linalg.eig(np.linalg.inv(A))
     inverse = np.linalg.inv(vectors)
     kept = np.flatnonzero(values.imag > -1e-9)
     # A pair counts twice: its other half is the conjugate.
     twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
     legendre = np.polynomial.legendre.legvander(2.0 * np.append(0.0, c) - 1.0, s)
-    last = np.linalg.inv(legendre)[s, 1:]
+    last: Array = np.linalg.inv(legendre)[s, 1:]
     return Collocation(
-        c, A, A @ A, np.linalg.inv(A @ A), values[kept], inverse[kept], vectors[:, kept] * twice,
+        c, A, A @ A, np.asarray(np.linalg.inv(A @ A)), values[kept], inverse[kept], vectors[:, kept] * twice,
         last,
     )  # fmt: skip

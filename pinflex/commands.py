@@ -231,6 +231,20 @@ def view(args: argparse.Namespace) -> int:
     return 0
 
 
+def sweep(args: argparse.Namespace) -> int:
+    """Many cases of a scene in one table."""
+    from pinflex import batch_commands
+
+    return batch_commands.sweep(args)
+
+
+def map_poses(args: argparse.Namespace) -> int:
+    """Frequencies and stiffness over a grid of poses."""
+    from pinflex import batch_commands
+
+    return batch_commands.map_poses(args)
+
+
 def verify(args: argparse.Namespace) -> int:
     """Published benchmarks on this machine."""
     from pinflex.verify import command

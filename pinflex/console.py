@@ -103,17 +103,17 @@ def writable(path: str | Path | None) -> None:
 
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout."""
-    print(json.dumps(_plain(data), indent=2, allow_nan=False))
+    print(json.dumps(plain(data), indent=2, allow_nan=False))
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Only what JSON knows: a number that is none (nan, inf) becomes null."""
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     return str(value) if isinstance(value, Path) else value

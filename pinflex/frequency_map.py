@@ -17,8 +17,10 @@ from pinflex.motion import Motion
 from pinflex.nominal import nominal
 from pinflex.plot import COLOURS, DPI, HEIGHT, panels, title
 from pinflex.solve import default_motion
+from pinflex.tracking import matched
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _WIDE = 1 / 15  # a lowest frequency below this share of the highest: on a logarithmic axis
@@ -89,7 +91,7 @@ def frequency_map(
             continue
         order: IntArray = np.arange(len(found.frequencies))
         if last is not None:
-            order = _matched(last, found.shapes, dynamics.mass(found.y))
+            order, _ = matched(last, found.shapes, dynamics.mass(found.y))
         last = found.shapes[:, order]
         rows.append(_first(found, order, count))
     if all(np.isnan(row).all() for row in rows):
@@ -101,10 +103,28 @@ def plot_frequency_map(found: FrequencyMap) -> Figure:
     """Frequency against time along the motion, one line a mode; the lowest of the first marked."""
     figure, axes = panels(1, 1, HEIGHT)
     ax = axes[0, 0]
-    for i, column in enumerate(found.frequencies.T):
-        ax.plot(found.t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
-    known = np.isfinite(found.frequencies).all(axis=1)
-    top, bottom = float(np.nanmax(found.frequencies)), float(np.nanmin(found.frequencies))
+    draw_frequencies(ax, found.t, found.frequencies, "s", "no static equilibrium")
+    ax.set_xlabel("time along the motion [s]")
+    about = "under gravity" if found.preload == "gravity" else "undeformed"
+    title(ax, f"{found.name}: natural frequencies along the motion, motors locked, {about}")
+    return figure
+
+
+def draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str, gap: str) -> None:
+    """One line a mode, numbered; the lowest frequency of all marked.
+
+    Args:
+        ax: Where to draw.
+        t: Poses, shape (n,), in `unit`: time of a motion, or a coordinate.
+        frequencies: Hz, shape (n, count); nan where there is none.
+        unit: For the mark.
+        gap: What poses at the end lack that have no frequencies.
+    """
+    frequencies = frequencies[:, np.isfinite(frequencies).any(axis=0)]
+    for i, column in enumerate(frequencies.T):
+        ax.plot(t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
+    known = np.isfinite(frequencies).all(axis=1)
+    top, bottom = float(np.nanmax(frequencies)), float(np.nanmin(frequencies))
     n = int(np.flatnonzero(known)[-1])
     wide = 0 < bottom < _WIDE * top
     if wide:
@@ -119,61 +139,50 @@ def plot_frequency_map(found: FrequencyMap) -> Figure:
             np.log(f / low) / np.log(high / low) if wide else (f - low) / (high - low)
         )
 
-    for group in _close_together(height(found.frequencies[n]), 0.045):
+    for group in _close_together(height(frequencies[n]), 0.045):
         ax.annotate(
             ", ".join(str(i + 1) for i in sorted(group)),
-            (found.t[n], float(np.mean(found.frequencies[n][group]))), (5, 0), va="center",
+            (t[n], float(np.mean(frequencies[n][group]))), (5, 0), va="center",
             textcoords="offset points", fontsize=9, annotation_clip=False,
             color=COLOURS[group[0] % len(COLOURS)] if len(group) == 1 else "0.2",
         )  # fmt: skip
-    lowest = np.where(known, np.min(found.frequencies, axis=1), np.inf)
+    lowest = np.where(known, np.min(frequencies, axis=1), np.inf)
     k = int(np.argmin(lowest))
     if np.ptp(lowest[known]) > 1e-3 * lowest[k]:  # otherwise no pose is worse than another
-        ax.plot(found.t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
+        ax.plot(t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
         early, below = k < len(lowest) / 2, height(lowest[k]) > 0.08
         ax.annotate(
-            f"lowest {lowest[k]:.4g} Hz at {found.t[k]:.4g} s", (found.t[k], lowest[k]),
+            f"lowest {lowest[k]:.4g} Hz at {t[k]:.4g} {unit}", (t[k], lowest[k]),
             (8 if early else -8, -14 if below else 10), textcoords="offset points", fontsize=8,
             ha="left" if early else "right", bbox={"fc": "w", "ec": "none", "pad": 1}, zorder=4,
         )  # fmt: skip
-    if not known.all() and n + 1 < len(found.t):
-        ax.axvspan(found.t[n], found.t[-1], color="0.95", zorder=0)
-        middle, style = (found.t[n] + found.t[-1]) / 2, {"ha": "center", "color": "0.4"}
-        place = ax.get_xaxis_transform()
-        ax.text(middle, 0.5, "no static equilibrium", transform=place, fontsize=9, **style)
-    ax.set_xlim(found.t[0], found.t[-1])
-    ax.set_xlabel("time along the motion [s]")
+    if not known.all() and n + 1 < len(t):
+        ax.axvspan(t[n], t[-1], color="0.95", zorder=0)
+        middle, place = (t[n] + t[-1]) / 2, ax.get_xaxis_transform()
+        ax.text(middle, 0.5, gap, transform=place, fontsize=9, ha="center", color="0.4")
+    ax.set_xlim(t[0], t[-1])
     ax.set_ylabel("natural frequency [Hz]")
-    about = "under gravity" if found.preload == "gravity" else "undeformed"
-    title(ax, f"{found.name}: natural frequencies along the motion, motors locked, {about}")
-    return figure
 
 
 def save_frequency_map(found: FrequencyMap, path: str | Path) -> Path:
     """Write the figure (.png, .pdf, .svg); returns the file."""
+    path = check_figure(path)
+    plot_frequency_map(found).savefig(path, dpi=DPI)
+    return path
+
+
+def check_figure(path: str | Path) -> Path:
+    """The path of a figure, if there is such a kind; its folder is made."""
     path = Path(path)
     if path.suffix not in (".png", ".pdf", ".svg"):
         raise DescriptionError(f"{path}: no such kind of figure. Allowed: .png, .pdf, .svg.")
     path.parent.mkdir(parents=True, exist_ok=True)
-    plot_frequency_map(found).savefig(path, dpi=DPI)
     return path
 
 
 def _first(found: Modes, order: IntArray, count: int) -> Array:
     frequencies = found.frequencies[order][:count]
     return np.append(frequencies, np.full(count - len(frequencies), np.nan))
-
-
-def _matched(before: Array, now: Array, M: Array) -> IntArray:
-    """Which shape of now follows which one before: the largest sum of squared cosines.
-
-    Cosines are those of the mass matrix: shapes of different frequencies are at right angles, and
-    shapes of equal ones, which may turn among themselves, stay among themselves.
-    """
-    from scipy.optimize import linear_sum_assignment
-
-    rows, columns = linear_sum_assignment(-np.square(before.T @ M @ now))
-    return np.asarray(columns[np.argsort(rows)])
 
 
 def _close_together(heights: Array, least: float) -> list[list[int]]:

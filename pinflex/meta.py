@@ -32,6 +32,7 @@ def describe(
 ) -> dict[str, Any]:
     """The meta mapping of a Result (plain JSON types)."""
     description = mechanism.description
+    limits = validity.warnings(mechanism, run, arrays)
     frames = list(description.frames)
     if description.platform is not None and description.platform not in frames:
         frames.insert(0, description.platform)
@@ -53,7 +54,8 @@ def describe(
         "settings": {k: _plain(v) for k, v in run.settings.items()},
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "energy_balance": _energy_balance(arrays),
-        "warnings": list(run.warnings) + _warnings(mechanism, run, arrays),
+        "warnings": [*run.warnings, *_redundant(mechanism, run), *limits],
+        "limits": limits,
         "units": _units(mechanism),
         "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
         "sources": dict(description.sources),
@@ -154,16 +156,15 @@ def _energy_balance(arrays: dict[str, Array]) -> float:
     return float(np.max(drift, initial=0.0)) / scale
 
 
-def _warnings(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> list[str]:
-    warnings = []
+def _redundant(mechanism: Mechanism, run: Run) -> list[str]:
     report = mechanism.report if run.system is mechanism.rigid else mechanism.flexible_report
-    if report.redundant:
-        warnings.append(
-            f"{len(report.redundant)} redundant closure rows left out "
-            f"({', '.join(report.redundant[:4])}{', ...' if len(report.redundant) > 4 else ''}): "
-            "the motion is exact, reactions in these directions are not unique."
-        )
-    return warnings + validity.warnings(mechanism, run, arrays)
+    if not report.redundant:
+        return []
+    return [
+        f"{len(report.redundant)} redundant closure rows left out "
+        f"({', '.join(report.redundant[:4])}{', ...' if len(report.redundant) > 4 else ''}): "
+        "the motion is exact, reactions in these directions are not unique."
+    ]
 
 
 def _units(mechanism: Mechanism) -> dict[str, str]:

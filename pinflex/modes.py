@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.dynamics import Dynamics
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanism import Mechanism
@@ -63,21 +63,12 @@ def modes(
         ConvergenceError: No static equilibrium.
         SingularityError: Coordinates without mass or stiffness.
     """
-    if preload not in ("gravity", "none"):
-        raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
     system = mechanism.flexible
     dynamics = Dynamics(system)
-    still = np.zeros(system.nv)
-    if preload == "gravity":
-        rest = static_equilibrium(mechanism, q)
-        _, _, K = dynamics.tangent(rest.y, still, still, rest.lam)
-        y = rest.y
-    else:
-        y, K = mechanism.undeformed(q), structural_stiffness(dynamics)
+    y, K = linearised(mechanism, dynamics, q, preload)
     M = dynamics.mass(y)
     free = np.arange(system.nv) if free_motors else system.free
-    J = dynamics.close(y)[1][:, free] if system.closed.n else np.zeros((0, len(free)))
-    Z = null_space(J)
+    Z = allowed_motions(dynamics, y, free)
     every, x = _eigen(Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ M[np.ix_(free, free)] @ Z)
     order = np.argsort(every)[:count]
     omega2 = every[order]
@@ -89,6 +80,25 @@ def modes(
     frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
     share, links = _shares(mechanism, shapes)
     return Modes(frequencies, shapes, y, share, links, preload, free_motors)
+
+
+def linearised(
+    mechanism: Mechanism, dynamics: Dynamics, q: Array | None, preload: str
+) -> tuple[Array, Array]:
+    """The pose y that is linearised about, and the stiffness there, as in `modes`."""
+    if preload not in ("gravity", "none"):
+        raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
+    if preload == "none":
+        return mechanism.undeformed(q), structural_stiffness(dynamics)
+    rest, still = static_equilibrium(mechanism, q), np.zeros(dynamics.system.nv)
+    return rest.y, dynamics.tangent(rest.y, still, still, rest.lam)[2]
+
+
+def allowed_motions(dynamics: Dynamics, y: Array, free: IntArray) -> Array:
+    """Basis of what the closures leave of the free coordinates, shape (free, n)."""
+    if not dynamics.system.closed.n:
+        return np.eye(len(free))
+    return null_space(dynamics.close(y)[1][:, free])
 
 
 def null_space(J: Array) -> Array:

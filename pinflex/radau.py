@@ -18,12 +18,12 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.batch import Batch
 from pinflex.collocation import Collocation
 from pinflex.drive import MotorPath, TorqueDrive
 from pinflex.dynamics import Dynamics
 from pinflex.mechanism import Mechanism
 from pinflex.motors import motor_axes
+from pinflex.stacked import Stacked
 from pinflex.stage_newton import StageNewton
 from pinflex.start import consistent_acceleration
 
@@ -88,7 +88,7 @@ class Stages:
         self.dynamics, self.path, self.drive = dynamics, path, drive
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.method, self.resolution = method, resolution
-        self.batch = Batch(dynamics, method.s)
+        self.stacked = Stacked(dynamics, method.s)
         self.free = system.free if drive is None else np.arange(system.nv)
         self.newton = StageNewton(dynamics, method, self.free, drive)
         self.turning = any(j.nq != j.nv and j.nv > 1 for j in system.rigid.joints[1:])
@@ -136,13 +136,13 @@ class Stages:
                 newton.refresh(y_s[k], v_s[k], a[k], lam[k])
             if newton.h != h:
                 newton.factor(h)
-            r = self.batch.residual(y_s, v_s, a, lam, t)
+            r = self.stacked.residual(y_s, v_s, a, lam, t)
             torque = r[:, self.motors]
             if self.drive is not None:
                 torque = self.drive.pull(path, self.axes, y_s, v_s)
                 r[:, self.motors] -= torque
             self.iterations += 1
-            dz, dlam = newton.step(r[:, free], self.batch.c)
+            dz, dlam = newton.step(r[:, free], self.stacked.c)
             da = m.A2_inverse @ dz
             a[:, free] += da
             lam += dlam

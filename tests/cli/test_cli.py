@@ -56,7 +56,7 @@ def numbers(text: str) -> object:
 # help ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", ["check", "modes", "solve", "compare", "view"])
+@pytest.mark.parametrize("command", ["check", "modes", "solve", "compare", "sweep", "map", "view"])
 def test_each_command_has_a_help_with_an_example_of_its_own(capsys, command):
     with pytest.raises(SystemExit) as stop:
         __main__.main([command, "--help"])

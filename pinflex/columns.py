@@ -1,0 +1,105 @@
+"""A table of named columns, as numpy arrays in memory and as .csv or .parquet on the disk."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinflex.errors import DescriptionError, nearest
+
+Column = npt.NDArray[Any]
+SUFFIXES = (".csv", ".parquet")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Rows of a table, column by column.
+
+    Attributes:
+        arrays: By name, read-only, all of one length: numbers (nan where there is none; flags are
+            1 and 0) or texts ("" where there is none).
+        units: Of the columns that have one.
+    """
+
+    arrays: Mapping[str, Column]
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Column:
+        if name not in self.arrays:
+            raise DescriptionError(f"table: {name}: no such column.{nearest(name, self.arrays)}")
+        return self.arrays[name]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.arrays.values()), ()))
+
+    def save(self, path: str | Path) -> Path:
+        """Write .csv or .parquet; a file already there is replaced only by a complete one."""
+        path = check_suffix(path)
+        headings = {
+            f"{name} [{self.units[name]}]" if self.units.get(name) else name: column
+            for name, column in self.arrays.items()
+        }
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            (_parquet if path.suffix == ".parquet" else _csv)(headings, part)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+        return path
+
+
+def check_suffix(path: str | Path) -> Path:
+    """The path, if a table can be written to it."""
+    path = Path(path)
+    if path.suffix not in SUFFIXES:
+        raise DescriptionError(f"{path}: no such kind of table. Allowed: {', '.join(SUFFIXES)}.")
+    if path.suffix == ".parquet":
+        try:
+            import pyarrow  # noqa: F401 - whether it is there, before a long run
+        except ImportError:
+            raise DescriptionError(
+                f"{path}: .parquet needs pyarrow. Run pip install 'pinflex[sweep]', or write .csv."
+            ) from None
+    return path
+
+
+def column(values: Sequence[Any]) -> Column:
+    """Numbers and flags as numbers, all else as text; None where there is none."""
+    if all(value is None or isinstance(value, (bool, int, float)) for value in values):
+        array: Column = np.array([np.nan if value is None else value for value in values], float)
+    else:
+        array = np.array(["" if value is None else str(value) for value in values])
+    array.setflags(write=False)
+    return array
+
+
+def _csv(headings: Mapping[str, Column], path: Path) -> None:
+    columns = [
+        ["" if value != value else repr(value) for value in values.tolist()]
+        if values.dtype.kind == "f"
+        else [str(value) for value in values.tolist()]
+        for values in headings.values()
+    ]
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(headings)
+        writer.writerows(zip(*columns, strict=True))
+
+
+def _parquet(headings: Mapping[str, Column], path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    # nan becomes null, as csv leaves it empty
+    data = {
+        name: pyarrow.array(values.tolist(), from_pandas=True) for name, values in headings.items()
+    }
+    pyarrow.parquet.write_table(pyarrow.table(data), path)

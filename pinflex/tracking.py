@@ -1,0 +1,93 @@
+"""Which mode of one pose is which of the next, where frequencies cross."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+
+
+def matched(before: Array, now: Array, M: Array) -> tuple[IntArray, Array]:
+    """Which shape of now follows which one before: the largest sum of squared cosines.
+
+    Cosines are those of the mass matrix: shapes of different frequencies are at right angles, and
+    shapes of equal ones, which may turn among themselves, stay among themselves.
+
+    Args:
+        before: Shapes of one pose, (nv, k). now: Of the next, (nv, m), of unit mass.
+        M: Mass matrix of the next pose, (nv, nv).
+
+    Returns:
+        Columns of now in the order of those before, and their squared cosines (the modal assurance
+        criterion, 1 for the same shape), shape (min(k, m),) each.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    size = np.sqrt(np.einsum("ik,ij,jk->k", before, M, before))
+    agreement = np.square((before / size).T @ M @ now)
+    rows, columns = linear_sum_assignment(-agreement)
+    return np.asarray(columns), np.asarray(agreement[rows, columns])
+
+
+def tracked(
+    shapes: Mapping[tuple[int, ...], Array],
+    mass: Callable[[tuple[int, ...]], Array],
+    count: int,
+) -> dict[tuple[int, ...], tuple[IntArray, float]]:
+    """Follow modes over a grid of poses, away from its middle, along the neighbours most alike.
+
+    Of all poses that border on one already followed, the next is always the one whose modes agree
+    best with that neighbour's. So a line of poses at which two frequencies (nearly) coincide, and
+    shapes mix, is walked round where that is possible.
+
+    Args:
+        shapes: Shapes of unit mass (nv, k) by place in the grid; places without are missing.
+        mass: Mass matrix (nv, nv) at a place.
+        count: How many modes, the first ones in the middle, must agree; the rest are spare.
+
+    Returns:
+        By place: the columns in the common order, and the least squared cosine of the first
+        `count` modes to the neighbour that they follow (1 in the middle).
+    """
+    if not shapes:
+        return {}
+    far = [max(place[axis] for place in shapes) for axis in range(len(next(iter(shapes))))]
+    middle = min(shapes, key=lambda place: _distance(place, tuple(n / 2 for n in far)))
+    found = {middle: (np.arange(shapes[middle].shape[1], dtype=np.intp), 1.0)}
+    border: list[tuple[float, int, tuple[int, ...], IntArray]] = []
+    number = itertools.count()  # of two that agree alike the earlier
+
+    def look(place: tuple[int, ...], there: tuple[int, ...]) -> None:
+        order, agreement = matched(shapes[place][:, found[place][0]], shapes[there], mass(there))
+        least = float(np.min(agreement[:count], initial=1.0))
+        heapq.heappush(border, (-least, next(number), there, order))
+
+    place = middle
+    while True:
+        for there in _neighbours(place):
+            if there in shapes and there not in found:
+                look(place, there)
+        while border and border[0][2] in found:
+            heapq.heappop(border)
+        if not border:
+            rest = [p for p in shapes if p not in found]
+            if not rest:
+                return found
+            # an island behind poses that do not exist: over the shortest gap
+            look(*min(((a, b) for a in found for b in rest), key=lambda pair: _distance(*pair)))
+        least, _, place, order = heapq.heappop(border)
+        found[place] = (order, -least)
+
+
+def _neighbours(place: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    for axis in range(len(place)):
+        for step in (-1, 1):
+            yield (*place[:axis], place[axis] + step, *place[axis + 1 :])
+
+
+def _distance(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    return float(np.sum(np.square(np.subtract(a, b))))

@@ -1,0 +1,139 @@
+"""Modes followed over a grid of poses, and the table and figures made of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError
+from pinflex.plot_pose_map import plot_pose_map
+from pinflex.pose import moved, pose
+from pinflex.pose_map import pose_map
+from pinflex.stiffness import platform_compliance
+from pinflex.tracking import tracked
+from tests.scenes import Body, load
+
+# Two arms that share nothing but the ground. Gravity stiffens a hanging arm and softens a standing
+# one, so each has frequencies that depend on its own motor alone, and the two sets cross.
+ARMS = tuple(
+    body
+    for k, name in enumerate("ab")
+    for body in (
+        Body(name, "base", "revolute", xyz=(0, 0, k)),
+        Body(f"end_{name}", name, xyz=(1, 0, 0)),
+    )
+)
+YAML = "gravity: [0, -9.81, 0]\nflexible:\n" + "".join(
+    f"""
+  {name}:
+    material: {{E: {E}, nu: 0.3, rho: 1}}
+    section: {{shape: given, A: 0.1, Iy: 1, Iz: 1, J: 1}}
+    basis: {{kind: craig_bampton, internal: 1}}
+    bending_y: true
+    bending_z: false
+    torsion: false
+    end: end_{name}
+    tip: {{mass: 1}}
+"""
+    for name, E in (("a", 40.0), ("b", 41.0))
+)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory: pytest.TempPathFactory) -> pf.Mechanism:
+    return load(tmp_path_factory.mktemp("arms"), ARMS, YAML)
+
+
+def test_a_column_is_one_arm_through_every_crossing(arms: pf.Mechanism) -> None:
+    """Columns depend on their own arm's angle alone, over a plane of poses; sorted, none does."""
+    found = pose_map(arms, {"a_joint": "-1.3:1.2:6", "b_joint": "-1.2:1.3:6"}, count=4)
+    f = found.frequencies
+    # each column varies along one of the two coordinates only
+    along = np.array([np.ptp(f, axis=axis).max(axis=0) for axis in (0, 1)]) / f[0, 0]
+    still = np.sort(along, axis=0)
+    assert np.all(still[1] > 0.02)
+    # 1e-9: the same matrices of one arm, in whatever company
+    assert np.all(still[0] < 1e-9)
+    ordered = np.sort(f, axis=-1)
+    both = np.min([np.ptp(ordered[..., 0], axis=axis).max() for axis in (0, 1)])
+    assert both > 0.02 * f[0, 0, 0]
+    assert np.all(found.agreement > 0.98)
+    assert np.isnan(found.compliance).all()  # no platform
+
+
+def test_the_map_has_the_numbers_of_each_pose() -> None:
+    robot = pf.load("3rrs")
+    found = pose_map(robot, {"z": [-0.02, 0.0, 0.01], "rx": [-0.05, 0.0]}, preload="none", jobs=2)
+    for place, (z, rx) in {(0, 0): (-0.02, -0.05), (1, 1): (0, 0), (2, 0): (0.01, -0.05)}.items():
+        q = moved(robot, {"z": z, "rx": rx})
+        # sorted modes and the same linearisation: equal to the last digits
+        alone = pf.modes(robot, q, count=6, preload="none").frequencies
+        assert np.sort(found.frequencies[place]) == pytest.approx(alone, rel=1e-9)
+        C = platform_compliance(robot, q, preload="none")
+        assert found.compliance[place] == pytest.approx(C, rel=1e-9, abs=1e-12)
+
+
+def test_poses_out_of_reach_say_so_and_leave_a_gap(tmp_path: Path) -> None:
+    robot = pf.load("3rrr")
+    found = pose_map(robot, {"x": [-0.1, 0.0, 0.1, 0.3]}, journal=tmp_path / "journal")
+    assert [bool(error) for error in found.errors] == [False, False, False, True]
+    assert "singular pose" in found.errors[3] and np.isnan(found.frequencies[3]).all()
+    again = pose_map(robot, {"x": [-0.1, 0.0, 0.1, 0.3]}, journal=tmp_path / "journal")
+    assert np.array_equal(again.frequencies, found.frequencies, equal_nan=True)
+    assert len((tmp_path / "journal").read_text().splitlines()) == 4
+    table = found.table
+    assert table["status"].tolist() == ["done"] * 3 + ["failed"]
+    assert table.units["x"] == "m" and table.units["stiffness.x.rz"] == "N"
+    assert np.isinf(table["stiffness.x.x"][:3]).all()  # legs that only bend
+    with pytest.raises(ConvergenceError, match="not one pose"):
+        pose_map(robot, {"x": [0.3]})
+
+
+def test_poses_are_displacements_of_one_kind() -> None:
+    robot = pf.load("3rrr")
+    q = moved(robot, {"x": 0.02})  # y and rz stay
+    assert moved(robot, {"x": 0.02, "y": 0.0, "rz": 0.0}) == pytest.approx(q, abs=1e-12)
+    home = dict(zip(robot.coordinates, robot.home, strict=True))
+    there = pose(robot, {"motor_1": home["motor_1"] + 0.1})
+    assert moved(robot, {"motor_1": 0.1}) == pytest.approx(there, abs=1e-12)
+    for by, said in (
+        ({"motor_1": 0.1, "x": 0.1}, "motors and platform coordinates together"),
+        ({"motor_4": 0.1}, 'Did you mean "motor_'),
+    ):
+        with pytest.raises(DescriptionError, match=said):
+            moved(robot, by)
+    with pytest.raises(MotionError, match="mobility 3"):
+        moved(robot, {"z": 0.1})
+
+
+@pytest.mark.parametrize("wrong", [[0.1, 0.0], ["x"], [float("nan")]])
+def test_a_grid_is_increasing_numbers(arms: pf.Mechanism, wrong: list[object]) -> None:
+    with pytest.raises(DescriptionError, match="no increasing numbers"):
+        pose_map(arms, {"a_joint": wrong})
+
+
+def test_the_figure_has_a_panel_for_each_frequency_and_axis() -> None:
+    line = pose_map("3rrs", {"z": "-.01:.01:3"}, preload="none")
+    names = [t.get_text() for t in plot_pose_map(line).axes[1].get_legend().get_texts()]
+    assert names[0] == "along x [N/m]" and len(names) == 6
+    plane = pose_map("ur5", {"z": "-.1:.1:3", "x": "0:.1:2", "y": "0:.1:2"}, count=2)
+    titles = [ax.get_title(loc="left") for ax in plot_pose_map(plane).axes]
+    assert [t for t in titles if t][:3] == [
+        "mode 1 [Hz]",
+        "mode 2 [Hz]",
+        "stiffness along x [MN/m]",
+    ]
+    with pytest.raises(DescriptionError, match="one pose makes no plot"):
+        plot_pose_map(pose_map("cantilever", {}))
+
+
+def test_modes_are_followed_over_a_gap() -> None:
+    rng = np.random.default_rng(0)
+    perms = {place: rng.permutation(5) for place in [(0,), (1,), (3,), (4,)]}
+    found = tracked({p: np.eye(5)[:, perm] for p, perm in perms.items()}, lambda p: np.eye(5), 5)
+    assert len({tuple(perms[p][order]) for p, (order, _) in found.items()}) == 1
+    assert all(agreement == 1.0 for _, agreement in found.values())
+    assert tracked({}, lambda p: np.eye(5), 5) == {}
