@@ -77,15 +77,15 @@ def radau(s: int) -> Collocation:
     c: Array = np.append((inner + 1.0) / 2.0, 1.0)
     powers = np.arange(s)
     V = np.vander(c, increasing=True)
-    A: Array = np.linalg.solve(V.T, (c[:, None] ** (powers + 1) / (powers + 1)).T).T
+    A = (c[:, None] ** (powers + 1) / (powers + 1)) @ np.asarray(np.linalg.inv(V))
     values, vectors = np.linalg.eig(np.linalg.inv(A))
     inverse = np.linalg.inv(vectors)
     kept = np.flatnonzero(values.imag > -1e-9)
     # A pair counts twice: its other half is the conjugate.
     twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
     legendre = np.polynomial.legendre.legvander(2.0 * np.append(0.0, c) - 1.0, s)
-    last: Array = np.linalg.inv(legendre)[s, 1:]
+    last = np.asarray(np.linalg.inv(legendre))[s, 1:]
     return Collocation(
-        c, A, A @ A, np.asarray(np.linalg.inv(A @ A)), values[kept], inverse[kept], vectors[:, kept] * twice,
-        last,
+        c, A, A @ A, np.asarray(np.linalg.inv(A @ A)), values[kept], inverse[kept],
+        vectors[:, kept] * twice, last,
     )  # fmt: skip

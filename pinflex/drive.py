@@ -38,18 +38,34 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
     t = np.asarray(t, float)
     if motion.target == "joints":
         return MotorPath(t, *joint_path(mechanism, motion, t))
+    curve, fine = interpolated_path(mechanism, motion, float(t[0]), float(t[-1]), len(t))
+    return curve(t) if fine else MotorPath(t, *_at_nodes(mechanism, motion, t))
+
+
+def interpolated_path(
+    mechanism: Mechanism, motion: Motion, start: float, end: float, most: int = 4097
+) -> tuple[Callable[[Array], MotorPath], bool]:
+    """Motor motion of a platform motion as a function of times in [start, end] s.
+
+    Returns:
+        The function, and whether fewer than `most` nodes made it exact to 1e-10.
+    """
     nodes = 65
     while True:
-        if nodes >= len(t):
-            return MotorPath(t, *_at_nodes(mechanism, motion, t))
-        grid = np.linspace(t[0], t[-1], 2 * nodes - 1)
+        if nodes >= most:
+            return _path(lambda t: _at_nodes(mechanism, motion, t)), False
+        grid = np.linspace(start, end, 2 * nodes - 1)
         values = _at_nodes(mechanism, motion, grid)
         coarse = _hermite(grid[::2], [x[::2] for x in values])
         error = np.max(np.abs(coarse(grid[1::2])[0] - values[0][1::2]), initial=0.0)
         # Halving the interval divides the quintic's error by 64.
         if error / 64.0 < _FINE:
-            return MotorPath(t, *_hermite(grid, list(values))(t))
+            return _path(_hermite(grid, list(values))), True
         nodes = 2 * nodes - 1
+
+
+def _path(curve: Callable[[Array], tuple[Array, Array, Array]]) -> Callable[[Array], MotorPath]:
+    return lambda t: MotorPath(t, *curve(t))
 
 
 def _at_nodes(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:

@@ -11,26 +11,22 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.control import Control
-from pinflex.coupled import integrate
 from pinflex.deviation import frame_deviations
-from pinflex.drive import TorqueDrive, motor_path
 from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
-from pinflex.feedback import place
-from pinflex.integrators import scheme
-from pinflex.ked import march_of, solve_ked
 from pinflex.mechanism import Mechanism
 from pinflex.meta import describe
 from pinflex.motion import Motion, from_spec, hold
 from pinflex.motors import motor_axes
 from pinflex.nominal import Nominal, nominal
-from pinflex.quasistatic import balance, solve_quasistatic
+from pinflex.quasistatic import solve_quasistatic
 from pinflex.recover import recover
 from pinflex.result import Result
 from pinflex.rigid import solve_rigid
 from pinflex.run import Run
-from pinflex.start import straight_start
-from pinflex.supplement import KED_ONLY, KED_TERMS, SolveSpec
+from pinflex.supplement import COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
+from pinflex.timed import Scene, default_step
+from pinflex.tolerance import within
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 SAMPLES = 401
@@ -61,7 +57,7 @@ def solve(
         control: Feedback (level coupled); default: the YAML's, False: none.
         progress: Called with (step, steps) on long work.
         **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
-            theta, modes, ked, kp, kd, start; and `tolerance` (Newton's).
+            theta, modes, ked, kp, kd, start, tol; and `tolerance` (Newton's).
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:
@@ -121,6 +117,16 @@ def _spec(
             f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
             'Take level="ked", or integrator="generalized_alpha".'
         )
+    if spec.integrator in COUPLED_ONLY:
+        spec = (
+            replace(spec, tol=spec.tol or 1e-3)
+            if spec.level == "coupled"
+            else replace(spec, integrator="generalized_alpha")
+        )
+    if spec.tol is not None and spec.dt is not None:
+        raise DescriptionError("solve: dt and tol: one follows from the other. Give one of them.")
+    if spec.tol is not None and not 0 < spec.tol <= 0.1:
+        raise DescriptionError(f"solve.tol: {spec.tol}. Give a relative error, 1e-6 to 0.1.")
     if spec.level == "coupled" and any(mechanism.description.system_damping):
         raise DescriptionError(
             f"{mechanism.name}: damping.scope: system damps the deviation from the nominal "
@@ -170,26 +176,18 @@ def _run(
     progress: Progress | None,
     control: Control | None,
 ) -> Run:
-    samples = spec.samples or SAMPLES
-    at_samples = np.linspace(0.0, end, samples)
+    t = np.linspace(0.0, end, spec.samples or SAMPLES)
+    if spec.level in ("quasistatic", "ked"):
+        _need_prescribed(mechanism, spec)
     if spec.level == "rigid" and spec.drive == "prescribed":
-        return solve_rigid(mechanism, motion, at_samples)
+        return solve_rigid(mechanism, motion, t)
     if spec.level == "quasistatic":
-        _need_prescribed(mechanism, spec)
-        return solve_quasistatic(mechanism, motion, at_samples, progress)
+        return solve_quasistatic(mechanism, motion, t, progress)
+    scene = Scene(mechanism, motion, spec, control, tolerance)
+    if spec.tol is not None:
+        return within(scene, t, spec.tol, progress)
     dt = spec.dt if spec.dt is not None else default_step(mechanism, end)
-    every = max(1, int(np.ceil(end / dt / (samples - 1) - 1e-9)))
-    t = np.linspace(0.0, end, every * (samples - 1) + 1)
-    rho = 0.8 if spec.rho_inf is None else spec.rho_inf
-    if spec.level == "ked":
-        _need_prescribed(mechanism, spec)
-        structural = spec.ked == "structural"
-        static = spec.start == "static"
-        run = solve_ked(mechanism, motion, t, march_of(spec), static, structural, progress)
-        run.settings["integrator"] = spec.integrator
-    else:
-        run = _coupled(mechanism, motion, spec, t, rho, tolerance, progress, control)
-    return thin(run, every)
+    return scene.stepped(t, dt, progress)
 
 
 def _need_prescribed(mechanism: Mechanism, spec: SolveSpec) -> None:
@@ -198,75 +196,6 @@ def _need_prescribed(mechanism: Mechanism, spec: SolveSpec) -> None:
             f"{mechanism.name}: solve.drive: torque needs level coupled (or rigid); "
             f"{spec.level} follows the nominal motion."
         )
-
-
-def _coupled(
-    mechanism: Mechanism,
-    motion: Motion,
-    spec: SolveSpec,
-    t: Array,
-    rho: float,
-    tolerance: float | None,
-    progress: Progress | None,
-    control: Control | None,
-) -> Run:
-    system = mechanism.rigid if spec.level == "rigid" else mechanism.flexible
-    dynamics = Dynamics(system)
-    path = motor_path(mechanism, motion, t)
-    y, v = straight_start(mechanism, motion, path, dynamics)
-    drive = None
-    if spec.drive == "torque":
-        drive = _torque_drive(mechanism, motion, spec, t)
-    if spec.start == "static":
-        a = np.zeros(system.nv)
-        n = int(system.rigid.nv)
-        if mechanism.report.mobility == len(system.motors):
-            a[:n] = nominal(mechanism, motion, t[:1]).a[0]
-        y = balance(dynamics, y, v, a, system.free).y
-    method = scheme(spec.integrator, rho, spec.newmark)
-    keys: dict[str, Any] = {} if tolerance is None else {"tolerance": tolerance}
-    if control is not None:
-        keys["feedback"] = place(mechanism, control, prescribed=drive is None)
-    return integrate(mechanism, dynamics, (y, v), path, method, drive, progress=progress, **keys)
-
-
-def _torque_drive(mechanism: Mechanism, motion: Motion, spec: SolveSpec, t: Array) -> TorqueDrive:
-    count = len(mechanism.rigid.motors)
-    coarse = t[:: max(1, (len(t) - 1) // 400)]
-    try:
-        rigid = solve_rigid(mechanism, motion, coarse).torque
-    except MotionError:
-        rigid = np.zeros((len(coarse), count))
-    forward = np.column_stack([np.interp(t, coarse, column) for column in rigid.T])
-    return TorqueDrive(np.full(count, spec.kp), np.full(count, spec.kd), forward, t)
-
-
-def default_step(mechanism: Mechanism, end: float) -> float:
-    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
-    from pinflex.modes import modes
-
-    step = end / 400.0
-    if mechanism.flexible.n_eta == 0:
-        return step
-    found = modes(mechanism, count=9, preload="none").frequencies
-    alive = found[found > 0]
-    if not len(alive):
-        return step
-    third = float(alive[min(2, len(alive) - 1)])
-    return min(step, 1.0 / (40.0 * third))
-
-
-def thin(run: Run, every: int) -> Run:
-    """Every k-th step of a run."""
-    if every == 1:
-        return run
-    k = slice(None, None, every)
-    work = None if run.work is None else run.work[k]
-    return replace(
-        run, t=run.t[k], y=run.y[k], v=run.v[k], a=run.a[k], lam=run.lam[k],
-        torque=run.torque[k], work=work, path=None if run.path is None else run.path.at(k),
-        signals=None if run.signals is None else run.signals.at(k),
-    )  # fmt: skip
 
 
 def sound(run: Run) -> Run:

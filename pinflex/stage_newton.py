@@ -9,7 +9,6 @@ With dz = A^2 da the corrections of all stages obey, for each eigenvalue mu,
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
 
 from pinflex.arrays import Array, IntArray
 from pinflex.collocation import Collocation
@@ -23,6 +22,9 @@ class StageNewton:
     def __init__(
         self, dynamics: Dynamics, method: Collocation, free: IntArray, drive: TorqueDrive | None
     ) -> None:
+        from scipy.linalg import lapack  # dear to import: only runs pay for it
+
+        self._lapack = lapack
         self._dynamics, self._method, self._drive = dynamics, method, drive
         self.free, self.motors = free, dynamics.system.motors
         self.n = len(free)
@@ -39,7 +41,8 @@ class StageNewton:
         at = np.ix_(self.free, self.free)
         self.M, self.C, self.K = (np.asfortranarray(part[at]) for part in parts)
         self._motor_rows = tuple(part[np.ix_(self.motors, self.free)].T for part in parts)
-        J = self._dynamics.jacobian()
+        system = self._dynamics.system
+        J = self._dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
         self.J, self._J_motors = J[:, self.free], J[:, self.motors]
         self.tangents += 1
         self.h, self.stale = 0.0, False
@@ -55,7 +58,9 @@ class StageNewton:
             S[:n, :n] = (m * m) * self.M + (h * m) * self.C + (h * h) * self.K
             S[:n, n:], S[n:, :n] = self.J.T, self.J
             if size:
-                lu, pivots, info = (dgetrf if real else zgetrf)(S, overwrite_a=True)
+                lu, pivots, info = (self._lapack.dgetrf if real else self._lapack.zgetrf)(
+                    S, overwrite_a=True
+                )
                 if info > 0 or not np.all(np.isfinite(lu)):
                     raise np.linalg.LinAlgError("singular iteration matrix")
                 self._lu.append((lu, pivots, real))
@@ -67,9 +72,9 @@ class StageNewton:
         parts = self._method.forward @ np.concatenate([-r, c / -(self.h**2)], axis=1)
         for k, (lu, pivots, real) in enumerate(self._lu):
             if real:
-                parts[k] = dgetrs(lu, pivots, parts[k].real)[0]
+                parts[k] = self._lapack.dgetrs(lu, pivots, parts[k].real)[0]
             else:
-                parts[k] = zgetrs(lu, pivots, parts[k])[0]
+                parts[k] = self._lapack.zgetrs(lu, pivots, parts[k])[0]
         x = (self._method.back @ parts).real
         return x[:, : self.n], -x[:, self.n :]
 

@@ -16,8 +16,11 @@ LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 INTEGRATORS = (
     *("generalized_alpha", "newmark", "hht"),
     *("central_difference", "houbolt", "wilson_theta", "mode_superposition"),
+    "radau",
 )
-KED_ONLY = INTEGRATORS[3:]
+COUPLED_ONLY = ("radau",)
+ASKED = ("torque", "deflection", "platform")
+KED_ONLY = INTEGRATORS[3:-1]
 KED_TERMS = ("full", "structural")
 LOOP_KINDS = (
     "weld",
@@ -96,7 +99,10 @@ class SolveSpec:
         dt: Time step [s]; None: chosen from the motion and the frequencies.
         samples: Number of instants to report; None: every step.
         integrator: generalized_alpha, newmark or hht; at level ked also central_difference,
-            houbolt, wilson_theta and mode_superposition.
+            houbolt, wilson_theta and mode_superposition; at level coupled also radau, with tol.
+        tol: Error that torques, platform and deflections may have, relative to their largest
+            deviation; steps follow from it. None: steps of dt.
+        asked: Which of torque, deflection and platform tol is about; empty: all.
         rho_inf: Spectral radius at infinity [-], 0 to 1; None: the integrator's own.
         newmark: (gamma, beta) [-] of the integrator newmark; None: (1/2, 1/4).
         ked: Terms of level ked: full, or structural (M, the beams' K and the damping alone, the
@@ -113,6 +119,8 @@ class SolveSpec:
     until: float | None = None
     dt: float | None = None
     samples: int | None = None
+    tol: float | None = None
+    asked: tuple[str, ...] = ()
     integrator: str = "generalized_alpha"
     rho_inf: float | None = None
     newmark: tuple[float, float] | None = None
@@ -247,6 +255,12 @@ def read_solve(value: object, where: str) -> SolveSpec:
             f"{place['dt']}: {fields['dt']:g} s is longer than the run, until = "
             f"{fields['until']:g} s. Make it smaller."
         )
+    if "tol" in block:
+        fields["tol"] = schema.number(block["tol"], place["tol"], 1e-9, 0.1)
+        if "dt" in block:
+            raise DescriptionError(f"{place['tol']}: dt follows from it. Remove one of them.")
+    if "asked" in block:
+        fields["asked"] = schema.names(block["asked"], place["asked"], ASKED, "output")
     if "samples" in block:
         fields["samples"] = schema.integer(block["samples"], place["samples"], low=2)
     if "newmark" in block:

@@ -1,0 +1,140 @@
+"""The levels that march in time, ked and coupled, with a step or a resolution of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pinflex import adaptive, coupled
+from pinflex.arrays import Array
+from pinflex.control import Control
+from pinflex.drive import MotorPath, TorqueDrive, breaks, interpolated_path, motor_path
+from pinflex.dynamics import Dynamics
+from pinflex.errors import MotionError
+from pinflex.feedback import place
+from pinflex.integrators import scheme
+from pinflex.ked import march_of, solve_ked
+from pinflex.mechanism import Mechanism
+from pinflex.motion import Motion
+from pinflex.nominal import nominal
+from pinflex.quasistatic import balance
+from pinflex.rigid import solve_rigid
+from pinflex.run import Run
+from pinflex.start import straight_start
+from pinflex.supplement import SolveSpec
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is solved: a mechanism, its motion and its control.
+
+    Attributes:
+        mechanism, motion: As given to `solve`.
+        spec: What to compute.
+        control: Feedback, or None.
+        tolerance: Newton's, of the alpha family; None: its own.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    spec: SolveSpec
+    control: Control | None = None
+    tolerance: float | None = None
+
+    def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
+        """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
+        spec, samples = self.spec, len(t)
+        every = max(1, int(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9)))
+        fine = np.linspace(t[0], t[-1], every * (samples - 1) + 1)
+        if spec.level == "ked":
+            structural, static = spec.ked == "structural", spec.start == "static"
+            run = solve_ked(
+                self.mechanism, self.motion, fine, march_of(spec), static, structural, progress
+            )
+            run.settings["integrator"] = spec.integrator
+            return thin(run, every)
+        dynamics, drive = Dynamics(self._system), self._drive(fine)
+        path = motor_path(self.mechanism, self.motion, fine)
+        rho = 0.8 if spec.rho_inf is None else spec.rho_inf
+        keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
+        if self.control is not None:
+            keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
+        run = coupled.integrate(
+            self.mechanism, dynamics, self._start(dynamics, path), path,
+            scheme(spec.integrator, rho, spec.newmark), drive, progress=progress, **keys,
+        )  # fmt: skip
+        return thin(run, every)
+
+    def resolved(self, t: Array, resolution: float, progress: Progress | None = None) -> Run:
+        """The run at samples t by collocation (level coupled); see `adaptive.integrate`."""
+        dynamics, drive = Dynamics(self._system), self._drive(t)
+        path = self._path(t)
+        return adaptive.integrate(
+            self.mechanism, dynamics, self._start(dynamics, path(t[:1])), path, t,
+            breaks(self.motion, dynamics.system.loads), resolution, drive=drive, progress=progress,
+        )  # fmt: skip
+
+    @property
+    def _system(self) -> Any:
+        return self.mechanism.rigid if self.spec.level == "rigid" else self.mechanism.flexible
+
+    def _path(self, t: Array) -> Callable[[Array], MotorPath]:
+        if self.motion.target == "joints":
+            return lambda at: motor_path(self.mechanism, self.motion, at)
+        return interpolated_path(self.mechanism, self.motion, float(t[0]), float(t[-1]))[0]
+
+    def _start(self, dynamics: Dynamics, path: MotorPath) -> tuple[Array, Array]:
+        y, v = straight_start(self.mechanism, self.motion, path, dynamics)
+        if self.spec.start == "static":
+            a = np.zeros(dynamics.system.nv)
+            if self.mechanism.report.mobility == len(dynamics.system.motors):
+                first = nominal(self.mechanism, self.motion, path.t[:1])
+                a[: dynamics.n_rigid] = first.a[0]
+            y = balance(dynamics, y, v, a, dynamics.system.free).y
+        return y, v
+
+    def _drive(self, t: Array) -> TorqueDrive | None:
+        if self.spec.drive != "torque":
+            return None
+        count = len(self.mechanism.rigid.motors)
+        coarse = t[:: max(1, (len(t) - 1) // 400)]
+        try:
+            rigid = solve_rigid(self.mechanism, self.motion, coarse).torque
+        except MotionError:
+            rigid = np.zeros((len(coarse), count))
+        forward = np.column_stack([np.interp(t, coarse, column) for column in rigid.T])
+        kp, kd = np.full(count, self.spec.kp), np.full(count, self.spec.kd)
+        return TorqueDrive(kp, kd, forward, t)
+
+
+def default_step(mechanism: Mechanism, end: float) -> float:
+    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
+    from pinflex.modes import modes
+
+    step = end / 400.0
+    if mechanism.flexible.n_eta == 0:
+        return step
+    found = modes(mechanism, count=9, preload="none").frequencies
+    alive = found[found > 0]
+    if not len(alive):
+        return step
+    third = float(alive[min(2, len(alive) - 1)])
+    return min(step, 1.0 / (40.0 * third))
+
+
+def thin(run: Run, every: int) -> Run:
+    """Every k-th step of a run."""
+    if every == 1:
+        return run
+    k = slice(None, None, every)
+    work = None if run.work is None else run.work[k]
+    return replace(
+        run, t=run.t[k], y=run.y[k], v=run.v[k], a=run.a[k], lam=run.lam[k],
+        torque=run.torque[k], work=work, path=None if run.path is None else run.path.at(k),
+        signals=None if run.signals is None else run.signals.at(k),
+    )  # fmt: skip
