@@ -22,8 +22,8 @@ def add(command: Command, count: Callable[[str], int]) -> None:
 Solves the scene for every combination of the values given. Values are a:b:n (n from a to b),
 a:b:n:log (by equal factors) or v,w,... A case that fails gets a row that says why. Each case is
 kept as it ends, in FILE.journal: stopped or killed, the same command goes on from there.""",
-        "pinflex sweep 3rrs --set flexible.*.section.thickness=1e-3:3e-3:9 \\\n"
-        "      --set motion.duration=1,2 --level quasistatic --out sweep.csv",
+        "pinflex sweep ur5 --set flexible.*.section.wall=2e-3:5e-3:7 \\\n"
+        "      --set motion.duration=0.4,0.6 --level quasistatic --out sweep.csv",
         model=False,
     )
     p.add_argument("model", metavar="MODEL", help="YAML file, its folder, or a shipped name")
