@@ -59,7 +59,8 @@ def integrate(
     stops = [b for b in sorted(set(breaks)) if t[0] < b < t[-1] - _SHORTEST * span] + [float(t[-1])]
     now, h, last = stages.first(float(t[0]), *start), span / 50.0, None
     record.start(now)
-    counts = {"steps": 0, "rejected": 0}
+    counts = {"steps": 0, "rejected": 0, "unresolved": 0}
+    refused = np.inf
 
     def run(stopped: str = "") -> Run:
         newton = stages.newton
@@ -88,9 +89,14 @@ def integrate(
         # The coefficient falls with the power s of the step.
         factor = 0.9 * (resolution / max(step.coarseness, 1e-300)) ** (1.0 / method.s)
         if step.coarseness > resolution and counts["steps"]:
-            counts["rejected"] += 1
-            h = size * max(factor, 0.3)
-            continue
+            # What a shorter step does not show less of is round-off, or rings far too fast.
+            if step.coarseness < 0.5 * refused:
+                refused = step.coarseness
+                counts["rejected"] += 1
+                h = size * min(max(factor, 0.3), 0.7)
+                continue
+            counts["unresolved"] += 1
+        refused = np.inf
         now, last = stages.end(step), step
         counts["steps"] += 1
         record.take(stages, step)
@@ -100,7 +106,7 @@ def integrate(
             error.result = run(str(error))
             raise
         if not 1.0 < factor < 1.2:  # a change costs new factors
-            h = size * min(factor, 3.0)
+            h = size * min(max(factor, 0.5), 3.0)
         if now.t >= stops[0] - _SHORTEST * span:
             now.t = stops.pop(0)
             if stops:

@@ -91,6 +91,8 @@ class Stages:
         self.stacked = Stacked(dynamics, method.s)
         self.free = system.free if drive is None else np.arange(system.nv)
         self.newton = StageNewton(dynamics, method, self.free, drive)
+        rigid = int(np.searchsorted(self.free, dynamics.n_rigid))
+        self.measured = slice(rigid if dynamics.flexible else 0, None)
         self.turning = any(j.nq != j.nv and j.nv > 1 for j in system.rigid.joints[1:])
         self.scale, self.iterations = 0.0, 0
 
@@ -203,13 +205,12 @@ class Stages:
         return x
 
     def _size(self, moves: Array) -> float:
-        """Largest norm of displacements (k, nv): elastic energy, or mass where nothing bends."""
-        if self.dynamics.flexible:
-            bent = moves[:, self.dynamics.n_rigid :]
-            weighted = bent @ self.dynamics.stiffness
-        else:
-            bent = moves[:, self.free]
-            weighted = bent @ self.newton.M
+        """Largest norm of displacements (k, nv): of the elastic ones, or of all if none bends.
+
+        By the mass matrix: stiff coordinates that hardly move must not dictate the step.
+        """
+        bent = moves[:, self.free][:, self.measured]
+        weighted = bent @ self.newton.M[self.measured, self.measured]
         return float(np.sqrt(max(np.max(np.sum(weighted * bent, axis=1), initial=0.0), 0.0)))
 
     def _power(self, v: Array, torque: Array) -> Array:
