@@ -28,8 +28,12 @@ from pinflex.stage_newton import StageNewton
 from pinflex.start import consistent_acceleration
 
 _MAX_ITERATIONS = 10
-# Newton stops at this part of the resolution: its error then does not show in the estimate.
-_NEWTON = 1e-2
+# Newton stops at this part of the resolution: its error then does not show in the estimate. A
+# resolution coarser than _COARSE does not loosen it further: predictions would run wild.
+_NEWTON, _COARSE = 1e-2, 1e-3
+_OPEN = (
+    1e-6  # m or rad the loops may be open by before the last correction, which leaves little of it
+)
 Path = Callable[[Array], MotorPath]
 
 
@@ -157,11 +161,12 @@ class Stages:
             size = self._size(change)
             if not np.isfinite(size):
                 raise StepFailed
-            rate = size / max(previous, 1e-300) if iteration else 0.3
+            rate = size / max(previous, 1e-300) if iteration else 1.0
             left = size * rate / (1.0 - rate) if rate < 0.9 else np.inf
-            if left <= max(_NEWTON * self.resolution * reach, 1e-300):
+            goal = max(_NEWTON * min(self.resolution, _COARSE) * reach, 1e-300)
+            if left <= goal and np.abs(self.stacked.c).max(initial=0.0) < _OPEN:
                 break
-            if iteration >= 2 and rate > 0.5:
+            if (iteration >= 2 and rate > 0.5) or size > 1e3 * reach:
                 raise StepFailed
             previous = size
         else:

@@ -40,7 +40,7 @@ def within(scene: Scene, t: Array, tol: float, progress: Progress | None = None)
         # Errors of a step of 1/40 of a period are near 1e-3.
         first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
         return _refine(scene, t, tol, lambda dt: scene.stepped(t, dt, progress), first, 2.0, 3.0)
-    return _refine(scene, t, tol, lambda r: scene.resolved(t, r, progress), 4.0 * tol, 4.0, 4.0)
+    return _refine(scene, t, tol, lambda r: scene.resolved(t, r, progress), 4.0 * tol, 4.0, 3.0)
 
 
 def _refine(
