@@ -31,6 +31,7 @@ from pinflex.start import consistent_acceleration
 # this fraction of what the acceleration is at the time: measured on the race scenes, torques and
 # platform deviations then differ by 1e-6 at most from those of a tolerance of 1e-10.
 NEWTON = 1e-7
+_STUCK = 1e-8
 _MAX_ITERATIONS = 12
 
 
@@ -133,8 +134,10 @@ class _March:
             if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
                 self.reference = max(self.reference, newton.size(now.a))
             goal = max(self.tolerance * self.reference, 0.01 * newton.noise)
+            # What cannot be moved any more has to balance to this part of the inertia forces.
+            rough = max(goal, _STUCK * self.reference)
             if (left <= goal and newton.closed(dynamics.closed.c)) or (
-                newton.stuck and newton.spent(r[newton.free], dynamics.closed.c, goal)
+                newton.stuck and newton.spent(r[newton.free], dynamics.closed.c, rough)
             ):
                 if prescribed:
                     now.torque = r[motors] + newton.motor_rows @ ds

@@ -73,7 +73,7 @@ class Newton:
             self.J_motors = J[:, self.motors]
         self.motor_rows = full[np.ix_(self.motors, self.free)]
         self.count += 1
-        self.rate, self._usual = 1e-2, np.inf
+        self.rate, self._usual = 0.1, np.inf
         if not len(S):  # every coordinate is a motor: nothing to iterate on
             return
         self.lu, self.pivots, info = self._factor(S)
