@@ -105,7 +105,7 @@ class Newton:
             if iteration == 1:
                 self._second = ratio
                 if self._usual == np.inf:
-                    self._usual = ratio
+                    self._usual = max(ratio, 1e-6)  # below that it is round-off
                 rate = self.rate * max(1.0, ratio / self._usual)
             else:
                 self.rate = rate = max(ratio, 1e-3)

@@ -128,6 +128,8 @@ def start(arm: str, out: Path) -> subprocess.Popen[str]:
         [sys.executable, "-m", "pinflex", "sweep", arm, *LONG, "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
+        # a shell that runs the tests in the background makes them, and so this, deaf to Ctrl-C
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
 
 

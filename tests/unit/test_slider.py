@@ -168,7 +168,7 @@ def test_in_space_the_rows_hold_both_bendings_and_the_twist(
     bias = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, 0.0 * a)
     np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
     d.system.K[:] = 0.0
-    d._K_eta[:] = 0.0
+    d.stiffness[:] = 0.0
     K = d.tangent(y, v, a, lam)[2]
     close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam), y), DIFFERENCES)
 
