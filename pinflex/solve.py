@@ -107,6 +107,10 @@ def _spec(
     changes = {k: v for k, v in {**given, **options}.items() if v is not None}
     if "newmark" in changes:
         changes.setdefault("integrator", "newmark")
+    # One asked for here takes the place of the other in the YAML.
+    for one, other in (("tol", "dt"), ("dt", "tol")):
+        if one in changes:
+            changes.setdefault(other, None)
     spec = replace(mechanism.description.solve, **changes)
     if spec.level not in LEVELS:
         raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
