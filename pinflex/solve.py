@@ -24,7 +24,7 @@ from pinflex.recover import recover
 from pinflex.result import Result
 from pinflex.rigid import solve_rigid
 from pinflex.run import Run
-from pinflex.supplement import COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
+from pinflex.supplement import ASKED, COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
 from pinflex.timed import Scene, default_step
 from pinflex.tolerance import within
 
@@ -116,6 +116,9 @@ def _spec(
         raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
     if spec.ked not in KED_TERMS:
         raise DescriptionError(f"solve.ked: {spec.ked}.{nearest(spec.ked, KED_TERMS)}")
+    for output in spec.asked or ():
+        if output not in ASKED:
+            raise DescriptionError(f"solve.asked: {output}.{nearest(output, ASKED)}")
     if spec.integrator in KED_ONLY and spec.level not in ("rigid", "quasistatic", "ked"):
         raise DescriptionError(
             f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
