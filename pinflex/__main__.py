@@ -145,7 +145,11 @@ run that stops early is saved up to its last good step.""",
     )
     p.add_argument("--level", help="rigid, quasistatic, ked or coupled (default: the YAML's)")
     p.add_argument("--until", type=_positive, metavar="S", help="end time in s")
-    p.add_argument("--dt", type=_positive, metavar="S", help="largest step in s")
+    step = p.add_mutually_exclusive_group()
+    step.add_argument("--dt", type=_positive, metavar="S", help="largest step in s")
+    step.add_argument(
+        "--tol", type=_positive, metavar="E", help="relative error instead of a step, such as 1e-3"
+    )
     p.add_argument("--samples", type=_samples, metavar="N", help="instants to keep (default 401)")
     p.add_argument("-o", "--output", metavar="RUN.npz", help="save the run")
     p.add_argument("--csv", metavar="FILE.csv", help="save the main columns as a table")

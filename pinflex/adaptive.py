@@ -82,7 +82,9 @@ def integrate(
             step = stages.step(now, size, last)
         except (StepFailed, np.linalg.LinAlgError):
             counts["rejected"] += 1
-            stages.newton.stale, h = True, 0.4 * size
+            # Once more without a prediction and with a new tangent, then shorter.
+            h = size if last is not None else 0.4 * size
+            stages.newton.stale, last = True, None
             if h < _SHORTEST * span:
                 raise _stuck(mechanism, now, run) from None
             continue

@@ -116,6 +116,7 @@ def solve(args: argparse.Namespace) -> int:
             level=args.level,
             until=args.until,
             dt=args.dt,
+            tol=args.tol,
             samples=args.samples,
             progress=bar,
         )

@@ -59,16 +59,16 @@ class ContactState:
 
     def __init__(self, contact: Contact) -> None:
         sleeve = contact.sleeve
-        self.contact, self.rows, self.loop, self.eta = (
-            contact, contact.rows, contact.loop, sleeve.eta,
-        )  # fmt: skip
+        self.contact, self.rows, self.loop = contact, contact.rows, contact.loop
+        self.eta = sleeve.eta
         made = [_row(sort, direction, sleeve.half) for sort, direction in sleeve.sorts]
         count = len(made)
         self._source = np.array([m[0] for m in made], dtype=np.intp)
         self._n0 = np.array([m[1] for m in made]).reshape(count, 3)
         self._N = np.array([m[2] for m in made]).reshape(count, 3, _SIZE)
         self._O = np.array([m[3] for m in made]).reshape(count, _SIZE)
-        self._turning = np.flatnonzero(self._source != _PLACE)
+        self._placed = self._source == _PLACE
+        self._turning = np.flatnonzero(~self._placed)
         self._at = sleeve.half * np.array([-1.0, 0.0, 1.0])
         self._n = sleeve.eta.stop - sleeve.eta.start
         self.X = 0.0
@@ -89,15 +89,17 @@ class ContactState:
         self._tables()
         mine = eta[self.eta]
         s = here[self._source]
-        self._c = self._O + np.einsum("ri,rik->rk", s, self._N)
-        self._g_X = self._B_X @ mine
-        normal = self._n0 + self._N @ (self._B @ mine)
-        self.value = np.einsum("ri,ri->r", s, normal) + self._O @ (self._B @ mine)
+        g, self._g_X = self._B @ mine, self._B_X @ mine
+        self._c, normal = self._O, self._n0
+        if len(self._turning):
+            self._c = self._c + np.einsum("ri,rik->rk", s, self._N)
+            normal = normal + self._N @ g
+        self.value = (s * normal).sum(axis=1) + self._O @ g
         self.by_eta, self._by_X_eta = self._c @ self._B, self._c @ self._B_X
         self._by_X = self._c @ self._g_X
         self._normal = normal @ self._R.T
         push = self._by_X[:, None] * self._R[:, 0]
-        push[self._source == _PLACE] += self._normal[self._source == _PLACE]
+        push[self._placed] += self._normal[self._placed]
         self.W[:, :3], self.W[:, 3:] = push, push @ arm.T
         if len(self._turning):
             k = self._turning
@@ -155,8 +157,7 @@ class ContactState:
         along = spin_a @ R[:, 0]
         push = grow[:, None] * R[:, 0] + self._by_X[:, None] * along
         n_rate = self._normal @ spin_a.T + (self._N @ g_rate) @ R.T
-        place = self._source == _PLACE
-        push[place] += n_rate[place]
+        push[self._placed] += n_rate[self._placed]
         out[:, :3] = push
         out[:, 3:] = self.W[:, :3] @ swept.T + push @ self._arm.T
         if len(self._turning):

@@ -11,7 +11,7 @@ from pinflex.arrays import Array
 from pinflex.loads import Loads
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
-from pinflex.motors import MotorAxes, joint_path, motor_axes
+from pinflex.motors import MotorAxes, joint_curve, joint_path, motor_axes
 from pinflex.nominal import nominal
 
 # Interpolated motor motions (m, rad) are refined until the mid-interval error falls below this:
@@ -38,11 +38,20 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
     t = np.asarray(t, float)
     if motion.target == "joints":
         return MotorPath(t, *joint_path(mechanism, motion, t))
-    curve, fine = interpolated_path(mechanism, motion, float(t[0]), float(t[-1]), len(t))
+    curve, fine = _interpolated(mechanism, motion, float(t[0]), float(t[-1]), len(t))
     return curve(t) if fine else MotorPath(t, *_at_nodes(mechanism, motion, t))
 
 
-def interpolated_path(
+def path_between(
+    mechanism: Mechanism, motion: Motion, start: float, end: float
+) -> Callable[[Array], MotorPath]:
+    """Motor motion as a function of times in [start, end] s."""
+    if motion.target == "joints":
+        return _path(joint_curve(mechanism, motion))
+    return _interpolated(mechanism, motion, start, end)[0]
+
+
+def _interpolated(
     mechanism: Mechanism, motion: Motion, start: float, end: float, most: int = 4097
 ) -> tuple[Callable[[Array], MotorPath], bool]:
     """Motor motion of a platform motion as a function of times in [start, end] s.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,20 +66,32 @@ def motor_axes(mechanism: Mechanism) -> MotorAxes:
     )
 
 
-def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
-    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
+def joint_curve(
+    mechanism: Mechanism, motion: Motion
+) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """Motion of the motors as a function of times (nt,): what `joint_path` answers."""
     axes = motor_axes(mechanism)
     names = list(mechanism.description.actuated)
     home = axes.read(mechanism.home)
-    position = np.tile(home, (len(t), 1))
-    velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
-    p, v, a = motion.evaluate(t)
-    for k, name in enumerate(motion.names):
+    for name in motion.names:
         if name not in names:
             raise DescriptionError(
                 f"{mechanism.name}: motion.joints.{name}: not a motor.{nearest(name, names)}"
             )
-        column = names.index(name)
-        position[:, column] = p[:, k] if motion.absolute else home[column] + p[:, k]
-        velocity[:, column], acceleration[:, column] = v[:, k], a[:, k]
-    return position, velocity, acceleration
+    columns = [names.index(name) for name in motion.names]
+    rest = home.copy()
+    if motion.absolute:
+        rest[columns] = 0.0
+
+    def curve(t: Array) -> tuple[Array, Array, Array]:
+        moved = np.zeros((3, len(t), len(names)))
+        moved[:, :, columns] = motion.evaluate(t)
+        moved[0] += rest
+        return moved[0], moved[1], moved[2]
+
+    return curve
+
+
+def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
+    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
+    return joint_curve(mechanism, motion)(t)

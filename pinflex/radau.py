@@ -28,8 +28,12 @@ from pinflex.stage_newton import StageNewton
 from pinflex.start import consistent_acceleration
 
 _MAX_ITERATIONS = 10
-# Newton stops at this part of the resolution: its error then does not show in the estimate.
-_NEWTON = 1e-2
+# Newton stops at this part of the resolution: its error then does not show in the estimate. A
+# resolution coarser than _COARSE does not loosen it further: predictions would run wild.
+_NEWTON, _COARSE = 1e-2, 1e-3
+_OPEN = (
+    1e-6  # m or rad the loops may be open by before the last correction, which leaves little of it
+)
 Path = Callable[[Array], MotorPath]
 
 
@@ -59,6 +63,7 @@ class Step:
         a: Shape (s, nv). lam: Shape (s, rows). torque: Shape (s, nm).
         power: Of the motors and of the damping, shape (s, 2), W.
         coarseness: Last Legendre coefficient of the displacement over the largest one so far.
+        path: Motion of the motors at the stages.
     """
 
     start: Start
@@ -70,6 +75,7 @@ class Step:
     torque: Array
     power: Array
     coarseness: float
+    path: MotorPath
 
 
 class Stages:
@@ -123,12 +129,12 @@ class Stages:
         if self.drive is None:
             a[:, self.motors] = path.acceleration
         turn, change = np.zeros((m.s, len(v))), np.zeros((m.s, len(v)))
-        bent, previous = self._elastic(y), 0.0
+        previous, drift = 0.0, (h * m.c)[:, None] * v
         for iteration in range(_MAX_ITERATIONS):
             v_s = v + h * (m.A @ a)
             if self.drive is None:
                 v_s[:, self.motors] = path.velocity
-            move = np.outer(h * m.c, v) + (h * h) * (m.A2 @ a)
+            move = drift + (h * h) * (m.A2 @ a)
             if self.turning:
                 turn = self._turn(y, move + h * (m.A @ turn), v_s)
                 move += h * (m.A @ turn)
@@ -150,14 +156,17 @@ class Stages:
             lam += dlam
             # Displacements count: the accelerations of fast modes are noise.
             change[:, free] = (h * h) * dz
-            size, reach = self._size(change), max(self.scale, self._size(move + bent))
+            if not iteration:
+                reach = max(self.scale, self._size(move + change + self._elastic(y)))
+            size = self._size(change)
             if not np.isfinite(size):
                 raise StepFailed
-            rate = size / max(previous, 1e-300) if iteration else 0.3
+            rate = size / max(previous, 1e-300) if iteration else 1.0
             left = size * rate / (1.0 - rate) if rate < 0.9 else np.inf
-            if left <= max(_NEWTON * self.resolution * reach, 1e-300):
+            goal = max(_NEWTON * min(self.resolution, _COARSE) * reach, 1e-300)
+            if left <= goal and np.abs(self.stacked.c).max(initial=0.0) < _OPEN:
                 break
-            if iteration >= 2 and rate > 0.5:
+            if (iteration >= 2 and rate > 0.5) or size > 1e3 * reach:
                 raise StepFailed
             previous = size
         else:
@@ -167,10 +176,10 @@ class Stages:
         if self.drive is None:
             torque = torque + newton.motor_forces(da, dv, change[:, free], dlam)
         v_s[:, free] += dv
-        self.scale = reach
-        coarse = self._size((m.last @ move)[None]) / max(reach, 1e-300)
+        self.scale = max(self.scale, self._size(move + self._elastic(y)))
+        coarse = self._size((m.last @ move)[None]) / max(self.scale, 1e-300)
         power = self._power(v_s, torque)
-        return Step(start, h, move + change, turn, a, lam, torque, power, coarse)
+        return Step(start, h, move + change, turn, a, lam, torque, power, coarse, path)
 
     def _predict(self, start: Start, h: float, last: Step | None) -> tuple[Array, Array]:
         m = self.method
@@ -221,11 +230,10 @@ class Stages:
     def end(self, step: Step) -> Start:
         """The state after a step."""
         t = step.start.t + step.h
-        path = self.path(np.array([t]))
         v = step.start.v + step.h * (self.method.A[-1] @ step.a)
         if self.drive is None:
-            v[self.motors] = path.velocity[0]
-        y = self.places(step.start.y, step.move[-1:], path)[0]
+            v[self.motors] = step.path.velocity[-1]
+        y = self.places(step.start.y, step.move, step.path)[-1]
         return Start(t, y, v, step.a[-1], step.lam[-1], step.torque[-1])
 
     def dense(self, step: Step, t: Array) -> tuple[Array, Array, Array, Array, Array, Array]:

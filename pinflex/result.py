@@ -270,6 +270,10 @@ class Result:
             each = f" ({cost['newton'] / cost['steps']:.2f} a step)" if cost.get("steps") else ""
             rows.append(("Newton iterations", f"{cost['newton']}{each}"))
         rows += [("wall time", f"{cost['seconds']:.3g} s")] if "seconds" in cost else []
+        error = self.meta.get("settings", {}).get("error")
+        if error:
+            known = ", ".join(f"{key} {value:.1e}" for key, value in error.items())
+            rows.append(("estimated error", known))
         rows.append(("worst closure", f"{self.worst_closure:.2e}"))
         rows.append(("energy balance", "not computed" if balance is None else f"{balance:.2e}"))
         rows += [("warning", text) for text in self.meta.get("warnings", ())]

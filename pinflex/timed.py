@@ -11,7 +11,7 @@ import numpy as np
 from pinflex import adaptive, coupled
 from pinflex.arrays import Array
 from pinflex.control import Control
-from pinflex.drive import MotorPath, TorqueDrive, breaks, interpolated_path, motor_path
+from pinflex.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
 from pinflex.dynamics import Dynamics
 from pinflex.errors import MotionError
 from pinflex.feedback import place
@@ -84,9 +84,7 @@ class Scene:
         return self.mechanism.rigid if self.spec.level == "rigid" else self.mechanism.flexible
 
     def _path(self, t: Array) -> Callable[[Array], MotorPath]:
-        if self.motion.target == "joints":
-            return lambda at: motor_path(self.mechanism, self.motion, at)
-        return interpolated_path(self.mechanism, self.motion, float(t[0]), float(t[-1]))[0]
+        return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))
 
     def _start(self, dynamics: Dynamics, path: MotorPath) -> tuple[Array, Array]:
         y, v = straight_start(self.mechanism, self.motion, path, dynamics)

@@ -24,7 +24,7 @@ from pinflex.run import Run
 from pinflex.supplement import ASKED
 from pinflex.timed import Progress, Scene, default_step
 
-_SAMPLES = 101  # instants at which poses are compared: the samples, or every k-th of more
+_SAMPLES = 51  # instants at which poses are compared: the samples, or every k-th of more
 _ROUNDS = 8
 _FAILURES = 2  # runs that may break off before the scene is to blame
 
@@ -97,7 +97,7 @@ class Outputs:
     ) -> None:
         self._asked = asked
         self._mechanism, self._motion, self._t = mechanism, motion, t
-        self._keep = slice(None, None, max(1, len(t) // _SAMPLES))
+        self._keep = slice(None, None, -(-len(t) // _SAMPLES))
         self._rigid: tuple[Array, Array] | None = None
 
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:

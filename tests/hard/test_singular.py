@@ -131,3 +131,12 @@ def test_bricard_keeps_rank_four_of_five_along_the_whole_path() -> None:
         # The row that was left out stays closed too: the fifth value is round-off.
         assert sigma[4] < 1e-9 * sigma[0] < 1e-6 * sigma[3]
         assert np.abs(c).max() < 1e-9
+
+
+def test_a_tight_tolerance_does_not_stop_at_the_round_off_of_a_flat_pose() -> None:
+    """Step 1429 ends 7e-4 rad from it, where round-off of closures moves rods by 1e3 times that."""
+    m, v = four_bars(2)
+    r = release(m, 1.0, 5e-4, v=v, tolerance=1e-10)
+    place = frame_positions(m, r, "tip_0", [len(r.t) - 1])[0, :2]
+    exact = four_bars_exact(2, np.array([0.0, 1.0]))[1]
+    assert np.linalg.norm(place - exact) < 1e-6  # second order at 0.5 ms; measured 6e-8
