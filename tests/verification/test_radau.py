@@ -16,7 +16,7 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.benchmarks.loops import pendulum
 from pinflex.collocation import radau
-from pinflex.drive import MotorPath, breaks, motor_path
+from pinflex.drive import MotorPath, motor_path
 from pinflex.dynamics import Dynamics
 from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion, from_spec
@@ -47,6 +47,7 @@ def marched(
     march = Stages(m, Dynamics(system), path, 1e-10, radau(stages))
     now, steps = march.first(0.0, y, v), []
     for _ in range(round(until / h)):
+        march.newton.stale = True  # a tangent of its own for each step
         steps.append(march.step(now, h, steps[-1] if steps else None))
         now = march.end(steps[-1])
     return march, steps, now
@@ -128,10 +129,10 @@ def test_loops_are_shut_at_the_ends_of_steps_and_between_to_the_order_of_the_sta
         between = [march.dense(s, s.start.t + s.h * np.linspace(0, 1, 21))[0] for s in steps]
         gaps.append(np.abs(np.hypot(*np.concatenate(between).T) - 1.0).max())
     # The polynomial through the stages is of degree s + 1, its error of order s + 1.
-    print(gaps, -slope(counts, gaps))
     assert -slope(counts, gaps) == pytest.approx(6.0, abs=0.6)
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("name", ["race_r1", "race_r2"])
 def test_equal_steps_agree_with_generalized_alpha_refined(name: str) -> None:
     """Nothing in common but the residual: order 2 at 10 and 25 us against order 9 at 1 ms."""
@@ -148,6 +149,6 @@ def test_equal_steps_agree_with_generalized_alpha_refined(name: str) -> None:
     torque = np.array([step.start.torque for step in steps] + [now.torque])
     for found, expected in ((eta, r.arrays["eta"]), (torque, r.torque)):
         error = np.abs(found - expected).max() / np.abs(expected).max()
-        print(name, error)
-        assert error < 1e-3
+        # 5e-6, 4e-6; 2e-6, 7e-7 measured: generalized_alpha has an error of that size itself.
+        assert error < 3e-5
     assert max(np.abs(march.dynamics.close(step.start.y)[0]).max() for step in steps) < 1e-11

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pinflex as pf
 from pinflex.run import Run
 from pinflex.solve import _run, _spec, default_motion
 from pinflex.tolerance import Outputs
-from tests.scenes import Body, load
 
 SAMPLES = 51
 TORQUE, ALL = ("torque",), ("torque", "deflection", "platform")
@@ -56,7 +54,6 @@ def test_the_error_against_generalized_alpha_is_what_was_allowed(name: str, tol:
     m = mechanism(name)
     outputs = Outputs(m, default_motion(m), found.t, asked)
     errors = outputs.differences(found, reference(name))
-    print(name, tol, errors, found.settings["error"])
     # The tolerance is judged by two runs; what both leave out is not seen.
     assert max(errors.values()) < 3 * tol, errors
     assert set(errors) == set(found.settings["error"])  # type: ignore[call-overload]
