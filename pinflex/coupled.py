@@ -11,6 +11,7 @@ Positions satisfy c = 0 at every step: they never drift off the closures.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
@@ -55,6 +56,8 @@ class _March:
         self.tolerance, self.reference, self.peak = tolerance, 0.0, 0.0
         self.iterations, self.slow = 0, True
         self._change = np.zeros(dynamics.system.nv)
+        # Far from the motion the equations have other roots; ten lengths off is one of them.
+        self.farthest = 10.0 * max([1.0, *(s.body.length for s in dynamics.system.expansion.slots)])
 
     def control(self, k: int, y: Array, v: Array) -> None:
         """Let the feedback act at a state of step k."""
@@ -74,18 +77,15 @@ class _March:
         Raises:
             _NoConvergence: With the residual it stopped at.
         """
-        try:
-            return self._attempt(before, guess, k, False)
-        except _NoConvergence:
-            self.slow = True
-            now = self._attempt(before, (before.a.copy(), before.lam.copy()), k, True)
-            # Far from the motion the equations have other roots; ten lengths off is one of them.
-            slots = self.dynamics.system.expansion.slots
-            longest = max([1.0, *(slot.body.length for slot in slots)])
-            bent = np.abs(now.y[self.dynamics.nq_rigid :])
-            if np.max(bent, initial=0.0) > 10.0 * longest:
-                raise _NoConvergence(np.full(len(self.newton.free), np.nan)) from None
-            return now
+        with contextlib.suppress(_NoConvergence):
+            now = self._attempt(before, guess, k, False)
+            if np.max(np.abs(now.y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest:
+                return now
+        self.slow = True
+        now = self._attempt(before, (before.a.copy(), before.lam.copy()), k, True)
+        if not np.max(np.abs(now.y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest:
+            raise _NoConvergence(np.full(len(self.newton.free), np.nan))
+        return now
 
     def _attempt(self, before: Step, guess: tuple[Array, Array], k: int, exact: bool) -> Step:
         scheme, h, motors, newton = self.scheme, self.h, self.motors, self.newton
