@@ -38,7 +38,12 @@ from pinflex.motion import (
     trapezoid,
 )
 from pinflex.pose_map import pose_map
-from pinflex.quasistatic import Equilibrium, linear_statics, static_equilibrium
+from pinflex.quasistatic import (
+    Equilibrium,
+    UnstableWarning,
+    linear_statics,
+    static_equilibrium,
+)
 from pinflex.result import Result
 from pinflex.rigid import inverse_dynamics
 from pinflex.solve import LEVELS, solve
@@ -64,6 +69,7 @@ __all__ = [
     "SceneError",
     "SingularityError",
     "Travel",
+    "UnstableWarning",
     "Voltage",
     "circle",
     "comparison",

@@ -151,6 +151,9 @@ run that stops early is saved up to its last good step.""",
         "--tol", type=_positive, metavar="E", help="relative error instead of a step, such as 1e-3"
     )
     p.add_argument("--samples", type=_samples, metavar="N", help="instants to keep (default 401)")
+    p.add_argument(
+        "--resume", metavar="RUN.npz", help="go on with a stopped or shorter run, to --until"
+    )
     p.add_argument("-o", "--output", metavar="RUN.npz", help="save the run")
     p.add_argument("--csv", metavar="FILE.csv", help="save the main columns as a table")
 

@@ -90,7 +90,7 @@ def integrate(
             continue
         # The coefficient falls with the power s of the step.
         factor = 0.9 * (resolution / max(step.coarseness, 1e-300)) ** (1.0 / method.s)
-        if step.coarseness > resolution and counts["steps"]:
+        if step.coarseness > resolution:
             # What a shorter step does not show less of is round-off, or rings far too fast.
             if step.coarseness < 0.5 * refused:
                 refused = step.coarseness

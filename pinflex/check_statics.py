@@ -14,7 +14,7 @@ from pinflex.errors import SceneError
 from pinflex.expanded import Attachment
 from pinflex.mechanism import Mechanism
 from pinflex.named import rotation_vector
-from pinflex.quasistatic import Equilibrium, linear_statics, static_equilibrium
+from pinflex.quasistatic import Equilibrium, give_way, linear_statics, rest
 from pinflex.rigid import multipliers
 
 _ROUND_OFF = 1e-12  # [m | rad], and the same share of the largest torque: shown as zero
@@ -63,7 +63,9 @@ def statics(mechanism: Mechanism) -> Statics:
         why = "no gravity"
         return Statics(None, None, rigid, None, None, why, why)
     linear, linear_reason = _try(lambda: linear_statics(mechanism))
-    full, full_reason = _try(lambda: static_equilibrium(mechanism))
+    full, full_reason = _try(lambda: rest(mechanism))
+    if full is not None and full.unstable:
+        full, full_reason = None, give_way("static equilibrium")
     dynamics = Dynamics(system)
     return Statics(
         linear=_sag(mechanism, dynamics, linear, True),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.console import Progress, load_model, print_json, writable
-from pinflex.errors import DescriptionError, SceneError
+from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.result import Result, peak, rms
 from pinflex.text import length, number, table
 
@@ -119,7 +119,16 @@ def solve(args: argparse.Namespace) -> int:
             tol=args.tol,
             samples=args.samples,
             progress=bar,
+            resume=args.resume,
         )
+    except RunInterrupted as stop:
+        if args.output is None or not isinstance(stop.result, Result):
+            raise
+        stop.result.save(args.output)
+        at = f"t = {stop.result.t[-1]:.6g} s"
+        raise KeyboardInterrupt(
+            f"interrupted; the run up to {at} was saved, --resume {args.output} goes on"
+        ) from None
     except SceneError as error:
         if not isinstance(error.result, Result):
             raise

@@ -11,6 +11,7 @@ Positions satisfy c = 0 at every step: they never drift off the closures.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.drive import MotorPath, TorqueDrive, kinks
 from pinflex.dynamics import Dynamics
-from pinflex.errors import ConvergenceError, MotionError
+from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
 from pinflex.feedback import Feedback, FeedbackState
 from pinflex.integrators import AlphaScheme
 from pinflex.mechanism import Mechanism
@@ -56,6 +57,8 @@ class _March:
         self.tolerance, self.reference, self.peak = tolerance, 0.0, 0.0
         self.iterations, self.slow = 0, True
         self._change = np.zeros(dynamics.system.nv)
+        # Far from the motion the equations have other roots; ten lengths off is one of them.
+        self.farthest = 10.0 * max([1.0, *(s.body.length for s in dynamics.system.expansion.slots)])
 
     def control(self, k: int, y: Array, v: Array) -> None:
         """Let the feedback act at a state of step k."""
@@ -75,18 +78,15 @@ class _March:
         Raises:
             _NoConvergence: With the residual it stopped at.
         """
-        try:
-            return self._attempt(before, guess, k, False)
-        except _NoConvergence:
-            self.slow = True
-            now = self._attempt(before, (before.a.copy(), before.lam.copy()), k, True)
-            # Far from the motion the equations have other roots; ten lengths off is one of them.
-            slots = self.dynamics.system.expansion.slots
-            longest = max([1.0, *(slot.body.length for slot in slots)])
-            bent = np.abs(now.y[self.dynamics.nq_rigid :])
-            if np.max(bent, initial=0.0) > 10.0 * longest:
-                raise _NoConvergence(np.full(len(self.newton.free), np.nan)) from None
-            return now
+        with contextlib.suppress(_NoConvergence):
+            now = self._attempt(before, guess, k, False)
+            if np.max(np.abs(now.y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest:
+                return now
+        self.slow = True
+        now = self._attempt(before, (before.a.copy(), before.lam.copy()), k, True)
+        if not np.max(np.abs(now.y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest:
+            raise _NoConvergence(np.full(len(self.newton.free), np.nan))
+        return now
 
     def _attempt(self, before: Step, guess: tuple[Array, Array], k: int, exact: bool) -> Step:
         scheme, h, motors, newton = self.scheme, self.h, self.motors, self.newton
@@ -204,6 +204,7 @@ def integrate(
     tolerance: float = NEWTON,
     progress: Callable[[int, int], None] | None = None,
     feedback: Feedback | None = None,
+    resume: tuple[int, Step | None] = (0, None),
 ) -> Run:
     """March the full equations over the steps of a motor path.
 
@@ -216,8 +217,9 @@ def integrate(
         tolerance: Newton's, relative to the largest acceleration so far.
         progress: Called with (step, steps).
         feedback: A control that acts all along.
+        resume: Step to start at, and the state there to go on from (None: `start`, consistently).
     Returns:
-        States, multipliers and torques at every step.
+        States, multipliers and torques at every step (from that one on).
     Raises:
         ConvergenceError: With `.result` (a Run) up to the last good step.
         MotionError: A sleeve leaves its beam; likewise.
@@ -228,23 +230,25 @@ def integrate(
     signals = None if acting is None else acting.signals(steps + 1)
     Y, V = np.empty((steps + 1, system.nq)), np.empty((steps + 1, system.nv))
     A, L = np.empty_like(V), np.empty((steps + 1, system.closed.n))
+    S = np.empty_like(V)
     T, work = np.empty((steps + 1, len(system.motors))), np.zeros((steps + 1, 2))
+    begin, now = resume[0], resume[1] or _first_state(march, *start, resume[0])
 
     def run(upto: int, stopped: str = "") -> Run:
         counts: dict[str, float] = {
-            "steps": upto,
+            "steps": upto - begin,
             "newton": march.iterations,
             "tangents": march.newton.count,
         }
-        k = slice(0, upto + 1)
+        k = slice(begin, upto + 1)
         return Run(
             system, t[k], Y[k], V[k], A[k], L[k], T[k], counts,
             {"integrator": scheme.name, "dt": march.h, "gamma": scheme.gamma}, work[k], (), stopped,
-            None if signals is None else signals.at(k),
+            None if signals is None else signals.at(k), s=S[k],
         )  # fmt: skip
 
     def keep(k: int, now: Step) -> Array:
-        Y[k], V[k], A[k], L[k], T[k] = now.y, now.v, now.a, now.lam, now.torque
+        Y[k], V[k], A[k], S[k], L[k], T[k] = now.y, now.v, now.a, now.s, now.lam, now.torque
         power = float(now.torque @ now.v[system.motors])
         if acting is not None and signals is not None and dynamics.push is not None:
             march.control(k, now.y, now.v)
@@ -253,12 +257,11 @@ def integrate(
             power += float(dynamics.push @ now.v)
         return np.array([power, dynamics.losses(now.v)])
 
-    now = _first_state(march, start[0], start[1], 0)
-    power = keep(0, now)
+    power = keep(begin, now)
     march.reference = _force_scale(dynamics, now, march.newton)
-    k, last, fresh = 0, now, kinks(path)
+    k, last, fresh = begin, now, kinks(path) | (set() if resume[1] else {begin})
     try:
-        for k in range(1, steps + 1):
+        for k in range(begin + 1, steps + 1):
             if k - 1 in fresh:
                 if k > 1:
                     now = _first_state(march, now.y, now.v, k - 1)
@@ -275,9 +278,11 @@ def integrate(
     except MotionError as error:
         error.result = run(k - 1, str(error))
         raise
+    except KeyboardInterrupt:
+        raise RunInterrupted(run(max(k - 1, begin), "interrupted")) from None
     except (_NoConvergence, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
-        good = max(k - 1, 0)
+        good = max(k - 1, begin)
         raise _diverged(
             mechanism, march, t[max(k, 1)], max(k, 1), r, run(good, "diverged")
         ) from None

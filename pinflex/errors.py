@@ -59,6 +59,14 @@ class ConvergenceError(SceneError):
     """An iteration stopped short; `result` holds the run up to the last good step."""
 
 
+class RunInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a run; `result` holds it up to the last step."""
+
+    def __init__(self, result: Any) -> None:
+        super().__init__("interrupted")
+        self.result = result
+
+
 def nearest(name: str, names: Iterable[str], limit: int = 12) -> str:
     """Text that leads from a wrong name to the right one: the closest, then the list."""
     known = list(dict.fromkeys(str(n) for n in names))

@@ -52,6 +52,7 @@ def describe(
         "bodies": _bodies(mechanism),
         "gravity": list(description.gravity),
         "settings": {k: _plain(v) for k, v in run.settings.items()},
+        "resume": None if run.s is None else run.s[-1].tolist(),
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "energy_balance": _energy_balance(arrays),
         "warnings": [*run.warnings, *_redundant(mechanism, run), *limits],

@@ -14,7 +14,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.dynamics import Dynamics
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanism import Mechanism
-from pinflex.quasistatic import static_equilibrium, structural_stiffness
+from pinflex.quasistatic import null_space, rest, structural_stiffness
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def linearised(
         raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
     if preload == "none":
         return mechanism.undeformed(q), structural_stiffness(dynamics)
-    rest, still = static_equilibrium(mechanism, q), np.zeros(dynamics.system.nv)
-    return rest.y, dynamics.tangent(rest.y, still, still, rest.lam)[2]
+    found, still = rest(mechanism, q), np.zeros(dynamics.system.nv)
+    return found.y, dynamics.tangent(found.y, still, still, found.lam)[2]
 
 
 def allowed_motions(dynamics: Dynamics, y: Array, free: IntArray) -> Array:
@@ -99,15 +99,6 @@ def allowed_motions(dynamics: Dynamics, y: Array, free: IntArray) -> Array:
     if not dynamics.system.closed.n:
         return np.eye(len(free))
     return null_space(dynamics.close(y)[1][:, free])
-
-
-def null_space(J: Array) -> Array:
-    """Orthonormal basis of the motions that J allows, shape (n, n - rank)."""
-    if not len(J):
-        return np.eye(J.shape[1])
-    _, sigma, Vt = np.linalg.svd(J)
-    rank = int(np.sum(sigma > 1e-10 * sigma[0]))
-    return np.asarray(Vt[rank:].T)
 
 
 def _eigen(K: Array, M: Array) -> tuple[Array, Array]:

@@ -11,10 +11,10 @@ from pinflex.arrays import Array
 from pinflex.dynamics import Dynamics
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanism import Mechanism
-from pinflex.modes import null_space
 from pinflex.motion import PLATFORM_COORDINATES, Motion
 from pinflex.motors import motor_axes
 from pinflex.nominal import nominal
+from pinflex.quasistatic import null_space
 
 _SAME = 1e-6  # two coordinates that a mechanism cannot move apart: far above round-off
 _STRIDE = 0.05  # [rad | m] of a motor between two closures: small against any link's reach

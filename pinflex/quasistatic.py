@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from pinflex.run import Run
 # Newton on a balance of forces ends quadratically; its last correction, relative to the largest
 # coordinate it moves, is then at round-off.
 _BALANCED = 1e-11
+# Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
+_NEUTRAL = 1e-9
+_LOOKS = 5  # instants of a run at which stability is looked at
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,11 @@ class Equilibrium:
     lam: Array
     r: Array
     iterations: int
+    unstable: int = 0  # directions that give way, where that was looked at
+
+
+class UnstableWarning(UserWarning):
+    """An equilibrium that the mechanism leaves when it is touched."""
 
 
 def balance(
@@ -125,14 +134,58 @@ def static_equilibrium(
     Args:
         mechanism: Mechanism. q: Rigid pose, default home. free_motors: Let the motors go.
     Returns:
-        The equilibrium; its r in the motor rows is the holding torque.
+        The equilibrium; its r in the motor rows is the holding torque. Beyond buckling Newton may
+        find the branch that gives way: its `unstable` is not 0, and an UnstableWarning says so.
     """
+    found = rest(mechanism, q, free_motors)
+    if found.unstable:
+        warnings.warn(give_way(f"{mechanism.name}: static equilibrium"), UnstableWarning, 2)
+    return found
+
+
+def give_way(where: str) -> str:
+    """What is said of an unstable equilibrium."""
+    return (
+        f"{where}: unstable, the stiffness is negative in some direction: the mechanism buckles or "
+        "falls from there to another pose. Reduce the load, stiffen the links, add springs, or "
+        "let a coupled run with damping find the pose that it ends in."
+    )
+
+
+def rest(mechanism: Mechanism, q: Array | None = None, free_motors: bool = False) -> Equilibrium:
+    """`static_equilibrium` for those who look at `unstable` themselves."""
     dynamics = Dynamics(mechanism.flexible)
     system = mechanism.flexible
     free = np.arange(system.nv) if free_motors else system.free
     still = np.zeros(system.nv)
     where = f"{mechanism.name}: static equilibrium"
-    return balance(dynamics, mechanism.undeformed(q), still, still, free, None, where)
+    found = balance(dynamics, mechanism.undeformed(q), still, still, free, None, where)
+    return replace(found, unstable=giving_way(dynamics, found, free))
+
+
+def giving_way(dynamics: Dynamics, at: Equilibrium, free: IntArray) -> int:
+    """Number of directions that the closures allow in which the tangent stiffness is negative."""
+    still = np.zeros(dynamics.system.nv)
+    K = dynamics.tangent(at.y, still, still, at.lam)[2][np.ix_(free, free)]
+    if not len(K):
+        return 0
+    # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.
+    size = np.abs(np.diag(K))
+    scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size)), 1e-300)))
+    K = 0.5 * (K + K.T) * scale * scale[:, None]
+    if dynamics.system.closed.n:
+        Z = null_space(dynamics.close(at.y)[1][:, free] * scale)
+        K = Z.T @ K @ Z
+    return int(np.sum(np.linalg.eigvalsh(K) < -_NEUTRAL)) if len(K) else 0
+
+
+def null_space(J: Array) -> Array:
+    """Orthonormal basis of the motions that J allows, shape (n, n - rank)."""
+    if not len(J):
+        return np.eye(J.shape[1])
+    _, sigma, Vt = np.linalg.svd(J)
+    rank = int(np.sum(sigma > 1e-10 * sigma[0]))
+    return np.asarray(Vt[rank:].T)
 
 
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
@@ -183,6 +236,7 @@ def solve_quasistatic(
     v[:, :m], a[:, :m] = path.v, path.a
     torque = np.empty((nt, len(system.motors)))
     offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
+    looks, said = set(np.linspace(0, nt - 1, _LOOKS).astype(int).tolist()), list[str]()
     for k in range(nt):
         flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
         dynamics.loads.time = float(path.t[k])
@@ -202,6 +256,9 @@ def solve_quasistatic(
         offset, force = dynamics.difference(flat, found.y), found.lam
         offset[system.motors] = 0.0
         newton += found.iterations
+        if k in looks and not said and giving_way(dynamics, found, free):
+            said.append(give_way(f"t = {t[k]:.6g} s: equilibrium"))
         if progress is not None and k % 16 == 0:
             progress(k, nt)
-    return Run(system, path.t, y, v, a, lam, torque, {"steps": nt, "newton": newton})
+    counts: dict[str, float] = {"steps": nt, "newton": newton}
+    return Run(system, path.t, y, v, a, lam, torque, counts, warnings=tuple(said))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pinflex.arrays import Array
 from pinflex.nominal import Nominal
@@ -27,6 +27,7 @@ class Run:
         signals: What a control measured and drove, or None.
         stopped: Why the run ended early, "" when it is complete.
         path: The nominal motion that a linear run deviates from, or None.
+        s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
 
     system: System
@@ -43,6 +44,17 @@ class Run:
     stopped: str = ""
     signals: Signals | None = None
     path: Nominal | None = None
+    s: Array | None = None
+
+    def at(self, k: slice) -> Run:
+        """Some of its instants."""
+        return replace(
+            self, t=self.t[k], y=self.y[k], v=self.v[k], a=self.a[k], lam=self.lam[k],
+            torque=self.torque[k], work=None if self.work is None else self.work[k],
+            path=None if self.path is None else self.path.at(k),
+            signals=None if self.signals is None else self.signals.at(k),
+            s=None if self.s is None else self.s[k],
+        )  # fmt: skip
 
     @property
     def linear(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,13 @@ from pinflex.arrays import Array
 from pinflex.control import Control
 from pinflex.deviation import frame_deviations
 from pinflex.dynamics import Dynamics
-from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
+from pinflex.errors import (
+    ConvergenceError,
+    DescriptionError,
+    MotionError,
+    RunInterrupted,
+    nearest,
+)
 from pinflex.mechanism import Mechanism
 from pinflex.meta import describe
 from pinflex.motion import Motion, from_spec, hold
@@ -22,9 +29,10 @@ from pinflex.nominal import Nominal, nominal
 from pinflex.quasistatic import solve_quasistatic
 from pinflex.recover import recover
 from pinflex.result import Result
+from pinflex.resume import grid, join, stored
 from pinflex.rigid import solve_rigid
 from pinflex.run import Run
-from pinflex.supplement import COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
+from pinflex.supplement import ASKED, COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
 from pinflex.timed import Scene, default_step
 from pinflex.tolerance import within
 
@@ -43,6 +51,7 @@ def solve(
     samples: int | None = None,
     control: Control | bool | None = None,
     progress: Progress | None = None,
+    resume: Result | str | Path | None = None,
     **options: Any,
 ) -> Result:
     """Solve a scene at one level.
@@ -56,6 +65,8 @@ def solve(
         samples: Number of output times; default 401.
         control: Feedback (level coupled); default: the YAML's, False: none.
         progress: Called with (step, steps) on long work.
+        resume: A stopped or shorter run (or its file) of level coupled to go on with, to `until`,
+            in its own steps unless dt is given; the motion must be the same.
         **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
             theta, modes, ked, kp, kd, start, tol; and `tolerance` (Newton's).
     Returns:
@@ -77,11 +88,12 @@ def solve(
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)
-            run = _run(mechanism, motion, spec, end, tolerance, progress, acting)
-        except (ConvergenceError, MotionError) as error:
+            before = None if resume is None else _before(mechanism, resume, spec, acting)
+            run = _run(mechanism, motion, spec, end, tolerance, progress, acting, before)
+        except (ConvergenceError, MotionError, RunInterrupted) as error:
             part, why = error.result, str(error)
             if isinstance(part, Run):
-                part = sound(part)
+                part = sound(part if before is None else join(before, part))
                 error.result = (
                     _result(mechanism, motion, part, spec, began, stopped=why)
                     if len(part.t)
@@ -107,11 +119,18 @@ def _spec(
     changes = {k: v for k, v in {**given, **options}.items() if v is not None}
     if "newmark" in changes:
         changes.setdefault("integrator", "newmark")
+    # One asked for here takes the place of the other in the YAML.
+    for one, other in (("tol", "dt"), ("dt", "tol")):
+        if one in changes:
+            changes.setdefault(other, None)
     spec = replace(mechanism.description.solve, **changes)
     if spec.level not in LEVELS:
         raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
     if spec.ked not in KED_TERMS:
         raise DescriptionError(f"solve.ked: {spec.ked}.{nearest(spec.ked, KED_TERMS)}")
+    for output in spec.asked or ():
+        if output not in ASKED:
+            raise DescriptionError(f"solve.asked: {output}.{nearest(output, ASKED)}")
     if spec.integrator in KED_ONLY and spec.level not in ("rigid", "quasistatic", "ked"):
         raise DescriptionError(
             f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
@@ -157,6 +176,17 @@ def _control(
     return control if isinstance(control, Control) else mechanism.description.control
 
 
+def _before(
+    mechanism: Mechanism, resume: Result | str | Path, spec: SolveSpec, control: Control | None
+) -> Run:
+    if spec.level != "coupled" or spec.tol is not None or control is not None:
+        raise DescriptionError(
+            f"{mechanism.name}: resume: goes on with level coupled in steps (dt), without a "
+            "control. Solve again from the start."
+        )
+    return stored(mechanism, resume if isinstance(resume, Result) else Result.load(resume))
+
+
 def default_motion(mechanism: Mechanism) -> Motion:
     """The motion of the YAML; one second at rest where it has none."""
     block = mechanism.description.motion
@@ -175,7 +205,13 @@ def _run(
     tolerance: float | None,
     progress: Progress | None,
     control: Control | None,
+    before: Run | None = None,
 ) -> Run:
+    if before is not None:
+        t = grid(before, end, mechanism.name)
+        dt = spec.dt if spec.dt is not None else float(str(before.settings["dt"]))
+        scene = Scene(mechanism, motion, spec, control, tolerance, before)
+        return join(before, scene.stepped(t, dt, progress))
     t = np.linspace(0.0, end, spec.samples or SAMPLES)
     if spec.level in ("quasistatic", "ked"):
         _need_prescribed(mechanism, spec)
@@ -203,14 +239,7 @@ def sound(run: Run) -> Run:
     states = np.concatenate([run.y, run.v, run.a, run.lam, run.torque], axis=1)
     # A state that has grown past this is on its way to infinity, not a motion in SI units.
     good = np.all(np.abs(states) < 1e9, axis=1)  # false for NaN
-    n = len(good) if np.all(good) else int(np.argmin(good))
-    k = slice(0, n)
-    return replace(
-        run, t=run.t[k], y=run.y[k], v=run.v[k], a=run.a[k], lam=run.lam[k], torque=run.torque[k],
-        work=None if run.work is None else run.work[k],
-        path=None if run.path is None else run.path.at(k),
-        signals=None if run.signals is None else run.signals.at(k),
-    )  # fmt: skip
+    return run.at(slice(0, len(good) if np.all(good) else int(np.argmin(good))))
 
 
 def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from pinflex.arrays import Array
 from pinflex.control import Control
 from pinflex.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
 from pinflex.dynamics import Dynamics
-from pinflex.errors import MotionError
+from pinflex.errors import MotionError, RunInterrupted
 from pinflex.feedback import place
 from pinflex.integrators import scheme
 from pinflex.ked import march_of, solve_ked
@@ -21,6 +21,7 @@ from pinflex.mechanism import Mechanism
 from pinflex.motion import Motion
 from pinflex.nominal import nominal
 from pinflex.quasistatic import balance
+from pinflex.resume import state
 from pinflex.rigid import solve_rigid
 from pinflex.run import Run
 from pinflex.start import straight_start
@@ -38,6 +39,7 @@ class Scene:
         spec: What to compute.
         control: Feedback, or None.
         tolerance: Newton's, of the alpha family; None: its own.
+        before: A run to go on with, or None.
     """
 
     mechanism: Mechanism
@@ -45,6 +47,7 @@ class Scene:
     spec: SolveSpec
     control: Control | None = None
     tolerance: float | None = None
+    before: Run | None = None
 
     def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
         """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
@@ -64,10 +67,20 @@ class Scene:
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
             keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
-        run = coupled.integrate(
-            self.mechanism, dynamics, self._start(dynamics, path), path,
-            scheme(spec.integrator, rho, spec.newmark), drive, progress=progress, **keys,
-        )  # fmt: skip
+        if self.before is None:
+            start = self._start(dynamics, path)
+        else:
+            start = self.before.y[-1], self.before.v[-1]
+            at = every * (len(self.before.t) - 1)
+            keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
+        try:
+            run = coupled.integrate(
+                self.mechanism, dynamics, start, path, scheme(spec.integrator, rho, spec.newmark),
+                drive, progress=progress, **keys,
+            )  # fmt: skip
+        except RunInterrupted as stop:
+            stop.result = thin(stop.result, every)
+            raise
         return thin(run, every)
 
     def resolved(self, t: Array, resolution: float, progress: Progress | None = None) -> Run:
@@ -127,12 +140,4 @@ def default_step(mechanism: Mechanism, end: float) -> float:
 
 def thin(run: Run, every: int) -> Run:
     """Every k-th step of a run."""
-    if every == 1:
-        return run
-    k = slice(None, None, every)
-    work = None if run.work is None else run.work[k]
-    return replace(
-        run, t=run.t[k], y=run.y[k], v=run.v[k], a=run.a[k], lam=run.lam[k],
-        torque=run.torque[k], work=work, path=None if run.path is None else run.path.at(k),
-        signals=None if run.signals is None else run.signals.at(k),
-    )  # fmt: skip
+    return run if every == 1 else run.at(slice(None, None, every))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -60,15 +61,36 @@ def test_beyond_buckling_the_straight_column_is_reported_unstable(tmp_path: Path
 def test_beyond_buckling_a_disturbed_column_is_bent_or_reported_unstable(tmp_path: Path) -> None:
     """P/Pc = 1.063: 40 deg on the elastica (Timoshenko, Gere). Newton finds the near, unstable one.
 
-    Its stability is part of the answer: `modes` shows the negative frequency.
+    Its stability is part of the answer: it is warned of, and `modes` shows the negative frequency.
     """
     m = column(tmp_path, 1.063 * CRITICAL, segments=6, side=1e-3)
-    rest = pf.static_equilibrium(m)
+    with pytest.warns(pf.UnstableWarning, match="buckles"):
+        rest = pf.static_equilibrium(m)
+    assert rest.unstable == 1
     turn = sum(
         float(s.body.rows(s.body.length)[0][3] @ rest.y[s.eta]) for s in m.flexible.expansion.slots
     )
     bent = abs(np.degrees(turn)) == pytest.approx(40, abs=4)
     assert bent or pf.modes(m).frequencies[0] < 0
+
+
+def test_an_equilibrium_is_called_unstable_from_the_buckling_load_on(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pf.static_equilibrium(column(tmp_path, (1 - 1e-5) * CRITICAL)).unstable == 0
+    with pytest.warns(pf.UnstableWarning):
+        # Four internal modes: Euler's load to 1e-9.
+        assert pf.static_equilibrium(column(tmp_path, (1 + 1e-5) * CRITICAL)).unstable == 1
+    with pytest.warns(pf.UnstableWarning):  # the second buckling load is nine times the first
+        assert pf.static_equilibrium(column(tmp_path, 9.1 * CRITICAL)).unstable == 2
+
+
+def test_a_quasistatic_run_on_an_unstable_branch_says_so(tmp_path: Path) -> None:
+    still = pf.hold(duration=1.0)
+    for share, expected in ((0.9, False), (1.2, True)):
+        m = column(tmp_path, share * CRITICAL, segments=4)
+        r = pf.solve(m, still, level="quasistatic", samples=3)
+        assert any("unstable" in w for w in r.meta["warnings"]) is expected
 
 
 def spun(folder: Path, speed: float, second_order: bool) -> pf.Mechanism:

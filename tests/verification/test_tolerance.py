@@ -1,0 +1,95 @@
+"""solve(tol=): what was asked is within the tolerance, by another method's converged answer."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.run import Run
+from pinflex.solve import _run, _spec, default_motion
+from pinflex.tolerance import Outputs
+
+SAMPLES = 51
+TORQUE, ALL = ("torque",), ("torque", "deflection", "platform")
+STATIC = "flexible.*.basis.internal=0"  # shapes whose frequencies the reference resolves
+# Model: overrides, what is asked, end in s, step in s of the reference, which is then good to
+# 3e-5 (measured between its step and half of it; less where deflections are slow).
+SCENES = {
+    "race_r1": ((STATIC,), TORQUE, 0.05, 5e-6),
+    "race_r2": ((), ALL, 0.1, 5e-5),
+    "spinning_beam": ((), ALL, 20.0, 2e-3),
+    "3rrs": ((), ALL, 0.1, 1e-4),
+    "3rrr": ((STATIC,), ALL, 0.02, 4e-6),
+    "ur5": ((), ALL, 0.1, 2e-5),
+}
+
+
+@cache
+def mechanism(name: str) -> pf.Mechanism:
+    return pf.load(name, list(SCENES[name][0]))
+
+
+def run(name: str, **keys: object) -> Run:
+    """States of a coupled run; by `solve`'s own path, without what it recovers of them."""
+    m, end = mechanism(name), SCENES[name][2]
+    newton = keys.pop("tolerance", None)
+    dt = keys.pop("dt", None)
+    spec = _spec(m, "coupled", end, dt, SAMPLES, keys)  # type: ignore[arg-type]
+    return _run(m, default_motion(m), spec, end, newton, None, None)  # type: ignore[arg-type]
+
+
+@cache
+def reference(name: str) -> Run:
+    return run(name, integrator="generalized_alpha", dt=SCENES[name][3], tolerance=1e-10)
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("name", SCENES)
+def test_the_error_against_generalized_alpha_is_what_was_allowed(name: str, tol: float) -> None:
+    _, asked, _, _ = SCENES[name]
+    found = run(name, integrator="radau", tol=tol, asked=asked)
+    m = mechanism(name)
+    outputs = Outputs(m, default_motion(m), found.t, asked)
+    errors = outputs.differences(found, reference(name))
+    # The tolerance is judged by two runs; what both leave out is not seen.
+    assert max(errors.values()) < 3 * tol, errors
+    assert set(errors) == set(found.settings["error"])  # type: ignore[call-overload]
+
+
+def test_a_shorter_tolerance_costs_more_and_is_said() -> None:
+    cost = [run("race_r2", integrator="radau", tol=tol).cost["last_steps"] for tol in (1e-2, 1e-4)]
+    assert cost[0] < cost[1] < 100
+    r = pf.solve(mechanism("race_r2"), level="coupled", tol=1e-2, until=0.05, samples=11)
+    assert r.meta["settings"]["tol"] == 1e-2
+    assert max(r.meta["settings"]["error"].values()) <= 0.5e-2
+
+
+@pytest.mark.parametrize("bad", [0.0, -1e-3, 0.5, np.nan])
+def test_a_tolerance_that_is_none_is_refused(bad: float) -> None:
+    with pytest.raises(pf.DescriptionError, match="solve.tol"):
+        pf.solve(mechanism("race_r1"), tol=bad)
+
+
+def test_a_step_together_with_a_tolerance_is_refused() -> None:
+    with pytest.raises(pf.DescriptionError, match="dt and tol"):
+        pf.solve(mechanism("race_r1"), tol=1e-3, dt=1e-4)
+
+
+def test_a_tolerance_asked_for_replaces_the_step_of_the_yaml_and_back() -> None:
+    m = pf.load("3rrs")  # its YAML says dt
+    r = pf.solve(m, level="coupled", integrator="radau", tol=1e-2, until=0.01, samples=11)
+    assert r.meta["settings"]["integrator"] == "radau"
+    m = pf.load("race_r2", ["solve.tol=1e-3"])
+    r = pf.solve(m, integrator="generalized_alpha", dt=1e-3, until=0.01, samples=11)
+    assert r.meta["settings"]["dt"] == pytest.approx(1e-3)
+
+
+def test_an_output_that_nobody_has_is_refused() -> None:
+    with pytest.raises(pf.DescriptionError, match='Did you mean "torque"') as caught:
+        pf.load("race_r1", ["solve.asked=[torqe]"])
+    assert "asked" in str(caught.value)
+    with pytest.raises(pf.DescriptionError, match='Did you mean "torque"'):
+        pf.solve(mechanism("race_r1"), tol=1e-3, asked=("torqe",))
