@@ -56,7 +56,20 @@ class _March:
         self.newton = Newton(dynamics, scheme, self.h, drive, self.feedback)
         self.tolerance, self.reference, self.peak = tolerance, 0.0, 0.0
         self.iterations, self.slow = 0, True
-        self._change = np.zeros(dynamics.system.nv)
+        nv, h = dynamics.system.nv, self.h
+        self._change, self._known = np.zeros(nv), np.empty((4, nv))
+        am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+        # From a, and the a, s and v before it, to s, v and the move; and what ds adds to s, v, a.
+        algorithmic = np.array([1.0 - af, af, -am, 0.0]) / (1.0 - am)
+        self._to_y = beta * h * h
+        self._predict = np.array(
+            [
+                algorithmic,
+                gamma * h * algorithmic + [0.0, 0.0, h * (1.0 - gamma), 1.0],
+                self._to_y * algorithmic + [0.0, 0.0, h * h * (0.5 - beta), h],
+            ]
+        )
+        self._gains = np.array([[1.0], [gamma * h], [scheme.mass_factor]])
         # Far from the motion the equations have other roots; ten lengths off is one of them.
         self.farthest = 10.0 * max([1.0, *(s.body.length for s in dynamics.system.expansion.slots)])
 
@@ -89,24 +102,26 @@ class _March:
         return now
 
     def _attempt(self, before: Step, guess: tuple[Array, Array], k: int, exact: bool) -> Step:
-        scheme, h, motors, newton = self.scheme, self.h, self.motors, self.newton
-        dynamics, path, prescribed = self.dynamics, self.path, self.drive is None
-        am, af = scheme.alpha_m, scheme.alpha_f
+        motors, newton, dynamics, path = self.motors, self.newton, self.dynamics, self.path
+        prescribed = self.drive is None
         dynamics.loads.time = float(path.t[k])
-        to_y, to_v, to_a = scheme.beta * h * h, scheme.gamma * h, scheme.mass_factor
         a, lam = guess
-        s = ((1.0 - af) * a + af * before.a - am * before.s) / (1.0 - am)
         if prescribed:
-            a[motors] = s[motors] = path.acceleration[k]
-        move = h * before.v + (h * h * (0.5 - scheme.beta)) * before.s + to_y * s
-        v = before.v + (h * (1.0 - scheme.gamma)) * before.s + to_v * s
-        now = Step(dynamics.integrate(before.y, move), v, a, s, lam, before.torque)
+            a[motors] = path.acceleration[k]
+        known = self._known
+        known[0], known[1], known[2], known[3] = a, before.a, before.s, before.v
+        # Rows s, v and a share one array, so that a correction is one product.
+        moving = self._predict @ known
+        s, v, move = moving[0], moving[1], moving[2].copy()
+        moving[2] = a
+        now = Step(dynamics.integrate(before.y, move), v, moving[2], s, lam, before.torque)
         if prescribed:
+            s[motors] = path.acceleration[k]
             self.axes.write(now.y, path.position[k])
-            now.v[motors] = path.velocity[k]
+            v[motors] = path.velocity[k]
         if self.slow or exact:
             newton.refresh(now, exact)
-        fresh, change = self.slow, self._change
+        fresh, change, gains, to_y = self.slow, self._change, self._gains, self._to_y
         for iteration in range(_MAX_ITERATIONS):
             self.control(k, now.y, now.v)
             r = dynamics.residual(now.y, now.v, now.a, now.lam)
@@ -119,9 +134,7 @@ class _March:
             if not np.isfinite(size):
                 break
             change[newton.free] = ds
-            now.s += change
-            now.a += to_a * change
-            now.v += to_v * change
+            moving += gains * change
             now.lam += dlam
             if dynamics.vector_space:
                 now.y += to_y * change
@@ -231,7 +244,7 @@ def integrate(
     Y, V = np.empty((steps + 1, system.nq)), np.empty((steps + 1, system.nv))
     A, L = np.empty_like(V), np.empty((steps + 1, system.closed.n))
     S = np.empty_like(V)
-    T, work = np.empty((steps + 1, len(system.motors))), np.zeros((steps + 1, 2))
+    T, power = np.empty((steps + 1, len(system.motors))), np.zeros((steps + 1, 2))
     begin, now = resume[0], resume[1] or _first_state(march, *start, resume[0])
 
     def run(upto: int, stopped: str = "") -> Run:
@@ -241,23 +254,24 @@ def integrate(
             "tangents": march.newton.count,
         }
         k = slice(begin, upto + 1)
+        work = np.zeros((upto + 1 - begin, 2))
+        np.cumsum(0.5 * march.h * (power[k][1:] + power[k][:-1]), axis=0, out=work[1:])
         return Run(
             system, t[k], Y[k], V[k], A[k], L[k], T[k], counts,
-            {"integrator": scheme.name, "dt": march.h, "gamma": scheme.gamma}, work[k], (), stopped,
+            {"integrator": scheme.name, "dt": march.h, "gamma": scheme.gamma}, work, (), stopped,
             None if signals is None else signals.at(k), s=S[k],
         )  # fmt: skip
 
-    def keep(k: int, now: Step) -> Array:
+    def keep(k: int, now: Step) -> None:
         Y[k], V[k], A[k], S[k], L[k], T[k] = now.y, now.v, now.a, now.s, now.lam, now.torque
-        power = float(now.torque @ now.v[system.motors])
+        power[k] = now.torque @ now.v[system.motors], dynamics.losses(now.v)
         if acting is not None and signals is not None and dynamics.push is not None:
             march.control(k, now.y, now.v)
             acting.keep()
             signals.u[k], signals.measured[k] = acting.u, acting.m
-            power += float(dynamics.push @ now.v)
-        return np.array([power, dynamics.losses(now.v)])
+            power[k, 0] += float(dynamics.push @ now.v)
 
-    power = keep(begin, now)
+    keep(begin, now)
     march.reference = _force_scale(dynamics, now, march.newton)
     k, last, fresh = begin, now, kinks(path) | (set() if resume[1] else {begin})
     try:
@@ -270,9 +284,7 @@ def integrate(
             guess = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam
             last, now = now, march.step(now, guess, k)
             dynamics.closed.require_on_beams(mechanism.name, float(t[k]))
-            new = keep(k, now)
-            work[k] = work[k - 1] + (0.5 * march.h) * (power + new)
-            power = new
+            keep(k, now)
             if progress is not None and k % 64 == 0:
                 progress(k, steps)
     except MotionError as error:
