@@ -100,14 +100,14 @@ class TorqueDrive:
 
     Attributes:
         kp: N m/rad | N/m, shape (nm,). kd: N m s/rad | N s/m, shape (nm,).
-        feed_forward: N m | N on a grid of times, shape (nt, nm).
-        t: Those times in s, shape (nt,).
+        feed_forward: N m | N at the steps of a run, shape (nt, nm).
+        forward: The same as a function of times, (k,) to (k, nm).
     """
 
     kp: Array
     kd: Array
     feed_forward: Array
-    t: Array
+    forward: Callable[[Array], Array]
 
     def torque(self, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
         """Motor torques at step k in the state (y, v), shape (nm,)."""
@@ -117,9 +117,8 @@ class TorqueDrive:
 
     def pull(self, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
         """Motor torques at the times of a path in the states (y, v), shape (k, nm)."""
-        forward = [np.interp(path.t, self.t, column) for column in self.feed_forward.T]
         error, rate = path.position - axes.read(y), path.velocity - v[:, axes.v_at]
-        return np.asarray(np.array(forward).T + self.kp * error + self.kd * rate)
+        return np.asarray(self.forward(path.t) + self.kp * error + self.kd * rate)
 
 
 def kinks(path: MotorPath) -> frozenset[int]:

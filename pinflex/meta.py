@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from importlib import metadata
 from typing import Any
 
@@ -32,7 +33,8 @@ def describe(
 ) -> dict[str, Any]:
     """The meta mapping of a Result (plain JSON types)."""
     description = mechanism.description
-    limits = validity.warnings(mechanism, run, arrays)
+    monitors = validity.monitors(mechanism, run, arrays)
+    limits = validity.warnings(mechanism, run, monitors)
     frames = list(description.frames)
     if description.platform is not None and description.platform not in frames:
         frames.insert(0, description.platform)
@@ -57,6 +59,7 @@ def describe(
         "energy_balance": _energy_balance(arrays),
         "warnings": [*run.warnings, *_redundant(mechanism, run), *limits],
         "limits": limits,
+        "monitors": {name: asdict(found) for name, found in monitors.items()},
         "units": _units(mechanism),
         "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
         "sources": dict(description.sources),

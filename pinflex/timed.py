@@ -28,6 +28,7 @@ from pinflex.start import straight_start
 from pinflex.supplement import SolveSpec
 
 Progress = Callable[[int, int], None]
+_FORWARD = 401  # instants between which the torques of the rigid motion are interpolated
 
 
 @dataclass(frozen=True)
@@ -112,15 +113,18 @@ class Scene:
     def _drive(self, t: Array) -> TorqueDrive | None:
         if self.spec.drive != "torque":
             return None
+        from scipy.interpolate import PchipInterpolator
+
         count = len(self.mechanism.rigid.motors)
-        coarse = t[:: max(1, (len(t) - 1) // 400)]
+        # On a grid of its own: how often a run is sampled must not change what drives it.
+        coarse = np.linspace(t[0], t[-1], _FORWARD)
         try:
             rigid = solve_rigid(self.mechanism, self.motion, coarse).torque
         except MotionError:
             rigid = np.zeros((len(coarse), count))
-        forward = np.column_stack([np.interp(t, coarse, column) for column in rigid.T])
+        forward = PchipInterpolator(coarse, rigid)
         kp, kd = np.full(count, self.spec.kp), np.full(count, self.spec.kd)
-        return TorqueDrive(kp, kd, forward, t)
+        return TorqueDrive(kp, kd, forward(t), forward)
 
 
 def default_step(mechanism: Mechanism, end: float) -> float:

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.dynamics import Dynamics
+from pinflex.expanded import Slot
 from pinflex.mechanism import Mechanism
 from pinflex.parts import FlexiblePart
 from pinflex.run import Run
@@ -25,6 +26,8 @@ ROTATION = 0.2  # [rad]
 SPEED = 0.25
 # ... and by compression over buckling load: 10 % of the stiffness at a tenth.
 COMPRESSION = 0.1
+# What the fastest shape of a link carries, those left out carry too, within a factor.
+FASTEST = 0.05
 _INSTANTS = 200  # enough to meet every peak of a smooth motion within a per cent
 
 
@@ -36,6 +39,8 @@ class Monitors:
         deflection: Of one body, over its length. rotation: Of one body's end section, rad.
         speed: Angular speed over the first clamped frequency: 1 is where a linear body diverges.
         compression: Axial compression over the Euler load of the link with hinged ends.
+        fastest: Kinetic energy of the fastest bending mode of the clamped link over the largest
+            elastic kinetic energy of the run, in the worse plane: does the basis suffice?
         when: Time of the first instant with speed above 1 (s), or None.
     """
 
@@ -43,6 +48,7 @@ class Monitors:
     rotation: float
     speed: float
     compression: float
+    fastest: float
     when: float | None
 
 
@@ -57,6 +63,7 @@ def monitors(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> dict[s
     if not run.system.n_eta:
         return {}
     rates = _angular_speeds(run)
+    M = Dynamics(run.system).mass(run.y[0])
     found = {}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
@@ -75,8 +82,30 @@ def monitors(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> dict[s
         push = -float(np.min(arrays[key][:, :, 0], initial=0.0)) if key in arrays else 0.0
         when = float(rates[0][beyond[0]]) if len(beyond) else None
         speed = float(np.max(fast, initial=0.0))
-        found[name] = Monitors(deflection, rotation, speed, push / euler_load(part), when)
+        fastest = max((_fastest(run, slot, M) for slot in slots), default=0.0)
+        found[name] = Monitors(deflection, rotation, speed, push / euler_load(part), fastest, when)
     return found
+
+
+def _fastest(run: Run, slot: Slot, M: Array) -> float:
+    """Share of the fastest bending mode of a body in its elastic kinetic energy; M: all rows."""
+    from scipy.linalg import eigh
+
+    start = int(run.system.rigid.nv) + slot.eta.start
+    parts, totals = [0.0], np.zeros(len(run.t))
+    for plane, inside in slot.body.slices.items():
+        at = slice(start + inside.start, start + inside.stop)
+        if plane not in ("v", "w") or inside.stop - inside.start < 2:
+            continue
+        try:
+            shapes = eigh(slot.body.K[inside, inside], M[at, at])[1]
+        except np.linalg.LinAlgError:  # shapes without mass of their own
+            continue
+        energy = (run.v[:, at] @ M[at, at] @ shapes) ** 2
+        parts.append(float(np.max(energy[:, -1], initial=0.0)))
+        totals += energy.sum(axis=1)
+    total = float(np.max(totals, initial=0.0))
+    return max(parts) / total if total > 0 else 0.0
 
 
 def first_frequency(part: FlexiblePart) -> float:
@@ -116,10 +145,10 @@ def _angular_speeds(run: Run) -> tuple[Array, Array]:
     return run.t[every], speeds
 
 
-def warnings(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> list[str]:
+def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:
     """One sentence for each link and limit that the run passes, with what to change."""
     said = []
-    for name, m in monitors(mechanism, run, arrays).items():
+    for name, m in found.items():
         part = mechanism.parts[name]
         segments, second = len(part.bodies), part.spec.second_order
         if not np.isfinite(m.deflection) or m.deflection > DEFLECTION or m.rotation > ROTATION:
@@ -127,6 +156,12 @@ def warnings(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> list[s
                 f"{name}: deflection is {_percent(m.deflection)} of the length and "
                 f"{m.rotation:.2g} rad in one of {segments} segment(s), beyond what one carries; "
                 f"raise flexible.{name}.segments."
+            )
+        if m.fastest > FASTEST:
+            said.append(
+                f"{name}: the fastest of its shapes carries {_percent(m.fastest)} of its elastic "
+                "kinetic energy, so that those left out matter too; raise the number of shapes "
+                f"in flexible.{name}.basis (internal, elements or modes)."
             )
         if not second and m.speed > SPEED:
             grows = "" if m.when is None else f" and it runs away from t = {m.when:.4g} s on"

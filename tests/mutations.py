@@ -43,6 +43,19 @@ basis.FlexibleBody.rows = rows
 """,
         ["tests/verification/test_beams.py", "tests/hard/test_scales.py"],
     ),
+    "bend-twist coupling off: two bendings do not twist": (
+        """
+import pinflex.basis as basis
+plain = basis.FlexibleBody.rows
+def rows(self, x):
+    Phi, G = plain(self, x)
+    if G is not None and len(G) > 5:
+        G = G.copy(); G[5] = 0.0
+    return Phi, G
+basis.FlexibleBody.rows = rows
+""",
+        ["tests/unit/test_expansion.py", "tests/verification/test_elastica.py"],
+    ),
     "gyroscopic terms off: velocities make no force": (
         """
 import pinocchio as pin, numpy as np

@@ -62,3 +62,32 @@ def test_the_speed_monitor_is_the_speed_over_the_first_frequency(tmp_path: Path)
     assert len(said) == 1
     assert "0.28 of its first frequency" in said[0]  # 1/3.516
     assert "runs away" not in said[0]
+
+
+def test_the_fastest_shape_says_whether_the_basis_suffices(tmp_path: Path) -> None:
+    """Shaken at 35 rad/s, where two end shapes have a resonance and the beam (22.0, 61.7) none."""
+    shake = pf.harmonic(joints={"beam_joint": 1e-3}, frequency=35 / (2 * np.pi))
+    shares = []
+    for internal in (0, 3):
+        plain = arm(tmp_path, "force: [0, 0, 0]")
+        m = pf.load(plain.description.path, [f"flexible.beam.basis.internal={internal}"])
+        r = pf.solve(m, shake, level="coupled", until=2.0, dt=2e-3, samples=201)
+        shares.append(r.meta["monitors"]["beam"]["fastest"])
+        said = [w for w in r.meta["warnings"] if "flexible.beam.basis" in w]
+        assert len(said) == (1 if internal == 0 else 0)
+    # The second of two modes answers, 0.99; the fifth of five does not, 1e-9.
+    assert shares[0] > 0.9
+    assert shares[1] < 1e-6
+
+
+@pytest.mark.parametrize("level", ["quasistatic", "ked", "coupled"])
+def test_every_flexible_result_has_its_monitors(level: str) -> None:
+    r = pf.solve(pf.load("race_r2"), level=level, until=0.02, dt=1e-3, samples=5)
+    assert set(r.meta["monitors"]) == set(r.links)
+    for found in r.meta["monitors"].values():
+        numbers = [found[k] for k in ("deflection", "rotation", "speed", "compression", "fastest")]
+        assert np.all(np.isfinite(numbers))
+        assert np.all(np.array(numbers) >= 0)
+    assert r.meta["energy_balance"] >= 0
+    # A linear run opens the loops by the square of its deflection.
+    assert r.worst_closure < 1e-5
