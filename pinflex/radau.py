@@ -129,7 +129,7 @@ class Stages:
         if self.drive is None:
             a[:, self.motors] = path.acceleration
         turn, change = np.zeros((m.s, len(v))), np.zeros((m.s, len(v)))
-        previous, drift = 0.0, (h * m.c)[:, None] * v
+        previous, drift, fresh = 0.0, (h * m.c)[:, None] * v, -1
         for iteration in range(_MAX_ITERATIONS):
             v_s = v + h * (m.A @ a)
             if self.drive is None:
@@ -142,6 +142,7 @@ class Stages:
             if newton.stale:
                 k = m.s // 2
                 newton.refresh(y_s[k], v_s[k], a[k], lam[k])
+                fresh = iteration
             if newton.h != h:
                 newton.factor(h)
             r = self.stacked.residual(y_s, v_s, a, lam, t)
@@ -157,17 +158,20 @@ class Stages:
             # Displacements count: the accelerations of fast modes are noise.
             change[:, free] = (h * h) * dz
             if not iteration:
-                reach = max(self.scale, self._size(move + change + self._elastic(y)))
+                reach = self._reach(move + change + self._elastic(y))
             size = self._size(change)
             if not np.isfinite(size):
                 raise StepFailed
             rate = size / max(previous, 1e-300) if iteration else 1.0
             left = size * rate / (1.0 - rate) if rate < 0.9 else np.inf
-            goal = max(_NEWTON * min(self.resolution, _COARSE) * reach, 1e-300)
-            if left <= goal and np.abs(self.stacked.c).max(initial=0.0) < _OPEN:
+            goal = _NEWTON * min(self.resolution, _COARSE) * reach
+            small = left <= goal or (iteration > 0 and size < 0.1 * goal)  # round-off has no rate
+            if small and np.abs(self.stacked.c).max(initial=0.0) < _OPEN:
                 break
-            if (iteration >= 2 and rate > 0.5) or size > 1e3 * reach:
-                raise StepFailed
+            if (iteration >= fresh + 2 and rate > 0.5) or size > 1e3 * reach:
+                if fresh >= 0 or size > reach:
+                    raise StepFailed
+                newton.stale = True  # perhaps the tangent has only aged
             previous = size
         else:
             raise StepFailed
@@ -176,10 +180,19 @@ class Stages:
         if self.drive is None:
             torque = torque + newton.motor_forces(da, dv, change[:, free], dlam)
         v_s[:, free] += dv
-        self.scale = max(self.scale, self._size(move + self._elastic(y)))
-        coarse = self._size((m.last @ move)[None]) / max(self.scale, 1e-300)
+        self.scale = self._reach(move + self._elastic(y))
+        coarse = self._size((m.last @ move)[None]) / self.scale
         power = self._power(v_s, torque)
         return Step(start, h, move + change, turn, a, lam, torque, power, coarse, path)
+
+    def _reach(self, moves: Array) -> float:
+        """Largest displacement so far, moves (k, nv) included: what errors are relative to.
+
+        At least so large that Newton need not go below 1e-14 m or rad in every coordinate.
+        """
+        M = self.newton.M[self.measured, self.measured]
+        least = 1e-14 * float(np.sqrt(np.trace(M))) / (_NEWTON * min(self.resolution, _COARSE))
+        return max(self.scale, self._size(moves), least, 1e-300)
 
     def _predict(self, start: Start, h: float, last: Step | None) -> tuple[Array, Array]:
         m = self.method

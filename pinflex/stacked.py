@@ -25,7 +25,7 @@ class Stacked:
     def __init__(self, dynamics: Dynamics, size: int) -> None:
         system = dynamics.system
         self.dynamics, self.size = dynamics, size
-        self.plain = not (dynamics.loaded or dynamics.slides) and dynamics.push is None
+        self.plain = not (dynamics.loaded or system.closed.contacts) and dynamics.push is None
         nV, rows = int(dynamics.model.nv), system.closed.n
         self._blocks = system.expansion.blocks
         self._rigid = int(system.rigid.nq), int(system.rigid.nv)

@@ -80,8 +80,6 @@ def disagreement(system: System, home: Array, size: int) -> tuple[float, float]:
 def test_stages_together_are_stages_one_by_one(name: str, which: str, size: int) -> None:
     # 50 modes would prove nothing that 8 do not, at 20 times the cost.
     m = pf.load(name, ["flexible.beam.basis.modes=8"] if name == "prprp" else [])
-    if name == "prprp" and which == "rigid":
-        pytest.xfail("stacked.py drops the sleeve of a rigid system (Dynamics.slides is false)")
     system, home = (m.rigid, m.home) if which == "rigid" else (m.flexible, m.undeformed())
     force, gap = disagreement(system, home, size)
     assert force < ROUNDING
