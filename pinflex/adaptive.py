@@ -29,6 +29,8 @@ def integrate(
     t: Array,
     breaks: Sequence[float],
     resolution: float,
+    scale: float = 0.0,
+    pilot: bool = False,
     method: Collocation | None = None,
     drive: TorqueDrive | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -44,6 +46,9 @@ def integrate(
         resolution: What the last Legendre coefficient of a step's displacement may be, relative
             to the largest displacement so far. In a vibration the error that a step adds is about
             half the square of it for each radian.
+        scale: Largest displacement of the run, known from a coarser one (its `settings`); without
+            it what rings faintly at the start holds the run up.
+        pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
         method: Default: five stages.
         drive: None prescribes the motors; else they get a torque.
         progress: Called with (samples done, samples).
@@ -54,6 +59,7 @@ def integrate(
     """
     method = method or radau(STAGES)
     stages = Stages(mechanism, dynamics, path, resolution, method, drive)
+    stages.scale = scale
     record = _Record(dynamics, t)
     span = float(t[-1] - t[0])
     stops = [b for b in sorted(set(breaks)) if t[0] < b < t[-1] - _SHORTEST * span] + [float(t[-1])]
@@ -69,6 +75,7 @@ def integrate(
         settings: dict[str, object] = {
             "integrator": "radau",
             "stages": method.s,
+            "scale": stages.scale,
             "dt": (now.t - float(t[0])) / max(counts["steps"], 1),
         }
         return record.run({k: float(n) for k, n in cost.items()}, settings, stopped)
@@ -90,7 +97,7 @@ def integrate(
             continue
         # The coefficient falls with the power s of the step.
         factor = 0.9 * (resolution / max(step.coarseness, 1e-300)) ** (1.0 / method.s)
-        if step.coarseness > resolution:
+        if step.coarseness > resolution and not (pilot and counts["steps"] == 0):
             # What a shorter step does not show less of is round-off, or rings far too fast.
             if step.coarseness < 0.5 * refused:
                 refused = step.coarseness

@@ -84,13 +84,25 @@ class Scene:
             raise
         return thin(run, every)
 
-    def resolved(self, t: Array, resolution: float, progress: Progress | None = None) -> Run:
-        """The run at samples t by collocation (level coupled); see `adaptive.integrate`."""
+    def resolved(
+        self,
+        t: Array,
+        resolution: float,
+        progress: Progress | None = None,
+        coarser: Run | None = None,
+        pilot: bool = False,
+    ) -> Run:
+        """The run at samples t by collocation (level coupled); see `adaptive.integrate`.
+
+        A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
+        """
+        scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
         dynamics, drive = Dynamics(self._system), self._drive(t)
         path = self._path(t)
         return adaptive.integrate(
             self.mechanism, dynamics, self._start(dynamics, path(t[:1])), path, t,
-            breaks(self.motion, dynamics.system.loads), resolution, drive=drive, progress=progress,
+            breaks(self.motion, dynamics.system.loads), resolution, scale, pilot,
+            drive=drive, progress=progress,
         )  # fmt: skip
 
     @property

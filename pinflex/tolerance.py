@@ -40,17 +40,21 @@ def within(scene: Scene, t: Array, tol: float, progress: Progress | None = None)
     if by_steps or scene.control is not None:
         # Errors of a step of 1/40 of a period are near 1e-3.
         first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
-        return _refine(scene, t, tol, lambda dt: scene.stepped(t, dt, progress), first, 2.0, 3.0)
+        return _refine(scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0)
+
     # In a smooth motion a refinement brings more; a faint vibration that two runs both leave
     # unresolved makes them agree better than they should, so that less is trusted.
-    return _refine(scene, t, tol, lambda r: scene.resolved(t, r, progress), 4.0 * tol, 4.0, 2.0)
+    def attempt(resolution: float, coarser: Run | None) -> Run:
+        return scene.resolved(t, resolution, progress, coarser, pilot=coarser is None)
+
+    return _refine(scene, t, tol, attempt, 4.0 * tol, 4.0, 2.0)
 
 
 def _refine(
     scene: Scene,
     t: Array,
     tol: float,
-    attempt: Callable[[float], Run],
+    attempt: Callable[[float, Run | None], Run],
     first: float,
     ratio: float,
     gain: float,
@@ -61,7 +65,7 @@ def _refine(
     coarse: Run | None = None
     for _ in range(_ROUNDS + 1):
         try:
-            fine = attempt(size)
+            fine = attempt(size, coarse)
         except ConvergenceError:
             # Where steps that are too long break off, shorter ones may pass.
             failures += 1
