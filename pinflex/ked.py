@@ -80,7 +80,7 @@ def solve_ked(
     v, a = np.zeros((nt, nv)), np.zeros((nt, nv))
     v[:, :m], a[:, :m] = path.v, path.a
     torque = np.empty((nt, len(motors)))
-    line = _Line(mechanism, path, v.copy(), a.copy(), structural)
+    line = Line(mechanism, path, v.copy(), a.copy(), structural)
     start = np.zeros(nv)
     if static:
         start[free] = _static_deviation(line.free(0))
@@ -131,7 +131,7 @@ class _Here:
     base: Array
 
 
-class _Line:
+class Line:
     """The linear system along the nominal motion, step by step; the last few are kept."""
 
     def __init__(
