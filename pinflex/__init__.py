@@ -11,6 +11,7 @@ Quantities are SI, angles radians, arrays time-first. Notation: q rigid coordina
 ones, y = (q, eta), lam closure multipliers.
 """
 
+from pinflex.advise import Advice, advise
 from pinflex.comparison import comparison
 from pinflex.control import Control, Deflection, Effort, Travel, Voltage, pid
 from pinflex.errors import (
@@ -48,6 +49,7 @@ from pinflex.view import view
 
 __all__ = [
     "LEVELS",
+    "Advice",
     "AssemblyError",
     "Control",
     "ConvergenceError",
@@ -65,6 +67,7 @@ __all__ = [
     "SingularityError",
     "Travel",
     "Voltage",
+    "advise",
     "circle",
     "comparison",
     "cycloid",

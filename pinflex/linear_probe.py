@@ -34,15 +34,15 @@ _KNOTS = 80  # intervals to begin with: cubics follow an eightieth of a cycloid 
 _MOST_KNOTS = 640
 _ROUGH = 1e-2  # of the largest acceleration: where interpolation is off by more, more knots
 _PERIOD = 20  # steps for each period of the third mode: amplitudes within 1 %
-_MOST = 1280  # steps: more would cost as much as the run that is to be saved
+_MOST = 640  # steps: more would cost as much as the run that is to be saved
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """The linear system at the knots, entries of one instant in one row.
+    """The linear system at the knots.
 
     Attributes:
-        packed: M, C, K, r, J, r's and J's of all coordinates: shape (knots, size).
+        packed: Entries of M, C, K, r and J, one instant in one row, shape (knots, size).
         n, rows: Coordinates and closure rows.
     """
 
@@ -62,7 +62,9 @@ class Loaded:
         flat = weights @ self.packed[index : index + 4]
         M, C, K, r, J = np.split(flat, np.cumsum([n * n, n * n, n * n, n]))
         square = (n, n)
-        return Instant(M.reshape(square), C.reshape(square), K.reshape(square), r, J.reshape(rows, n))
+        return Instant(
+            M.reshape(square), C.reshape(square), K.reshape(square), r, J.reshape(rows, n)
+        )
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,9 @@ class Probe:
         s, Bt = self.stack, B.T
         J = s["J"] @ B
         rows = _independent(J[0])
-        system = Loaded.of(Bt @ s["M"] @ B, Bt @ s["C"] @ B, Bt @ s["K"] @ B, s["r"] @ B, J[:, rows])
+        system = Loaded.of(
+            Bt @ s["M"] @ B, Bt @ s["C"] @ B, Bt @ s["K"] @ B, s["r"] @ B, J[:, rows]
+        )
         reduced = None if load is None else load @ B
 
         def at(k: int) -> Instant:
@@ -252,7 +256,9 @@ class Probe:
             ConvergenceError: There is none.
         """
         dynamics, system = self.dynamics, self.system
-        d, torque, lam = [], [], None
+        d: list[Array] = []
+        torque: list[Array] = []
+        lam = np.zeros(system.closed.n)
         for k in range(0, self.steps, self.stride):
             dynamics.loads.time = float(self.t[k])
             flat = np.concatenate([self.path.q[k], np.zeros(system.n_eta)])
@@ -314,13 +320,13 @@ def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
             continue
         body = parts[slot.link].bodies[place]
         if body.solid is not None:
-            T = np.eye(slot.body.n)
+            T: Array = np.eye(slot.body.n)
         else:
             x = np.linspace(0.0, body.length, 4 * slot.body.n + 2)[1:]
             large, small = (
                 np.vstack([b.rows(float(at))[0] for at in x]) for b in (slot.body, body)
             )
-            T = np.linalg.lstsq(large, small, rcond=None)[0]
+            T = np.asarray(np.linalg.lstsq(large, small, rcond=None)[0])
         part = np.zeros((system.nv, T.shape[1]))
         part[m:][slot.eta] = T
         columns.append(part)
