@@ -169,7 +169,11 @@ class _Study:
             return replace(self.plain, why=why, notes=tuple(self.notes))
         level, why = self._choose(levels, seconds)
         error, tol = levels[level], self.tol
-        found = replace(self.plain, level=level, error=error, levels=levels, why=why)
+        n = (mechanism.flexible.n_eta, self.rich.flexible.n_eta)
+        found = replace(
+            self.plain, level=level, error=error, levels=levels, why=why,
+            coordinates=(*n, 0 if level == "rigid" else n[0]),
+        )  # fmt: skip
         if level != "coupled" and level != "ked":
             found = replace(found, run_tol=None)
         if level != "rigid" and not fixed:
@@ -185,7 +189,7 @@ class _Study:
             found = replace(
                 found, error=error, left_out=small.tried,
                 overrides=fewer.overrides(mechanism, small.parts),
-                coordinates=(mechanism.flexible.n_eta, self.rich.flexible.n_eta, small.coordinates),
+                coordinates=(*n, small.coordinates),
             )  # fmt: skip
         return replace(found, notes=tuple(self.notes))
 
@@ -265,7 +269,14 @@ class _Study:
         return "coupled", why
 
     def _doubts(self) -> list[str]:
+        """What weakens the probes themselves, in sentences."""
         probe, said = self.probe, []
+        linear = [link for link, part in self.rich.parts.items() if not part.spec.second_order]
+        if linear:
+            said.append(
+                f"second_order is off in {', '.join(linear)}: what it brings is not in the error "
+                "bars"
+            )
         if probe.rough > 1e-2:
             said.append(
                 f"the motion has corners: interpolation misses {100 * probe.rough:.0f} % of its "

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.drive import breaks
 from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError
 from pinflex.integrators import generalized_alpha
@@ -88,6 +89,8 @@ class Probe:
             self.stride = -(-steps // self.knots)
             self.t = np.linspace(0.0, end, self.knots * self.stride + 1)
             self.path = nominal(mechanism, motion, self.t)
+            inside = [b for b in breaks(motion, self.system.loads) if b < end]
+            self.corners = np.array([0.0, *inside, end]) / end * self.knots
             self.rough = self._roughness()
             if self.rough < _ROUGH or self.knots >= _MOST_KNOTS:
                 break
@@ -116,9 +119,18 @@ class Probe:
         return len(self.t)
 
     def weights(self, k: int) -> tuple[int, Array]:
-        """First of four knots around a step, and their weights: cubic interpolation."""
-        i = min(max(k // self.stride - 1, 0), self.knots - 3)
-        s = k / self.stride - i
+        """First of four knots around a step, and their weights: cubic interpolation.
+
+        Where a piece of the motion or of a load ends, the four are of one side of it.
+        """
+        x = k / self.stride
+        here = int(np.searchsorted(self.corners, x - 1e-9))
+        low, high = self.corners[max(here - 1, 0)], self.corners[max(here, 1)]
+        i = int(np.floor(x)) - 1
+        if np.floor(high + 1e-9) - np.ceil(low - 1e-9) >= 3:
+            i = int(min(max(i, np.ceil(low - 1e-9)), np.floor(high + 1e-9) - 3))
+        i = min(max(i, 0), self.knots - 3)
+        s = x - i
         w = np.array([
             -(s - 1) * (s - 2) * (s - 3) / 6, s * (s - 2) * (s - 3) / 2,
             -s * (s - 1) * (s - 3) / 2, s * (s - 1) * (s - 2) / 6,
