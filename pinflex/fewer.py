@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pinflex import solid_keys
-from pinflex.errors import ConvergenceError, DescriptionError, SceneError
+from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.linear_probe import Probe, subspace
 from pinflex.mechanism import Mechanism, load
 from pinflex.parts import FlexiblePart, resolve
@@ -70,12 +70,14 @@ def richer(mechanism: Mechanism) -> tuple[Mechanism, str]:
         if (size := _size(part)) is not None:
             changes.append(f"flexible.{part.link}.basis.{size[0]}={size[1] + 1}")
     try:
-        rich = load(mechanism.description, changes)
-    except SceneError as error:
-        return mechanism, f"planes and modes were not tried: {error}"
-    if (n := rich.flexible.n_eta) > _LARGEST:
-        return mechanism, f"planes and modes were not tried: that model has {n} coordinates"
-    return rich, ""
+        description = mechanism.description.with_overrides(changes)
+        parts = resolve(description, mechanism.links)
+        n = sum(body.n for part in parts.values() for body in part.bodies)
+        if n > _LARGEST:
+            return mechanism, f"planes and modes were not tried: that model has {n} coordinates"
+        return load(description), ""
+    except PinflexError as failed:
+        return mechanism, f"planes and modes were not tried: {failed}"
 
 
 def smaller(rich: Mechanism, probe: Probe, outputs: Outputs, whole: Run, room: float) -> Smaller:
