@@ -105,12 +105,17 @@ def advise(
             raise DescriptionError(f"asked: {name}: no such output.{nearest(name, ASKED)}")
     if not 1e-6 <= tol <= 0.1:
         raise DescriptionError(f"tol: {tol}. Give a relative error, 1e-6 to 0.1.")
+    stepless = ("solve.dt=null",) if spec.dt is not None else ()  # beside tol it is refused
     n = mechanism.flexible.n_eta
     plain = Advice(mechanism.name, tol, asked, run_tol=tol / 4, coordinates=(n, n, n),
                    error=dict.fromkeys(asked, tol / 2))  # fmt: skip
+    if any(mechanism.description.system_damping):
+        why = "damping.scope: system is known to ked only; no error bar can be had"
+        unknown = dict.fromkeys(asked, np.inf)
+        return replace(plain, level="ked", error=unknown, why=why, overrides=stepless)
     only = _only_coupled(mechanism)
     if only:
-        return replace(plain, why=only)
+        return replace(plain, why=only, overrides=stepless)
     if not n:
         exact = dict.fromkeys(asked, 0.0)
         return replace(plain, level="rigid", run_tol=None, error=exact, why="no link is flexible")
@@ -120,6 +125,8 @@ def advise(
     with threadpool_limits(limits=1, user_api="blas"):
         found = _Study(rich, motion, end, plain).advice(mechanism, fixed)
     notes = (note, *found.notes) if note else found.notes
+    if found.run_tol is not None:
+        found = replace(found, overrides=(*found.overrides, *stepless))
     return replace(found, notes=notes, seconds=time.perf_counter() - began)
 
 
@@ -137,6 +144,8 @@ def solve_advised(
     found = advise(mechanism, motion, tol=wanted, asked=asked, until=until, fixed=True)
     if found.run_tol is not None:
         options |= {"tol": found.run_tol, "asked": found.asked}
+        spec = replace(mechanism.description.solve, dt=None)
+        mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
     result = solve(mechanism, motion, found.level, **options)
     return replace(result, meta={**result.meta, "advice": plain(found)})
 
@@ -186,7 +195,7 @@ class _Study:
             self.plain, level=level, error=error, levels=levels, why=why,
             coordinates=(*n, 0 if level == "rigid" else n[0]),
         )  # fmt: skip
-        if level != "coupled" and level != "ked":
+        if level != "coupled":
             found = replace(found, run_tol=None)
         if level != "rigid" and not fixed:
             room = tol / 2 if worst(error) > tol / 2 else tol - worst(error)
@@ -265,8 +274,6 @@ class _Study:
         why = f"error bars: rigid {rigid:.2g}, quasistatic {still:.2g}, ked {ked:.2g}"
         if rigid <= self.tol:
             return "rigid", why
-        if any(self.rich.description.system_damping):
-            return "ked", f"{why}; damping.scope: system is known to ked only"
         if still <= self.tol:
             now, then = seconds["quasistatic"], seconds["coupled"]
             if now <= then:
