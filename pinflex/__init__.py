@@ -11,6 +11,7 @@ Quantities are SI, angles radians, arrays time-first. Notation: q rigid coordina
 ones, y = (q, eta), lam closure multipliers.
 """
 
+from pinflex.advise import Advice, advise
 from pinflex.comparison import comparison
 from pinflex.control import Control, Deflection, Effort, Travel, Voltage, pid
 from pinflex.errors import (
@@ -53,6 +54,7 @@ from pinflex.view import view
 
 __all__ = [
     "LEVELS",
+    "Advice",
     "AssemblyError",
     "Control",
     "ConvergenceError",
@@ -71,6 +73,7 @@ __all__ = [
     "Travel",
     "UnstableWarning",
     "Voltage",
+    "advise",
     "circle",
     "comparison",
     "cycloid",

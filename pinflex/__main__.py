@@ -1,4 +1,4 @@
-"""The command line: `pinflex check | modes | solve | compare | sweep | map | view | verify`.
+"""The command line: `pinflex check | modes | advise | solve | compare | sweep | map | view ...`.
 
 Exit codes: 0 done, 1 the scene cannot be solved, 2 bad input, 130 interrupted.
 """
@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, NoReturn
 
-from pinflex import batch_arguments
+from pinflex import advise_command, batch_arguments
 from pinflex.errors import DescriptionError, PinflexError
 
 _ISSUES = "please report it with the model and the output of --debug"
@@ -133,6 +133,8 @@ otherwise.""",
         help="write a figure of the frequencies along the motion (.png, .pdf, .svg)",
     )
 
+    advise_command.add(partial(_command, commands), _positive, _names)
+
     p = _command(
         commands,
         "solve",
@@ -143,7 +145,7 @@ run that stops early is saved up to its last good step.""",
         "pinflex solve 3rrr --level coupled --dt 1e-4 -o run.npz\n"
         "  pinflex solve arm.yaml --set flexible.*.section.thickness=1e-3 --csv run.csv",
     )
-    p.add_argument("--level", help="rigid, quasistatic, ked or coupled (default: the YAML's)")
+    p.add_argument("--level", help="rigid, quasistatic, ked, coupled or auto (default: the YAML's)")
     p.add_argument("--until", type=_positive, metavar="S", help="end time in s")
     step = p.add_mutually_exclusive_group()
     step.add_argument("--dt", type=_positive, metavar="S", help="largest step in s")
@@ -270,6 +272,7 @@ examples:
   pinflex compare 3rrs                 torques, deviation, stress, animation in ./3rrs-compare
   pinflex check 3rrr                   what was understood of the model
   pinflex modes ur5 --count 6          natural frequencies
+  pinflex advise race_r1 --tol 0.02    what the scene needs for that
   pinflex solve 3rrr -o run.npz        one run
   pinflex sweep ur5 --set flexible.*.material.E=5e10:9e10:5 --out table.csv
   pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png

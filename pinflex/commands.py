@@ -255,6 +255,13 @@ def map_poses(args: argparse.Namespace) -> int:
     return batch_commands.map_poses(args)
 
 
+def advise(args: argparse.Namespace) -> int:
+    """What a scene needs for a tolerance."""
+    from pinflex import advise_command
+
+    return advise_command.run(args)
+
+
 def verify(args: argparse.Namespace) -> int:
     """Published benchmarks on this machine."""
     from pinflex.verify import command

@@ -80,7 +80,7 @@ def solve_ked(
     v, a = np.zeros((nt, nv)), np.zeros((nt, nv))
     v[:, :m], a[:, :m] = path.v, path.a
     torque = np.empty((nt, len(motors)))
-    line = _Line(mechanism, path, v.copy(), a.copy(), structural)
+    line = Line(mechanism, path, v.copy(), a.copy(), structural)
     start = np.zeros(nv)
     if static:
         start[free] = _static_deviation(line.free(0))
@@ -124,14 +124,14 @@ def _spread(x: Array, rows: IntArray, nv: int) -> Array:
 
 
 @dataclass(frozen=True)
-class _Here:
+class Here:
     """All rows of the system at one step, and the multipliers of the rigid motion."""
 
     instant: Instant
     base: Array
 
 
-class _Line:
+class Line:
     """The linear system along the nominal motion, step by step; the last few are kept."""
 
     def __init__(
@@ -143,20 +143,21 @@ class _Line:
         self.structure = structural_stiffness(self.dynamics)
         self.structural = structural
         self.straight = np.zeros(mechanism.flexible.n_eta)
-        self.kept: dict[int, tuple[_Here, Instant]] = {}
+        self.kept: dict[int, tuple[Here, Instant]] = {}
 
     def flat(self, k: int) -> Array:
         """The undeformed pose of step k."""
         return np.concatenate([self.path.q[k], self.straight])
 
-    def full(self, k: int) -> _Here:
+    def full(self, k: int) -> Here:
+        """The system in all coordinates."""
         return self._at(k)[0]
 
     def free(self, k: int) -> Instant:
         """The system in the free coordinates."""
         return self._at(k)[1]
 
-    def _at(self, k: int) -> tuple[_Here, Instant]:
+    def _at(self, k: int) -> tuple[Here, Instant]:
         if k not in self.kept:
             while len(self.kept) > 5:  # mode superposition looks three steps around
                 self.kept.pop(min(self.kept, key=lambda j: -abs(j - k)))
@@ -167,7 +168,7 @@ class _Line:
             self.kept[k] = here, part
         return self.kept[k]
 
-    def _evaluate(self, k: int) -> _Here:
+    def _evaluate(self, k: int) -> Here:
         dynamics, system = self.dynamics, self.dynamics.system
         y, v, a = self.flat(k), self.v[k], self.a[k]
         dynamics.loads.time = float(self.path.t[k])
@@ -180,7 +181,7 @@ class _Line:
         if alpha or beta:
             C = C + alpha * M + beta * self.structure
         J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
-        return _Here(Instant(M, C, K, r, J), base)
+        return Here(Instant(M, C, K, r, J), base)
 
 
 def _rigid_multipliers(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:

@@ -59,7 +59,9 @@ def solve(
     Args:
         mechanism: From `load`.
         motion: Default: the motion of the YAML.
-        level: rigid, quasistatic, ked or coupled; default: the YAML's.
+        level: rigid, quasistatic, ked or coupled; default: the YAML's. auto: the one that
+            `advise` proposes for `tol` (default 1e-2), with the links as they are; the result's
+            meta["advice"] says why.
         until: End time in s; default: the YAML's, or the motion's duration.
         dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
         samples: Number of output times; default 401.
@@ -75,6 +77,13 @@ def solve(
         DescriptionError: An unknown level or option.
         MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
     """
+    if level == "auto":
+        from pinflex.advise import solve_advised
+
+        return solve_advised(
+            mechanism, motion, until=until, dt=dt, samples=samples, control=control,
+            progress=progress, **options,
+        )  # fmt: skip
     tolerance = options.pop("tolerance", None)
     spec = _spec(mechanism, level, until, dt, samples, options)
     motion = motion if motion is not None else default_motion(mechanism)

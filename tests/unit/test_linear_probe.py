@@ -1,0 +1,74 @@
+"""The cheap look at a flexible motion: what it interpolates, corrects and leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.integrators import generalized_alpha
+from pinflex.ked import solve_ked
+from pinflex.linear_march import alpha
+from pinflex.linear_probe import Probe, subspace
+from pinflex.parts import resolve
+from pinflex.solve import default_motion
+
+
+@pytest.fixture(scope="module")
+def robot() -> pf.Mechanism:
+    """A planar arm of three loops whose links stretch, so that its platform moves."""
+    return pf.load("race_r1", ["flexible.*.axial=true", "flexible.*.basis.internal=3"])
+
+
+@pytest.fixture(scope="module")
+def probe(robot) -> Probe:
+    return Probe(robot, default_motion(robot), 0.2, static=False)
+
+
+def largest(a: np.ndarray) -> float:
+    return float(np.max(np.abs(a)))
+
+
+def test_interpolated_matrices_give_the_vibration_of_level_ked(robot, probe):
+    scheme = generalized_alpha(0.8)
+    run = solve_ked(robot, default_motion(robot), probe.t, lambda *x: alpha(scheme, *x))
+    fast = probe.linear(probe.march())
+    # Cubics through 80 intervals of a cycloid that ends in the middle of the run, where the
+    # third derivative of the motion jumps.
+    assert largest(fast.torque - run.torque) < 1e-3 * largest(run.torque)
+    n = robot.rigid.nq
+    assert largest((fast.y - run.y)[:, n:]) < 1e-3 * largest(run.y[:, n:])
+
+
+def test_each_correction_closes_the_loops_and_balances_the_forces_better(robot, probe):
+    """The defect of the full equations falls at least fivefold each time."""
+    found, sizes, gaps = probe.march(), [], []
+    for _ in range(3):
+        left, p = probe._defect(found, probe._closers(np.eye(robot.flexible.nv)))
+        passive = left[:, robot.flexible.free]
+        sizes.append(largest(passive))
+        gaps.append(largest(p[0]))
+        found = probe.corrected(found)
+    assert sizes[1] < 0.2 * sizes[0] and sizes[2] < 0.2 * sizes[1]
+    assert gaps[1] < 0.2 * gaps[0]
+
+
+def test_fewer_shapes_are_a_subspace_of_more(robot):
+    small = robot.description.with_overrides(["flexible.*.basis.internal=1"])
+    parts = resolve(small, robot.links)
+    B = subspace(robot.flexible, parts)
+    m = robot.rigid.nv
+    slot = robot.flexible.expansion.slots[0]
+    few = parts[slot.link].bodies[0]
+    first = B[m:][slot.eta][:, len(robot.flexible.free[robot.flexible.free < m]) :][:, : few.n]
+    # Polynomials of a lower degree are polynomials of a higher one.
+    for x in (0.3, 0.7, 1.0):
+        at = x * few.length
+        assert np.allclose(slot.body.rows(at)[0] @ first, few.rows(at)[0], atol=1e-9)
+
+
+def test_a_rigid_link_has_no_columns(robot):
+    parts = dict(robot.parts)
+    gone = parts.pop("distal_1")
+    every = subspace(robot.flexible, robot.parts)
+    assert subspace(robot.flexible, parts).shape[1] == every.shape[1] - gone.bodies[0].n
