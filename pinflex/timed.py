@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -70,13 +70,23 @@ class Scene:
         )  # fmt: skip
         return thin(run, every)
 
-    def resolved(self, t: Array, resolution: float, progress: Progress | None = None) -> Run:
-        """The run at samples t by collocation (level coupled); see `adaptive.integrate`."""
+    def resolved(
+        self,
+        t: Array,
+        resolution: float,
+        progress: Progress | None = None,
+        stops: Sequence[float] = (),
+    ) -> Run:
+        """The run at samples t by collocation (level coupled); see `adaptive.integrate`.
+
+        A step ends at each of `stops` (s): an early one makes the first steps short.
+        """
         dynamics, drive = Dynamics(self._system), self._drive(t)
         path = self._path(t)
         return adaptive.integrate(
             self.mechanism, dynamics, self._start(dynamics, path(t[:1])), path, t,
-            breaks(self.motion, dynamics.system.loads), resolution, drive=drive, progress=progress,
+            [*breaks(self.motion, dynamics.system.loads), *stops], resolution, drive=drive,
+            progress=progress,
         )  # fmt: skip
 
     @property
