@@ -88,7 +88,7 @@ def advice(found: Bench) -> str:
             last = point
     if not parts:
         return "No case keeps every output within 0.1: refine the model, or look at the errors."
-    return f"For an error of every output within {'; '.join(parts)}."
+    return f"An error of every output within {'; within '.join(parts)}."
 
 
 def _json(found: Bench) -> dict[str, object]:
