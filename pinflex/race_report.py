@@ -20,7 +20,7 @@ fresh processes, the two sides in turn; in a process of pinflex the second call 
 imports it needs, is the column `first`). CPU seconds are what is compared: wall time on a busy
 machine says who else was there.
 
-`tol` is `solve(..., tol=)` as a user would call it, which needs no tuning; `radau` and `alpha` are
+`tol` is `solve(..., tol=)` with the largest tol that meets the error; `radau` and `alpha` are
 tuned by hand, as the peer is, by one rule for all: from coarse to fine, a setting counts if it and
 the next finer one meet the error. The peer's refined run against the reference says how far both
 models are the same physics; where that is above the error asked for, 1.2 times it is the limit.
