@@ -1,4 +1,4 @@
-"""The command line: `pinflex check | modes | advise | solve | compare | sweep | map | view ...`.
+"""The command line: `pinflex check | modes | advise | solve | compare | sweep | map | bench ...`.
 
 Exit codes: 0 done, 1 the scene cannot be solved, 2 bad input, 130 interrupted.
 """
@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, NoReturn
 
-from pinflex import advise_command, batch_arguments
+from pinflex import advise_command, batch_arguments, bench_arguments
 from pinflex.errors import DescriptionError, PinflexError
 
 _ISSUES = "please report it with the model and the output of --debug"
@@ -178,6 +178,7 @@ the others.""",
     )
 
     batch_arguments.add(partial(_command, commands), _count)
+    bench_arguments.add(partial(_command, commands))
 
     p = _command(
         commands,
@@ -276,6 +277,7 @@ examples:
   pinflex solve 3rrr -o run.npz        one run
   pinflex sweep ur5 --set flexible.*.material.E=5e10:9e10:5 --out table.csv
   pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png
+  pinflex bench 3rrs                   which level, modes and step buy which error
   pinflex view run.npz                 its animation
   pinflex verify                       published benchmarks on this machine
 

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from pinflex import fewer
-from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, nearest
 from pinflex.fewer import SAFETY, Errors, LeftOut, worst
 from pinflex.linear_probe import Probe
@@ -161,24 +160,15 @@ def _only_coupled(mechanism: Mechanism) -> str:
     return ""
 
 
-class _Outputs(Outputs):
-    """The outputs of a probe's runs, on its own workspace: a new one is dear in large models."""
-
-    def __init__(self, probe: Probe, motion: Motion, asked: Sequence[str]) -> None:
-        super().__init__(probe.mechanism, motion, probe.t, asked)
-        self.dynamics = probe.dynamics
-
-    def _poses(self, run: Run) -> tuple[Array, Array]:
-        return self._of_frame(self.dynamics, run.y[self._keep])
-
-
 class _Study:
     """The probes of one scene."""
 
     def __init__(self, rich: Mechanism, motion: Motion, end: float, plain: Advice) -> None:
         self.rich, self.motion, self.plain, self.tol = rich, motion, plain, plain.tol
         self.probe = Probe(rich, motion, end, rich.description.solve.start == "static")
-        self.outputs = _Outputs(self.probe, motion, plain.asked)
+        self.outputs = Outputs(
+            self.probe.mechanism, motion, self.probe.t, plain.asked, self.probe.dynamics
+        )
         self.notes = self._doubts()
 
     def advice(self, mechanism: Mechanism, fixed: bool) -> Advice:

@@ -262,6 +262,13 @@ def advise(args: argparse.Namespace) -> int:
     return advise_command.run(args)
 
 
+def bench(args: argparse.Namespace) -> int:
+    """Work and precision on a scene, or on the race scenes."""
+    from pinflex.bench_command import command
+
+    return command(args)
+
+
 def verify(args: argparse.Namespace) -> int:
     """Published benchmarks on this machine."""
     from pinflex.verify import command

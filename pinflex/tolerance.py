@@ -97,9 +97,14 @@ class Outputs:
     """What a tolerance is about: torques, elastic coordinates and the platform's pose."""
 
     def __init__(
-        self, mechanism: Mechanism, motion: Motion, t: Array, asked: Sequence[str] = ASKED
+        self,
+        mechanism: Mechanism,
+        motion: Motion,
+        t: Array,
+        asked: Sequence[str] = ASKED,
+        dynamics: Dynamics | None = None,
     ) -> None:
-        self._asked = asked
+        self._asked, self._dynamics = asked, dynamics  # a new workspace is dear in large models
         self._mechanism, self._motion, self._t = mechanism, motion, t
         self._keep = slice(None, None, -(-len(t) // _SAMPLES))
         self._rigid: tuple[Array, Array] | None = None
@@ -108,19 +113,19 @@ class Outputs:
         """Relative difference of two runs at the same samples, by output."""
         found = {}
         if "torque" in self._asked:
-            found["torque"] = _relative(coarse.torque, fine.torque)
+            found["torque"] = relative(coarse.torque, fine.torque)
         n = int(fine.system.rigid.nq)
         if fine.system.n_eta and "deflection" in self._asked:
-            found["deflection"] = _relative(coarse.y[:, n:], fine.y[:, n:])
+            found["deflection"] = relative(coarse.y[:, n:], fine.y[:, n:])
         if not found:  # rigid links driven by torque: nothing else moves
-            found["joint speeds"] = _relative(coarse.v, fine.v)
+            found["joint speeds"] = relative(coarse.v, fine.v)
         platform = self._mechanism.description.platform is not None
         if platform and "platform" in self._asked and fine.system.n_eta:
             p, R = self._poses(coarse)
             p_fine, R_fine = self._poses(fine)
             p_rigid, R_rigid = self._rigid_poses(fine)
-            scale = np.abs(p_fine - p_rigid).max(), np.abs(_between(R_rigid, R_fine)).max()
-            apart = np.abs(p - p_fine).max(), np.abs(_between(R, R_fine)).max()
+            scale = np.abs(p_fine - p_rigid).max(), np.abs(between(R_rigid, R_fine)).max()
+            apart = np.abs(p - p_fine).max(), np.abs(between(R, R_fine)).max()
             for key, a, s in zip(("platform position", "platform rotation"), apart, scale,
                                  strict=True):  # fmt: skip
                 # Below a nanometre and a nanoradian there is no deviation to speak of.
@@ -128,19 +133,8 @@ class Outputs:
         return found
 
     def _poses(self, run: Run) -> tuple[Array, Array]:
-        dynamics = Dynamics(run.system)
-        return self._of_frame(dynamics, run.y[self._keep])
-
-    def _of_frame(self, dynamics: Dynamics, y: Array) -> tuple[Array, Array]:
-        model, data = dynamics.model, dynamics.data
-        frame = model.getFrameId(self._mechanism.description.platform, pin.FrameType.BODY)
-        p, R = np.empty((len(y), 3)), np.empty((len(y), 3, 3))
-        for k, one in enumerate(y):
-            dynamics.place(one)
-            pin.forwardKinematics(model, data, dynamics.Q)
-            pose = pin.updateFramePlacement(model, data, frame)
-            p[k], R[k] = pose.translation, pose.rotation
-        return p, R
+        dynamics = self._dynamics or Dynamics(run.system)
+        return platform_poses(self._mechanism, dynamics, run.y[self._keep])
 
     def _rigid_poses(self, run: Run) -> tuple[Array, Array]:
         """Of the rigid motion; where it is not known, the first pose of the run."""
@@ -150,16 +144,30 @@ class Outputs:
                 q = nominal(self._mechanism, self._motion, self._t[self._keep]).q
             except SceneError:
                 q = np.tile(run.y[:1, : int(run.system.rigid.nq)], (len(self._t[self._keep]), 1))
-            self._rigid = self._of_frame(dynamics, q)
+            self._rigid = platform_poses(self._mechanism, dynamics, q)
         return self._rigid
 
 
-def _relative(a: Array, b: Array) -> float:
+def platform_poses(mechanism: Mechanism, dynamics: Dynamics, y: Array) -> tuple[Array, Array]:
+    """Position (m), shape (n, 3), and rotation (n, 3, 3) of the platform at poses y (n, nq)."""
+    model, data = dynamics.model, dynamics.data
+    frame = model.getFrameId(mechanism.description.platform, pin.FrameType.BODY)
+    p, R = np.empty((len(y), 3)), np.empty((len(y), 3, 3))
+    for k, one in enumerate(y):
+        dynamics.place(one)
+        pin.forwardKinematics(model, data, dynamics.Q)
+        pose = pin.updateFramePlacement(model, data, frame)
+        p[k], R[k] = pose.translation, pose.rotation
+    return p, R
+
+
+def relative(a: Array, b: Array) -> float:
+    """Largest difference of two histories over the largest value of the second."""
     scale = float(np.max(np.abs(b), initial=0.0))
     return float(np.max(np.abs(a - b), initial=0.0)) / scale if scale > 0 else 0.0
 
 
-def _between(a: Array, b: Array) -> Array:
+def between(a: Array, b: Array) -> Array:
     """Rotation vectors from a to b, shape (n, 3): small ones, by their skew part."""
     turn = np.matmul(a.transpose(0, 2, 1), b)
     skew = turn - turn.transpose(0, 2, 1)

@@ -1,0 +1,28 @@
+"""Which points of a benchmark are worth taking, and what is said about them."""
+
+from __future__ import annotations
+
+from pinflex.bench import Bench, Case, Point
+from pinflex.bench_command import advice, write
+
+POINTS = (
+    Point(Case("rigid"), 0.1, 0.1, {"torque": 0.5}),
+    Point(Case("ked", 1e-3), 0.4, 0.4, {"torque": 0.05}),
+    Point(Case("alpha", 1e-3), 0.9, 0.9, {"torque": 0.06}),
+    Point(Case("radau", 1e-3), 0.5, 0.5, {"torque": 5e-4}),
+    Point(Case("alpha", 1e-4), 1.0, float("nan"), {}, "it diverged"),
+)
+FOUND = Bench("arm", POINTS, "coupled, radau", {"torque": 1e-6}, None)
+
+
+def test_the_pareto_set_is_what_no_other_point_beats_in_both() -> None:
+    assert [p.case.method for p in FOUND.pareto()] == ["rigid", "ked", "radau"]
+
+
+def test_the_advice_names_the_cheapest_case_for_each_error() -> None:
+    expected = "within 0.1 costs 0.4000 s by ked (dt 0.001 s); within 0.01 costs 0.5000 s by radau"
+    assert expected in advice(FOUND)
+
+
+def test_a_case_that_fails_is_named_with_its_reason() -> None:
+    assert "it diverged" in write(FOUND)
