@@ -31,6 +31,7 @@ def integrate(
     resolution: float,
     scale: float = 0.0,
     pilot: bool = False,
+    forces: bool = True,
     method: Collocation | None = None,
     drive: TorqueDrive | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -49,6 +50,7 @@ def integrate(
         scale: Largest displacement of the run, known from a coarser one (its `settings`); without
             it what rings faintly at the start holds the run up.
         pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
+        forces: Whether forces matter, or only displacements (see `Stages`).
         method: Default: five stages.
         drive: None prescribes the motors; else they get a torque.
         progress: Called with (samples done, samples).
@@ -58,7 +60,7 @@ def integrate(
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
     method = method or radau(STAGES)
-    stages = Stages(mechanism, dynamics, path, resolution, method, drive)
+    stages = Stages(mechanism, dynamics, path, resolution, method, drive, forces)
     stages.scale = scale
     record = _Record(dynamics, t)
     span = float(t[-1] - t[0])

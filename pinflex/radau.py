@@ -89,8 +89,10 @@ class Stages:
         resolution: float,
         method: Collocation,
         drive: TorqueDrive | None = None,
+        forces: bool = True,
     ) -> None:
         system = dynamics.system
+        self.by_energy = forces and dynamics.flexible
         self.dynamics, self.path, self.drive = dynamics, path, drive
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.method, self.resolution = method, resolution
@@ -190,8 +192,11 @@ class Stages:
 
         At least so large that Newton need not go below 1e-14 m or rad in every coordinate.
         """
-        M = self.newton.M[self.measured, self.measured]
-        least = 1e-14 * float(np.sqrt(np.trace(M))) / (_NEWTON * min(self.resolution, _COARSE))
+        least = (
+            1e-14
+            * float(np.sqrt(np.trace(self._weight)))
+            / (_NEWTON * min(self.resolution, _COARSE))
+        )
         return max(self.scale, self._size(moves), least, 1e-300)
 
     def _predict(self, start: Start, h: float, last: Step | None) -> tuple[Array, Array]:
@@ -229,11 +234,19 @@ class Stages:
     def _size(self, moves: Array) -> float:
         """Largest norm of displacements (k, nv): of the elastic ones, or of all if none bends.
 
-        By the mass matrix: stiff coordinates that hardly move must not dictate the step.
+        By their elastic energy where forces are asked for: stiff coordinates that hardly move may
+        carry them. Else by the mass matrix: then such coordinates must not dictate the step.
         """
         bent = moves[:, self.free][:, self.measured]
-        weighted = bent @ self.newton.M[self.measured, self.measured]
-        return float(np.sqrt(max(np.max(np.sum(weighted * bent, axis=1), initial=0.0), 0.0)))
+        return float(
+            np.sqrt(max(np.max(np.sum(bent @ self._weight * bent, axis=1), initial=0.0), 0.0))
+        )
+
+    @property
+    def _weight(self) -> Array:
+        if self.by_energy:
+            return self.dynamics.stiffness
+        return self.newton.M[self.measured, self.measured]
 
     def _power(self, v: Array, torque: Array) -> Array:
         """Power of the motors and of the damping at states, shape (s, 2)."""

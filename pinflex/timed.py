@@ -104,7 +104,7 @@ class Scene:
         return adaptive.integrate(
             self.mechanism, dynamics, self._start(dynamics, path(t[:1])), path, t,
             [*breaks(self.motion, dynamics.system.loads), *stops], resolution, scale, pilot,
-            drive=drive, progress=progress,
+            not self.spec.asked or "torque" in self.spec.asked, drive=drive, progress=progress,
         )  # fmt: skip
 
     @property

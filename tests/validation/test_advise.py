@@ -21,8 +21,9 @@ from tests.cli.small import call
 ALL = ("torque", "deflection", "platform")
 SLOW = ("motion.duration=4", "solve.until=4", "solve.start=static")
 STATIC = ("solve.start=static",)
-# As its source has it, links without second-order terms soften by speed; that is another model.
-STIFFENED = ("flexible.*.second_order=true",)
+# As its source has it, links without second-order terms soften by speed: another model. Without
+# damping its stretch rings on from the abrupt start, and nothing but its step answers for torques.
+STIFFENED = ("flexible.*.second_order=true", "damping={rayleigh: [0, 2.0e-5]}")
 SCENES = {
     "stiff": ("ur5", STATIC, 0.1, ("torque",), "rigid"),
     "stiff, all": ("ur5", STATIC, 0.02, ALL, "coupled"),
@@ -81,7 +82,7 @@ def test_error_bars_cover_the_measured_errors(scene):
     options = {} if found.run_tol is None else {"tol": found.run_tol, "asked": asked}
     run = pf.solve(followed, level=found.level, samples=101, **options)
     full = richer(mechanism)[0]
-    reference = pf.solve(full, level="coupled", samples=101, tol=min(1e-3, tol / 100), asked=asked)
+    reference = pf.solve(full, level="coupled", samples=101, tol=tol / 20, asked=asked)
     rigid = pf.solve(mechanism, level="rigid", samples=101)
     errors = measured(run, reference, rigid, asked)
     print("\n", scene, found.level, found.overrides, found.coordinates, f"{found.seconds:.1f} s")
