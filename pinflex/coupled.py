@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from math import isfinite, sqrt
 
 import numpy as np
 
@@ -130,8 +131,8 @@ class _March:
                 r[motors] -= now.torque
             ds, dlam = newton.step(r[newton.free], dynamics.closed.c)
             self.iterations += 1
-            size = float(np.sqrt((newton.weight * ds) @ ds))
-            if not np.isfinite(size):
+            size = sqrt((newton.weight * ds) @ ds)
+            if not isfinite(size):
                 break
             change[newton.free] = ds
             moving += gains * change

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class Newton:
     def size(self, a: Array) -> float:
         """Norm of an acceleration (nv,) in the weights of the matrix."""
         free = a[self.free]
-        return float(np.sqrt((self.weight * free) @ free))
+        return sqrt((self.weight * free) @ free)
 
     def closed(self, c: Array) -> bool:
         """Whether the loops, open by c before the last correction, are closed after it.
