@@ -144,7 +144,7 @@ def _race(race: Race, out: Path, say: Say, peer: bool) -> Outcome:
 
 
 def _solve(race: Race, overrides: Sequence[str], method: str, value: float) -> Arrays:
-    given = scene(load(race.model, list(overrides)), race.asked)
+    given = scene(load(race.model, [*race.always, *overrides]), race.asked)
     return outputs(given, march(given, method, value).run)
 
 
@@ -159,7 +159,7 @@ def _search(race: Race, method: str, limits: dict[str, float], reference: Arrays
     }[method]
     best, cheapest = None, np.inf
     for overrides in race.models:
-        given = scene(load(race.model, list(overrides)), race.asked)
+        given = scene(load(race.model, [*race.always, *overrides]), race.asked)
         before = None
         for value in values:
             try:
@@ -181,7 +181,7 @@ def _search(race: Race, method: str, limits: dict[str, float], reference: Arrays
             asked = ",".join(race.asked)
             command = (
                 *(sys.executable, "-m", "pinflex.race_case", race.model),
-                *(method, repr(value), asked, *overrides),
+                *(method, repr(value), asked, *race.always, *overrides),
             )
             before = Entry(label, command, found), timed.cpu
     return best

@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex import stress
 from pinflex.arrays import Array
 from pinflex.dynamics import Dynamics
 from pinflex.errors import ConvergenceError
 from pinflex.mechanism import Mechanism, load
 from pinflex.nominal import nominal
+from pinflex.recover import recover
 from pinflex.run import Run
 from pinflex.solve import default_motion
 from pinflex.timed import Scene
@@ -79,23 +79,33 @@ def _careful(scene: Scene, t: Array, resolution: float) -> Run:
 
 
 def outputs(scene: Scene, run: Run) -> Arrays:
-    """Torques, platform pose, the rigid one, and the deflection of the middle of every body."""
+    """Torques, platform pose and the rigid one; if asked for deflection, that of the links."""
     m = scene.mechanism
     position, rotation = platform_poses(m, Dynamics(run.system), run.y)
     rigid = platform_poses(m, Dynamics(m.rigid), nominal(m, scene.motion, run.t).q)
-    eta = run.y[:, int(run.system.rigid.nq) :]
-    middle = [
-        stress.deflections(stress.cut(slot.body, 3), eta[:, slot.eta])[:, 1, 1:3]
-        for slot in run.system.expansion.slots
-    ]
-    return {
+    found = {
         "torque": run.torque,
         "position": position,
         "rotation": rotation,
         "rigid_position": rigid[0],
         "rigid_rotation": rigid[1],
-        "middle": np.hstack(middle),
     }
+    if "deflection" in scene.spec.asked:
+        found["middle"] = _middles(m, run)
+    return found
+
+
+def _middles(m: Mechanism, run: Run) -> Array:
+    """Distance (m) of the middle of every flexible link from its chord, in the plane z = 0."""
+    arrays = recover(m, run, None)
+    away = []
+    for name in m.parts:
+        x, line = arrays[f"link/{name}/x"], arrays[f"link/{name}/centreline"]
+        chord = line[:, -1] - line[:, 0]
+        middle = line[:, np.argmin(np.abs(x - 0.5 * x[-1]))] - line[:, 0]
+        across = np.cross(chord, middle)[:, 2]
+        away.append(across / np.linalg.norm(chord, axis=1))
+    return np.stack(away, axis=1)
 
 
 def main(argv: Sequence[str]) -> None:

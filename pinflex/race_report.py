@@ -9,6 +9,7 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 
 from pinflex.race import REPEATS, Outcome
+from pinflex.race_scenes import Race
 
 _ABOUT = f"""\
 # The race scenes: time to reach an error
@@ -82,7 +83,12 @@ def _scene(o: Outcome) -> str:
     limits = ", ".join(f"{name} {limit:.2g}" for name, limit in o.limits.items())
     asked = ", ".join(f"{name} {limit:.2g}" for name, limit in o.race.limits.items())
     above = "" if o.limits == o.race.limits else f" (asked for: {asked}; the floor is higher)"
-    lines = [f"## {o.race.key}: {o.race.about}", "", f"Error to reach: {limits}{above}."]
+    lines = [
+        f"## {o.race.key}: {o.race.about}",
+        *_always(o.race),
+        "",
+        f"Error to reach: {limits}{above}.",
+    ]
     lines += ["", "The reference against other methods and models:", ""]
     checks = dict(o.checks) | ({"the refined peer": o.peer_floor} if o.peer_floor else {})
     lines += [f"- {name}: {_errors(found)}" for name, found in checks.items()]
@@ -101,9 +107,12 @@ def _scene(o: Outcome) -> str:
     goal = min(o.race.limits.values())
     model = " ".join(o.race.models[-1]) or "the model as shipped"
     lines += ["", f"`tol={goal:g}` as asked, on {model}: {_errors(o.at_tol)}."]
-    if o.race.quoted:
-        lines += ["", f"No peer model of this scene; quoted: {o.race.quoted}."]
     return "\n".join(lines) + "\n"
+
+
+def _always(race: Race) -> list[str]:
+    overrides = ", ".join(f"`{change}`" for change in race.always)
+    return ["", f"The shipped `{race.model}` with {overrides}."] if overrides else []
 
 
 def _errors(found: dict[str, float]) -> str:

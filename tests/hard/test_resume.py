@@ -101,8 +101,11 @@ def test_ctrl_c_keeps_the_run_and_says_how_to_go_on(tmp_path: Path) -> None:
     file = tmp_path / "run.npz"
     command = [sys.executable, "-m", "pinflex", "solve", "race_r2", "--until", "0.6",
                "--dt", "1e-5", "--samples", "6001"]  # fmt: skip
+    # A suite started in the background ignores Ctrl-C, and so would a process it starts.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     started = subprocess.Popen([*command, "-o", str(file)], stderr=subprocess.PIPE, text=True,
                                env=os.environ | {"OMP_NUM_THREADS": "1"})  # fmt: skip
+    signal.signal(signal.SIGINT, before)
     time.sleep(5.0)  # 20 s of steps; the start takes 1
     started.send_signal(signal.SIGINT)
     _, said = started.communicate(timeout=60)
