@@ -15,7 +15,9 @@ from pinflex.mechanism import Mechanism
 from pinflex.radau import Path, Stages, Start, Step, StepFailed
 from pinflex.run import Run
 
-STAGES = 5
+STAGES = 6
+_HELD = 0.7  # part of the last step's coarseness that this one is taken to have at least
+_GROWTH = 1.5  # of steps, each, after one that Newton did not solve
 _SHORTEST = 1e-9  # of the run: a step that has to be shorter has met something singular
 
 
@@ -51,7 +53,7 @@ def integrate(
             it what rings faintly at the start holds the run up.
         pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
         forces: Whether forces matter, or only displacements (see `Stages`).
-        method: Default: five stages.
+        method: Default: six stages.
         drive: None prescribes the motors; else they get a torque.
         progress: Called with (samples done, samples).
     Returns:
@@ -68,7 +70,7 @@ def integrate(
     now, h, last = stages.first(float(t[0]), *start), span / 50.0, None
     record.start(now)
     counts = {"steps": 0, "rejected": 0, "unresolved": 0}
-    refused = np.inf
+    refused, ceiling, before = np.inf, np.inf, 0.0
 
     def run(stopped: str = "") -> Run:
         newton = stages.newton
@@ -92,13 +94,21 @@ def integrate(
         except (StepFailed, np.linalg.LinAlgError):
             counts["rejected"] += 1
             # Once more without a prediction and with a new tangent, then shorter.
-            h = size if last is not None else 0.4 * size
+            if last is None:
+                h = ceiling = 0.4 * size
+            else:
+                h = size
             stages.newton.stale, last = True, None
             if h < _SHORTEST * span:
                 raise _stuck(mechanism, now, run) from None
             continue
-        # The coefficient falls with the power s of the step.
-        factor = 0.9 * (resolution / max(step.coarseness, 1e-300)) ** (1.0 / method.s)
+        # The coefficient falls with the power s of the step. It may cross zero in a vibration: a
+        # step grows only as far as the one before it allows too, or it would be refused.
+        factor, grown = (
+            0.9 * (resolution / max(one, 1e-300)) ** (1.0 / method.s)
+            for one in (step.coarseness, _HELD * before)
+        )
+        factor = min(factor, max(grown, 1.0))
         if step.coarseness > resolution and not (pilot and counts["steps"] == 0):
             # What a shorter step does not show less of is round-off, or rings far too fast.
             if step.coarseness < 0.5 * refused:
@@ -118,6 +128,8 @@ def integrate(
             raise
         if not 1.0 < factor < 1.2:  # a change costs new factors
             h = size * min(max(factor, 0.5), 3.0)
+        ceiling *= _GROWTH
+        h, before = min(h, ceiling), step.coarseness
         if now.t >= stops[0] - _SHORTEST * span:
             now.t = stops.pop(0)
             if stops:

@@ -80,7 +80,7 @@ def _path(curve: Callable[[Array], tuple[Array, Array, Array]]) -> Callable[[Arr
 def _at_nodes(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
     path, axes = nominal(mechanism, motion, t), motor_axes(mechanism)
     position = np.array([axes.read(q) for q in path.q])
-    if np.any(axes.paired):
+    if len(axes.paired):
         position = np.unwrap(position, axis=0)
     return position, path.v[:, axes.v_at], path.a[:, axes.v_at]
 

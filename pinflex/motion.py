@@ -7,6 +7,7 @@ alpha, beta, gamma [rad]. Only the coordinates a motion names are imposed; the o
 
 from __future__ import annotations
 
+import ast
 import csv
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -358,18 +359,20 @@ def formula(
         raise _bad(f"formula.{target}", f'{given!r} is no mapping. Write {{name: "0.3*t^2"}}.')
     names = _names(given, target, f"formula.{target}")
     texts = {name: str(text) for name, text in given.items()}
+    trees = []
     for name, text in texts.items():
         where = f"formula.{target}.{name}"
-        values = formulas.evaluate(formulas.parse(text, where), np.linspace(0.0, duration, 101))
+        trees.append(formulas.parse(text, where))
+        values = formulas.evaluate(trees[-1], np.linspace(0.0, duration, 101))
         if not np.all(np.isfinite(values)):
             raise _bad(where, f"{text!r} or its rates are not finite from 0 to {duration:g} s.")
-    law = partial(_formula_law, tuple(texts.values()))
+    law = partial(_formula_law, tuple(trees))
     spec = {"kind": "formula", target: texts, "absolute": absolute, **n}
     return Motion("formula", target, names, n["duration"], law, absolute, spec)
 
 
-def _formula_law(texts: tuple[str, ...], t: Array) -> Kinematics:
-    jets = [formulas.evaluate(formulas.parse(text, "formula"), t) for text in texts]
+def _formula_law(trees: tuple[ast.expr, ...], t: Array) -> Kinematics:
+    jets = [formulas.evaluate(tree, t) for tree in trees]
     p, v, a = np.stack(jets, axis=2)
     return p, v, a
 

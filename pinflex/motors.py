@@ -15,27 +15,31 @@ from pinflex.motion import Motion
 
 @dataclass(frozen=True)
 class MotorAxes:
-    """Where single-axis motors sit in q and v; a continuous joint keeps (cos, sin) in q."""
+    """Where single-axis motors sit in q and v; a continuous joint keeps (cos, sin) in q.
+
+    Attributes:
+        q_at, v_at: First coordinate and row of each. plain: Numbers of those with one coordinate.
+        paired: Numbers of those that keep (cos, sin).
+    """
 
     q_at: IntArray
     v_at: IntArray
+    plain: IntArray
     paired: IntArray
-    simple: bool
 
     def write(self, y: Array, angle: Array) -> None:
         """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq)."""
-        if self.simple:
+        if not len(self.paired):
             y[..., self.q_at] = angle
             return
-        plain, turning = self.paired == 0, self.paired == 1
-        at = self.q_at[turning]
-        y[..., self.q_at[plain]] = angle[..., plain]
-        y[..., at], y[..., at + 1] = np.cos(angle[..., turning]), np.sin(angle[..., turning])
+        at, turned = self.q_at[self.paired], angle[..., self.paired]
+        y[..., self.q_at[self.plain]] = angle[..., self.plain]
+        y[..., at], y[..., at + 1] = np.cos(turned), np.sin(turned)
 
     def read(self, y: Array) -> Array:
         """Motor positions (rad | m), shape (..., nm), of y, shape (..., nq)."""
         angle = np.array(y[..., self.q_at], float)
-        for k in np.flatnonzero(self.paired):
+        for k in self.paired:
             angle[..., k] = np.arctan2(y[..., self.q_at[k] + 1], y[..., self.q_at[k]])
         return angle
 
@@ -61,8 +65,8 @@ def motor_axes(mechanism: Mechanism) -> MotorAxes:
     return MotorAxes(
         np.array(q_at, dtype=np.intp),
         np.array(v_at, dtype=np.intp),
-        np.array(paired, dtype=np.intp),
-        not any(paired),
+        np.flatnonzero(np.logical_not(paired)),
+        np.flatnonzero(paired),
     )
 
 

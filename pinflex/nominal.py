@@ -81,10 +81,7 @@ def _open_tree(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
         raise _underactuated(mechanism, [mechanism.coordinates[k] for k in passive])
     position, velocity, acceleration = joint_path(mechanism, motion, t)
     q = np.tile(mechanism.home, (len(t), 1))
-    plain = axes.paired == 0
-    q[:, axes.q_at[plain]] = position[:, plain]
-    for k in np.flatnonzero(axes.paired):
-        q[:, axes.q_at[k]], q[:, axes.q_at[k] + 1] = np.cos(position[:, k]), np.sin(position[:, k])
+    axes.write(q, position)
     v, a = np.zeros((len(t), system.nv)), np.zeros((len(t), system.nv))
     v[:, axes.v_at], a[:, axes.v_at] = velocity, acceleration
     return Nominal(np.asarray(t, float), q, v, a)

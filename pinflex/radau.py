@@ -11,11 +11,11 @@ u is v seen in the exponential coordinates of the step (Munthe-Kaas 1999), else 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.collocation import Collocation
@@ -23,6 +23,7 @@ from pinflex.drive import MotorPath, TorqueDrive
 from pinflex.dynamics import Dynamics
 from pinflex.mechanism import Mechanism
 from pinflex.motors import motor_axes
+from pinflex.moved import Moved
 from pinflex.stacked import Stacked
 from pinflex.stage_newton import StageNewton
 from pinflex.start import consistent_acceleration
@@ -99,9 +100,8 @@ class Stages:
         self.stacked = Stacked(dynamics, method.s)
         self.free = system.free if drive is None else np.arange(system.nv)
         self.newton = StageNewton(dynamics, method, self.free, drive)
-        rigid = int(np.searchsorted(self.free, dynamics.n_rigid))
-        self.measured = slice(rigid if dynamics.flexible else 0, None)
-        self.turning = any(j.nq != j.nv and j.nv > 1 for j in system.rigid.joints[1:])
+        self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
+        self.moved = Moved(dynamics, () if drive is not None else self.motors)
         self.scale, self.iterations = 0.0, 0
 
     def first(self, t: float, y: Array, v: Array) -> Start:
@@ -137,8 +137,8 @@ class Stages:
             if self.drive is None:
                 v_s[:, self.motors] = path.velocity
             move = drift + (h * h) * (m.A2 @ a)
-            if self.turning:
-                turn = self._turn(y, move + h * (m.A @ turn), v_s)
+            if self.moved.turning:
+                turn = self.moved.turn(y, move + h * (m.A @ turn), v_s)
                 move += h * (m.A @ turn)
             y_s = self.places(y, move, path)
             if newton.stale:
@@ -162,7 +162,7 @@ class Stages:
             if not iteration:
                 reach = self._reach(move + change + self._elastic(y))
             size = self._size(change)
-            if not np.isfinite(size):
+            if not math.isfinite(size):
                 raise StepFailed
             rate = size / max(previous, 1e-300) if iteration else 1.0
             left = size * rate / (1.0 - rate) if rate < 0.9 else np.inf
@@ -192,11 +192,8 @@ class Stages:
 
         At least so large that Newton need not go below 1e-14 m or rad in every coordinate.
         """
-        least = (
-            1e-14
-            * float(np.sqrt(np.trace(self._weight)))
-            / (_NEWTON * min(self.resolution, _COARSE))
-        )
+        goal = _NEWTON * min(self.resolution, _COARSE)
+        least = 1e-14 * math.sqrt(self._weight.trace()) / goal
         return max(self.scale, self._size(moves), least, 1e-300)
 
     def _predict(self, start: Start, h: float, last: Step | None) -> tuple[Array, Array]:
@@ -206,21 +203,9 @@ class Stages:
         W = m.at(1.0 + (h / last.h) * m.c)
         return W @ last.a, W @ last.lam
 
-    def _turn(self, y: Array, move: Array, v: Array) -> Array:
-        """What the rates of the exponential coordinates differ from v by, shape (s, nv)."""
-        d, turn = self.dynamics, np.zeros_like(v)
-        n, model, q = d.n_rigid, d.system.rigid, y[: d.nq_rigid]
-        rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in move])
-        turn[:, :n] = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
-        return turn
-
     def places(self, y: Array, move: Array, path: MotorPath) -> Array:
         """Poses y (+) move, shape (k, nq), prescribed motors where they are told to be."""
-        d = self.dynamics
-        if d.vector_space:
-            y_s = y + move
-        else:
-            y_s = np.array([d.integrate(y, one) for one in move]).reshape(len(move), len(y))
+        y_s = self.moved.poses(y, move)
         if self.drive is None:
             self.axes.write(y_s, path.position)
         return y_s
@@ -237,16 +222,16 @@ class Stages:
         By their elastic energy where forces are asked for: stiff coordinates that hardly move may
         carry them. Else by the mass matrix: then such coordinates must not dictate the step.
         """
-        bent = moves[:, self.free][:, self.measured]
-        return float(
-            np.sqrt(max(np.max(np.sum(bent @ self._weight * bent, axis=1), initial=0.0), 0.0))
-        )
+        bent = moves[:, self.measured]
+        square = float(((bent @ self._weight) * bent).sum(axis=1).max(initial=0.0))
+        return math.sqrt(square) if square > 0.0 else abs(square)  # not a number stays one
 
     @property
     def _weight(self) -> Array:
         if self.by_energy:
             return self.dynamics.stiffness
-        return self.newton.M[self.measured, self.measured]
+        k = len(self.free) - self.dynamics.system.n_eta if self.dynamics.flexible else 0
+        return self.newton.M[k:, k:]
 
     def _power(self, v: Array, torque: Array) -> Array:
         """Power of the motors and of the damping at states, shape (s, 2)."""
