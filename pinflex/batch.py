@@ -20,12 +20,12 @@ from typing import IO, Any
 import yaml
 
 from pinflex.columns import Columns
-from pinflex.console import plain, writable
 from pinflex.description import Description
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.meta import version
 from pinflex.pool import Lost, answers
 from pinflex.study import reason
+from pinflex.writing import plain, writable
 
 Work = Callable[[Any], dict[str, Any]]
 

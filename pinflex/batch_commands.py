@@ -11,10 +11,11 @@ import numpy as np
 from pinflex.batch import Interrupted
 from pinflex.cases import parsed
 from pinflex.columns import Columns, check_suffix
-from pinflex.console import Progress, load_model, print_json, writable
+from pinflex.console import Progress, load_model, print_json
 from pinflex.errors import SceneError
 from pinflex.outputs import OUTPUTS
 from pinflex.text import number, paragraph, table
+from pinflex.writing import writable
 
 _SHOWN = 5  # failures in the answer for people; the table has them all
 

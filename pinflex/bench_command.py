@@ -9,9 +9,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pinflex.bench import Bench, Point, bench
-from pinflex.console import Progress, load_model, plain, print_json, writable
+from pinflex.console import Progress, load_model, print_json
 from pinflex.errors import DescriptionError
 from pinflex.text import number, paragraph, table
+from pinflex.writing import plain, writable
 
 _ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
 

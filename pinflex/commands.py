@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.console import Progress, load_model, print_json, writable
+from pinflex.console import Progress, load_model, print_json
 from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.result import Result, peak, rms
 from pinflex.text import length, number, table
+from pinflex.writing import writable
 
 
 def check(args: argparse.Namespace) -> int:
@@ -271,7 +272,7 @@ def bench(args: argparse.Namespace) -> int:
 
 def verify(args: argparse.Namespace) -> int:
     """Published benchmarks on this machine."""
-    from pinflex.verify import command
+    from pinflex.verify_command import command
 
     return command(args)
 

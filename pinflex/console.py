@@ -1,4 +1,4 @@
-"""What the commands share: the progress bar, checks of where to write, loading, JSON."""
+"""What the commands share: the progress bar, loading, JSON."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import IO, Any
-
-import numpy as np
 
 from pinflex.errors import DescriptionError
 from pinflex.mechanism import Mechanism, load
+from pinflex.writing import plain
 
 _WIDTH = 30  # [characters]
 _PAUSE = 0.1  # [s] between drawings
@@ -84,36 +82,6 @@ def _parser_noise(kept: bool) -> Iterator[IO[bytes]]:
             os.close(old)
 
 
-def writable(path: str | Path | None) -> None:
-    """Find out before a long run, not after it, that its file cannot be written."""
-    if path is None:
-        return
-    path = Path(path)
-    if path.is_dir():
-        raise DescriptionError(f"{path}: is a folder. Give the name of a file in it.")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise DescriptionError(
-            f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
-        ) from error
-
-
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout."""
     print(json.dumps(plain(data), indent=2, allow_nan=False))
-
-
-def plain(value: Any) -> Any:
-    """Only what JSON knows: a number that is none (nan, inf) becomes null."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    return str(value) if isinstance(value, Path) else value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import base64
 import io
 import time
@@ -134,26 +133,6 @@ def _records(case: Case, outcome: Outcome, seconds: float) -> list[Record]:
                c.relative, case.source, c.note, seconds, c.passed, c.reported)
         for c in outcome.checks
     ]  # fmt: skip
-
-
-def command(args: argparse.Namespace) -> int:
-    """`pinflex verify`: print the table or JSON, write the page; 1 if something fails."""
-    from pinflex.console import Progress, print_json, writable
-
-    writable(args.output)
-    bar = Progress("verify")
-    try:
-        found = verify(args.cases, lambda _, k, n: bar(k, n), args.long)
-    finally:
-        bar.close()
-    page = None if args.output is None else write_page(found, args.output)
-    if args.json:
-        print_json({"passed": found.passed, "records": found.to_json(), "page": page})
-    else:
-        print(text(found), end="")
-        if page is not None:
-            print(f"\nwrote {page}")
-    return 0 if found.passed else 1
 
 
 # Text --------------------------------------------------------------------------------------------
