@@ -11,22 +11,8 @@ Quantities are SI, angles radians, arrays time-first. Notation: q rigid coordina
 ones, y = (q, eta), lam closure multipliers.
 """
 
-from pinflex.advise import Advice, advise
-from pinflex.comparison import comparison
-from pinflex.control import Control, Deflection, Effort, Travel, Voltage, pid
-from pinflex.errors import (
-    AssemblyError,
-    ConvergenceError,
-    DescriptionError,
-    MotionError,
-    PinflexError,
-    SceneError,
-    SingularityError,
-)
-from pinflex.integrators import generalized_alpha, hht, newmark
-from pinflex.mechanism import Mechanism, load
-from pinflex.modes import Modes, modes
-from pinflex.motion import (
+from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
+from pinflex.description.motion import (
     Motion,
     circle,
     cycloid,
@@ -38,19 +24,33 @@ from pinflex.motion import (
     spin_up,
     trapezoid,
 )
-from pinflex.pose_map import pose_map
-from pinflex.quasistatic import (
+from pinflex.errors import (
+    AssemblyError,
+    ConvergenceError,
+    DescriptionError,
+    MotionError,
+    PinflexError,
+    SceneError,
+    SingularityError,
+)
+from pinflex.levels.integrators import generalized_alpha, hht, newmark
+from pinflex.levels.modes import Modes, modes
+from pinflex.levels.quasistatic import (
     Equilibrium,
     UnstableWarning,
     linear_statics,
     static_equilibrium,
 )
-from pinflex.result import Result
-from pinflex.rigid import inverse_dynamics
-from pinflex.solve import LEVELS, solve
-from pinflex.stiffness import platform_compliance
-from pinflex.sweep import sweep
-from pinflex.view import view
+from pinflex.levels.rigid import inverse_dynamics
+from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.results.comparison import comparison
+from pinflex.results.result import Result
+from pinflex.solver.advise import Advice, advise
+from pinflex.solver.solve import LEVELS, solve
+from pinflex.studies.pose_map import pose_map
+from pinflex.studies.stiffness import platform_compliance
+from pinflex.studies.sweep import sweep
+from pinflex.viewer.view import view
 
 __all__ = [
     "LEVELS",
