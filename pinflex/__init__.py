@@ -9,6 +9,22 @@
 
 Quantities are SI, angles radians, arrays time-first. Notation: q rigid coordinates, eta elastic
 ones, y = (q, eta), lam closure multipliers.
+
+Where the code is; each package imports only those above it:
+
+    description   what the files say: URDF and YAML, checked and frozen
+    bodies        a flexible link as stations on few coordinates: beams, modes, reduced solids
+    mechanics     the mechanism as equations: load, expanded model, closures, loads, dynamics
+    actuation     what moves it: motors, the nominal motion, prescribed and controlled torques
+    levels        rigid, quasistatic, ked, coupled; their steps in time; linear vibration
+    results       what a run leaves behind, and what is recovered from it: forces, stresses
+    solver        one call to a result: level, step or tolerance; going on; advice
+    viewer        a result as a page, pictures, films and figures
+    studies       many runs of one scene: comparison, sweep, map of poses; the check of a model
+    benchmarks    published cases, work and precision, the race
+    cli           the commands, whose arguments `__main__` reads
+
+Beside them stand errors, arrays, text and writing, which import none of these.
 """
 
 from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
