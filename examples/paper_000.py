@@ -11,7 +11,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import pinflex as pf
-from pinflex.reports import PlatformErrors, platform_errors, torque_table
+from pinflex.results.reports import PlatformErrors, platform_errors, torque_table
 
 SYSTEM = "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}"
 FLEXIBLE, RIGID = "#0072B2", "#000000"

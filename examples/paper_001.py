@@ -13,10 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import pinflex as pf
-from pinflex.nodal_forces import nodal_forces
-from pinflex.reactions import joint_reactions, shaking
-from pinflex.reports import statistics
-from pinflex.strength import THEORIES, point_stress, worst_section, worst_table
+from pinflex.results.nodal_forces import nodal_forces
+from pinflex.results.reactions import joint_reactions, shaking
+from pinflex.results.reports import statistics
+from pinflex.results.strength import THEORIES, point_stress, worst_section, worst_table
 
 CHANGES = (
     "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}",

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import pinflex as pf
-from pinflex.modal_test import ModalTest, identify, modal_test
-from pinflex.spectra import ModalForces, modal_forces, spectrum
+from pinflex.results.spectra import ModalForces, modal_forces, spectrum
+from pinflex.studies.modal_test import ModalTest, identify, modal_test
 
 SPEED = "motion.omega=157.07963267948966"  # [rad/s] 50 pi
 FAMILY = "flexible.*.basis={{kind: assumed, boundary: {}, modes: {}}}"

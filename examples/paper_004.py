@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.family import assumed, quadrature
+from pinflex.bodies.family import assumed, quadrature
 
 CASES = {
     1: (),

@@ -9,24 +9,26 @@
 
 Quantities are SI, angles radians, arrays time-first. Notation: q rigid coordinates, eta elastic
 ones, y = (q, eta), lam closure multipliers.
+
+Where the code is; each package imports only those above it:
+
+    description   what the files say: URDF and YAML, checked and frozen
+    bodies        a flexible link as stations on few coordinates: beams, modes, reduced solids
+    mechanics     the mechanism as equations: load, expanded model, closures, loads, dynamics
+    actuation     what moves it: motors, the nominal motion, prescribed and controlled torques
+    levels        rigid, quasistatic, ked, coupled; their steps in time; linear vibration
+    results       what a run leaves behind, and what is recovered from it: forces, stresses
+    solver        one call to a result: level, step or tolerance; going on; advice
+    viewer        a result as a page, pictures, films and figures
+    studies       many runs of one scene: comparison, sweep, map of poses; the check of a model
+    benchmarks    published cases, work and precision, the race
+    cli           the commands, whose arguments `__main__` reads
+
+Beside them stand errors, arrays, text and writing, which import none of these.
 """
 
-from pinflex.advise import Advice, advise
-from pinflex.comparison import comparison
-from pinflex.control import Control, Deflection, Effort, Travel, Voltage, pid
-from pinflex.errors import (
-    AssemblyError,
-    ConvergenceError,
-    DescriptionError,
-    MotionError,
-    PinflexError,
-    SceneError,
-    SingularityError,
-)
-from pinflex.integrators import generalized_alpha, hht, newmark
-from pinflex.mechanism import Mechanism, load
-from pinflex.modes import Modes, modes
-from pinflex.motion import (
+from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
+from pinflex.description.motion import (
     Motion,
     circle,
     cycloid,
@@ -38,19 +40,33 @@ from pinflex.motion import (
     spin_up,
     trapezoid,
 )
-from pinflex.pose_map import pose_map
-from pinflex.quasistatic import (
+from pinflex.errors import (
+    AssemblyError,
+    ConvergenceError,
+    DescriptionError,
+    MotionError,
+    PinflexError,
+    SceneError,
+    SingularityError,
+)
+from pinflex.levels.integrators import generalized_alpha, hht, newmark
+from pinflex.levels.modes import Modes, modes
+from pinflex.levels.quasistatic import (
     Equilibrium,
     UnstableWarning,
     linear_statics,
     static_equilibrium,
 )
-from pinflex.result import Result
-from pinflex.rigid import inverse_dynamics
-from pinflex.solve import LEVELS, solve
-from pinflex.stiffness import platform_compliance
-from pinflex.sweep import sweep
-from pinflex.view import view
+from pinflex.levels.rigid import inverse_dynamics
+from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.results.comparison import comparison
+from pinflex.results.result import Result
+from pinflex.solver.advise import Advice, advise
+from pinflex.solver.solve import LEVELS, solve
+from pinflex.studies.pose_map import pose_map
+from pinflex.studies.stiffness import platform_compliance
+from pinflex.studies.sweep import sweep
+from pinflex.viewer.view import view
 
 __all__ = [
     "LEVELS",

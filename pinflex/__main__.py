@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, NoReturn
 
-from pinflex import advise_command, batch_arguments, bench_arguments
+from pinflex.cli import advise_command, batch_arguments, bench_arguments
 from pinflex.errors import DescriptionError, PinflexError
 
 _ISSUES = "please report it with the model and the output of --debug"
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from pinflex import commands
+    from pinflex.cli import commands
 
     if not args.debug:
         # a diverging run overflows before it is stopped; its own message says so
@@ -286,7 +286,7 @@ exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 
 class _Version(argparse.Action):
     def __call__(self, parser: Any, *unused: Any) -> None:
-        from pinflex.meta import version
+        from pinflex.results.meta import version
 
         print(f"pinflex {version()}")
         parser.exit()

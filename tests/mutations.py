@@ -18,20 +18,20 @@ PATIENCE = 600  # [s] for the tests of one mutation
 MUTATIONS = {
     "foreshortening off: bodies are linear": (
         """
-import pinflex.basis as basis
+import pinflex.bodies.basis as basis
 plain = basis.flexible_body
 from dataclasses import replace
 def linear(link, *rest, **more):
     return plain(replace(link, second_order=False), *rest, **more)
 basis.flexible_body = linear
-import pinflex.parts
-pinflex.parts.flexible_body = linear
+import pinflex.mechanics.parts
+pinflex.mechanics.parts.flexible_body = linear
 """,
         ["tests/verification/test_rotating_beam.py", "tests/hard/test_preload.py"],
     ),
     "twist rows off: sections do not turn about the beam": (
         """
-import pinflex.basis as basis, numpy as np
+import pinflex.bodies.basis as basis, numpy as np
 plain = basis.FlexibleBody.rows
 def rows(self, x):
     Phi, G = plain(self, x)
@@ -45,7 +45,7 @@ basis.FlexibleBody.rows = rows
     ),
     "bend-twist coupling off: two bendings do not twist": (
         """
-import pinflex.basis as basis
+import pinflex.bodies.basis as basis
 plain = basis.FlexibleBody.rows
 def rows(self, x):
     Phi, G = plain(self, x)
@@ -72,7 +72,7 @@ pin.computeRNEADerivatives = still
     ),
     "closure projection off: loops are held by accelerations only": (
         """
-import pinflex.newton as newton, numpy as np
+import pinflex.levels.newton as newton, numpy as np
 plain = newton.Newton.step
 def step(self, r, c, *more):
     return plain(self, r, np.zeros_like(c), *more)
@@ -82,7 +82,7 @@ newton.Newton.step = step
     ),
     "consistent start off: accelerations and multipliers begin at zero": (
         """
-import pinflex.start as start, pinflex.coupled as coupled, numpy as np
+import pinflex.levels.start as start, pinflex.levels.coupled as coupled, numpy as np
 def nothing(dynamics, y, v, held, a_held, tau):
     a = np.zeros(dynamics.system.nv); a[held] = a_held
     return a, np.zeros(dynamics.system.closed.n)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.result import Result
+from pinflex.results.result import Result
 
 BASE_RADIUS, PLATFORM_RADIUS = 0.35, 0.10  # [m]
 CRANK, DISTAL = 0.20, 0.22  # [m]

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, frame_positions, release, scene
-from pinflex.drive import MotorPath
-from pinflex.dynamics import Dynamics
-from pinflex.mechanism import Mechanism
-from pinflex.run import Run
+from pinflex.levels.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
 
 TURN, SPAN = -1.5, 10.0  # [rad], [m]
 

@@ -10,11 +10,11 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, scene
-from pinflex.dynamics import Dynamics
-from pinflex.mechanism import Mechanism, load
-from pinflex.modes import modes
-from pinflex.quasistatic import balance
-from pinflex.solve import solve
+from pinflex.levels.modes import modes
+from pinflex.levels.quasistatic import balance
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.solver.solve import solve
 
 LIMIT = 1e-6  # a converged discretisation
 # Wave numbers b: roots of the transcendental equations, to eight decimals.

@@ -16,9 +16,9 @@ from pinflex.arrays import Array
 from pinflex.benchmarks.extrapolation import by_count, extrapolated
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, scene
-from pinflex.dynamics import Dynamics
-from pinflex.mechanism import Mechanism
-from pinflex.quasistatic import rest, static_equilibrium
+from pinflex.levels.quasistatic import rest, static_equilibrium
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
 
 # Bisshopp, Drucker 1945, recomputed with elliptic integrals: a = P L^2/EI: tip angle, dy/L, x/L.
 ELASTICA = {

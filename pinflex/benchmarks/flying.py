@@ -12,9 +12,9 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, release, scene
-from pinflex.dynamics import Dynamics
-from pinflex.mechanism import Mechanism
-from pinflex.run import Run
+from pinflex.levels.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
 
 KICK, UNTIL = 2.5, 5.0  # [s]
 STEP = 1.25e-3  # [s]

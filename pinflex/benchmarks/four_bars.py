@@ -15,7 +15,7 @@ from pinflex.benchmarks.extrapolation import by_step
 from pinflex.benchmarks.loops import ROD, G, reduced
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, frame_positions, release, scene
-from pinflex.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism
 
 # [m] second order at 1 ms, where the library's high precision is 1e-3; ours, extrapolated.
 PLAIN, PROJECT = 1e-5, 1e-6

@@ -15,8 +15,8 @@ from pinflex.arrays import Array
 from pinflex.benchmarks.extrapolation import by_step
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, energy, frame_positions, release, scene
-from pinflex.dynamics import Dynamics
-from pinflex.mechanism import Mechanism
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
 
 G = 9.81  # [m/s^2]
 ROD = 1.0 / 12.0  # [kg m^2] of a slender rod, 1 m and 1 kg, about its centre

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from pinflex.actuation.drive import MotorPath, motor_path
 from pinflex.arrays import Array
-from pinflex.coupled import integrate
-from pinflex.drive import MotorPath, motor_path
-from pinflex.dynamics import Dynamics
-from pinflex.integrators import generalized_alpha
-from pinflex.mechanism import Mechanism, load
-from pinflex.motion import hold
-from pinflex.run import Run
+from pinflex.description.motion import hold
+from pinflex.levels.coupled import integrate
+from pinflex.levels.integrators import generalized_alpha
+from pinflex.levels.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism, load
 
 Vec = Sequence[float]
 

@@ -17,15 +17,15 @@ from functools import partial
 
 import numpy as np
 
+from pinflex.actuation.drive import motor_path
 from pinflex.arrays import Array
-from pinflex.basis import FlexibleBody
 from pinflex.benchmarks.extrapolation import by_step
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import release
-from pinflex.drive import motor_path
-from pinflex.family import quadrature
-from pinflex.mechanism import Mechanism, load
-from pinflex.motion import from_spec
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.family import quadrature
+from pinflex.description.motion import from_spec
+from pinflex.mechanics.mechanism import Mechanism, load
 
 CRANK, ROD, OMEGA = 0.15, 0.30, 150.0  # [m], [m], [rad/s]
 UNTIL = 0.1  # [s]

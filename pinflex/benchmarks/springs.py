@@ -10,8 +10,8 @@ from pinflex.arrays import Array
 from pinflex.benchmarks.extrapolation import by_step
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, energy, release, scene
-from pinflex.mechanism import Mechanism
-from pinflex.run import Run
+from pinflex.levels.run import Run
+from pinflex.mechanics.mechanism import Mechanism
 
 PROJECT = 1e-6  # extrapolated from 40, 20 and 10 us
 

@@ -14,8 +14,8 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
 from pinflex.benchmarks.scene import Body, scene
-from pinflex.mechanism import Mechanism
-from pinflex.solve import solve
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.solve import solve
 
 OUT_OF_PLANE = 4.262e-3  # [m] largest of the hinge C; the project's limit is 1 %
 UNTIL = 12.0  # [s] a turn at 0.6 rad/s and a little more

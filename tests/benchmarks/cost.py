@@ -21,11 +21,11 @@ import numpy as np
 import pinocchio as pin
 
 import pinflex as pf
-from pinflex.coupled import integrate
-from pinflex.drive import motor_path
-from pinflex.dynamics import Dynamics
-from pinflex.motion import from_spec
-from pinflex.start import straight_start
+from pinflex.actuation.drive import motor_path
+from pinflex.description.motion import from_spec
+from pinflex.levels.coupled import integrate
+from pinflex.levels.start import straight_start
+from pinflex.mechanics.dynamics import Dynamics
 
 
 def best(call: Callable[[], object], repeats: int = 5) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
 import pinflex as pf
-from pinflex.columns import Columns
+from pinflex.studies.columns import Columns
 
 CASES = {"flexible.*.section.thickness": np.linspace(1.5e-3, 3e-3, 64)}
 ROUNDS = 3

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.result import Result
-from pinflex.view import write_html
+from pinflex.results.result import Result
+from pinflex.viewer.view import write_html
 from tests.browser.chromium import CHROMIUM, DRIVER, Browser
 from tests.synthetic import synthetic_result
 

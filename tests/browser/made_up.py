@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinflex.result import Result
+from pinflex.results.result import Result
 
 EVIL = "</script><script>window.evil=1</script>"
 

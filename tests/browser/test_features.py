@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.curves import with_rigid_torque
-from pinflex.result import Result
-from pinflex.scene import build_scene
-from pinflex.view import write_html
+from pinflex.results.result import Result
+from pinflex.viewer.curves import with_rigid_torque
+from pinflex.viewer.scene import build_scene
+from pinflex.viewer.view import write_html
 from tests.browser.chromium import Browser
 from tests.synthetic import synthetic_result
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from pinflex.errors import DescriptionError
-from pinflex.result import Result
-from pinflex.scene import FRAMES, automatic_scale, build_scene
-from pinflex.view import write_html, write_modes_html
+from pinflex.results.result import Result
+from pinflex.viewer.scene import FRAMES, automatic_scale, build_scene
+from pinflex.viewer.view import write_html, write_modes_html
 from tests.browser.made_up import EVIL, renamed, six_links
 from tests.synthetic import synthetic_result
 

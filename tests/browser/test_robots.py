@@ -12,9 +12,9 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.result import Result
-from pinflex.scene import build_scene
-from pinflex.view import write_html
+from pinflex.results.result import Result
+from pinflex.viewer.scene import build_scene
+from pinflex.viewer.view import write_html
 from tests.browser.chromium import Browser
 
 

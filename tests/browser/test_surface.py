@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.bent import MOST
-from pinflex.mode_shapes import mode_runs
-from pinflex.pictures import instant
-from pinflex.result import Result
-from pinflex.scene import build_scene
-from pinflex.view import write_html, write_modes_html
+from pinflex.results.result import Result
+from pinflex.studies.mode_shapes import mode_runs
+from pinflex.viewer.bent import MOST
+from pinflex.viewer.pictures import instant
+from pinflex.viewer.scene import build_scene
+from pinflex.viewer.view import write_html, write_modes_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import with_surface
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinflex.result import Result
-from pinflex.view import write_html, write_modes_html
+from pinflex.results.result import Result
+from pinflex.viewer.view import write_html, write_modes_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import EVIL, renamed, shape
 from tests.synthetic import synthetic_result

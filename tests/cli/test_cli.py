@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinflex import __main__, commands
-from pinflex.console import Progress
+from pinflex import __main__
+from pinflex.cli import commands
+from pinflex.cli.console import Progress
 from pinflex.errors import ConvergenceError
-from pinflex.result import Result
+from pinflex.results.result import Result
 from tests.cli.small import call, write_model
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -331,7 +332,7 @@ def test_when_no_level_can_be_solved_the_code_is_1_and_the_reasons_are_written(
     def stop(mechanism: object, level: str, **options: object) -> Result:
         raise ConvergenceError(f"{level} stopped. Try another.")
 
-    monkeypatch.setattr("pinflex.study.solve", stop)
+    monkeypatch.setattr("pinflex.studies.study.solve", stop)
     answer = call(capsys, "compare", fourbar, "-o", tmp_path)
     assert answer.code == 1
     assert answer.err.startswith("pinflex: fourbar: none of the levels rigid, quasistatic, ked")

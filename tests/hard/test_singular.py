@@ -119,8 +119,8 @@ def test_bricard_keeps_rank_four_of_five_along_the_whole_path() -> None:
     assert (m.report.rows, m.report.rank, m.report.mobility) == (5, 4, 1)
     from dataclasses import replace
 
-    from pinflex.closure import closures
-    from pinflex.dynamics import Dynamics
+    from pinflex.mechanics.closure import closures
+    from pinflex.mechanics.dynamics import Dynamics
 
     r = release(m, 2.0, 2e-3)
     every = closures(m.description.loops, m.flexible.expansion.frames, m.flexible.expansion.model)

@@ -10,8 +10,8 @@ import pytest
 import pinflex as pf
 from pinflex.benchmarks.loops import pendulum
 from pinflex.benchmarks.scene import energy, release
-from pinflex.dynamics import Dynamics
-from pinflex.integrators import generalized_alpha
+from pinflex.levels.integrators import generalized_alpha
+from pinflex.mechanics.dynamics import Dynamics
 from tests.scenes import Body, load
 
 STEPS = [10.0**-k for k in range(2, 8)]

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.motion import Motion
+from pinflex.description.motion import Motion
 from tests.finite import slope
 
 STIFFNESS = (1.0, 2.0, 4.0)  # of Young's modulus

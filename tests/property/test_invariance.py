@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import pinflex as pf
+from pinflex.actuation.drive import motor_path
 from pinflex.arrays import Array
 from pinflex.benchmarks.four_bars import four_bars
-from pinflex.coupled import integrate
-from pinflex.drive import motor_path
-from pinflex.dynamics import Dynamics
-from pinflex.integrators import newmark
+from pinflex.levels.coupled import integrate
+from pinflex.levels.integrators import newmark
+from pinflex.mechanics.dynamics import Dynamics
 from tests import finite
 from tests.property.trees import Recipe, mirrored, moved, renumbered, tree
 

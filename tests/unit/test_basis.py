@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pinflex import beam_modes
 from pinflex.arrays import Array
-from pinflex.basis import FlexibleBody, flexible_body
+from pinflex.bodies import beam_modes
+from pinflex.bodies.basis import FlexibleBody, flexible_body
+from pinflex.description.flexible import Basis, EndMass, FlexibleLink
+from pinflex.description.material import Material
+from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
-from pinflex.flexible import Basis, EndMass, FlexibleLink
-from pinflex.material import Material
-from pinflex.section import Section
 
 L = 0.8  # [m]
 STEEL = Material(2.1e11, 8.0e10, 7800.0, 0.3125)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.batch import Interrupted, Record, keys, run
-from pinflex.description import read
+from pinflex.description.description import read
 from pinflex.errors import ConvergenceError, DescriptionError
-from pinflex.pool import Lost, answers
+from pinflex.studies.batch import Interrupted, Record, keys, run
+from pinflex.studies.pool import Lost, answers
 from tests.cli.small import write_model
 
 CASES = {"one": 1, "two": 2, "three": 3}

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pinflex.arrays import Array
-from pinflex.basis import FlexibleBody, flexible_body
-from pinflex.flexible import Basis, FlexibleLink
-from pinflex.material import Material
-from pinflex.section import Section
+from pinflex.bodies.basis import FlexibleBody, flexible_body
+from pinflex.description.flexible import Basis, FlexibleLink
+from pinflex.description.material import Material
+from pinflex.description.section import Section
 
 L = 0.8  # [m]
 STEEL = Material(2.1e11, 8.0e10, 7800.0, 0.3125)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pinflex.cases import assignments, combined, listed, parsed, values
 from pinflex.errors import DescriptionError
+from pinflex.studies.cases import assignments, combined, listed, parsed, values
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics
-from pinflex.poses import skew
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.poses import skew
 from tests.finite import by_configuration, by_time, by_vector, close
 from tests.scenes import Body, load
 

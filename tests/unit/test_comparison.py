@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pinflex.comparison import comparison
 from pinflex.errors import DescriptionError
-from pinflex.result import Result, peak, rms
+from pinflex.results.comparison import comparison
+from pinflex.results.result import Result, peak, rms
 from tests.synthetic import synthetic_result
 
 

@@ -12,9 +12,9 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.description import model_names
-from pinflex.dynamics import Dynamics
-from pinflex.system import System
+from pinflex.description.description import model_names
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.system import System
 from tests.finite import by_configuration, by_time, by_vector, close, random_state
 from tests.scenes import Body, load
 

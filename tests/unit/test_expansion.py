@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.description import model_names
-from pinflex.dynamics import Dynamics
+from pinflex.description.description import model_names
+from pinflex.mechanics.dynamics import Dynamics
 from tests.finite import slope
 from tests.scenes import Body, load
 

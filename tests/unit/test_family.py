@@ -7,10 +7,9 @@ import warnings
 import numpy as np
 import pytest
 
-from pinflex import beam_modes
 from pinflex.arrays import Array
-from pinflex.errors import DescriptionError
-from pinflex.family import (
+from pinflex.bodies import beam_modes
+from pinflex.bodies.family import (
     Family,
     assumed,
     combine,
@@ -19,6 +18,7 @@ from pinflex.family import (
     quadrature,
     sines,
 )
+from pinflex.errors import DescriptionError
 
 # Roots b L (Blevins 1979; benchmarks A), to the digits printed.
 TABLE = {

@@ -9,7 +9,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.frequency_map import frequency_map, plot_frequency_map, save_frequency_map
+from pinflex.studies.frequency_map import frequency_map, plot_frequency_map, save_frequency_map
 
 
 def test_the_first_pose_has_the_frequencies_of_home() -> None:

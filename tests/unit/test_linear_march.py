@@ -10,8 +10,8 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.integrators import newmark
-from pinflex.linear_march import (
+from pinflex.levels.integrators import newmark
+from pinflex.levels.linear_march import (
     At,
     Instant,
     March,
@@ -21,7 +21,7 @@ from pinflex.linear_march import (
     stable_step,
     wilson_theta,
 )
-from pinflex.mode_superposition import mode_superposition
+from pinflex.levels.mode_superposition import mode_superposition
 from tests.finite import slope
 
 METHODS: dict[str, March] = {

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.integrators import generalized_alpha
-from pinflex.ked import solve_ked
-from pinflex.linear_march import alpha
-from pinflex.linear_probe import Probe, subspace
-from pinflex.parts import resolve
-from pinflex.solve import default_motion
+from pinflex.levels.integrators import generalized_alpha
+from pinflex.levels.ked import solve_ked
+from pinflex.levels.linear_march import alpha
+from pinflex.mechanics.parts import resolve
+from pinflex.solver.linear_probe import Probe, subspace
+from pinflex.solver.solve import default_motion
 
 
 @pytest.fixture(scope="module")

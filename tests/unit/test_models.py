@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pinflex import description, schema
 from pinflex.arrays import Array
+from pinflex.description import description, schema
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PLANAR, SPATIAL = ("3rrr", "race_r1"), ("3rrs", "race_r2")

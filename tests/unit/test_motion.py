@@ -7,8 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from pinflex.errors import DescriptionError
-from pinflex.motion import (
+from pinflex.description.motion import (
     KINDS,
     Motion,
     circle,
@@ -20,6 +19,7 @@ from pinflex.motion import (
     sampled,
     trapezoid,
 )
+from pinflex.errors import DescriptionError
 
 T = np.linspace(0.0, 0.8, 9)
 WAVE = np.sin(np.pi * T / 0.8) ** 4

@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
+from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics
-from pinflex.motion import Motion, from_spec
-from pinflex.nominal import Nominal, nominal
+from pinflex.description.motion import Motion, from_spec
+from pinflex.mechanics.dynamics import Dynamics
 from tests.scenes import Body, load
 
 CLOSED = 1e-11  # [m] ten times the package's own limit of a closed pose

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pinflex.packing import STEPS, pack
+from pinflex.viewer.packing import STEPS, pack
 
 
 def unpacked(text: str) -> Any:

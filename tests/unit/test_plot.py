@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pinflex import plot
 from pinflex.errors import DescriptionError
-from pinflex.peaks import amplitudes
-from pinflex.result import Result, peak
+from pinflex.results.peaks import amplitudes
+from pinflex.results.result import Result, peak
+from pinflex.viewer import plot
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -162,7 +162,7 @@ def test_save_all_writes_every_figure_the_results_allow(rigid, flexible, tmp_pat
 
 def test_plotting_leaves_no_global_state_and_importing_it_is_light():
     code = (
-        "import sys, pinflex.plot as p; assert 'matplotlib' not in sys.modules\n"
+        "import sys, pinflex.viewer.plot as p; assert 'matplotlib' not in sys.modules\n"
         "from tests.synthetic import synthetic_result as s\n"
         "p.torques(s('rigid'), {'c': s()}); assert 'matplotlib.pyplot' not in sys.modules"
     )

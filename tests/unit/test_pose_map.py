@@ -9,11 +9,11 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
-from pinflex.plot_pose_map import plot_pose_map
-from pinflex.pose import moved, pose
-from pinflex.pose_map import pose_map
-from pinflex.stiffness import platform_compliance
-from pinflex.tracking import tracked
+from pinflex.studies.plot_pose_map import plot_pose_map
+from pinflex.studies.pose import moved, pose
+from pinflex.studies.pose_map import pose_map
+from pinflex.studies.stiffness import platform_compliance
+from pinflex.studies.tracking import tracked
 from tests.scenes import Body, load
 
 # Two arms that share nothing but the ground. Gravity stiffens a hanging arm and softens a standing

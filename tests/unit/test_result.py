@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pinflex.errors import DescriptionError
-from pinflex.result import FORMAT, Result, peak, rms
+from pinflex.results.result import FORMAT, Result, peak, rms
 from tests.synthetic import synthetic_result
 
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinflex import material
+from pinflex.description import material
+from pinflex.description.section import Points, Section, from_spec
 from pinflex.errors import DescriptionError
-from pinflex.section import Points, Section, from_spec
 
 ROUNDING = 1e-12  # a dozen floating-point operations on numbers of one magnitude
 SIZES = st.floats(1e-4, 1.0)  # [m]

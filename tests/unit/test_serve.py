@@ -18,9 +18,9 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.live import Live
-from pinflex.serve import Server
-from pinflex.skin import triangles
+from pinflex.viewer.live import Live
+from pinflex.viewer.serve import Server
+from pinflex.viewer.skin import triangles
 from tests.synthetic import synthetic_result
 
 

@@ -7,8 +7,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.modal_test import identify, modal_test
-from pinflex.spectra import spectrum
+from pinflex.results.spectra import spectrum
+from pinflex.studies.modal_test import identify, modal_test
 
 ROBOT = "flexible.*.basis={kind: craig_bampton, internal: 4}"
 DAMPING = {103.1: 0.056, 286.3: 0.032}

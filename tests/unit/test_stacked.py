@@ -9,10 +9,10 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.description import model_names
-from pinflex.dynamics import Dynamics
-from pinflex.stacked import Stacked
-from pinflex.system import System
+from pinflex.description.description import model_names
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.stacked import Stacked
+from pinflex.mechanics.system import System
 from tests.finite import random_state
 from tests.scenes import Body, load
 

@@ -10,10 +10,10 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics
 from pinflex.errors import DescriptionError, SingularityError
-from pinflex.named import rotation_vector
-from pinflex.stiffness import platform_compliance, stiffness_of
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.results.named import rotation_vector
+from pinflex.studies.stiffness import platform_compliance, stiffness_of
 from tests.scenes import Body, load
 
 # L = 2, E = 3, G = 1, A = 5, Iy = 7, Iz = 11, J = 13: every entry is another number

@@ -20,16 +20,16 @@ from scipy.sparse import kron
 from scipy.sparse.linalg import eigsh
 
 from pinflex.arrays import Array
-from pinflex.basis import FlexibleBody, flexible_body
-from pinflex.dynamics import Dynamics
+from pinflex.bodies.basis import FlexibleBody, flexible_body
+from pinflex.bodies.mesh import checked, read, stepped_rod
+from pinflex.bodies.solid import Solid, of_matrices, of_mesh
+from pinflex.bodies.summary import modal_data, save, summary
+from pinflex.bodies.superelement import reduce
+from pinflex.description.flexible import Basis, FlexibleLink
+from pinflex.description.material import Material
+from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
-from pinflex.flexible import Basis, FlexibleLink
-from pinflex.material import Material
-from pinflex.mesh import checked, read, stepped_rod
-from pinflex.section import Section
-from pinflex.solid import Solid, of_matrices, of_mesh
-from pinflex.summary import modal_data, save, summary
-from pinflex.superelement import reduce
+from pinflex.mechanics.dynamics import Dynamics
 from tests.finite import by_configuration, close, random_state
 from tests.scenes import Body, load
 
@@ -218,8 +218,8 @@ BEAM = "section: {shape: circle, diameter: 0.02}\n    axial: true\n    end: tip"
 
 
 def test_a_solid_rod_and_a_beam_rod_make_the_same_robot(tmp_path: Path) -> None:
-    from pinflex.modes import modes
-    from pinflex.quasistatic import static_equilibrium
+    from pinflex.levels.modes import modes
+    from pinflex.levels.quasistatic import static_equilibrium
 
     solid = load(tmp_path, RODS, SCENE % MESH)
     beam = load(tmp_path, RODS, SCENE % BEAM)
@@ -252,7 +252,7 @@ def test_results_of_a_solid_have_section_forces_and_stress_on_the_mesh(tmp_path:
     import pinflex as pf
 
     m = load(tmp_path, RODS, SCENE % MESH)
-    r = pf.solve(m, pf.motion.hold(duration=0.1), level="quasistatic", samples=3)
+    r = pf.solve(m, pf.hold(duration=0.1), level="quasistatic", samples=3)
     forces = r.array("link/rod/resultant")[-1]
     w = m.parts["rod"].mass * 9.81
     root = np.abs(forces[0])

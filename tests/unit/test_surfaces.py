@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pinflex.arrays import Array, IntArray
-from pinflex.collada import read_collada
 from pinflex.errors import DescriptionError
-from pinflex.result import Result
-from pinflex.simplify import simplify
-from pinflex.surfaces import TRIANGLES, packed, surfaces
+from pinflex.results.result import Result
+from pinflex.viewer.collada import read_collada
+from pinflex.viewer.simplify import simplify
+from pinflex.viewer.surfaces import TRIANGLES, packed, surfaces
 
 DAE = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -58,7 +58,7 @@ def test_a_small_mesh_stays_whole() -> None:
 
 
 def test_packing_merges_equal_vertices_and_is_right_to_a_step_of_16_bits() -> None:
-    from pinflex.surfaces import Surface
+    from pinflex.viewer.surfaces import Surface
 
     vertices, faces = _cylinder(40, 10)
     soup = Surface(vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3), True)

@@ -14,7 +14,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics
+from pinflex.mechanics.dynamics import Dynamics
 
 BASES = {
     "quintic": "{kind: finite_element, elements: 1, order: quintic}",

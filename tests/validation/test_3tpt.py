@@ -68,7 +68,7 @@ def test_each_leg_hangs_on_28_562_newtons() -> None:
     rest = pf.static_equilibrium(m)
     # Lagrange on the rigid machine; drives push outward, so tension is negative.
     np.testing.assert_allclose(-rest.r[m.flexible.motors], 28.562, rtol=2e-3)
-    rigid = pf.solve(m, pf.motion.hold(duration=0.1), level="rigid", samples=2)
+    rigid = pf.solve(m, pf.hold(duration=0.1), level="rigid", samples=2)
     np.testing.assert_allclose(-rigid.torque, 28.562, rtol=5e-5)  # its five printed digits
 
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.advise import advise
-from pinflex.fewer import richer
+from pinflex.solver.advise import advise
+from pinflex.solver.fewer import richer
 from tests.cli.small import call
 
 ALL = ("torque", "deflection", "platform")

@@ -15,7 +15,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.reports import platform_errors, statistics, torque_statistics, torque_table
+from pinflex.results.reports import platform_errors, statistics, torque_statistics, torque_table
 from tests.finite import slope
 
 SYSTEM = "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}"

@@ -14,8 +14,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.modal_test import identify, modal_test
-from pinflex.spectra import ModalForces, modal_forces, spectrum
+from pinflex.results.spectra import ModalForces, modal_forces, spectrum
+from pinflex.studies.modal_test import identify, modal_test
 
 FAMILY = "flexible.*.basis={{kind: assumed, boundary: {}, modes: {}}}"
 PRINTED = (24.88, 49.75, 104.48)  # [Hz]

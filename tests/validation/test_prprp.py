@@ -27,7 +27,7 @@ from examples.paper_004 import (
     tip,
 )
 from pinflex.arrays import Array
-from pinflex.family import Family, assumed, hermite, quadrature
+from pinflex.bodies.family import Family, assumed, hermite, quadrature
 from tests.finite import slope
 
 POINT = (7.2187, 48.772, 104.39, 159.11)  # [Hz] beam elements

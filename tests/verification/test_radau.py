@@ -13,15 +13,15 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 import pinflex as pf
+from pinflex.actuation.drive import MotorPath, motor_path
 from pinflex.arrays import Array
 from pinflex.benchmarks.loops import pendulum
-from pinflex.collocation import radau
-from pinflex.drive import MotorPath, motor_path
-from pinflex.dynamics import Dynamics
-from pinflex.mechanism import Mechanism
-from pinflex.motion import Motion, from_spec
-from pinflex.radau import Stages, Start, Step
-from pinflex.start import straight_start
+from pinflex.description.motion import Motion, from_spec
+from pinflex.levels.collocation import radau
+from pinflex.levels.radau import Stages, Start, Step
+from pinflex.levels.start import straight_start
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
 from tests.finite import slope
 
 GRAVITY = 9.81  # [m/s^2]
@@ -89,7 +89,7 @@ ORDERS = {
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Newton to round-off takes more corrections than a run allows a step."""
-    monkeypatch.setattr("pinflex.radau._MAX_ITERATIONS", 60)
+    monkeypatch.setattr("pinflex.levels.radau._MAX_ITERATIONS", 60)
 
 
 @pytest.mark.usefixtures("patient")

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics
-from pinflex.quasistatic import balance
+from pinflex.levels.quasistatic import balance
+from pinflex.mechanics.dynamics import Dynamics
 from tests import analytical
 from tests.scenes import Body, load
 

@@ -25,8 +25,8 @@ def test_our_integration_gives_the_consistent_reference() -> None:
 
 def test_pinflex_accelerates_the_same_masses_in_both_conventions() -> None:
     """One instant in the middle of nowhere: accelerations to round-off."""
-    from pinflex.dynamics import Dynamics
-    from pinflex.start import consistent_acceleration
+    from pinflex.levels.start import consistent_acceleration
+    from pinflex.mechanics.dynamics import Dynamics
 
     q, dq = np.array([2e-3, -1e-3, 1e-4, 2e-4]), np.array([0.7, -0.4, 0.05, 0.1])
     for factor in (1.0, 15.0):

@@ -14,8 +14,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.dynamics import Dynamics
-from pinflex.quasistatic import balance
+from pinflex.levels.quasistatic import balance
+from pinflex.mechanics.dynamics import Dynamics
 from tests.finite import slope
 
 EXACT = -0.573779  # [m] tip lag of the geometrically exact beam

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.run import Run
-from pinflex.solve import _run, _spec, default_motion
-from pinflex.tolerance import Outputs
+from pinflex.levels.run import Run
+from pinflex.solver.solve import _run, _spec, default_motion
+from pinflex.solver.tolerance import Outputs
 
 SAMPLES = 51
 TORQUE, ALL = ("torque",), ("torque", "deflection", "platform")

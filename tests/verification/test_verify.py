@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex import verify
 from pinflex.__main__ import main
-from pinflex.benchmarks import CASES
+from pinflex.benchmarks import verify
+from pinflex.benchmarks.published import CASES
 from pinflex.benchmarks.record import Case, Check, Outcome
 
 # Each as the command runs it by default, about two minutes in all; `--long` has the others.

@@ -1,0 +1,1 @@
+"""What moves the mechanism: motors, the nominal motion, prescribed or controlled torques."""

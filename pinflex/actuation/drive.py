@@ -1,0 +1,152 @@
+"""What moves the motors: a prescribed motion (torque is the answer), or a torque (PD)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.actuation.motors import MotorAxes, joint_curve, joint_path, motor_axes
+from pinflex.actuation.nominal import nominal
+from pinflex.arrays import Array
+from pinflex.description.motion import Motion
+from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.mechanism import Mechanism
+
+# Interpolated motor motions (m, rad) are refined until the mid-interval error falls below this:
+# far below any step error, far above round-off of the second derivative.
+_FINE = 1e-10
+
+
+@dataclass(frozen=True)
+class MotorPath:
+    """Motor positions, velocities, accelerations on a time grid, each (nt, nm)."""
+
+    t: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
+    """Motor motion at times t: exact for joints, by inverse kinematics for the platform.
+
+    Inverse kinematics runs on a coarse grid; a quintic Hermite interpolant through its positions,
+    velocities and accelerations carries it to every step, refined until it is exact to 1e-10.
+    """
+    t = np.asarray(t, float)
+    if motion.target == "joints":
+        return MotorPath(t, *joint_path(mechanism, motion, t))
+    curve, fine = _interpolated(mechanism, motion, float(t[0]), float(t[-1]), len(t))
+    return curve(t) if fine else MotorPath(t, *_at_nodes(mechanism, motion, t))
+
+
+def path_between(
+    mechanism: Mechanism, motion: Motion, start: float, end: float
+) -> Callable[[Array], MotorPath]:
+    """Motor motion as a function of times in [start, end] s."""
+    if motion.target == "joints":
+        return _path(joint_curve(mechanism, motion))
+    return _interpolated(mechanism, motion, start, end)[0]
+
+
+def _interpolated(
+    mechanism: Mechanism, motion: Motion, start: float, end: float, most: int = 4097
+) -> tuple[Callable[[Array], MotorPath], bool]:
+    """Motor motion of a platform motion as a function of times in [start, end] s.
+
+    Returns:
+        The function, and whether fewer than `most` nodes made it exact to 1e-10.
+    """
+    nodes = 65
+    while True:
+        if nodes >= most:
+            return _path(lambda t: _at_nodes(mechanism, motion, t)), False
+        grid = np.linspace(start, end, 2 * nodes - 1)
+        values = _at_nodes(mechanism, motion, grid)
+        coarse = _hermite(grid[::2], [x[::2] for x in values])
+        error = np.max(np.abs(coarse(grid[1::2])[0] - values[0][1::2]), initial=0.0)
+        # Halving the interval divides the quintic's error by 64.
+        if error / 64.0 < _FINE:
+            return _path(_hermite(grid, list(values))), True
+        nodes = 2 * nodes - 1
+
+
+def _path(curve: Callable[[Array], tuple[Array, Array, Array]]) -> Callable[[Array], MotorPath]:
+    return lambda t: MotorPath(t, *curve(t))
+
+
+def _at_nodes(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
+    path, axes = nominal(mechanism, motion, t), motor_axes(mechanism)
+    position = np.array([axes.read(q) for q in path.q])
+    if len(axes.paired):
+        position = np.unwrap(position, axis=0)
+    return position, path.v[:, axes.v_at], path.a[:, axes.v_at]
+
+
+def _hermite(t: Array, values: list[Array]) -> Callable[[Array], tuple[Array, Array, Array]]:
+    from scipy.interpolate import BPoly
+
+    curve = BPoly.from_derivatives(t, np.stack(values, axis=1))
+    rate = curve.derivative()
+    second = rate.derivative()
+    return lambda at: (curve(at), rate(at), second(at))
+
+
+@dataclass(frozen=True)
+class TorqueDrive:
+    """tau = feed_forward + kp (position error) + kd (velocity error), per motor.
+
+    Attributes:
+        kp: N m/rad | N/m, shape (nm,). kd: N m s/rad | N s/m, shape (nm,).
+        feed_forward: N m | N at the steps of a run, shape (nt, nm).
+        forward: The same as a function of times, (k,) to (k, nm).
+    """
+
+    kp: Array
+    kd: Array
+    feed_forward: Array
+    forward: Callable[[Array], Array]
+
+    def torque(self, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
+        """Motor torques at step k in the state (y, v), shape (nm,)."""
+        position = path.position[k] - axes.read(y)
+        velocity = path.velocity[k] - v[axes.v_at]
+        return np.asarray(self.feed_forward[k] + self.kp * position + self.kd * velocity)
+
+    def pull(self, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
+        """Motor torques at the times of a path in the states (y, v), shape (k, nm)."""
+        error, rate = path.position - axes.read(y), path.velocity - v[:, axes.v_at]
+        return np.asarray(self.forward(path.t) + self.kp * error + self.kd * rate)
+
+
+def kinks(path: MotorPath) -> frozenset[int]:
+    """Steps at which the motor accelerations bend: the start, and wherever a motion piece ends.
+
+    There the slope of a jumps, and s has to follow, or lam is of first order after it. The second
+    difference of a is h times the jump at a bend and of the order of h^2 elsewhere.
+    """
+    a = path.acceleration
+    if len(a) < 8 or not a.shape[1]:
+        return frozenset({0})
+    bend = np.zeros(len(a))
+    bend[1:-1] = np.max(np.abs(a[2:] - 2 * a[1:-1] + a[:-2]), axis=1)
+    around = np.maximum(np.roll(bend, 2), np.roll(bend, -2))
+    sharp = (bend > 4.0 * around) & (bend > 1e-6 * np.max(np.abs(a)))
+    found = np.flatnonzero(sharp[3:-3]) + 3
+    # A rough sampled motion bends everywhere: then the steps are what limits it.
+    return frozenset({0, *found.tolist()}) if len(found) <= 32 else frozenset({0})
+
+
+def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:
+    """Times in s at which a motion or a load switches: where a piece of it ends."""
+    spec, end = motion.spec, motion.duration
+    times = {end, float(spec.get("smooth", 0.0)), float(spec.get("ramp", 0.0))}
+    if motion.kind == "trapezoid":
+        times.add(end - float(spec["ramp"]))
+    for force, _ in loads.forces:
+        times |= {force.start, force.start + force.ramp}
+        if force.until is not None:
+            times.add(force.until)
+    return tuple(sorted(time for time in times if time > 0.0))

@@ -1,0 +1,168 @@
+"""A control on a system: constant rows that measure, constant columns that drive, and its state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.actuation.signals import Signals
+from pinflex.arrays import Array
+from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage
+from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+
+# Gains of a law come from differences over this part of the size of its arguments: exact for the
+# linear laws, and Newton needs two digits.
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """A control placed on a mechanism.
+
+    Attributes:
+        control: What was asked for.
+        home: y that measures are counted from, shape (nq,).
+        S: Measures per velocity row, shape (nm, nv). B: Forces per drive, shape (nv, nu).
+    """
+
+    control: Control
+    home: Array
+    S: Array
+    B: Array
+
+
+def place(mechanism: Mechanism, control: Control, prescribed: bool) -> Feedback:
+    """Find the rows and columns of a control; `prescribed` says what the motors are.
+
+    Raises:
+        DescriptionError: A name or a place that does not exist.
+    """
+    nv = mechanism.flexible.nv
+    S = np.array([_measure(mechanism, m, nv) for m in control.measures]).reshape(-1, nv)
+    B = np.array([_drive(mechanism, d, nv, prescribed) for d in control.drives]).reshape(-1, nv).T
+    feedback = Feedback(control, mechanism.undeformed(), S, np.ascontiguousarray(B))
+    still = np.zeros(len(S))
+    size = np.shape(control.law(0.0, still, still, still))
+    if size != (len(control.drives),):
+        raise DescriptionError(
+            f"control.law: gives shape {size} for {len(control.drives)} drives. Return one each."
+        )
+    return feedback
+
+
+def _measure(mechanism: Mechanism, one: Deflection | Travel, nv: int) -> Array:
+    row = np.zeros(nv)
+    if isinstance(one, Travel):
+        row[_joint_row(mechanism, one.joint)] = 1.0
+        return row
+    at, rows = _bending(mechanism, one.link, one.x, one.direction)
+    row[at] = rows[0]
+    return row
+
+
+def _drive(mechanism: Mechanism, one: Voltage | Effort, nv: int, prescribed: bool) -> Array:
+    column = np.zeros(nv)
+    if isinstance(one, Effort):
+        row = _joint_row(mechanism, one.joint)
+        if prescribed and row in mechanism.flexible.motors:
+            raise DescriptionError(
+                f"{mechanism.name}: control: {one.joint} is a motor that follows the motion, so a "
+                "force on it moves nothing. Set solve.drive: torque, or drive another joint."
+            )
+        column[row] = 1.0
+        return column
+    patches = {
+        p.name: (link, p) for link, part in mechanism.parts.items() for p in part.spec.patches
+    }
+    if one.patch not in patches:
+        raise DescriptionError(
+            f"{mechanism.name}: control: no patch {one.patch}.{nearest(one.patch, patches)}"
+        )
+    link, patch = patches[one.patch]
+    for x, sign in ((patch.end, 1.0), (patch.start, -1.0)):
+        at, rows = _bending(mechanism, link, x, "y")
+        column[at] += sign * patch.constant * rows[1]
+    return column
+
+
+def _bending(
+    mechanism: Mechanism, link: str, x: float, direction: str
+) -> tuple[slice, tuple[Array, Array]]:
+    """Velocity rows of a bending direction, with its functions and slopes at x."""
+    where = f"{mechanism.name}: control: {link}"
+    plane = {"y": "v", "z": "w"}[direction]
+    part = mechanism.parts.get(link)
+    if part is None:
+        raise DescriptionError(f"{where}: no such flexible link.{nearest(link, mechanism.parts)}")
+    if len(part.bodies) > 1 or plane not in part.planes:
+        raise DescriptionError(f"{where}: it must be one segment that bends along {direction}.")
+    if not 0.0 <= x <= part.length * (1 + 1e-9):
+        raise DescriptionError(
+            f"{where}: x = {x:g} m is not on the beam, which ends at 0 and {part.length:g} m."
+        )
+    slot = next(s for s in mechanism.flexible.expansion.slots if s.link == link)
+    inside, start = slot.body.slices[plane], int(mechanism.flexible.rigid.nv) + slot.eta.start
+    F = slot.body.families[plane].evaluate(np.array([x]))
+    return slice(start + inside.start, start + inside.stop), (F.f[0], F.rot[0])
+
+
+def _joint_row(mechanism: Mechanism, joint: str) -> int:
+    names = list(mechanism.coordinates)
+    if joint not in names:
+        raise DescriptionError(
+            f"{mechanism.name}: control: {joint} is no joint of one freedom.{nearest(joint, names)}"
+        )
+    return names.index(joint)
+
+
+class FeedbackState:
+    """The integrals of a control along a run, and its forces at any state."""
+
+    def __init__(self, feedback: Feedback, dynamics: Dynamics, h: float) -> None:
+        self.feedback, self._dynamics, self._half = feedback, dynamics, 0.5 * h
+        n, self._t = len(feedback.S), 0.0
+        self.m, self.total = np.zeros(n), np.zeros(n)
+        self._m_old: Array | None = None
+        self._total_old = np.zeros(n)
+        self.u = np.zeros(len(feedback.control.drives))
+
+    def force(self, t: float, y: Array, v: Array) -> Array:
+        """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule."""
+        one, self._t = self.feedback, t
+        self.m = one.S @ self._dynamics.difference(one.home, y)
+        before = self.m if self._m_old is None else self._m_old
+        step = 0.0 if self._m_old is None else self._half
+        self.total = self._total_old + step * (before + self.m)
+        self.u = np.asarray(one.control.law(t, self.m, one.S @ v, self.total), dtype=np.float64)
+        return one.B @ self.u
+
+    def signals(self, count: int) -> Signals:
+        """Room for what it does at a number of times."""
+        one = self.feedback
+        u, m = np.zeros((count, len(self.u))), np.zeros((count, len(self.m)))
+        return Signals(one.control.labels, one.B, u, m)
+
+    def keep(self) -> None:
+        """Accept the last state as the end of a step."""
+        self._m_old, self._total_old = self.m.copy(), self.total.copy()
+
+    def gains(self, y: Array, v: Array) -> tuple[Array, Array]:
+        """Derivatives of the force by y and by v at a state, each (nv, nv)."""
+        t = self._t
+        self.force(t, y, v)
+        one, law = self.feedback, self.feedback.control.law
+        given = [self.m, one.S @ v, self.total]
+        slopes = []
+        for k, x in enumerate(given):
+            columns = []
+            for e in np.eye(len(x)):
+                step = _STEP * max(float(np.max(np.abs(x))), 1e-6)
+                moved = [law(t, *(g + s * step * e if j == k else g for j, g in enumerate(given)))
+                         for s in (1.0, -1.0)]  # fmt: skip
+                columns.append((np.asarray(moved[0]) - np.asarray(moved[1])) / (2.0 * step))
+            slopes.append(np.array(columns).reshape(len(x), len(self.u)).T)
+        by_m = slopes[0] + self._half * slopes[2]
+        return one.B @ by_m @ one.S, one.B @ slopes[1] @ one.S

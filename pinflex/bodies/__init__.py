@@ -1,0 +1,1 @@
+"""A flexible link as stations on few coordinates: beams, modes, reduced solids."""

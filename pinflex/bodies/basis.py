@@ -1,0 +1,354 @@
+"""A flexible link as stations: mass points whose motion is quadratic in a few coordinates eta.
+
+With the strains linear in eta (curvatures kappa = (p', -w'', v''), stretch u', shear), the section
+at x moves and turns, exactly to second order, by
+
+    (u, v, w, rz, ry, rx) = Phi eta + 1/2 eta' G eta,      R = Rz(rz) Ry(ry) Rx(rx).
+
+The beam frame has x along the span; v is the deflection along y, w along z, p the twist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.bodies import beam
+from pinflex.bodies.beam_modes import BOUNDARIES
+from pinflex.bodies.family import (
+    BENDING,
+    ORDERS,
+    Family,
+    assumed,
+    combine,
+    hermite,
+    polynomial,
+    quadrature,
+    sines,
+)
+from pinflex.bodies.ritz8 import ritz8
+from pinflex.errors import DescriptionError, nearest
+
+if TYPE_CHECKING:
+    from pinflex.bodies.superelement import Superelement
+    from pinflex.description.flexible import FlexibleLink
+
+DIRECTIONS = ("u", "v", "w", "p")
+KINDS = ("craig_bampton", "finite_element", "assumed", "ritz8")
+
+
+@dataclass(frozen=True, eq=False)
+class FlexibleBody:
+    """Stations, stiffness and damping of a beam in coordinates eta.
+
+    Attributes:
+        n: Number of coordinates. labels: Name of each.
+        length: Length of the beam (m).
+        families: Functions that span each direction. slices: Place of each in eta.
+        second_order: Whether the second-order rows G exist; they are None otherwise.
+        x: Stations (m), shape (ns,).
+        mass: Their masses rho A w (kg), shape (ns,). End masses are not in them.
+        Phi, G: Rows of their displacement (u, v, w), shapes (ns, 3, n) and (ns, 3, n, n).
+        xt: Twist stations (m), shape (nt,): none without torsion or with rotary inertia.
+        It: Their moments of inertia rho Ip w (kg m^2), shape (nt,).
+        Phi_t, G_t: Rows of their rotation rx, shapes (nt, n) and (nt, n, n).
+        rotary: Whether stations turn with inertia.
+        inertia: rho (Ip, my, mz) w about (x, y, z) (kg m^2), shape (ns, 3); None without.
+        Phi_r, G_r: Rows of their rotations (rz, ry, rx), shapes (ns, 3, n) and (ns, 3, n, n).
+        K: Stiffness, shape (n, n).
+        M: Linear mass matrix of the beam held at its root, shape (n, n); with the end masses,
+            unless the link is cut into segments.
+        D: Damping.
+        root_moves: Whether the section at x = 0 moves in the frame of the beam.
+        solid: What a reduced solid has beside; None for a beam.
+    """
+
+    n: int
+    length: float
+    families: Mapping[str, Family]
+    slices: Mapping[str, slice]
+    labels: tuple[str, ...]
+    second_order: bool
+    x: Array
+    mass: Array
+    Phi: Array
+    G: Array | None
+    xt: Array
+    It: Array
+    Phi_t: Array
+    G_t: Array | None
+    rotary: bool
+    inertia: Array | None
+    Phi_r: Array | None
+    G_r: Array | None
+    K: Array
+    M: Array
+    D: Array
+    root_moves: bool
+    solid: Superelement | None = None
+
+    @property
+    def points(self) -> Array:
+        """Places of the stations (m), shape (ns, 3)."""
+        return np.outer(self.x, [1.0, 0.0, 0.0]) if self.solid is None else self.solid.points
+
+    @property
+    def interfaces(self) -> tuple[float, ...]:
+        """Ends (m) whose sections move: the tip, and the root of families not clamped there."""
+        return (0.0, self.length) if self.root_moves else (self.length,)
+
+    def rows(self, x: float) -> tuple[Array, Array | None]:
+        """Rows (u, v, w, rz, ry, rx) of the section at x (m): Phi (6, n) and G (6, n, n)."""
+        if self.solid is not None:
+            return self.solid.rows(x)
+        at = np.array([float(x)])
+        Phi = beam.first_order(self.families, self.slices, at)[0]
+        if not self.second_order:
+            return Phi, None
+        return Phi, beam.second_order(self.families, self.slices, at, range(6))[0]
+
+    def fields(self, x: Array) -> dict[str, Array]:
+        """Linear output rows at x (m), shape (nx,).
+
+        Returns:
+            deflection (u, v, w, rx, ry, rz), shape (nx, 6, n), and, of the directions present,
+            axial (u'), curvature_v, curvature_w, shear_v, shear_w and twist (p'), shape (nx, n).
+        """
+        x = np.atleast_1d(np.asarray(x, dtype=np.float64))
+        if self.solid is not None:
+            return self.solid.fields(x)
+        Phi = beam.first_order(self.families, self.slices, x)
+        out = {"deflection": Phi[:, [0, 1, 2, 5, 4, 3]]}
+        names = {"u": "axial", "v": "curvature_v", "w": "curvature_w", "p": "twist"}
+        for direction, family in self.families.items():
+            F = family.evaluate(x)
+            out[names[direction]] = row = np.zeros((len(x), self.n))
+            row[:, self.slices[direction]] = F.curv
+            if family.shear:
+                out[f"shear_{direction}"] = row = np.zeros((len(x), self.n))
+                row[:, self.slices[direction]] = F.df - F.rot
+        return out
+
+
+def flexible_body(
+    link: FlexibleLink, planes: Sequence[str], length: float, rho: float | None = None
+) -> FlexibleBody:
+    """Build the stations, stiffness and damping of a flexible link.
+
+    craig_bampton: static end shapes and fixed-interface modes of polynomials; finite_element:
+    Hermite elements; assumed: analytic bending modes, sines or polynomials for stretch and twist.
+
+    Args:
+        link: The flexible link.
+        planes: Its directions among "u", "v", "w", "p".
+        length: Length of the beam (m).
+        rho: Density (kg/m^3); None: that of the material.
+    """
+    density = _checked_density(link, planes, length, rho)
+    families: dict[str, Family] = {}
+    slices: dict[str, slice] = {}
+    blocks: dict[str, tuple[Array, Array]] = {}
+    n = 0
+    for direction in (d for d in DIRECTIONS if d in planes):
+        family = _family(link, direction, length)
+        K, M = _energy(link, direction, family, density)
+        if link.basis.kind == "craig_bampton":
+            T, names = _craig_bampton(family, direction, K, M, link.basis.internal)
+            family, K, M = combine(family, T, names), T.T @ K @ T, T.T @ M @ T
+        families[direction], blocks[direction] = family, (K, M)
+        slices[direction], n = slice(n, n + family.n), n + family.n
+
+    alpha, beta = link.rayleigh
+    K, M, D = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    for direction, at in slices.items():
+        K[at, at], M[at, at] = blocks[direction]
+        D[at, at] = alpha * M[at, at] + beta * K[at, at]
+        if link.modal_damping:
+            D[at, at] += _modal_damping(*blocks[direction], link.modal_damping)
+
+    section, rotary = link.section, link.rotary_inertia
+    # Two points at least: a rigid rotation of the beam is of first degree in x.
+    gauss = max([f.gauss for d, f in families.items() if d != "p" or rotary], default=2)
+    breaks = beam.union([f.breaks for f in families.values()])
+    x, w = (a.ravel() for a in quadrature(breaks, gauss))
+    xt, wt = np.zeros(0), np.zeros(0)
+    if "p" in families and not rotary:
+        xt, wt = (a.ravel() for a in quadrature(families["p"].breaks, families["p"].gauss))
+    Phi, Phi_t = (beam.first_order(families, slices, at) for at in (x, xt))
+    G = G_t = None
+    if link.second_order:
+        G = beam.second_order(families, slices, x, range(6 if rotary else 3))
+        G_t = beam.second_order(families, slices, xt, (5,))[:, 0]
+    sections = np.abs(beam.first_order(families, slices, np.append(0.0, x)))
+    return FlexibleBody(
+        n=n,
+        length=length,
+        families=families,
+        slices=slices,
+        labels=_labels(families),
+        second_order=link.second_order,
+        x=x,
+        mass=density * section.A * w,
+        Phi=Phi[:, :3],
+        G=None if G is None else G[:, :3],
+        xt=xt,
+        It=density * section.Ip * wt,
+        Phi_t=Phi_t[:, 5],
+        G_t=G_t,
+        rotary=rotary,
+        inertia=density * np.outer(w, [section.Ip, *section.turning]) if rotary else None,
+        Phi_r=Phi[:, 3:] if rotary else None,
+        G_r=G[:, 3:] if rotary and G is not None else None,
+        K=K,
+        M=M,
+        D=D,
+        # Against the largest along the beam, entry by entry: each has its own unit.
+        root_moves=bool(np.any(sections[0] > 1e-9 * sections.max(axis=0))),
+    )
+
+
+def _labels(families: Mapping[str, Family]) -> tuple[str, ...]:
+    return tuple(
+        f"{d}{name}" if name.isdigit() else f"{d} {name}"
+        for d, family in families.items()
+        for name in family.names
+    )
+
+
+def _family(link: FlexibleLink, direction: str, length: float) -> Family:
+    """Functions that span a direction, before any recombination."""
+    basis, section, material = link.basis, link.section, link.material
+    ratio = 0.0
+    if link.shear and direction in BENDING:
+        second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
+        ratio = material.E * second / (k * material.G * section.A)
+    if basis.kind == "finite_element":
+        free = basis.boundary == "free_free" and direction in BENDING
+        root = "free" if free else "clamped"
+        return hermite(length, basis.elements, basis.order, root, direction, ratio)
+    if basis.kind == "assumed":
+        if direction in BENDING:
+            return assumed(length, basis.boundary, basis.modes)
+        if basis.stretch == "polynomials":
+            return polynomial(length, basis.modes, direction)
+        return sines(length, basis.modes)
+    if basis.kind == "ritz8":
+        return ritz8(length, direction, ratio)
+    # Stretch and twist live far above bending: two internal modes fewer cost nothing there.
+    n = basis.internal + 2 if direction in BENDING else max(basis.internal - 2, 0) + 1
+    return polynomial(length, n, direction, ratio, ratio > 0.0 and link.rotary_inertia)
+
+
+def _energy(link: FlexibleLink, direction: str, family: Family, rho: float) -> tuple[Array, Array]:
+    """Stiffness and mass matrix of one direction, end masses included, each (n, n)."""
+    section, E, G = link.section, link.material.E, link.material.G
+    shear = 0.0
+    if direction == "u":
+        stiffness, spin = E * section.A, 0.0
+    elif direction == "p":
+        stiffness, spin = G * section.J, rho * section.Ip
+    else:
+        second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
+        stiffness = E * second
+        spin = rho * section.turning[direction == "v"] * link.rotary_inertia
+        shear = k * G * section.A * family.shear
+    x, weights = quadrature(family.breaks, family.gauss)
+    F, w = family.evaluate(x.ravel()), weights.ravel()[:, None]
+    K = stiffness * F.curv.T @ (w * F.curv)
+    if shear:
+        K += shear * (F.df - F.rot).T @ (w * (F.df - F.rot))
+    translates = direction != "p"
+    M = spin * F.rot.T @ (w * F.rot) + translates * rho * section.A * F.f.T @ (w * F.f)
+    axis = {"p": 0, "w": 1, "v": 2}.get(direction)
+    for end, at in ((link.root, 0.0), (link.tip, family.length)):
+        # One body stands for every segment of a link that is cut; none of them owns the ends.
+        if end is not None and link.segments == 1:
+            F = family.evaluate(np.array([at]))
+            turn = 0.0 if axis is None else end.inertia[axis]
+            M += translates * end.mass * F.f.T @ F.f + turn * F.rot.T @ F.rot
+    return 0.5 * (K + K.T), 0.5 * (M + M.T)
+
+
+def _craig_bampton(
+    family: Family, direction: str, K: Array, M: Array, internal: int
+) -> tuple[Array, tuple[str, ...]]:
+    """Static tip shapes and the lowest modes with the tip held, from a family clamped at its root.
+
+    Args:
+        family: n functions, with stiffness K and mass M, each (n, n).
+        direction: Bending has a tip displacement and a tip rotation, the others one of the two.
+        internal: Number of modes; with free shear strains there are more, and they are left out.
+    Returns:
+        T (n, m), such that the new functions are f @ T, and their names. The end shapes have unit
+        tip displacement or rotation; the modes have int f^2 dx = L.
+    Source: Craig, Bampton (1968).
+    """
+    tip = family.evaluate(np.array([family.length]))
+    B = np.vstack([tip.f, tip.rot]).T if direction in BENDING else tip.f.T
+    compliance = np.linalg.solve(K, B)
+    static = compliance @ np.linalg.inv(B.T @ compliance)
+    held = np.linalg.qr(B, mode="complete")[0][:, B.shape[1] :]
+    # Eigenvectors of K^-1 M, not of M^-1 K: the lowest modes are then the accurate ones.
+    root = np.linalg.inv(np.linalg.cholesky(held.T @ K @ held))
+    modes = held @ root.T @ np.linalg.eigh(root @ (held.T @ M @ held) @ root.T)[1][:, ::-1]
+    modes = modes[:, :internal]
+    x, weights = quadrature(family.breaks, family.gauss)
+    shapes = family.evaluate(np.append(x.ravel(), 0.0))
+    norm = np.sqrt(weights.ravel() @ (shapes.f[:-1] @ modes) ** 2 / family.length)
+    start = shapes.curv[-1] @ modes  # the first lobe is positive
+    names = ("tip", "slope")[: B.shape[1]] + tuple(str(k + 1) for k in range(modes.shape[1]))
+    return np.hstack([static, modes * np.where(start < 0.0, -1.0, 1.0) / norm]), names
+
+
+def _modal_damping(K: Array, M: Array, ratio: float) -> Array:
+    """D = M V diag(2 zeta omega) V' M of the modes V held at the root, V' M V = 1."""
+    L = np.linalg.cholesky(M)
+    half = np.linalg.solve(L, K)
+    squares, U = np.linalg.eigh(np.linalg.solve(L, half.T))
+    MV = L @ U
+    return np.asarray(MV * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ MV.T)
+
+
+def _checked_density(
+    link: FlexibleLink, planes: Sequence[str], length: float, rho: float | None
+) -> float:
+    """Density (kg/m^3) of a link whose numbers make sense; anything else is an error."""
+    basis, section, material = link.basis, link.section, link.material
+
+    def wrong(key: str, text: str) -> DescriptionError:
+        return DescriptionError(f"flexible.{link.link}{key}: {text}", link=link.link)
+
+    if not planes or not set(planes) <= set(DIRECTIONS):
+        text = f"directions {tuple(planes)} are not some of {DIRECTIONS}. Name those that deform."
+        raise wrong("", text)
+    for key, name, known in (
+        ("kind", basis.kind, KINDS),
+        ("order", basis.order, ORDERS),
+        ("boundary", basis.boundary, BOUNDARIES),
+    ):
+        if name not in known:
+            raise wrong(f".basis.{key}", f'unknown {key} "{name}".{nearest(name, known)}')
+    what = {"assumed": "assumed modes", "finite_element": f"{basis.order} elements"}
+    if link.shear and what.get(basis.kind, "cubic elements") != "cubic elements":
+        text = f"{what[basis.kind]} have no shear. Use finite_element of order cubic, or "
+        raise wrong(".shear", text + "craig_bampton.")
+    density = material.rho if rho is None else rho
+    if density is None:
+        text = "the density is to follow from the mass in the URDF, but rho is not given. "
+        raise wrong(".material.rho", text + "Give a number.")
+    sizes = {"length": length, "material.E": material.E, "material.rho": density}
+    sizes |= {"material.G": material.G} if link.shear or "p" in planes else {}
+    needs = [key for d, key in (("v", "Iz"), ("w", "Iy"), ("p", "J")) if d in planes]
+    needs += ["ky", "kz"] if link.shear else []
+    sizes |= {f"section.{key}": getattr(section, key) for key in ("A", *needs)}
+    sizes |= {"basis.elements": basis.elements, "basis.modes": basis.modes}
+    for key, value in sizes.items():
+        if not 0.0 < value < np.inf:
+            raise wrong(f".{key}", f"{value!r} is not a finite number above 0. Give one.")
+    if basis.internal < 0:
+        raise wrong(".basis.internal", f"{basis.internal} is negative. Give 0, 1, 2, ...")
+    return density

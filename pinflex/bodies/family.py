@@ -1,0 +1,344 @@
+"""Families of functions that span one direction of a beam: Hermite, polynomial, analytic modes.
+
+A family knows nothing of stiffness or mass: it gives, at any x, the displacement f, its derivative
+df, the rotation rot of the section and the curvature curv = rot'. Euler-Bernoulli: rot = df;
+Timoshenko: the shear strain is df - rot. Axial and torsion: rot = f, curv = df.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from pinflex.arrays import Array, IntArray
+from pinflex.bodies import beam_modes
+from pinflex.errors import DescriptionError, nearest
+
+BENDING = ("v", "w")
+# Hermite order of a bending field -> order of the torsion and the axial field that go with it.
+_COMPANIONS = {
+    "quintic": {"v": "quintic", "w": "quintic", "p": "cubic", "u": "linear"},
+    "cubic": {"v": "cubic", "w": "cubic", "p": "linear", "u": "linear"},
+}
+ORDERS = tuple(_COMPANIONS)
+# Shape functions of an element of unit length in powers of xi = x / l: one row per coordinate,
+# (value, slope, curvature) at xi = 0, then at xi = 1. Scenes 1.1: n1..n6, n7..n10, (1 - e, e).
+_HERMITE = {
+    "quintic": np.array(
+        [
+            [1, 0, 0, -10, 15, -6],
+            [0, 1, 0, -6, 8, -3],
+            [0, 0, 0.5, -1.5, 1.5, -0.5],
+            [0, 0, 0, 10, -15, 6],
+            [0, 0, 0, -4, 7, -3],
+            [0, 0, 0, 0.5, -1, 0.5],
+        ]
+    ),
+    "cubic": np.array([[1.0, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1]]),
+    "linear": np.array([[1.0, -1], [0, 1]]),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """A family at some points: each array has shape (nx, n).
+
+    Attributes:
+        f: Value.
+        df: Derivative f' (1/m).
+        rot: Rotation of the section.
+        curv: Curvature rot' (1/m).
+    """
+
+    f: Array
+    df: Array
+    rot: Array
+    curv: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """n functions on [0, length].
+
+    Attributes:
+        n: Number of functions.
+        length: Length of the beam (m).
+        breaks: Boundaries of the intervals on which the functions are smooth (m).
+        gauss: Gauss points per interval that integrate a product of two functions: p + 1, exactly,
+            for polynomials of degree p; to rounding for analytic modes.
+        names: Name of each coordinate, such as "slope 2" or "1".
+        function: x (nx,) -> Functions.
+        shear: Whether df and rot differ.
+    """
+
+    n: int
+    length: float
+    breaks: Array
+    gauss: int
+    names: tuple[str, ...]
+    function: Callable[[Array], Functions]
+    shear: bool = False
+
+    def evaluate(self, x: Array) -> Functions:
+        """Values, derivatives, rotations and curvatures at x (m), shape (nx,)."""
+        return self.function(np.atleast_1d(np.asarray(x, dtype=np.float64)))
+
+
+def hermite(
+    length: float,
+    elements: int,
+    order: str,
+    root: str = "clamped",
+    direction: str = "v",
+    shear_ratio: float = 0.0,
+) -> Family:
+    """Hermite finite elements of equal length.
+
+    A clamped root section fixes value and slope of a bending field, the value of an axial or
+    torsion field; the root curvature or twist rate stays a coordinate.
+
+    Args:
+        length: Length of the beam (m).
+        elements: Number of elements.
+        order: Order of the bending fields, "cubic" (value, slope) or "quintic" (value, slope,
+            curvature); torsion then is linear or cubic, axial linear.
+        root: "clamped" or "free".
+        direction: "v", "w" (bending), "p" (torsion) or "u" (axial).
+        shear_ratio: EI / (k G A) (m^2); not zero: interdependent Timoshenko functions, cubic only.
+    Source: Liu et al. (2010), eq. 1-4 (18-coordinate element); Friedman, Kosmatka (1993),
+        eq. 20-21 (shear), with slope = rotation of the section.
+    """
+    if order not in _COMPANIONS:
+        text = f'order: unknown order "{order}".{nearest(order, ORDERS)}'
+        raise DescriptionError(text, order=order)
+    kind = _COMPANIONS[order][direction]
+    bending = direction in BENDING
+    if bending and shear_ratio and kind != "cubic":
+        raise DescriptionError(
+            f'order: "{order}" elements have no shear. Use order "cubic" with shear.', order=order
+        )
+    size = length / elements
+    powers = _HERMITE[kind]
+    per_node = len(powers) // 2
+    scale = np.tile(size ** np.arange(per_node), 2)[:, None]
+    turn = None
+    if bending and shear_ratio:
+        powers, turn = _friedman_kosmatka(12.0 * shear_ratio / size**2)
+        turn = _from_powers(turn * scale / size)
+    value = _from_powers(powers * scale)
+    if turn is None:
+        turn = _derivative(value, size) if bending else value
+    held = 0 if root == "free" else 2 if bending else 1
+    rate = ("", "slope", "curvature") if bending else ("", "rate")
+    labels = [
+        f"{rate[k] or 'node'} {node}" for node in range(elements + 1) for k in range(per_node)
+    ]
+    first = per_node * np.arange(elements)[:, None]
+    dofs = first + np.arange(2 * per_node) - held  # held ones become -1, -2: spare columns
+    return _piecewise(
+        length,
+        elements,
+        value,
+        turn,
+        dofs,
+        tuple(labels[held:]),
+        value.shape[1],
+        bending and shear_ratio > 0.0,
+    )
+
+
+def polynomial(
+    length: float,
+    n: int,
+    direction: str = "v",
+    shear_ratio: float = 0.0,
+    shear_free: bool = False,
+) -> Family:
+    """Polynomials on the whole beam, clamped at the root, with Legendre strains.
+
+    Bending: curv = P_j(2x/L - 1), j < n, f its double integral; axial and torsion: df = P_j. With
+    shear, each curvature carries the shear strain that balances it, df - rot = -(EI/kGA) rot'',
+    which is all there is without rotary inertia; with it, n free shear strains P_j are added.
+
+    Args:
+        length: Length of the beam (m).
+        n: Number of Legendre polynomials.
+        direction: "v", "w" (bending), "p" (torsion) or "u" (axial).
+        shear_ratio: EI / (k G A) (m^2); 0: Euler-Bernoulli.
+        shear_free: Add the n free shear strains: 2 n functions.
+    """
+    half = length / 2.0
+    strain = np.eye(n, n + 3)
+    rotation = _integral(strain, half)
+    if direction not in BENDING:
+        turn = value = rotation
+    else:
+        slope = rotation.copy()
+        if shear_ratio:
+            slope -= shear_ratio * _derivative(strain, length)
+        turn = rotation
+        if shear_free:
+            slope = np.vstack([slope, strain])
+            turn = np.vstack([rotation, np.zeros_like(strain)])
+        value = _integral(slope, half)
+    count = len(value)
+    names = tuple(str(k + 1) for k in range(count))
+    degree = n + 1 if direction in BENDING else n
+    shear = direction in BENDING and (shear_ratio > 0.0 or shear_free)
+    return _piecewise(length, 1, value, turn, np.arange(count)[None], names, degree + 1, shear)
+
+
+def assumed(length: float, boundary: str, modes: int) -> Family:
+    """Analytic bending modes with int f^2 dx = L, so that coordinates are amplitudes in m.
+
+    Args:
+        length: Length of the beam (m).
+        boundary: One of beam_modes.BOUNDARIES; free_free begins with its two rigid modes.
+        modes: Number of modes.
+    """
+    rigid = boundary == "free_free"
+    return _modal(beam_modes.mode_functions(boundary, modes, length, rigid), bending=True)
+
+
+def sines(length: float, modes: int) -> Family:
+    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
+    return _modal(beam_modes.sine_modes(modes, length), bending=False)
+
+
+def combine(family: Family, T: Array, names: tuple[str, ...] | None = None) -> Family:
+    """Linear recombination f @ T of a family.
+
+    Args:
+        family: Family of n functions.
+        T: Coefficients, shape (n, m).
+        names: Names of the m new coordinates; None: numbers.
+    """
+    m = T.shape[1]
+    labels = names or tuple(str(k + 1) for k in range(m))
+    function = partial(_combined, function=family.function, T=T)
+    return Family(m, family.length, family.breaks, family.gauss, labels, function, family.shear)
+
+
+@lru_cache(maxsize=64)
+def _gauss(points: int) -> tuple[Array, Array]:
+    s, w = legendre.leggauss(points)
+    return s, w
+
+
+def quadrature(breaks: Array, points: int) -> tuple[Array, Array]:
+    """Gauss-Legendre rule on every interval of `breaks`.
+
+    Args:
+        breaks: Ascending interval boundaries (m), shape (k + 1,).
+        points: Points per interval; exact to degree 2 points - 1.
+    Returns:
+        Points x (m) and weights w (m), each of shape (k, points).
+    """
+    s, w = _gauss(points)
+    half = 0.5 * np.diff(breaks)[:, None]
+    return breaks[:-1, None] + half * (s + 1.0), half * w
+
+
+def _modal(modes: beam_modes.Modes, bending: bool) -> Family:
+    n = len(modes.wavenumber)
+    bl = float(modes.wavenumber[-1]) * modes.length
+    # Measured for products of modes and of their slopes at 3e-13, first 50 modes of every
+    # boundary: bl/2 resolves the waves, the rest is the tail of the Gauss error.
+    gauss = math.ceil(0.5 * bl + 5.0 * bl ** (1 / 3) + 1.0)
+    breaks = np.array([0.0, modes.length])
+    names = tuple(str(k + 1) for k in range(n))
+    function = partial(_modal_functions, modes=modes, bending=bending)
+    return Family(n, modes.length, breaks, max(gauss, 2), names, function)
+
+
+def _modal_functions(x: Array, modes: beam_modes.Modes, bending: bool) -> Functions:
+    f, df = modes.evaluate(x), modes.evaluate(x, 1)
+    return Functions(f, df, df, modes.evaluate(x, 2)) if bending else Functions(f, df, f, df)
+
+
+def _combined(x: Array, function: Callable[[Array], Functions], T: Array) -> Functions:
+    F = function(x)
+    f, df = F.f @ T, F.df @ T
+    rot = df if F.rot is F.df else f if F.rot is F.f else F.rot @ T
+    return Functions(f, df, rot, df if F.curv is F.df else F.curv @ T)
+
+
+def _friedman_kosmatka(phi: float) -> tuple[Array, Array]:
+    """Deflection and (times l) rotation functions in powers of xi, on an element of unit length."""
+    deflection = [
+        [1 + phi, -phi, -3, 2],
+        [0, 1 + phi / 2, -2 - phi / 2, 1],
+        [0, phi, 3, -2],
+        [0, -phi / 2, -1 + phi / 2, 1],
+    ]
+    rotation = [[0, -6, 6], [1 + phi, -4 - phi, 3], [0, 6, -6], [0, -2 + phi, 3]]
+    return np.array(deflection) / (1 + phi), np.array(rotation) / (1 + phi)
+
+
+def _from_powers(powers: Array) -> Array:
+    """Legendre coefficients on [-1, 1] of polynomials in xi = (s + 1)/2, row by row."""
+    out = np.zeros(powers.shape)
+    for k, column in enumerate(powers.T):
+        out[:, : k + 1] += np.outer(column, legendre.legpow([0.5, 0.5], k))
+    return out
+
+
+def _integral(coefficients: Array, half: float) -> Array:
+    """Integral from the root of Legendre series on a beam of length 2 half, same width."""
+    series = legendre.legint(coefficients, lbnd=-1, axis=1)[:, :-1]
+    return np.asarray(half * series, dtype=np.float64)
+
+
+def _derivative(coefficients: Array, size: float) -> Array:
+    """d/dx of Legendre series on elements of length `size`, padded to the same width."""
+    d = legendre.legder(coefficients, axis=1) * (2.0 / size)
+    return np.pad(d, ((0, 0), (0, coefficients.shape[1] - d.shape[1])))
+
+
+def _piecewise(
+    length: float,
+    elements: int,
+    value: Array,
+    turn: Array,
+    dofs: IntArray,
+    names: tuple[str, ...],
+    gauss: int,
+    shear: bool,
+) -> Family:
+    """Family of piecewise polynomials, equal on every element.
+
+    Args:
+        length: Length of the beam (m).
+        elements: Number of elements.
+        value: Legendre coefficients of the local functions, shape (m, width).
+        turn: Those of their rotation; `value` itself for axial and torsion fields.
+        dofs: Function each local one belongs to, shape (elements, m); negative: dropped.
+        names: Name of each function.
+        gauss: Gauss points per element.
+        shear: Whether rotation and slope differ.
+    """
+    breaks = np.linspace(0.0, length, elements + 1)
+    size = length / elements
+    turn = np.pad(turn, ((0, 0), (0, value.shape[1] - turn.shape[1])))
+    tables = (value, _derivative(value, size), turn, _derivative(turn, size))
+    function = partial(_piecewise_functions, breaks=breaks, tables=np.stack(tables), dofs=dofs)
+    return Family(len(names), length, breaks, gauss, names, function, shear)
+
+
+def _piecewise_functions(x: Array, breaks: Array, tables: Array, dofs: IntArray) -> Functions:
+    element = np.clip(np.searchsorted(breaks, x, side="right") - 1, 0, len(breaks) - 2)
+    start, size = breaks[element], breaks[1] - breaks[0]
+    V = legendre.legvander(2.0 * (x - start) / size - 1.0, tables.shape[2] - 1)
+    local = V @ tables.transpose(0, 2, 1)
+    held = -int(dofs.min())
+    if len(dofs) == 1 and held == 0:
+        return Functions(*local)
+    columns = int(dofs.max()) + 1
+    out = np.zeros((4, len(x), columns + held))
+    out[:, np.arange(len(x))[:, None], dofs[element]] = local
+    return Functions(*out[:, :, :columns])

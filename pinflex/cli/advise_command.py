@@ -1,0 +1,56 @@
+"""The command `advise`: its arguments, and what it does."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from pinflex.cli.console import load_model, print_json
+
+
+def add(
+    command: Callable[..., argparse.ArgumentParser],
+    positive: Callable[[str], float],
+    names: Callable[[str], tuple[str, ...]],
+) -> None:
+    """Add the command.
+
+    Args:
+        command: Makes the parser of a command from its name, summary, text and example.
+        positive: Reads a number above zero. names: Reads words joined by commas.
+    """
+    p = command(
+        "advise",
+        "what a scene needs: level, links, planes, modes, tolerance",
+        """
+Measures along the motion, by cheap linear runs of a richer model (every plane, stretch, twist, one
+more mode), what each level and each thing left out costs, and proposes the least that keeps the
+errors within a tolerance, with an error bar on each output. Errors are relative to the largest
+value; of the platform, to its largest deviation from the rigid motion. A short coupled run holds
+them to the full equations. A torque alone often needs no flexible link: ask for what you need. The
+last lines say what weakens the advice. `pinflex solve MODEL --level auto` follows it as far as the
+level and the step.""",
+        "pinflex advise race_r1 --asked torque --tol 0.03\n  pinflex advise 3rrs --tol 1e-2 --json",
+    )
+    p.add_argument(
+        "--tol", type=positive, default=1e-2, metavar="X",
+        help="relative error wanted, 1e-6 to 0.1 (default 1e-2)",
+    )  # fmt: skip
+    p.add_argument(
+        "--asked", type=names, default=(), metavar="A,B,...",
+        help="torque, deflection, platform (default: the YAML's solve.asked, or all)",
+    )  # fmt: skip
+    p.add_argument("--until", type=positive, metavar="S", help="end time in s")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Say what a scene needs."""
+    from pinflex.solver import advise_text
+    from pinflex.solver.advise import advise
+
+    found = advise(load_model(args), tol=args.tol, asked=args.asked, until=args.until)
+    if args.json:
+        print_json(advise_text.plain(found))
+    else:
+        print(advise_text.write(found, args.model), end="")
+    return 0

@@ -1,0 +1,114 @@
+"""The commands `sweep` and `map`: tables of many cases."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.errors import SceneError
+from pinflex.studies.batch import Interrupted
+from pinflex.studies.cases import parsed
+from pinflex.studies.columns import Columns, check_suffix
+from pinflex.studies.outputs import OUTPUTS
+from pinflex.text import number, paragraph, table
+from pinflex.writing import writable
+
+_SHOWN = 5  # failures in the answer for people; the table has them all
+
+
+def sweep(args: argparse.Namespace) -> int:
+    """Solve many cases and write their table."""
+    from pinflex.studies.sweep import sweep as run
+
+    out, options = _batch(args)
+    names = OUTPUTS if args.outputs is None else [n.strip() for n in args.outputs.split(",")]
+    bar = Progress("sweep")
+    try:
+        found = run(
+            args.model, parsed(args.set, "--set"), level=args.level, outputs=names,
+            paired=args.zip, progress=bar, **options,
+        )  # fmt: skip
+    except Interrupted as stop:
+        if out is not None and stop.table:  # any rows
+            stop.table.save(out)
+        raise
+    finally:
+        bar.close()
+    return _answer(args, found, out, [])
+
+
+def map_poses(args: argparse.Namespace) -> int:
+    """Frequencies and stiffness over a grid of poses: table and figure."""
+    from pinflex.studies.frequency_map import check_figure
+    from pinflex.studies.plot_pose_map import save_pose_map
+    from pinflex.studies.pose_map import pose_map
+
+    out, options = _batch(args)
+    if args.plot is not None:
+        writable(check_figure(args.plot))
+    mechanism = load_model(args)
+    bar = Progress("map")
+    try:
+        found = pose_map(
+            mechanism, parsed(args.grid, "--grid"), count=args.count, preload=args.preload,
+            free_motors=args.free_motors, progress=bar, **options,
+        )  # fmt: skip
+    finally:
+        bar.close()
+    figures = [] if args.plot is None else [save_pose_map(found, args.plot)]
+    return _answer(args, found.table, out, figures)
+
+
+def _batch(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
+    """The file of the table, checked, and what a batch takes: processes and journal."""
+    from joblib import cpu_count
+
+    out = None if args.out is None else check_suffix(args.out)
+    writable(out)
+    return out, {
+        "jobs": cpu_count() if args.jobs is None else args.jobs,
+        "scheduler": args.scheduler,
+        "journal": None if out is None else out.with_name(f"{out.name}.journal"),
+        "fresh": args.fresh,
+    }
+
+
+def _answer(args: argparse.Namespace, found: Columns, out: Path | None, figures: list[Path]) -> int:
+    """Write the table and say what is in it; an error where no case has an answer."""
+    files = [*([] if out is None else [found.save(out)]), *figures]
+    failed = np.flatnonzero(found["status"] == "failed")
+    errors = {int(k) + 1: str(found["error"][k]) for k in failed}
+    if args.json:
+        columns = {name: values.tolist() for name, values in found.arrays.items()}
+        print_json({"columns": columns, "units": found.units, "files": files})
+    else:
+        print(_ranges(found))
+        cases = "1 case" if len(found) == 1 else f"{len(found)} cases"
+        print(f"\n{cases}, {len(found) - len(failed)} done, {len(failed)} failed")
+        for row, why in [*errors.items()][:_SHOWN]:
+            print(paragraph(why, "    ", f"  case {row}: "))
+        if len(failed) > _SHOWN:
+            print(f"  and {len(failed) - _SHOWN} more")
+        print("\n".join(f"wrote {path}" for path in files) or "nothing saved (--out FILE saves it)")
+    if len(failed) == len(found):
+        raise SceneError(f"none of the cases has an answer: {errors[1]}")
+    return 0
+
+
+def _ranges(found: Columns) -> str:
+    """Least and largest value of every column that has any but zero, and their rows."""
+    rows = []
+    for name, values in found.arrays.items():
+        if values.dtype.kind != "f" or not np.any(values[np.isfinite(values)]):
+            continue
+        finite = np.where(np.isfinite(values), values, np.nan)
+        low, high = int(np.nanargmin(finite)), int(np.nanargmax(finite))
+        rows.append([
+            name, found.units.get(name, ""), number(float(values[low])), str(low + 1),
+            number(float(values[high])), str(high + 1),
+        ])  # fmt: skip
+    return table("Range of every number", "column|unit|least|in row|largest|in row", rows, (44, 8))

@@ -1,0 +1,130 @@
+"""The command `pinflex bench`: work and precision on a scene, or the race scenes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from pinflex.benchmarks.bench import Bench, Point, bench
+from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.errors import DescriptionError
+from pinflex.text import number, paragraph, table
+from pinflex.writing import plain, writable
+
+_ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
+
+
+def command(args: argparse.Namespace) -> int:
+    """Run either benchmark."""
+    if args.race is None and args.model is None:
+        raise DescriptionError("bench: no model. Name one, or give --race for the race scenes.")
+    return _race(args) if args.race is not None else _scene(args)
+
+
+def _scene(args: argparse.Namespace) -> int:
+    mechanism = load_model(args)
+    folder = None if args.output is None else Path(args.output)
+    if folder is not None:
+        writable(folder / "bench.png")
+    bar = Progress("bench")
+    try:
+        found = bench(mechanism, bar)
+    finally:
+        bar.close()
+    data = _json(found)
+    text = write(found)
+    files = [] if folder is None else _save(found, folder, text, data)
+    if args.json:
+        print_json(data)
+    else:
+        print(text, end="")
+        print("".join(f"wrote {path}\n" for path in files), end="")
+    return 0
+
+
+def write(found: Bench) -> str:
+    """Table, reference and advice."""
+    best = {id(p) for p in found.pareto()}
+    outputs = list(found.own_error)
+    rows = [
+        [p.case.method, p.case.setting, str(p.case.modes if p.case.modes is not None else "-"),
+         number(p.wall), number(p.cpu), *(f"{p.errors[name]:.1e}" for name in outputs),
+         "*" if id(p) in best else ""]
+        for p in found.points if not p.failed
+    ]  # fmt: skip
+    header = "|".join(
+        ["method", "setting", found.key or "modes", "wall s", "CPU s"]
+        + [name.replace("platform ", "") for name in outputs]
+        + ["Pareto"]
+    )
+    own = ", ".join(f"{name} {error:.1e}" for name, error in found.own_error.items())
+    failed = [paragraph(f"{p.case.method}, {p.case.setting}: {p.failed}", indent="  ") + "\n"
+              for p in found.points if p.failed]  # fmt: skip
+    return (
+        table(f"{found.name}: time and relative error", header, rows, (12, 20))
+        + "\n\n"
+        + paragraph(f"Reference: {found.reference}. Its own error: {own}.")
+        + "\n"
+        + "".join(failed)
+        + "\n"
+        + paragraph(advice(found))
+        + "\n"
+    )
+
+
+def advice(found: Bench) -> str:
+    """What to take for which error, in one sentence."""
+    parts: list[str] = []
+    last: Point | None = None
+    for error in _ERRORS:
+        point = next((p for p in found.pareto() if p.worst <= error), None)
+        if point is not None and point is not last:
+            c = point.case
+            modes = "" if c.modes is None else f", {found.key} {c.modes}"
+            setting = "" if not c.value else f" ({c.setting}{modes})"
+            parts.append(f"{error:g} costs {number(point.cpu)} s by {c.method}{setting}")
+            last = point
+    if not parts:
+        return "No case keeps every output within 0.1: refine the model, or look at the errors."
+    return f"An error of every output within {'; within '.join(parts)}."
+
+
+def _json(found: Bench) -> dict[str, object]:
+    best = {id(p) for p in found.pareto()}
+    points = [{**asdict(p), "pareto": id(p) in best} for p in found.points]
+    return {
+        "name": found.name, "reference": found.reference, "reference_error": found.own_error,
+        "points": points, "advice": advice(found),
+    }  # fmt: skip
+
+
+def _save(found: Bench, folder: Path, text: str, data: dict[str, object]) -> list[Path]:
+    from pinflex.benchmarks.bench_plot import figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"bench.{kind}" for kind in ("txt", "json", "png")]
+    paths[0].write_text(text)
+    paths[1].write_text(json.dumps(plain(data), indent=2))
+    figure(found).savefig(paths[2])
+    return paths
+
+
+def _race(args: argparse.Namespace) -> int:
+    from pinflex.benchmarks.race import run
+    from pinflex.benchmarks.race_report import as_json, write_report
+    from pinflex.benchmarks.race_scenes import RACES
+
+    writable(args.report)
+    names = [name.strip() for name in args.race.split(",")] if args.race else list(RACES)
+    outcomes = run(names, lambda text: print(text, file=sys.stderr))
+    text = write_report(outcomes)
+    if args.report is not None:
+        Path(args.report).write_text(text)
+    if args.json:
+        print_json(as_json(outcomes))
+    else:
+        print(text, end="")
+    return 0

@@ -1,0 +1,87 @@
+"""What the commands share: the progress bar, loading, JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import IO, Any
+
+from pinflex.errors import DescriptionError
+from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.writing import plain
+
+_WIDTH = 30  # [characters]
+_PAUSE = 0.1  # [s] between drawings
+
+
+class Progress:
+    """A bar on stderr, only where a person sees it: call it with (step, steps), then `close` it."""
+
+    def __init__(self, label: str, shown: bool | None = None) -> None:
+        self.label, self.drawn = label, False
+        self.shown = sys.stderr.isatty() if shown is None else shown
+        self.began = self.last = time.monotonic()
+
+    def __call__(self, step: int, steps: int) -> None:
+        """Draw, at most ten times a second."""
+        now = time.monotonic()
+        if not self.shown or now - self.last < _PAUSE or steps < 1:
+            return
+        self.last, self.drawn = now, True
+        part = min(max(step / steps, 0.0), 1.0)
+        bar = ("#" * round(part * _WIDTH)).ljust(_WIDTH)
+        left = f"{(now - self.began) * (1 - part) / part:4.0f} s left" if part > 0.01 else ""
+        sys.stderr.write(f"\r{self.label:<12.12} [{bar}] {100 * part:3.0f} % {left}\x1b[K")
+        sys.stderr.flush()
+
+    def close(self) -> None:
+        """Leave a clean line."""
+        if self.drawn:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+
+
+def load_model(args: argparse.Namespace) -> Mechanism:
+    """Load the model; what the C++ parser of URDFs prints by itself becomes part of the error."""
+    with _parser_noise(args.debug) as noise:
+        try:
+            return load(args.model, args.set)
+        except DescriptionError as error:
+            noise.seek(0)
+            lines = [line.strip() for line in noise.read().decode(errors="replace").splitlines()]
+            cause = next((line[6:].strip() for line in lines if line.startswith("Error:")), "")
+            if not cause:
+                raise
+            raise DescriptionError(f"{error} The parser says: {cause}.", **error.data) from error
+
+
+@contextmanager
+def _parser_noise(kept: bool) -> Iterator[IO[bytes]]:
+    """A file that takes what anything below Python writes to stderr meanwhile."""
+    with tempfile.TemporaryFile() as noise:
+        if kept:
+            yield noise
+            return
+        sys.stderr.flush()
+        try:
+            old = os.dup(2)
+        except OSError:  # started without a stderr
+            yield noise
+            return
+        os.dup2(noise.fileno(), 2)
+        try:
+            yield noise
+        finally:
+            os.dup2(old, 2)
+            os.close(old)
+
+
+def print_json(data: Mapping[str, Any]) -> None:
+    """One JSON object on stdout."""
+    print(json.dumps(plain(data), indent=2, allow_nan=False))

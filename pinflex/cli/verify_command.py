@@ -1,0 +1,27 @@
+"""The command `verify`: published benchmarks on this machine, as a table, JSON or a page."""
+
+from __future__ import annotations
+
+import argparse
+
+from pinflex.benchmarks.verify import text, verify, write_page
+from pinflex.cli.console import Progress, print_json
+from pinflex.writing import writable
+
+
+def command(args: argparse.Namespace) -> int:
+    """`pinflex verify`: print the table or JSON, write the page; 1 if something fails."""
+    writable(args.output)
+    bar = Progress("verify")
+    try:
+        found = verify(args.cases, lambda _, k, n: bar(k, n), args.long)
+    finally:
+        bar.close()
+    page = None if args.output is None else write_page(found, args.output)
+    if args.json:
+        print_json({"passed": found.passed, "records": found.to_json(), "page": page})
+    else:
+        print(text(found), end="")
+        if page is not None:
+            print(f"\nwrote {page}")
+    return 0 if found.passed else 1

@@ -1,0 +1,1 @@
+"""What the files say: URDF and YAML, checked and frozen; materials, sections, motions, controls."""

@@ -1,0 +1,155 @@
+"""Feedback: what is measured, what is driven, and the law between them. The block `control`.
+
+    u(t) = law(t, m, dm/dt, int m dt)      m: measured outputs,  u: voltages of patches, torques
+
+A law is any function of these; `pid` makes the usual one. It is evaluated inside the implicit step,
+so gains limit the physics, not the step size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description import schema
+from pinflex.description.urdf import Urdf
+from pinflex.errors import DescriptionError
+
+Law = Callable[[float, Array, Array, Array], Array]
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """Measures the deflection of a flexible link in its own frame, m.
+
+    Attributes:
+        link: Flexible link. x: Where along the beam [m]. direction: y or z of the beam.
+    """
+
+    link: str
+    x: float
+    direction: str = "y"
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Measures how far a joint of one freedom is from home, rad | m."""
+
+    joint: str
+
+
+@dataclass(frozen=True)
+class Voltage:
+    """Drives a piezoelectric patch of a flexible link, V."""
+
+    patch: str
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Drives a joint of one freedom, N m | N; a motor only if motors are driven by torque."""
+
+    joint: str
+
+
+@dataclass(frozen=True)
+class Control:
+    """A feedback, usable on any model: `solve(mechanism, control=Control(...))`.
+
+    Attributes:
+        measures: What is measured.
+        drives: What is driven.
+        law: u (nu,) of t [s], m, dm/dt and the integral of m, each of shape (nm,).
+        names: Name of each drive in the result; default: the patch or the joint.
+    """
+
+    measures: tuple[Deflection | Travel, ...]
+    drives: tuple[Voltage | Effort, ...]
+    law: Law
+    names: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each drive."""
+        own = (d.patch if isinstance(d, Voltage) else d.joint for d in self.drives)
+        return self.names or tuple(own)
+
+
+@dataclass(frozen=True)
+class Pid:
+    """u_i = kp_i m_i + ki_i int m_i dt + kd_i dm_i/dt; each drive has its own measure.
+
+    Attributes:
+        kp, ki, kd: Gains, shape (n,); negative ones oppose what is measured.
+        target: Values the measures should have, shape (n,).
+    """
+
+    kp: Array
+    ki: Array
+    kd: Array
+    target: Array
+
+    def __call__(self, t: float, m: Array, rate: Array, total: Array) -> Array:
+        """u at time t (s)."""
+        error = m - self.target
+        return np.asarray(self.kp * error + self.ki * (total - self.target * t) + self.kd * rate)
+
+
+def pid(
+    kp: float | Sequence[float] = 0.0,
+    ki: float | Sequence[float] = 0.0,
+    kd: float | Sequence[float] = 0.0,
+    target: float | Sequence[float] = 0.0,
+) -> Pid:
+    """A PID law, or without ki a PD law; numbers or one of each per measure."""
+    kp_, ki_, kd_, target_ = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (kp, ki, kd, target))
+    )
+    return Pid(kp_, ki_, kd_, target_)
+
+
+def read_control(value: object, where: str, urdf: Urdf) -> Control | None:
+    """The block `control`: {NAME: {measure, drive, kp, ki, kd, target}}.
+
+    Args:
+        value: The parsed block. where: Its place. urdf: Links and joints there are.
+    """
+    gains = ("kp", "ki", "kd", "target")
+    names, measures, drives, rows = [], [], [], []
+    for name, item in schema.mapping(value, where).items():
+        here = schema.at(where, name)
+        block = schema.mapping(item, here, ("measure", "drive", *gains), ("measure", "drive"))
+        names.append(name)
+        measures.append(_measure(block["measure"], schema.at(here, "measure"), urdf))
+        drives.append(_drive(block["drive"], schema.at(here, "drive"), urdf))
+        rows.append([schema.number(block.get(k, 0.0), schema.at(here, k)) for k in gains])
+        if not any(rows[-1][:3]):
+            raise DescriptionError(f"{here}: it does nothing. Give kp, ki or kd.")
+    if not names:
+        return None
+    return Control(tuple(measures), tuple(drives), pid(*np.array(rows).T), tuple(names))
+
+
+def _measure(value: object, where: str, urdf: Urdf) -> Deflection | Travel:
+    block = schema.mapping(value, where, ("link", "at", "direction", "joint"))
+    if "joint" in block:
+        return Travel(schema.known(block["joint"], where, urdf.joints, "joint"))
+    schema.mapping(value, where, None, ("link", "at"))
+    link = schema.known(block["link"], schema.at(where, "link"), urdf.links, "link")
+    x = schema.number(block["at"], schema.at(where, "at"), low=0)
+    direction = schema.choice(
+        block.get("direction", "y"), schema.at(where, "direction"), ("y", "z")
+    )
+    return Deflection(link, x, direction)
+
+
+def _drive(value: object, where: str, urdf: Urdf) -> Voltage | Effort:
+    block = schema.mapping(value, where, ("patch", "joint"))
+    if len(block) != 1:
+        raise DescriptionError(f"{where}: name one drive: {{patch: NAME}} or {{joint: NAME}}.")
+    if "patch" in block:
+        return Voltage(schema.text(block["patch"], schema.at(where, "patch")))
+    return Effort(schema.known(block["joint"], schema.at(where, "joint"), urdf.joints, "joint"))

@@ -1,0 +1,320 @@
+"""A mechanism as its files describe it: a URDF, and a YAML that adds all a URDF cannot say."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pinflex.description import flexible, schema, urdf
+from pinflex.description.control import Control, read_control
+from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
+from pinflex.description.flexible import Basis, EndMass, FlexibleLink
+from pinflex.description.material import Material
+from pinflex.description.schema import Vec3
+from pinflex.description.section import Section
+from pinflex.description.supplement import (
+    JointExtra,
+    Loop,
+    SolveSpec,
+    read_joints,
+    read_loops,
+    read_solve,
+)
+from pinflex.description.urdf import HOME_SIZES, Urdf
+from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
+
+__all__ = [
+    "Basis",
+    "Description",
+    "EndMass",
+    "FlexibleLink",
+    "JointExtra",
+    "Loop",
+    "Material",
+    "Section",
+    "SolveSpec",
+    "model_names",
+    "read",
+]
+
+_KEYS = (
+    *("urdf", "gravity", "base", "joints", "actuated", "loops", "home", "platform", "frames"),
+    *("flexible", "damping", "forces", "springs", "control", "motion", "solve"),
+)
+_ONE_DOF = ("revolute", "continuous", "prismatic")
+_PACKAGE = Path(__file__).resolve().parents[1]
+_MODEL_FOLDERS = (_PACKAGE / "models", _PACKAGE.parent / "models")
+
+
+@dataclass(frozen=True)
+class Description:
+    """Everything a YAML and its URDF say, checked; models/README.md explains every key.
+
+    Attributes:
+        name: Name of the YAML file without its ending.
+        path: The YAML file.
+        urdf_name: File name of the URDF.
+        urdf_text: The URDF.
+        yaml_text: The YAML, with the overrides in it.
+        package_dirs: Folders in which `package://` meshes are looked up.
+        gravity: [m/s^2], world frame.
+        base: fixed or free_flyer.
+        joints: What the YAML adds to joints, by joint name; do not change it.
+        actuated: Joints with a motor.
+        loops: Closures.
+        forces: Loads at frames.
+        control: Feedback of level coupled.
+        springs: Springs between frames.
+        home: Guess of the configuration (rad | m), by joint name, as Pinocchio lays it out: a
+            quaternion x y z w, a planar angle as cosine and sine; the axes of a universal joint
+            are NAME.1 and NAME.2. Do not change it.
+        platform: Frame whose motion matters, if any.
+        frames: Further frames to report.
+        flexible: Links that deform.
+        system_damping: Rayleigh (alpha [1/s], beta [s]) of the whole linear system of level ked.
+        motion: The checked YAML block of the motion, for `motion.from_spec`.
+        solve: What to compute.
+    """
+
+    name: str
+    path: Path | None
+    urdf_name: str
+    urdf_text: str
+    yaml_text: str
+    package_dirs: tuple[str, ...] = ()
+    gravity: Vec3 = (0.0, 0.0, -9.81)
+    base: str = "fixed"
+    joints: dict[str, JointExtra] = field(default_factory=dict)
+    actuated: tuple[str, ...] = ()
+    loops: tuple[Loop, ...] = ()
+    forces: tuple[FrameForce, ...] = ()
+    control: Control | None = None
+    springs: tuple[FrameSpring, ...] = ()
+    home: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
+    platform: str | None = None
+    frames: tuple[str, ...] = ()
+    flexible: tuple[FlexibleLink, ...] = ()
+    system_damping: tuple[float, float] = (0.0, 0.0)
+    motion: dict[str, Any] | None = None
+    solve: SolveSpec = field(default_factory=SolveSpec)
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """The texts this was read from, by file name."""
+        return {self.urdf_name: self.urdf_text, f"{self.name}.yaml": self.yaml_text}
+
+    def replace(self, **changes: Any) -> Description:
+        """A copy with other fields; nothing is checked, unlike in `with_overrides`."""
+        return dataclasses.replace(self, **changes)
+
+    def with_overrides(self, assignments: Iterable[str]) -> Description:
+        """The description of the same YAML with some values changed, checked like a file.
+
+        Args:
+            assignments: "key.path=value" each; a segment may be a glob, a list place a number:
+                "flexible.*.section.thickness=1e-3", "gravity.2=-1.62". Under `flexible` every link
+                has its own key, however the file groups them. "null" removes a value.
+        """
+        changes = list(assignments)
+        if not changes:
+            return self
+        label = f"{self.name}.yaml"
+        raw = schema.mapping(schema.load(self.yaml_text, label), label)
+        tree = urdf.check(self.urdf_text, self.urdf_name, self.package_dirs)
+        if "flexible" in raw:
+            place = schema.at(label, "flexible")
+            raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
+        before = raw.get("urdf")
+        for assignment in changes:
+            schema.set_path(raw, assignment)
+        text = yaml.safe_dump(raw, sort_keys=False, allow_unicode=True, default_flow_style=None)
+        return _describe(text, self.name, self.path, tree if raw.get("urdf") == before else None)
+
+
+def read(source: str | Path) -> Description:
+    """Read and check a description.
+
+    Args:
+        source: A YAML file, a folder NAME that holds NAME.yaml, or the name of a shipped model.
+    """
+    path = _find(source)
+    return _describe(urdf.read_text(path, str(source)), path.stem, path, None)
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of the models that come with pinflex."""
+    found = (yaml_path for folder in _MODEL_FOLDERS for yaml_path in folder.glob("*/*.yaml"))
+    return tuple(sorted({p.stem for p in found if p.stem == p.parent.name}))
+
+
+def _find(source: str | Path) -> Path:
+    path = Path(source)
+    shown = str(source)
+    if path.is_file():
+        if path.suffix.lower() not in (".yaml", ".yml"):
+            raise DescriptionError(
+                f'{shown}: not a YAML file. A description is a YAML with "urdf: {path.name}" or '
+                "another URDF in it (models/README.md). Give that file."
+            )
+        return path
+    if path.is_dir():
+        inside = path / f"{path.resolve().name}.yaml"
+        if inside.is_file():
+            return inside
+        others = [p.name for p in sorted(path.glob("*.yaml"))]
+        raise ModelNotFoundError(
+            f"{shown}: the folder holds no {inside.name}.{nearest(inside.name, others)} "
+            "Give the file itself."
+        )
+    for folder in _MODEL_FOLDERS:
+        shipped = folder / shown / f"{shown}.yaml"
+        if shown == path.name and shipped.is_file():
+            return shipped
+    beside = [p.name for p in sorted(path.parent.glob("*.y*ml"))] if path.parent.is_dir() else []
+    known = (*beside, *model_names())
+    raise ModelNotFoundError(
+        f"{shown}: no such file, folder or shipped model.{nearest(path.name, known)} "
+        "Give the path of a YAML file."
+    )
+
+
+def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Description:
+    """Check the whole YAML text; `tree` spares reading the URDF again."""
+    file = f"{name}.yaml" if path is None else path.name
+    place = {key: schema.at(file, key) for key in _KEYS}
+    block = schema.mapping(schema.load(text, file), file, _KEYS, ("urdf",))
+    if tree is None:
+        source = schema.text(block["urdf"], place["urdf"])
+        tree = urdf.find(source, Path() if path is None else path.parent, place["urdf"])
+    fields: dict[str, Any] = {}
+    if "gravity" in block:
+        fields["gravity"] = schema.vector(block["gravity"], place["gravity"])
+    base = schema.choice(block.get("base", "fixed"), place["base"], ("fixed", "free_flyer"))
+    joints = read_joints(block.get("joints", {}), place["joints"], tree)
+    kinds = {j: extra.type for j, extra in joints.items() if extra.type is not None}
+    types = {joint.name: joint.type for joint in tree.joints.values()} | kinds
+    if base == "free_flyer":
+        types["root_joint"] = "floating"
+    loops = read_loops(block.get("loops", {}), place["loops"], tree)
+    what = f"link in {tree.file}"
+    if "platform" in block:
+        fields["platform"] = schema.known(block["platform"], place["platform"], tree.links, what)
+    if "frames" in block:
+        fields["frames"] = schema.names(block["frames"], place["frames"], tree.links, what)
+    actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
+    damping = ((0.0, 0.0), 0.0)
+    if "damping" in block:
+        spec, scope = flexible.damping_scope(block["damping"], place["damping"])
+        damping = flexible.damping_from_spec(spec, place["damping"])
+        if scope == "system":
+            fields["system_damping"], damping = damping[0], ((0.0, 0.0), 0.0)
+    links = flexible.expand(block.get("flexible", {}), place["flexible"], tree)
+    bending = tuple(
+        flexible.from_spec(spec, link, schema.at(place["flexible"], link), tree, damping)
+        for link, spec in links.items()
+    )
+    if "motion" in block:
+        folder = Path() if path is None else path.parent
+        has_platform = "platform" in block
+        fields["motion"] = _motion(block["motion"], place["motion"], folder, actuated, has_platform)
+    return Description(
+        name=name,
+        path=path,
+        urdf_name=tree.file,
+        urdf_text=tree.text,
+        yaml_text=text,
+        package_dirs=tree.package_dirs,
+        base=base,
+        joints=joints,
+        actuated=actuated,
+        loops=loops,
+        control=read_control(block.get("control", {}), place["control"], tree),
+        forces=read_forces(block.get("forces", {}), place["forces"], tree),
+        springs=read_springs(block.get("springs", {}), place["springs"], tree),
+        home=_home(block.get("home", {}), place["home"], types),
+        flexible=bending,
+        solve=read_solve(block.get("solve", {}), place["solve"]),
+        **fields,
+    )
+
+
+def _actuated(value: object, where: str, types: Mapping[str, str], closed: bool) -> tuple[str, ...]:
+    """Names of the joints with a motor: those given, or in an open chain all of one freedom."""
+    single = tuple(name for name, kind in types.items() if kind in _ONE_DOF)
+    if value is not None:
+        return schema.names(value, where, single, "joint of one degree of freedom")
+    if closed:
+        raise DescriptionError(
+            f"{where}: missing. With loops not every joint has a motor. List those that do, or [] "
+            f"for none. Joints: {', '.join(single[:12])}{', ...' if len(single) > 12 else ''}."
+        )
+    return single
+
+
+def _home(
+    value: object, where: str, types: Mapping[str, str]
+) -> dict[str, float | tuple[float, ...]]:
+    """The home guess in Pinocchio's layout; the file may also say rotation vectors and angles."""
+    home: dict[str, float | tuple[float, ...]] = {}
+    movable = tuple(name for name, kind in types.items() if HOME_SIZES[kind])
+    for name, item in schema.mapping(value, where).items():
+        place = schema.at(where, name)
+        schema.known(name, place, movable, "moving joint")
+        sizes = HOME_SIZES[types[name]]
+        if sizes == (1,):
+            home[name] = schema.number(item, place)
+            continue
+        if not isinstance(item, list) or len(item) not in sizes:
+            raise DescriptionError(
+                f"{place}: {schema.shown(item)} does not fit a {types[name]} joint, which takes a "
+                f"list of {' or '.join(map(str, sizes))} numbers. Correct it."
+            )
+        values = schema.numbers(item, place, len(item))
+        if types[name] == "universal":
+            home |= {f"{name}.{axis + 1}": angle for axis, angle in enumerate(values)}
+        elif types[name] == "planar":
+            home[name] = (*values[:2], math.cos(values[2]), math.sin(values[2]))
+        elif len(item) in (3, 6):
+            home[name] = values[:-3] + _quaternion(values[-3:])
+        else:
+            norm = math.hypot(*values[-4:])
+            if abs(norm - 1) > 1e-3:  # three digits are enough to be meant as a unit quaternion
+                raise DescriptionError(
+                    f"{place}: the quaternion x y z w has the norm {norm:.4g}. It must be 1."
+                )
+            home[name] = values
+    return home
+
+
+def _quaternion(rotation: tuple[float, ...]) -> tuple[float, ...]:
+    """Quaternion x y z w of a rotation vector [rad]."""
+    angle = math.hypot(*rotation)
+    scale = math.sin(angle / 2) / angle if angle > 0 else 0.5
+    return (*(scale * r for r in rotation), math.cos(angle / 2))
+
+
+def _motion(
+    value: object, where: str, folder: Path, actuated: tuple[str, ...], has_platform: bool
+) -> dict[str, Any]:
+    from pinflex.description import motion  # late: a description without a motion does not need it
+
+    block = copy.deepcopy(schema.mapping(value, where))
+    if isinstance(block.get("file"), str):
+        block["file"] = str(folder.resolve() / block["file"])  # found from any folder
+    checked = motion.from_spec(block, where)
+    if checked.target == "platform" and not has_platform:
+        raise DescriptionError(
+            f"{where}: moves the platform, but the description names none. Add `platform: FRAME`."
+        )
+    if checked.target == "joints":
+        place = schema.at(where, "joints")
+        for name in checked.names:
+            schema.known(name, place, actuated, "joint with a motor")
+    return block

@@ -1,0 +1,102 @@
+"""The blocks `forces` and `springs`: what acts on the robot from outside its joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pinflex.description import schema
+from pinflex.description.schema import Vec3
+from pinflex.description.urdf import Urdf
+from pinflex.errors import DescriptionError
+
+
+@dataclass(frozen=True)
+class FrameForce:
+    """A load at a frame.
+
+    Attributes:
+        name: Name for reports.
+        frame: Where it acts.
+        force: [N], in the world; of a follower, in the frame.
+        moment: [N m], likewise.
+        follower: Turns with the frame.
+        start, until: When it acts [s]. ramp: Time it takes to come on, linearly [s].
+    """
+
+    name: str
+    frame: str
+    force: Vec3 = (0.0, 0.0, 0.0)
+    moment: Vec3 = (0.0, 0.0, 0.0)
+    follower: bool = False
+    start: float = 0.0
+    until: float | None = None
+    ramp: float = 0.0
+
+    @property
+    def timed(self) -> bool:
+        """Whether it changes in time."""
+        return self.start > 0 or self.until is not None or self.ramp > 0
+
+    def scale(self, t: float) -> float:
+        """Share of the load that acts at a time t [s]."""
+        if t < self.start or (self.until is not None and t > self.until):
+            return 0.0
+        return min(1.0, (t - self.start) / self.ramp) if self.ramp else 1.0
+
+
+@dataclass(frozen=True)
+class FrameSpring:
+    """A spring with a damper between the origins of two frames.
+
+    Attributes:
+        name: Name for reports.
+        frame_a, frame_b: Its ends.
+        stiffness: [N/m]. damper: [N s/m]. length: Unloaded [m].
+    """
+
+    name: str
+    frame_a: str
+    frame_b: str
+    stiffness: float
+    damper: float = 0.0
+    length: float = 0.0
+
+
+def read_forces(value: object, where: str, urdf: Urdf) -> tuple[FrameForce, ...]:
+    """The block `forces`, in file order."""
+    keys = ("at", "force", "moment", "follower", "start", "until", "ramp")
+    found = []
+    for name, item in schema.mapping(value, where).items():
+        here = schema.at(where, name)
+        block = schema.mapping(item, here, keys, ("at",))
+        frame = schema.known(block["at"], schema.at(here, "at"), urdf.links, "link")
+        fields: dict[str, Any] = {}
+        for key in block.keys() & {"force", "moment"}:
+            fields[key] = schema.vector(block[key], schema.at(here, key))
+        if not fields:
+            raise DescriptionError(f"{here}: no load. Give force: [x, y, z] or moment: [x, y, z].")
+        if "follower" in block:
+            fields["follower"] = schema.boolean(block["follower"], schema.at(here, "follower"))
+        for key in block.keys() & {"start", "until", "ramp"}:
+            fields[key] = schema.number(block[key], schema.at(here, key), low=0)
+        found.append(FrameForce(name, frame, **fields))
+    return tuple(found)
+
+
+def read_springs(value: object, where: str, urdf: Urdf) -> tuple[FrameSpring, ...]:
+    """The block `springs`, in file order."""
+    keys = ("between", "stiffness", "damper", "length")
+    found = []
+    for name, item in schema.mapping(value, where).items():
+        here = schema.at(where, name)
+        block = schema.mapping(item, here, keys, ("between", "stiffness"))
+        schema.items(block["between"], schema.at(here, "between"), 2)
+        a, b = schema.names(block["between"], schema.at(here, "between"), urdf.links, "link")
+        values = {
+            key: schema.number(block[key], schema.at(here, key), low=0)
+            for key in ("stiffness", "damper", "length")
+            if key in block
+        }
+        found.append(FrameSpring(name, a, b, **values))
+    return tuple(found)

@@ -1,0 +1,307 @@
+"""The block `flexible` of a description: which links bend, of what they are, in which basis."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any, Literal
+
+from pinflex.description import material, schema, section, solid_keys
+from pinflex.description.material import Material
+from pinflex.description.patch import Patch, read_patches
+from pinflex.description.schema import Vec3
+from pinflex.description.section import Section
+from pinflex.description.urdf import Urdf
+from pinflex.errors import DescriptionError, nearest
+
+Switch = bool | Literal["auto"]
+_BASIS_KEYS: dict[str, tuple[str, ...]] = {
+    "craig_bampton": ("internal",),
+    "finite_element": ("elements", "order", "boundary"),
+    "assumed": ("boundary", "modes", "stretch"),
+    "ritz8": (),
+    "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
+    "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
+}
+ORDERS = ("cubic", "quintic")
+STRETCHES = ("sines", "polynomials")
+BOUNDARIES = (
+    "clamped_free",
+    "pinned_free",
+    "pinned_pinned",
+    "clamped_pinned",
+    "clamped_clamped",
+    "free_free",
+)
+
+
+@dataclass(frozen=True)
+class EndMass:
+    """A rigid mass at an end of a flexible link: mass [kg], moments of inertia [kg m^2]."""
+
+    mass: float = 0.0
+    inertia: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The shapes in which a link deforms.
+
+    Attributes:
+        kind: craig_bampton, finite_element, assumed, ritz8, mesh or matrices.
+        internal: craig_bampton: internal modes per direction beside the static end shapes.
+        elements: finite_element: number of beam elements.
+        order: finite_element: cubic (12 coordinates) or quintic (18).
+        boundary: assumed: end conditions of the analytic modes, root first; finite_element:
+            clamped_free, or free_free, of which a `slider` or a loop holds the root.
+        modes: assumed: number of modes per bending direction; mesh, matrices: number of modes with
+            all interfaces held.
+        stretch: assumed: what stretch and twist are made of, sines of a bar held at its root or
+            polynomials of degree 1 to `modes`.
+        file: mesh: a mesh in a format of meshio; matrices: a .npz. Relative to the YAML.
+        scale: mesh: metres per unit of the file.
+        rod: mesh: instead of a file, (diameter, length) [m] of the segments of a round rod along
+            the span; a length of 0 is the span.
+        size: mesh: length of the cells of a rod [m]; None: its smallest diameter.
+        interfaces: mesh, matrices: name and region of each rigid interface, the one that is fixed
+            to the link's frame first. A region is a group of faces (matrices: an array of node
+            numbers), or a box x0 y0 z0 x1 y1 z1 [m].
+        mass: matrices: Matrix Market file of M, instead of a .npz.
+        stiffness: matrices: that of K.
+        nodes: matrices: text or .csv file of their places, x y z [m] a line.
+    """
+
+    kind: str = "craig_bampton"
+    internal: int = 2
+    elements: int = 4
+    order: str = "cubic"
+    boundary: str = "clamped_free"
+    modes: int = 3
+    stretch: str = "sines"
+    file: str | None = None
+    scale: float = 1.0
+    rod: tuple[tuple[float, float], ...] = ()
+    size: float | None = None
+    interfaces: tuple[tuple[str, str | tuple[float, ...]], ...] = ()
+    mass: str | None = None
+    stiffness: str | None = None
+    nodes: str | None = None
+
+
+@dataclass(frozen=True)
+class FlexibleLink:
+    """A link of the URDF that deforms as a beam.
+
+    Attributes:
+        link: URDF link.
+        material: Elastic constants and density.
+        section: Cross-section.
+        basis: Shapes.
+        start: Frame where the span begins; None: the link's own joint.
+        end: Frame where it ends; None: the joint of the child link.
+        length: Span [m], if not the distance of start and end.
+        up: Direction of the beam's z axis in the link frame; None: the axis of the link's joint.
+        bending_y: Deflects along beam y; "auto": where the mechanism moves or loads it.
+        bending_z: Deflects along beam z.
+        torsion: Twists.
+        axial: Stretches.
+        rotary_inertia: Sections have rotary inertia in bending.
+        second_order: Foreshortening and bending-torsion coupling to second order.
+        shear: Timoshenko shear flexibility.
+        segments: Number of flexible bodies the link is cut into.
+        root: Rigid mass at the start.
+        tip: Rigid mass at the end.
+        rayleigh: Damping alpha M + beta K: (alpha [1/s], beta [s]).
+        modal_damping: Damping ratio of every mode [-].
+        patches: Piezoelectric patches that bend it along beam y.
+    """
+
+    link: str
+    material: Material
+    section: Section
+    basis: Basis = Basis()
+    start: str | None = None
+    end: str | None = None
+    length: float | None = None
+    up: Vec3 | None = None
+    bending_y: Switch = "auto"
+    bending_z: Switch = "auto"
+    torsion: Switch = "auto"
+    axial: Switch = "auto"
+    rotary_inertia: bool = False
+    second_order: bool = True
+    shear: bool = False
+    segments: int = 1
+    root: EndMass | None = None
+    tip: EndMass | None = None
+    rayleigh: tuple[float, float] = (0.0, 0.0)
+    modal_damping: float = 0.0
+    patches: tuple[Patch, ...] = ()
+
+
+_SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
+_KEYS = (
+    *("material", "section", "basis", "start", "end", "length", "up", *_SWITCHES),
+    *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
+    "patches",
+)  # fmt: skip
+
+
+def expand(value: object, where: str, urdf: Urdf) -> dict[str, Any]:
+    """One block per link, from keys that are link names, lists of them, or globs.
+
+    Args:
+        value: The parsed block `flexible`.
+        where: Its place.
+        urdf: The links there are.
+    """
+    found: dict[str, Any] = {}
+    written: dict[str, str] = {}
+    for key, block in schema.mapping(value, where).items():
+        for name in _links(key, schema.at(where, key), urdf):
+            if name in found:
+                raise DescriptionError(
+                    f'{schema.at(where, key)}: the link "{name}" is already described under '
+                    f'"{written[name]}". Describe each link once.'
+                )
+            found[name], written[name] = copy.deepcopy(block), key
+    return found
+
+
+def _links(key: str, where: str, urdf: Urdf) -> list[str]:
+    links: list[str] = []
+    for part in (p.strip() for p in key.split(",")):
+        matches = [part] if part in urdf.links else []
+        if not matches and schema.WILD.search(part):
+            matches = [link for link in urdf.links if fnmatchcase(link, part)]
+        if not matches:
+            raise DescriptionError(
+                f"{where}: no such link in {urdf.file}.{nearest(part, urdf.links)}", link=part
+            )
+        links += matches
+    return links
+
+
+def from_spec(
+    spec: object, link: str, where: str, urdf: Urdf, damping: tuple[tuple[float, float], float]
+) -> FlexibleLink:
+    """A flexible link from its YAML block.
+
+    Args:
+        spec: The parsed block.
+        link: URDF link it describes.
+        where: Its place.
+        urdf: The links there are.
+        damping: (rayleigh, modal) of a link that has no damping of its own.
+    """
+    block = schema.mapping(spec, where, _KEYS)
+    solid = solid_keys.is_solid(block.get("basis"))
+    schema.mapping(spec, where, _KEYS, ("material",) if solid else ("material", "section"))
+    place = {key: schema.at(where, key) for key in _KEYS}
+    fields: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
+    if "basis" in block:
+        fields["basis"] = basis_from_spec(block["basis"], place["basis"])
+    for key in block.keys() & {"start", "end"}:
+        what = f"link in {urdf.file}"
+        fields[key] = schema.known(block[key], place[key], urdf.links, what)
+    if "length" in block:
+        fields["length"] = schema.number(block["length"], place["length"], above=0)
+    if "up" in block:
+        fields["up"] = schema.direction(block["up"], place["up"])
+    for key in _SWITCHES:
+        if key in block and block[key] != "auto":
+            if not isinstance(block[key], bool):
+                schema.choice(block[key], place[key], ("auto", "true", "false"))
+            fields[key] = schema.boolean(block[key], place[key])
+    if all(fields.get(key) is False for key in _SWITCHES):
+        raise DescriptionError(
+            f"{where}: {', '.join(_SWITCHES)} are all false, so nothing deforms. Leave one of them "
+            "on, or remove the link from `flexible`."
+        )
+    for key in block.keys() & {"rotary_inertia", "second_order", "shear"}:
+        fields[key] = schema.boolean(block[key], place[key])
+    if "segments" in block:
+        fields["segments"] = schema.integer(block["segments"], place["segments"], low=1)
+    for key in block.keys() & {"root", "tip"}:
+        fields[key] = _end_mass(block[key], place[key])
+    if "damping" in block:
+        rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
+        fields |= {"rayleigh": rayleigh, "modal_damping": modal}
+    if solid:
+        solid_keys.refuse_beam_keys(block, place)
+    elif "basis" in fields and fields["basis"].kind == "ritz8":
+        fields.setdefault("axial", True)
+    made = material.from_spec(block["material"], place["material"])
+    # A solid has no section of its own; one of its volume takes the place when it is read.
+    shape = block.get("section", {"shape": "circle", "diameter": 1.0})
+    cut = section.from_spec(shape, place["section"])
+    if "patches" in block:
+        fields["patches"] = read_patches(block["patches"], place["patches"], made.E, cut)
+    return FlexibleLink(link, made, cut, **fields)
+
+
+def basis_from_spec(spec: object, where: str) -> Basis:
+    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
+    every = tuple(key for keys in _BASIS_KEYS.values() for key in keys)
+    block = schema.mapping(spec, where, ("kind", *every))
+    kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), _BASIS_KEYS)
+    fields: dict[str, Any] = {}
+    for key, value in block.items():
+        place = schema.at(where, key)
+        if key == "kind":
+            continue
+        if key not in _BASIS_KEYS[kind]:
+            owner = next(name for name, keys in _BASIS_KEYS.items() if key in keys)
+            raise DescriptionError(
+                f"{place}: has no meaning for the kind {kind}, which takes "
+                f"{', '.join(_BASIS_KEYS[kind])}. Remove it, or write kind: {owner}."
+            )
+        if kind in solid_keys.KINDS:
+            fields[key] = solid_keys.read(key, value, place)
+        elif key in ("order", "boundary"):
+            ends = BOUNDARIES if kind == "assumed" else ("clamped_free", "free_free")
+            fields[key] = schema.choice(value, place, ORDERS if key == "order" else ends)
+        elif key == "stretch":
+            fields[key] = schema.choice(value, place, STRETCHES)
+        else:
+            fields[key] = schema.integer(value, place, low=0 if key == "internal" else 1)
+    if kind in solid_keys.KINDS:
+        fields = {"modes": 6} | fields
+        solid_keys.check(kind, block, where)
+    return Basis(kind, **fields)
+
+
+def damping_scope(spec: object, where: str) -> tuple[object, str]:
+    """The block without `scope`, and the scope: links (default), or system (Rayleigh only)."""
+    if not isinstance(spec, dict) or "scope" not in spec:
+        return spec, "links"
+    rest = {key: value for key, value in spec.items() if key != "scope"}
+    place = schema.at(where, "scope")
+    scope = schema.choice(spec["scope"], place, ("links", "system"))
+    if scope == "system" and "rayleigh" not in rest:
+        raise DescriptionError(
+            f"{place}: system takes Rayleigh damping only. Write {{rayleigh: [alpha, beta], "
+            "scope: system}}."
+        )
+    return rest, scope
+
+
+def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:
+    """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}."""
+    block = schema.mapping(spec, where, ("rayleigh", "modal"))
+    if len(block) != 1:
+        raise DescriptionError(
+            f"{where}: {schema.shown(spec)} is not one kind of damping. Write "
+            "{rayleigh: [alpha, beta]} or {modal: zeta}."
+        )
+    if "modal" in block:
+        return (0.0, 0.0), schema.number(block["modal"], schema.at(where, "modal"), 0, 1)
+    alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, low=0)
+    return (alpha, beta), 0.0
+
+
+def _end_mass(spec: object, where: str) -> EndMass:
+    block = schema.mapping(spec, where, ("mass", "inertia"))
+    inertia = schema.vector(block.get("inertia", (0, 0, 0)), schema.at(where, "inertia"), low=0)
+    return EndMass(schema.number(block.get("mass", 0), schema.at(where, "mass"), low=0), inertia)

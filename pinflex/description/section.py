@@ -1,0 +1,316 @@
+"""Cross-sections of beams: areas, stiffnesses, and where the stress is largest.
+
+Beam axes: x along the beam, y and z in the section. A rectangle has its width along z and its
+thickness along y, so that it bends over its thickness in the plane of the link's joint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pinflex.description import schema
+from pinflex.errors import DescriptionError
+
+Points = tuple[tuple[float, float], ...]
+_NU = 0.3  # Poisson's ratio in the shear factors of round sections; they change by 3 % over 0..0.5
+_DIMENSIONS: dict[str, tuple[str, ...]] = {
+    "rectangle": ("width", "thickness"),
+    "circle": ("diameter",),
+    "tube": ("diameter", "wall"),
+    "i": ("width", "height", "flange", "web"),
+    "given": ("A", "Iy", "Iz", "J"),
+}
+
+
+@dataclass(frozen=True)
+class Section:
+    """A cross-section. Build it with `rectangle`, `circle`, `tube`, `i_section` or `given`.
+
+    Attributes:
+        shape: rectangle, circle, tube, i or given.
+        A: Area [m^2].
+        Iy: Second moment int z^2 dA [m^4]; stiffness of bending along z.
+        Iz: Second moment int y^2 dA [m^4]; stiffness of bending along y.
+        J: St-Venant torsion constant [m^4]; torque = G J twist rate.
+        ky: Shear factor along y [-]; shear force = ky G A shear angle.
+        kz: Shear factor along z [-].
+        Wt: Torsion modulus [m^3]; largest shear stress = torque / Wt.
+        fibres: Points (y, z) [m] among which the largest normal stress is sought.
+        outline: Polygon (y, z) [m] to draw, counter-clockwise about x.
+        dimensions: What it was built from, (name, value) pairs.
+        my, mz: Second moments of the mass over rho [m^4]; None: Iy, Iz (not so in a composite).
+    """
+
+    shape: str
+    A: float
+    Iy: float
+    Iz: float
+    J: float
+    ky: float
+    kz: float
+    Wt: float
+    fibres: Points
+    outline: Points
+    dimensions: tuple[tuple[str, float], ...]
+    my: float | None = None
+    mz: float | None = None
+
+    @property
+    def turning(self) -> tuple[float, float]:
+        """Second moments [m^4] of rotary inertia about beam y and z."""
+        return self.Iy if self.my is None else self.my, self.Iz if self.mz is None else self.mz
+
+    @property
+    def Ip(self) -> float:
+        """Polar second moment [m^4]: inertia of the twist, not its stiffness."""
+        return sum(self.turning)
+
+    @classmethod
+    def rectangle(cls, width: float, thickness: float, where: str = "section") -> Section:
+        """A solid rectangle.
+
+        J = a b^3 (1/3 - 0.21 (b/a) (1 - b^4 / (12 a^4))), a >= b (within 0.2 % of the series).
+
+        Args:
+            width: Size along z [m].
+            thickness: Size along y [m].
+            where: Place in a file, for messages.
+        Source: Young, Budynas, Roark's Formulas (7th ed.), table 10.1, case 4, for J; for Wt see
+            `_rectangle_torsion_modulus`; shear factors 5/6 from the shear energy.
+        """
+        _check(where, width=width, thickness=thickness)
+        a, b = max(width, thickness), min(width, thickness)
+        y, z = thickness / 2, width / 2
+        corners = ((-y, -z), (y, -z), (y, z), (-y, z))
+        return cls(
+            shape="rectangle",
+            A=width * thickness,
+            Iy=thickness * width**3 / 12,
+            Iz=width * thickness**3 / 12,
+            J=a * b**3 * (1 / 3 - 0.21 * (b / a) * (1 - (b / a) ** 4 / 12)),
+            ky=5 / 6,
+            kz=5 / 6,
+            Wt=_rectangle_torsion_modulus(a, b),
+            fibres=corners,
+            outline=corners,
+            dimensions=(("width", width), ("thickness", thickness)),
+        )
+
+    @classmethod
+    def circle(cls, diameter: float, where: str = "section") -> Section:
+        """A solid circle of the given diameter [m].
+
+        Source: shear factor 6 (1 + nu) / (7 + 6 nu), Cowper (1966), with nu = 0.3: 0.886.
+        """
+        _check(where, diameter=diameter)
+        return cls._round(diameter, 0.0, "circle", (("diameter", diameter),))
+
+    @classmethod
+    def tube(cls, diameter: float, wall: float, where: str = "section") -> Section:
+        """A round tube of the given outer diameter and wall [m].
+
+        Source: shear factor of Cowper (1966) for a hollow circle, with nu = 0.3.
+        """
+        _check(where, diameter=diameter, wall=wall)
+        if wall >= diameter / 2:
+            raise DescriptionError(
+                f"{schema.at(where, 'wall')}: {wall:g} leaves no bore in a tube of diameter "
+                f"{diameter:g}. Allowed: 0 < wall < {diameter / 2:g}. For a rod use a circle."
+            )
+        dimensions = (("diameter", diameter), ("wall", wall))
+        return cls._round(diameter, diameter - 2 * wall, "tube", dimensions)
+
+    @classmethod
+    def _round(
+        cls, outer: float, bore: float, shape: str, dimensions: tuple[tuple[str, float], ...]
+    ) -> Section:
+        second = math.pi * (outer**4 - bore**4) / 64
+        m2 = 1 + (bore / outer) ** 2
+        k = 6 * (1 + _NU) * m2**2 / ((7 + 6 * _NU) * m2**2 + (20 + 12 * _NU) * (m2 - 1))
+        return cls(
+            shape=shape,
+            A=math.pi * (outer**2 - bore**2) / 4,
+            Iy=second,
+            Iz=second,
+            J=2 * second,
+            ky=k,
+            kz=k,
+            Wt=4 * second / outer,
+            fibres=_polygon(outer, 72),  # misses the largest stress by 1 - cos(2.5 deg) = 0.1 %
+            outline=_polygon(outer, 24),
+            dimensions=dimensions,
+        )
+
+    @classmethod
+    def i_section(
+        cls, width: float, height: float, flange: float, web: float, where: str = "section"
+    ) -> Section:
+        """A thin I with its height along y and its flanges along z.
+
+        J = sum b t^3 / 3 over the centre lines (open thin walls; fillets and warping left out).
+
+        Args:
+            width: Width of the flanges, along z [m].
+            height: Overall height, along y [m].
+            flange: Thickness of a flange [m].
+            web: Thickness of the web [m].
+            where: Place in a file, for messages.
+        Source: Timoshenko, Goodier, Theory of Elasticity, section 112, for J and tau = T t / J;
+            the shear factors are area ratios: the web along y, 5/6 of the flanges along z.
+        """
+        _check(where, width=width, height=height, flange=flange, web=web)
+        if web >= width or 2 * flange >= height:
+            key, value, limit = (
+                ("web", web, width) if web >= width else ("flange", flange, height / 2)
+            )
+            raise DescriptionError(
+                f"{schema.at(where, key)}: {value:g} fills the I section of width {width:g} and "
+                f"height {height:g}. Allowed: 0 < {key} < {limit:g}. Correct it."
+            )
+        inner = height - 2 * flange
+        area = 2 * width * flange + inner * web
+        J = (2 * width * flange**3 + (height - flange) * web**3) / 3
+        h, i, b, w = height / 2, inner / 2, width / 2, web / 2
+        half = ((-h, -b), (-i, -b), (-i, -w), (i, -w), (i, -b), (h, -b))
+        return cls(
+            shape="i",
+            A=area,
+            Iy=(2 * flange * width**3 + inner * web**3) / 12,
+            Iz=(width * height**3 - (width - web) * inner**3) / 12,
+            J=J,
+            ky=inner * web / area,
+            kz=5 / 6 * 2 * width * flange / area,
+            Wt=J / max(flange, web),
+            fibres=((-h, -b), (h, -b), (h, b), (-h, b)),
+            outline=half + tuple((-y, -z) for y, z in half),
+            dimensions=(("width", width), ("height", height), ("flange", flange), ("web", web)),
+        )
+
+    @classmethod
+    def given(
+        cls,
+        A: float,
+        Iy: float,
+        Iz: float,
+        J: float,
+        Wt: float | None = None,
+        fibres: Sequence[tuple[float, float]] | None = None,
+        where: str = "section",
+    ) -> Section:
+        """Any section, by its numbers.
+
+        Args:
+            A: Area [m^2].
+            Iy: int z^2 dA [m^4].
+            Iz: int y^2 dA [m^4].
+            J: Torsion constant [m^4], at most Iy + Iz.
+            Wt: Torsion modulus [m^3]; default J over the smaller side of the rectangle below.
+            fibres: Corners (y, z) [m], in order, which are also drawn; default: those of the
+                rectangle with the same radii of gyration.
+            where: Place in a file, for messages.
+        """
+        _check(where, A=A, Iy=Iy, Iz=Iz, J=J, **({} if Wt is None else {"Wt": Wt}))
+        if (Iy + Iz) * (1 + 1e-9) < J:  # St-Venant's J is largest, = Iy + Iz, for round sections
+            raise DescriptionError(
+                f"{schema.at(where, 'J')}: {J:g} is more than Iy + Iz = {Iy + Iz:g}, which no "
+                "section reaches but a round one. Give the torsion constant in m^4."
+            )
+        y, z = math.sqrt(3 * Iz / A), math.sqrt(3 * Iy / A)
+        corners = tuple(fibres) if fibres else ((-y, -z), (y, -z), (y, z), (-y, z))
+        return cls(
+            shape="given",
+            A=A,
+            Iy=Iy,
+            Iz=Iz,
+            J=J,
+            ky=5 / 6,
+            kz=5 / 6,
+            Wt=J / (2 * min(y, z)) if Wt is None else Wt,
+            fibres=corners,
+            outline=corners,
+            dimensions=(("A", A), ("Iy", Iy), ("Iz", Iz), ("J", J)),
+        )
+
+
+def from_spec(spec: object, where: str = "section") -> Section:
+    """A section from the YAML block {shape, dimensions, ky, kz, J}.
+
+    Args:
+        spec: The parsed value of the key `section`.
+        where: Its place, for messages.
+    """
+    shapes = ", ".join(_DIMENSIONS)
+    if not isinstance(spec, dict) or spec.get("shape") is None:
+        raise DescriptionError(
+            f"{where}: {schema.shown(spec)} has no shape. Write {{shape: rectangle, width: 0.02, "
+            f"thickness: 0.002}}; shapes: {shapes}."
+        )
+    shape = schema.choice(spec["shape"], schema.at(where, "shape"), _DIMENSIONS)
+    needed = _DIMENSIONS[shape]
+    optional = ("ky", "kz", "Wt", "fibres", "my", "mz") if shape == "given" else ("ky", "kz", "J")
+    block = schema.mapping(spec, where, ("shape", *needed, *optional), needed)
+    value = {
+        key: schema.number(block[key], schema.at(where, key), above=0)
+        for key in (*needed, *optional)
+        if key in block and key != "fibres"
+    }
+    chosen: dict[str, Any] = {key: value[key] for key in needed}
+    if shape == "given":
+        chosen["Wt"] = value.get("Wt")
+        chosen["fibres"] = _fibres(block.get("fibres"), schema.at(where, "fibres"))
+    builders: dict[str, Callable[..., Section]] = {
+        "rectangle": Section.rectangle,
+        "circle": Section.circle,
+        "tube": Section.tube,
+        "i": Section.i_section,
+        "given": Section.given,
+    }
+    section = builders[shape](**chosen, where=where)
+    changes: dict[str, Any] = {key: value[key] for key in ("ky", "kz", "my", "mz") if key in value}
+    if shape != "given" and "J" in value:
+        # The stress at a given twist is kept, so a corrected J changes Wt in proportion.
+        changes |= {"J": value["J"], "Wt": section.Wt * value["J"] / section.J}
+    return replace(section, **changes) if changes else section
+
+
+def _fibres(value: object, where: str) -> Points | None:
+    if value is None:
+        return None
+    rows = [
+        schema.numbers(row, f"{where}[{i}]", 2) for i, row in enumerate(schema.items(value, where))
+    ]
+    if len(rows) < 3:
+        raise DescriptionError(
+            f"{where}: {len(rows)} points. A section has 3 or more (y, z) corners."
+        )
+    return tuple((y, z) for y, z in rows)
+
+
+def _check(where: str, **sizes: float) -> None:
+    for key, size in sizes.items():
+        schema.number(size, schema.at(where, key), above=0)
+
+
+def _polygon(diameter: float, count: int) -> Points:
+    angles = (2 * math.pi * k / count for k in range(count))
+    return tuple((diameter / 2 * math.cos(a), diameter / 2 * math.sin(a)) for a in angles)
+
+
+def _rectangle_torsion_modulus(a: float, b: float) -> float:
+    """Torsion modulus T / tau_max [m^3] of a rectangle a >= b; tau_max is amid the long side.
+
+    J = a b^3/3 (1 - 192 b/(pi^5 a) sum tanh(n pi a/(2b)) / n^5)
+    tau_max = G twist b (1 - 8/pi^2 sum 1 / (n^2 cosh(n pi a/(2b)))),  n = 1, 3, 5, ...
+
+    Source: Timoshenko, Goodier, Theory of Elasticity (3rd ed.), section 109.
+    """
+    n = np.arange(1.0, 40.0, 2.0)  # the first term left out of J is 41^-5 = 1e-8 of the first
+    x = n * np.pi * a / (2 * b)
+    sech = 2 * np.exp(-x) / (1 + np.exp(-2 * x))
+    J = a * b**3 / 3 * (1 - 192 * b / (np.pi**5 * a) * float(np.sum(np.tanh(x) / n**5)))
+    return float(J / (b * (1 - 8 / np.pi**2 * float(np.sum(sech / n**2)))))

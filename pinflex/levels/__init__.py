@@ -1,0 +1,1 @@
+"""The levels of the theory, rigid to coupled, their steps in time, and linear vibration."""

@@ -1,0 +1,185 @@
+"""A run of the coupled level by collocation: steps as long as the motion allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pinflex.actuation.drive import TorqueDrive
+from pinflex.arrays import Array
+from pinflex.errors import ConvergenceError, MotionError
+from pinflex.levels.collocation import Collocation, radau
+from pinflex.levels.radau import Path, Stages, Start, Step, StepFailed
+from pinflex.levels.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+
+STAGES = 6
+_HELD = 0.7  # part of the last step's coarseness that this one is taken to have at least
+_GROWTH = 1.5  # of steps, each, after one that Newton did not solve
+_SHORTEST = 1e-9  # of the run: a step that has to be shorter has met something singular
+
+
+# A diverging iteration overflows before it is caught.
+@np.errstate(over="ignore", invalid="ignore")
+def integrate(
+    mechanism: Mechanism,
+    dynamics: Dynamics,
+    start: tuple[Array, Array],
+    path: Path,
+    t: Array,
+    breaks: Sequence[float],
+    resolution: float,
+    scale: float = 0.0,
+    pilot: bool = False,
+    forces: bool = True,
+    method: Collocation | None = None,
+    drive: TorqueDrive | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Run:
+    """March from t[0] to t[-1] and answer at the times t.
+
+    Args:
+        mechanism: Mechanism. dynamics: Workspace of its flexible (or rigid) system.
+        start: y (nq,) and v (nv,) on the closures.
+        path: Motor motion at any times.
+        t: Samples in s, increasing.
+        breaks: Times in s at which motion or loads are not smooth; steps end there.
+        resolution: What the last Legendre coefficient of a step's displacement may be, relative
+            to the largest displacement so far. In a vibration the error that a step adds is about
+            half the square of it for each radian.
+        scale: Largest displacement of the run, known from a coarser one (its `settings`); without
+            it what rings faintly at the start holds the run up.
+        pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
+        forces: Whether forces matter, or only displacements (see `Stages`).
+        method: Default: six stages.
+        drive: None prescribes the motors; else they get a torque.
+        progress: Called with (samples done, samples).
+    Returns:
+        States, multipliers and torques at the samples.
+    Raises:
+        ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
+    """
+    method = method or radau(STAGES)
+    stages = Stages(mechanism, dynamics, path, resolution, method, drive, forces)
+    stages.scale = scale
+    record = _Record(dynamics, t)
+    span = float(t[-1] - t[0])
+    stops = [b for b in sorted(set(breaks)) if t[0] < b < t[-1] - _SHORTEST * span] + [float(t[-1])]
+    now, h, last = stages.first(float(t[0]), *start), span / 50.0, None
+    record.start(now)
+    counts = {"steps": 0, "rejected": 0, "unresolved": 0}
+    refused, ceiling, before = np.inf, np.inf, 0.0
+
+    def run(stopped: str = "") -> Run:
+        newton = stages.newton
+        work = {"newton": stages.iterations, "tangents": newton.tangents}
+        cost = {**counts, **work, "factorisations": newton.factors}
+        settings: dict[str, object] = {
+            "integrator": "radau",
+            "stages": method.s,
+            "scale": stages.scale,
+            "dt": (now.t - float(t[0])) / max(counts["steps"], 1),
+        }
+        return record.run({k: float(n) for k, n in cost.items()}, settings, stopped)
+
+    while stops:
+        ahead = stops[0] - now.t
+        pieces = np.ceil(ahead / h - 1e-9)
+        # Nearly there: equal pieces, for a last small one would cost as much as a whole step.
+        size = ahead / pieces if pieces < 4 else h
+        try:
+            step = stages.step(now, size, last)
+        except (StepFailed, np.linalg.LinAlgError):
+            counts["rejected"] += 1
+            # Once more without a prediction and with a new tangent, then shorter.
+            if last is None:
+                h = ceiling = 0.4 * size
+            else:
+                h = size
+            stages.newton.stale, last = True, None
+            if h < _SHORTEST * span:
+                raise _stuck(mechanism, now, run) from None
+            continue
+        # The coefficient falls with the power s of the step. It may cross zero in a vibration: a
+        # step grows only as far as the one before it allows too, or it would be refused.
+        factor, grown = (
+            0.9 * (resolution / max(one, 1e-300)) ** (1.0 / method.s)
+            for one in (step.coarseness, _HELD * before)
+        )
+        factor = min(factor, max(grown, 1.0))
+        if step.coarseness > resolution and not (pilot and counts["steps"] == 0):
+            # What a shorter step does not show less of is round-off, or rings far too fast.
+            if step.coarseness < 0.5 * refused:
+                refused = step.coarseness
+                counts["rejected"] += 1
+                h = size * min(max(factor, 0.3), 0.7)
+                continue
+            counts["unresolved"] += 1
+        refused = np.inf
+        now, last = stages.end(step), step
+        counts["steps"] += 1
+        record.take(stages, step)
+        try:
+            dynamics.closed.require_on_beams(mechanism.name, now.t)
+        except MotionError as error:
+            error.result = run(str(error))
+            raise
+        if not 1.0 < factor < 1.2:  # a change costs new factors
+            h = size * min(max(factor, 0.5), 3.0)
+        ceiling *= _GROWTH
+        h, before = min(h, ceiling), step.coarseness
+        if now.t >= stops[0] - _SHORTEST * span:
+            now.t = stops.pop(0)
+            if stops:
+                now, last = stages.first(now.t, now.y, now.v), None
+        if progress is not None:
+            progress(record.count, len(t))
+    return run()
+
+
+def _stuck(mechanism: Mechanism, now: Start, run: Callable[[str], Run]) -> ConvergenceError:
+    error = ConvergenceError(
+        f"{mechanism.name}: t = {now.t:.6g} s: no step converges, however short. The mechanism may "
+        "be singular there or the links far too soft: see level=quasistatic up to that time. "
+        "error.result holds the run so far.",
+        time=now.t,
+    )
+    error.result = run("no step converges")
+    return error
+
+
+class _Record:
+    """States at the samples, filled as the run goes."""
+
+    def __init__(self, dynamics: Dynamics, t: Array) -> None:
+        system, n = dynamics.system, len(t)
+        self.system, self.t, self.count = system, t, 0
+        self.y, self.v = np.empty((n, system.nq)), np.empty((n, system.nv))
+        self.a, self.lam = np.empty((n, system.nv)), np.empty((n, system.closed.n))
+        self.torque, self.work = np.empty((n, len(system.motors))), np.zeros((n, 2))
+        self._total = np.zeros(2)
+
+    def start(self, now: Start) -> None:
+        self.y[0], self.v[0], self.a[0] = now.y, now.v, now.a
+        self.lam[0], self.torque[0], self.count = now.lam, now.torque, 1
+
+    def take(self, stages: Stages, step: Step) -> None:
+        """The samples that lie in a step."""
+        end = step.start.t + step.h
+        upto = int(np.searchsorted(self.t, end + 1e-9 * step.h, side="right"))
+        if upto > self.count:
+            k = slice(self.count, upto)
+            y, v, a, lam, torque, work = stages.dense(step, self.t[k])
+            self.y[k], self.v[k], self.a[k], self.lam[k] = y, v, a, lam
+            self.torque[k], self.work[k] = torque, self._total + work
+            self.count = upto
+        self._total = self._total + step.h * (stages.method.A[-1] @ step.power)
+
+    def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
+        k = slice(0, self.count)
+        return Run(
+            self.system, self.t[k], self.y[k], self.v[k], self.a[k], self.lam[k], self.torque[k],
+            cost, settings, self.work[k], (), stopped,
+        )  # fmt: skip

@@ -1,0 +1,146 @@
+"""Natural frequencies and mode shapes of the closed mechanism at a pose.
+
+Linearised on the closures: with Z the null space of J, (Z' K Z) x = omega^2 (Z' M Z) x, where K has
+the geometric stiffness of the preload, and of the closure forces, unless it is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.errors import DescriptionError, SingularityError
+from pinflex.levels.quasistatic import null_space, rest, structural_stiffness
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes at a pose.
+
+    Attributes:
+        frequencies: Hz, shape (k,), increasing; negative for an unstable (buckled) direction.
+        shapes: Unit-mass shapes in velocity rows, shape (nv, k).
+        y: Pose that was linearised about, shape (nq,).
+        share: Share of each flexible link in the elastic energy, shape (k, links).
+        links: Names for `share`.
+        preload: "gravity" or "none". free_motors: Whether motors were free.
+    """
+
+    frequencies: Array
+    shapes: Array
+    y: Array
+    share: Array
+    links: tuple[str, ...]
+    preload: str
+    free_motors: bool
+
+
+def modes(
+    mechanism: Mechanism,
+    q: Array | None = None,
+    *,
+    count: int = 12,
+    preload: str = "gravity",
+    free_motors: bool = False,
+) -> Modes:
+    """Natural frequencies and mode shapes at a pose of the closed loop.
+
+    Args:
+        mechanism: Mechanism with at least one flexible link or spring.
+        q: Rigid pose, default home.
+        count: How many.
+        preload: "gravity" linearises about the static equilibrium; "none" about the undeformed
+            pose with the structure's stiffness alone.
+        free_motors: Motors free (they add modes at 0 Hz) instead of locked.
+    Returns:
+        The modes.
+    Raises:
+        DescriptionError: An unknown preload.
+        ConvergenceError: No static equilibrium.
+        SingularityError: Coordinates without mass or stiffness.
+    """
+    system = mechanism.flexible
+    dynamics = Dynamics(system)
+    y, K = linearised(mechanism, dynamics, q, preload)
+    M = dynamics.mass(y)
+    free = np.arange(system.nv) if free_motors else system.free
+    Z = allowed_motions(dynamics, y, free)
+    every, x = _eigen(Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ M[np.ix_(free, free)] @ Z)
+    order = np.argsort(every)[:count]
+    omega2 = every[order]
+    shapes = np.zeros((system.nv, len(order)))
+    shapes[free] = Z @ x[:, order]
+    # Round-off of a zero frequency is 1e-16 of the largest omega^2: shown as zero.
+    scale = 1e-13 * float(np.max(np.abs(every), initial=0.0))
+    omega2 = np.where(np.abs(omega2) < scale, 0.0, omega2)
+    frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
+    share, links = _shares(mechanism, shapes)
+    return Modes(frequencies, shapes, y, share, links, preload, free_motors)
+
+
+def linearised(
+    mechanism: Mechanism, dynamics: Dynamics, q: Array | None, preload: str
+) -> tuple[Array, Array]:
+    """The pose y that is linearised about, and the stiffness there, as in `modes`."""
+    if preload not in ("gravity", "none"):
+        raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
+    if preload == "none":
+        return mechanism.undeformed(q), structural_stiffness(dynamics)
+    found, still = rest(mechanism, q), np.zeros(dynamics.system.nv)
+    return found.y, dynamics.tangent(found.y, still, still, found.lam)[2]
+
+
+def allowed_motions(dynamics: Dynamics, y: Array, free: IntArray) -> Array:
+    """Basis of what the closures leave of the free coordinates, shape (free, n)."""
+    if not dynamics.system.closed.n:
+        return np.eye(len(free))
+    return null_space(dynamics.close(y)[1][:, free])
+
+
+def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
+    """Generalised eigenvalues; massless coordinates follow statically and are condensed out."""
+    from scipy.linalg import eigh
+
+    K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
+    if not len(K):
+        return np.zeros(0), np.zeros((0, 0))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
+    scale = np.where(
+        np.diag(M) > 1e-14 * np.max(np.diag(M)), scale, 1.0 / np.sqrt(np.max(np.diag(M)))
+    )
+    values, V = np.linalg.eigh(M * scale * scale[:, None])
+    heavy = values > 1e-13 * values[-1]
+    V = scale[:, None] * V
+    if np.all(heavy):
+        omega2, x = eigh(K, M)
+        return omega2, x
+    H, L = V[:, heavy], V[:, ~heavy]
+    loose = np.linalg.eigvalsh(L.T @ K @ L)[0]
+    if loose < 1e-12 * float(np.max(np.abs(K * scale * scale[:, None]))):
+        raise SingularityError(
+            "modes: a coordinate has neither mass nor stiffness: two coordinates make one motion "
+            "(a basis with free ends on a joint that moves the same way), or a massless link "
+            "swings freely. Take a basis clamped at its root, fix the joint, or give the link "
+            "a mass."
+        )
+    follow = -np.linalg.lstsq(L.T @ K @ L, L.T @ K @ H, rcond=None)[0]
+    T = H + L @ follow
+    omega2, x = eigh(T.T @ K @ T, T.T @ M @ T)
+    return omega2, T @ x
+
+
+def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]]:
+    """Which links bend in which mode: shares of the elastic energy."""
+    system = mechanism.flexible
+    links = tuple(dict.fromkeys(slot.link for slot in system.expansion.slots))
+    energy = np.zeros((shapes.shape[1], len(links)))
+    n = int(system.rigid.nv)
+    for slot in system.expansion.slots:
+        part = shapes[n + slot.eta.start : n + slot.eta.stop]
+        energy[:, links.index(slot.link)] += np.einsum("ik,ij,jk->k", part, slot.body.K, part)
+    total = energy.sum(1, keepdims=True)
+    return energy / np.where(total > 0, total, 1.0), links

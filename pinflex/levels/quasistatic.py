@@ -1,0 +1,264 @@
+"""Equilibrium of the flexible mechanism: static, or under the nominal motion's inertia forces."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinflex.actuation.nominal import nominal
+from pinflex.arrays import Array, IntArray
+from pinflex.description.motion import Motion
+from pinflex.errors import ConvergenceError
+from pinflex.levels.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+
+# Newton on a balance of forces ends quadratically; its last correction, relative to the largest
+# coordinate it moves, is then at round-off.
+_BALANCED = 1e-11
+# Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
+_NEUTRAL = 1e-9
+_LOOKS = 5  # instants of a run at which stability is looked at
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A balanced pose: y (nq,), multipliers lam (rows,), forces r (nv,) left to the motors."""
+
+    y: Array
+    lam: Array
+    r: Array
+    iterations: int
+    unstable: int = 0  # directions that give way, where that was looked at
+
+
+class UnstableWarning(UserWarning):
+    """An equilibrium that the mechanism leaves when it is touched."""
+
+
+def balance(
+    dynamics: Dynamics,
+    y: Array,
+    v: Array,
+    a: Array,
+    free: IntArray,
+    lam: Array | None = None,
+    where: str = "static equilibrium",
+) -> Equilibrium:
+    """Newton with step halving on r(y; v, a, lam) = 0 in the free rows and c(y) = 0.
+
+    Where full Newton fails, the load is put on in parts.
+
+    Raises:
+        ConvergenceError: No equilibrium found (a structure that buckles or a mechanism that falls).
+    """
+    lam = np.zeros(dynamics.system.closed.n) if lam is None else lam
+    found = _newton(dynamics, y, v, a, free, lam, None, 0.0)
+    if found is not None:
+        return found
+    start = dynamics.residual(y, v, a, np.zeros_like(lam))[free]
+    state, done, part = Equilibrium(y, np.zeros_like(lam), start, 0), 0.0, 0.25
+    while done < 1.0 and part > 1e-3:
+        goal = min(1.0, done + part)
+        stage = _newton(dynamics, state.y, v, a, free, state.lam, start, 1.0 - goal)
+        if stage is None:
+            part *= 0.5
+            continue
+        state, done, part = stage, goal, part * 1.5
+    if done < 1.0:
+        raise ConvergenceError(
+            f"{where}: no equilibrium: the load can be put on to {100 * done:.0f} % only. "
+            "The mechanism may buckle or fall there: lock motors, add springs, or stiffen links.",
+            part=done,
+        )
+    return state
+
+
+def _newton(
+    dynamics: Dynamics,
+    y: Array,
+    v: Array,
+    a: Array,
+    free: IntArray,
+    lam: Array,
+    offset: Array | None,
+    weight: float,
+) -> Equilibrium | None:
+    """One Newton run on r - weight * offset = 0; None when it does not converge."""
+    n, rows = len(free), dynamics.system.closed.n
+    S = np.zeros((n + rows, n + rows))
+
+    def error(y: Array, lam: Array) -> Array:
+        r = dynamics.residual(y, v, a, lam)[free]
+        if offset is not None:
+            r = r - weight * offset
+        return np.concatenate([r, dynamics.closed.c])
+
+    e = error(y, lam)
+    previous = np.inf
+    for iteration in range(1, 40):
+        _, _, K = dynamics.tangent(y, v, a, lam)
+        J = dynamics.jacobian()[:, free] if rows else np.zeros((0, n))
+        S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J.T, J
+        if n + rows == 0:
+            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam), 0)
+        try:
+            step = np.linalg.solve(S, -e)
+        except np.linalg.LinAlgError:
+            return None
+        if not np.all(np.isfinite(step)):
+            return None
+        turn = float(np.max(np.abs(step[:n]), initial=0.0))
+        factor = min(1.0, 0.3 / max(turn, 1e-300))
+        dy = np.zeros(dynamics.system.nv)
+        dy[free] = factor * step[:n]
+        y = dynamics.integrate(y, dy)
+        lam = lam + factor * step[n:]
+        e = error(y, lam)
+        if not np.all(np.isfinite(e)):
+            return None
+        if turn < _BALANCED or (turn < 1e-8 and turn >= 0.5 * previous):
+            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam), iteration)
+        previous = turn
+    return None
+
+
+def static_equilibrium(
+    mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
+) -> Equilibrium:
+    """Equilibrium under gravity at a rigid pose, with the motors locked (or free).
+
+    Args:
+        mechanism: Mechanism. q: Rigid pose, default home. free_motors: Let the motors go.
+    Returns:
+        The equilibrium; its r in the motor rows is the holding torque. Beyond buckling Newton may
+        find the branch that gives way: its `unstable` is not 0, and an UnstableWarning says so.
+    """
+    found = rest(mechanism, q, free_motors)
+    if found.unstable:
+        warnings.warn(give_way(f"{mechanism.name}: static equilibrium"), UnstableWarning, 2)
+    return found
+
+
+def give_way(where: str) -> str:
+    """What is said of an unstable equilibrium."""
+    return (
+        f"{where}: unstable, the stiffness is negative in some direction: the mechanism buckles or "
+        "falls from there to another pose. Reduce the load, stiffen the links, add springs, or "
+        "let a coupled run with damping find the pose that it ends in."
+    )
+
+
+def rest(mechanism: Mechanism, q: Array | None = None, free_motors: bool = False) -> Equilibrium:
+    """`static_equilibrium` for those who look at `unstable` themselves."""
+    dynamics = Dynamics(mechanism.flexible)
+    system = mechanism.flexible
+    free = np.arange(system.nv) if free_motors else system.free
+    still = np.zeros(system.nv)
+    where = f"{mechanism.name}: static equilibrium"
+    found = balance(dynamics, mechanism.undeformed(q), still, still, free, None, where)
+    return replace(found, unstable=giving_way(dynamics, found, free))
+
+
+def giving_way(dynamics: Dynamics, at: Equilibrium, free: IntArray) -> int:
+    """Number of directions that the closures allow in which the tangent stiffness is negative."""
+    still = np.zeros(dynamics.system.nv)
+    K = dynamics.tangent(at.y, still, still, at.lam)[2][np.ix_(free, free)]
+    if not len(K):
+        return 0
+    # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.
+    size = np.abs(np.diag(K))
+    scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size)), 1e-300)))
+    K = 0.5 * (K + K.T) * scale * scale[:, None]
+    if dynamics.system.closed.n:
+        Z = null_space(dynamics.close(at.y)[1][:, free] * scale)
+        K = Z.T @ K @ Z
+    return int(np.sum(np.linalg.eigvalsh(K) < -_NEUTRAL)) if len(K) else 0
+
+
+def null_space(J: Array) -> Array:
+    """Orthonormal basis of the motions that J allows, shape (n, n - rank)."""
+    if not len(J):
+        return np.eye(J.shape[1])
+    _, sigma, Vt = np.linalg.svd(J)
+    rank = int(np.sum(sigma > 1e-10 * sigma[0]))
+    return np.asarray(Vt[rank:].T)
+
+
+def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
+    """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness."""
+    dynamics, system = Dynamics(mechanism.flexible), mechanism.flexible
+    y0, still, free = mechanism.undeformed(q), np.zeros(system.nv), system.free
+    r0 = dynamics.residual(y0, still, still, np.zeros(system.closed.n))
+    J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
+    K = structural_stiffness(dynamics)
+    n, rows = len(free), len(J)
+    S = np.zeros((n + rows, n + rows))
+    S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J[:, free].T, J[:, free]
+    x = np.linalg.solve(S, np.concatenate([-r0[free], np.zeros(rows)]))
+    dy = np.zeros(system.nv)
+    dy[free] = x[:n]
+    r = r0 + K @ dy - J.T @ x[n:]
+    return Equilibrium(dynamics.integrate(y0, dy), x[n:], r, 1)
+
+
+def structural_stiffness(dynamics: Dynamics) -> Array:
+    """K of links and springs alone, without the stiffness that loads bring."""
+    K = dynamics.system.K.copy()
+    springs = dynamics.system.springs
+    K[springs.v_at, springs.v_at] += springs.stiffness
+    return K
+
+
+def solve_quasistatic(
+    mechanism: Mechanism,
+    motion: Motion,
+    t: Array,
+    progress: Callable[[int, int], None] | None = None,
+) -> Run:
+    """Balance eta and the free joints with the nominal inertia forces at each instant.
+
+    Args:
+        mechanism: Mechanism. motion: Motion. t: Sample times, shape (nt,).
+    Returns:
+        The run; v and a are the nominal ones (no vibration).
+    Raises:
+        ConvergenceError: With `.result` up to the last balanced instant.
+    """
+    path, system = nominal(mechanism, motion, t), mechanism.flexible
+    dynamics = Dynamics(system)
+    nt, m, free = len(path.t), int(system.rigid.nv), system.free
+    y, lam = np.empty((nt, system.nq)), np.empty((nt, system.closed.n))
+    v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
+    v[:, :m], a[:, :m] = path.v, path.a
+    torque = np.empty((nt, len(system.motors)))
+    offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
+    looks, said = set(np.linspace(0, nt - 1, _LOOKS).astype(int).tolist()), list[str]()
+    for k in range(nt):
+        flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
+        dynamics.loads.time = float(path.t[k])
+        try:
+            found = balance(
+                dynamics, dynamics.integrate(flat, offset), v[k], a[k], free, force,
+                f"{mechanism.name}: t = {t[k]:.6g} s",
+            )  # fmt: skip
+        except ConvergenceError as error:
+            upto = slice(0, k)
+            error.result = Run(
+                system, path.t[upto], y[upto], v[upto], a[upto], lam[upto], torque[upto],
+                {"steps": k, "newton": newton}, stopped=str(error),
+            )  # fmt: skip
+            raise
+        y[k], lam[k], torque[k] = found.y, found.lam, found.r[system.motors]
+        offset, force = dynamics.difference(flat, found.y), found.lam
+        offset[system.motors] = 0.0
+        newton += found.iterations
+        if k in looks and not said and giving_way(dynamics, found, free):
+            said.append(give_way(f"t = {t[k]:.6g} s: equilibrium"))
+        if progress is not None and k % 16 == 0:
+            progress(k, nt)
+    counts: dict[str, float] = {"steps": nt, "newton": newton}
+    return Run(system, path.t, y, v, a, lam, torque, counts, warnings=tuple(said))

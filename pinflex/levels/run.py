@@ -1,0 +1,62 @@
+"""What a level hands over: the states of a system over time, before anything is recovered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from pinflex.actuation.nominal import Nominal
+from pinflex.actuation.signals import Signals
+from pinflex.arrays import Array
+from pinflex.mechanics.system import System
+
+
+@dataclass(frozen=True)
+class Run:
+    """States of one system over time.
+
+    Attributes:
+        system: The system that was solved.
+        t: Times, shape (nt,).
+        y: Coordinates [q; eta], shape (nt, nq). v, a: Shape (nt, nv).
+        lam: Multipliers of the independent closure rows, shape (nt, rows).
+        torque: Motor torques (N m | N), shape (nt, nm).
+        cost: Counts (steps, newton, tangents, ...).
+        settings: What the level used (dt, integrator, ...).
+        work: Energy put in by the motors and taken by damping, shape (nt, 2), or None.
+        warnings: Plain sentences.
+        signals: What a control measured and drove, or None.
+        stopped: Why the run ended early, "" when it is complete.
+        path: The nominal motion that a linear run deviates from, or None.
+        s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
+    """
+
+    system: System
+    t: Array
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    torque: Array
+    cost: dict[str, float]
+    settings: dict[str, object] = field(default_factory=dict)
+    work: Array | None = None
+    warnings: tuple[str, ...] = ()
+    stopped: str = ""
+    signals: Signals | None = None
+    path: Nominal | None = None
+    s: Array | None = None
+
+    def at(self, k: slice) -> Run:
+        """Some of its instants."""
+        return replace(
+            self, t=self.t[k], y=self.y[k], v=self.v[k], a=self.a[k], lam=self.lam[k],
+            torque=self.torque[k], work=None if self.work is None else self.work[k],
+            path=None if self.path is None else self.path.at(k),
+            signals=None if self.signals is None else self.signals.at(k),
+            s=None if self.s is None else self.s[k],
+        )  # fmt: skip
+
+    @property
+    def linear(self) -> bool:
+        """Whether forces are linear in the deviation: those of the undeformed mechanism."""
+        return self.path is not None and self.settings.get("terms") == "structural"

@@ -1,0 +1,1 @@
+"""The mechanism as equations: expanded model, closures, loads, dynamics."""

@@ -1,0 +1,214 @@
+"""Closing the loops: assembly from a guess, independent rows, mobility, singular poses by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.errors import AssemblyError, SingularityError
+from pinflex.mechanics.closure import Closures
+from pinflex.mechanics.dynamics import Dynamics
+
+# Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
+# mechanism is 1e-16, and Newton squares the error, so the last step ends far below this.
+CLOSED = 1e-12
+# Ratio of singular values below which rows or motions count as dependent: genuine dependence gives
+# 1e-16 (exact zero rows) to 1e-10 (rows that cancel), a usable mechanism stays above 1e-4.
+RANK = 1e-8
+# Ratio at which a pose counts as singular for the motors.
+SINGULAR = 1e-6
+
+
+@dataclass(frozen=True)
+class LoopReport:
+    """What closing the loops showed.
+
+    Attributes:
+        rows: All closure rows. rank: Independent ones. redundant: Names of the rest.
+        mobility: Degrees of freedom of the closed rigid mechanism.
+        sigma_min: Smallest singular value over the largest of the passive closure Jacobian
+            (motors locked): zero where the motors lose command (nan without loops).
+    """
+
+    rows: int
+    rank: int
+    redundant: tuple[str, ...]
+    mobility: int
+    sigma_min: float
+
+
+def close_loops(
+    dynamics: Dynamics, y: Array, moving: IntArray, iterations: int = 60
+) -> tuple[Array, float]:
+    """Newton with step halving on c(y) = 0 over some velocity rows.
+
+    Args:
+        dynamics: Workspace.
+        y: Guess, shape (nq,).
+        moving: Velocity rows that may move.
+        iterations: Limit.
+    Returns:
+        The pose, and the largest |c| there (the caller judges it).
+    """
+    c, J = dynamics.close(y)
+    size = float(np.max(np.abs(c), initial=0.0))
+    c = c.copy()
+    for _ in range(iterations):
+        if size < CLOSED * 1e-2:
+            break
+        step = -_least_norm(J[:, moving], c)
+        # A joint never needs more than half a turn; longer steps come from nearly singular rows.
+        longest = float(np.max(np.abs(step), initial=0.0))
+        step = step * min(1.0, 1.0 / max(longest, 1e-300))
+        accepted = False
+        for _ in range(12):
+            dy = np.zeros(J.shape[1])
+            dy[moving] = step
+            trial = dynamics.integrate(y, dy)
+            c_trial, J_trial = dynamics.close(trial)
+            size_trial = float(np.max(np.abs(c_trial), initial=0.0))
+            if size_trial < size * (1 - 1e-4) or size_trial < CLOSED * 1e-2:
+                accepted = True
+                break
+            step = 0.5 * step
+        if not accepted:
+            break
+        y, J, c, size = trial, J_trial, c_trial.copy(), size_trial
+    return y, size
+
+
+def _least_norm(A: Array, b: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(A, b, rcond=1e-10)[0], dtype=float)
+
+
+def independent_rows(J: Array, labels: Sequence[str]) -> tuple[IntArray, tuple[str, ...]]:
+    """Rows that carry the rank of a closure Jacobian, and the names of the others.
+
+    Args:
+        J: Closure Jacobian, shape (rows, nv).
+        labels: Row names.
+    Returns:
+        Kept rows in their order, and the labels of dependent rows.
+    """
+    from scipy.linalg import qr
+
+    if not len(J):
+        return np.zeros(0, dtype=np.intp), ()
+    _, R, order = qr(J.T, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    rank = int(np.sum(diagonal > RANK * max(float(diagonal[0]), 1e-300))) if len(diagonal) else 0
+    kept = np.sort(order[:rank]).astype(np.intp)
+    dropped = sorted(set(range(len(J))) - set(kept.tolist()))
+    return kept, tuple(labels[k] for k in dropped)
+
+
+def singular_ratio(J: Array) -> float:
+    """Smallest over largest singular value (0 when there are more columns than rows)."""
+    if J.shape[1] == 0:
+        return float("nan")
+    if J.shape[0] < J.shape[1]:
+        return 0.0
+    sigma = np.linalg.svd(J, compute_uv=False)
+    return float(sigma[-1] / sigma[0]) if sigma[0] > 0 else 0.0
+
+
+def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, str]:
+    """Names of the loop and of the coordinates in the weakest motion of a closure Jacobian."""
+    U, _, Vt = np.linalg.svd(J, full_matrices=True)
+    weak = np.abs(Vt[-1])
+    largest = [columns[k] for k in np.argsort(-weak)[:3] if weak[k] > 0.2 * weak.max()]
+    loop = "-"
+    if len(rows.loop_of):
+        # The loop whose rows the near-null motion touches with the joints it moves.
+        share, n = np.zeros(len(rows.names)), len(rows.loop_of)
+        np.add.at(share, rows.loop_of, (np.abs(J) @ weak + np.abs(U[:, -1]))[:n])
+        loop = rows.names[int(np.argmax(share))]
+    return loop, ", ".join(largest)
+
+
+def assemble(
+    dynamics: Dynamics, y: Array, held: IntArray, names: Sequence[str], where: str
+) -> Array:
+    """Close the loops from the home guess: first with the motors held, then with all free.
+
+    Raises:
+        AssemblyError: No closed pose near the guess, naming the loop that stays open.
+    """
+    every = np.arange(dynamics.n_rigid)
+    passive = np.setdiff1d(every, held)
+    best = None
+    for moving in (passive, every):
+        pose, size = close_loops(dynamics, y, moving.astype(np.intp))
+        if size < CLOSED * 10:
+            _no_flipped_frames(dynamics, where)
+            return pose
+        if best is None or size < best[1]:
+            best = (pose, size)
+    assert best is not None
+    c, _ = dynamics.close(best[0])
+    row = int(np.argmax(np.abs(c)))
+    closed = dynamics.system.closed
+    raise AssemblyError(
+        f'{where}: loop "{closed.names[closed.loop_of[row]]}" does not close from the home guess: '
+        f"{closed.labels[row]} stays open by {abs(c[row]):.3g} (m or rad) after Newton. "
+        "Give `home` values nearer to a closed pose, or check link lengths and loop frames.",
+        gap=float(abs(c[row])),
+        loop=closed.names[closed.loop_of[row]],
+        pose=best[0],
+    )
+
+
+def _no_flipped_frames(dynamics: Dynamics, where: str) -> None:
+    """Perpendicular axes also fit when two of them are reversed: refuse that false closure."""
+    state, closed = dynamics.closed, dynamics.system.closed
+    for k, (name, kind) in enumerate(zip(closed.names, closed.kinds, strict=True)):
+        if kind in ("weld", "prismatic"):
+            turn = state.frames_a[k, :, :3].T @ state.frames_b[k, :, :3]
+            if np.min(np.diag(turn)) < 0.5:
+                raise AssemblyError(
+                    f'{where}: loop "{name}" ({kind}) closes only with its frames turned by half '
+                    "a turn. Turn one of the two frames in the URDF, or give a nearer `home`.",
+                    loop=name,
+                )
+
+
+def require_regular(
+    dynamics: Dynamics, y: Array, motors: IntArray, names: Sequence[str], where: str
+) -> float:
+    """Singular-value ratio of the passive closure Jacobian; raises where the motors lose command.
+
+    Raises:
+        SingularityError: With the loop, the motion and sigma_min.
+    """
+    if not dynamics.looped:
+        return float("nan")
+    _, J = dynamics.close(y)
+    passive = np.setdiff1d(np.arange(dynamics.n_rigid), motors)
+    if len(passive) > len(J):
+        return 0.0
+    ratio = singular_ratio(J[:, passive])
+    if ratio < SINGULAR:
+        raise singularity(J[:, passive], dynamics.system.closed, [names[k] for k in passive], where)
+    return ratio
+
+
+def singularity(
+    J: Array, rows: Closures, columns: Sequence[str], where: str, time: float | None = None
+) -> SingularityError:
+    """The error that names a singular pose: which loop, which motion, sigma_min."""
+    loop, motion = null_motion(J, rows, columns)
+    sigma = np.linalg.svd(J, compute_uv=False)
+    smallest = float(sigma[-1]) if len(sigma) == J.shape[1] else 0.0
+    rank = int(np.sum(sigma > SINGULAR * sigma[0]))
+    return SingularityError(
+        f"{where}: singular pose: the passive loop Jacobian has rank {rank} of {J.shape[1]} "
+        f'(sigma_min = {smallest:.2g}); with all motors locked loop "{loop}" can still move: '
+        f"{motion}. Choose a path that avoids this pose, or start from another branch.",
+        loop=loop,
+        motion=motion,
+        sigma_min=smallest,
+        time=time,
+    )

@@ -1,0 +1,227 @@
+"""Loop closures: residual c, Jacobian J and their exact derivatives, all loops in one batch.
+
+Every kind is made of three sorts of rows between frame a (on body A) and frame b (on body B):
+
+    point      c = u . (p_b - p_a)                  u an axis of a
+    direction  c = e_a . e_b                        an axis of a, an axis of b
+    distance   c = (|p_b - p_a|^2 - l^2) / (2 l)
+
+A sleeve on a flexible beam (`pinflex.mechanics.slider`) adds rows that also hold its elastic
+coordinates.
+
+Each row is W (twist of B - twist of A), twists taken at the world origin, so with J the world
+Jacobians of Pinocchio the closure Jacobian is (W J) times the difference of the bodies' supports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.description.supplement import Loop
+from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.slider import Contact, Sleeve
+
+# Points held along these axes of a, and pairs (axis of a, axis of b) held perpendicular.
+_ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
+    "weld": ((0, 1, 2), ((0, 1), (1, 2), (2, 0))),
+    "revolute": ((0, 1, 2), ((0, 2), (1, 2))),
+    "prismatic": ((0, 1), ((0, 1), (1, 2), (2, 0))),
+    "cylindrical": ((0, 1), ((0, 2), (1, 2))),
+    "universal": ((0, 1, 2), ((2, 0),)),
+    "spherical": ((0, 1, 2), ()),
+    "planar": ((0, 1), ()),
+    "distance": ((), ()),
+    "slider": ((), ()),
+}
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Closures:
+    """The loop closures of one (rigid or expanded) model.
+
+    Attributes:
+        names, kinds: One per loop.
+        labels: One per row, "loop: what is held".
+        loop_of: Loop of each row.
+        bodies: Joints of A then B, shape (2 loops,).
+        local: Frames a then b in their joints, [R | p], shape (2 loops, 3, 4).
+        point_rows, point_axes: Rows of point type and the axis of a they use.
+        dot_rows, dot_a, dot_b: Rows of direction type and the axes they use.
+        distance_rows, lengths: Rows of distance type and their lengths in m.
+        contacts: Rows of sleeves on flexible beams.
+        support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
+        row_mask: support_b - support_a of each row's loop, shape (rows, nV).
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    labels: tuple[str, ...]
+    loop_of: IntArray
+    bodies: IntArray
+    local: Array
+    point_rows: IntArray
+    point_axes: IntArray
+    dot_rows: IntArray
+    dot_a: IntArray
+    dot_b: IntArray
+    distance_rows: IntArray
+    lengths: Array
+    support_a: Array
+    support_b: Array
+    row_mask: Array
+    contacts: tuple[Contact, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return len(self.labels)
+
+    def select(self, rows: Sequence[int] | IntArray) -> Closures:
+        """The same loops with some rows only (the independent ones)."""
+        rows = np.asarray(rows, dtype=np.intp)
+        renumber = np.full(self.n, -1, dtype=np.intp)
+        renumber[rows] = np.arange(len(rows))
+
+        def kept(sort: IntArray) -> npt.NDArray[np.bool_]:
+            return renumber[sort] >= 0
+
+        p, d, s = kept(self.point_rows), kept(self.dot_rows), kept(self.distance_rows)
+        return replace(
+            self,
+            labels=tuple(self.labels[r] for r in rows),
+            loop_of=self.loop_of[rows],
+            point_rows=renumber[self.point_rows[p]],
+            point_axes=self.point_axes[p],
+            dot_rows=renumber[self.dot_rows[d]],
+            dot_a=self.dot_a[d],
+            dot_b=self.dot_b[d],
+            distance_rows=renumber[self.distance_rows[s]],
+            lengths=self.lengths[s],
+            row_mask=self.row_mask[rows],
+            contacts=tuple(contact.select(renumber) for contact in self.contacts),
+        )
+
+
+def closures(
+    loops: Sequence[Loop],
+    frames: Mapping[str, Attachment],
+    model: pin.Model,
+    sleeves: Mapping[str, Sleeve] | None = None,
+) -> Closures:
+    """Gather the loops of a description on a model.
+
+    Args:
+        loops: Described loops; a distance without a length gets NaN, to be set at assembly.
+        frames: Where each frame sits in the model.
+        model: Rigid or expanded model.
+        sleeves: What the loops of kind slider hold, by name.
+    Returns:
+        All rows, redundant ones included.
+    """
+    ends = [(frames[loop.frame_a], frames[loop.frame_b]) for loop in loops]
+    sleeves = sleeves or {}
+    for k, loop in enumerate(loops):
+        if loop.name in sleeves:  # both frames of a slider are turned into that of the beam
+            here, other = ends[k]
+            beam = sleeves[loop.name].placement
+            along = other.placement * pin.SE3(beam.rotation, np.zeros(3))
+            ends[k] = (
+                Attachment(here.joint, here.placement * beam),
+                Attachment(other.joint, along),
+            )
+    turn_a = [_axes(loop.axis, None) for loop in loops]
+    # A universal joint holds the axis of a (z) perpendicular to the axis of b (x here).
+    turn_b = [
+        _axes(None, loop.axis_b) if loop.kind == "universal" else _axes(loop.axis, None)
+        for loop in loops
+    ]
+    labels: list[str] = []
+    owner: list[int] = []
+    points: list[tuple[int, int]] = []
+    dots: list[tuple[int, int, int]] = []
+    distances: list[tuple[int, float]] = []
+    contacts: list[Contact] = []
+    for number, loop in enumerate(loops):
+        held, square = _ROWS[loop.kind]
+        for axis in held:
+            points.append((len(labels), axis))
+            labels.append(f"{loop.name}: position along {_AXES[axis]}")
+        for a, b in square:
+            dots.append((len(labels), a, b))
+            about = _AXES[3 - a - b] if a != b else _AXES[a]
+            labels.append(f"{loop.name}: rotation about {about}")
+        if loop.kind == "distance":
+            distances.append((len(labels), np.nan if loop.length is None else loop.length))
+            labels.append(f"{loop.name}: distance")
+        if loop.kind == "slider":
+            held_rows = sleeves[loop.name].labels(loop.name)
+            at = np.arange(len(labels), len(labels) + len(held_rows))
+            contacts.append(Contact(sleeves[loop.name], number, at))
+            labels.extend(held_rows)
+        owner.extend([number] * (len(labels) - len(owner)))
+    sides = [e[0] for e in ends] + [e[1] for e in ends]
+    local = np.zeros((len(sides), 3, 4))
+    for k, (end, turn) in enumerate(zip(sides, turn_a + turn_b, strict=True)):
+        local[k, :, :3] = end.placement.rotation @ turn
+        local[k, :, 3] = end.placement.translation
+    support_a = _supports(model, [e[0].joint for e in ends])
+    support_b = _supports(model, [e[1].joint for e in ends])
+    loop_of = np.array(owner, dtype=np.intp)
+    return Closures(
+        names=tuple(loop.name for loop in loops),
+        kinds=tuple(loop.kind for loop in loops),
+        labels=tuple(labels),
+        loop_of=loop_of,
+        bodies=np.array([s.joint for s in sides], dtype=np.intp),
+        local=local,
+        point_rows=np.array([p[0] for p in points], dtype=np.intp),
+        point_axes=np.array([p[1] for p in points], dtype=np.intp),
+        dot_rows=np.array([d[0] for d in dots], dtype=np.intp),
+        dot_a=np.array([d[1] for d in dots], dtype=np.intp),
+        dot_b=np.array([d[2] for d in dots], dtype=np.intp),
+        distance_rows=np.array([d[0] for d in distances], dtype=np.intp),
+        lengths=np.array([d[1] for d in distances], dtype=float),
+        support_a=support_a,
+        support_b=support_b,
+        row_mask=(support_b - support_a)[loop_of],
+        contacts=tuple(contacts),
+    )
+
+
+def _axes(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
+    """A rotation whose z (or x) axis is the given one, the identity where it can be."""
+    if z is None and x is None:
+        return np.eye(3)
+    k, wish = (2, z) if z is not None else (0, x)
+    axis = np.array(wish, float) / np.linalg.norm(np.array(wish, float))
+    helper = np.eye(3)[(k + 1) % 3]
+    if abs(axis @ helper) > 0.9:
+        helper = np.eye(3)[(k + 2) % 3]
+    second = helper - axis * (axis @ helper)
+    second /= np.linalg.norm(second)
+    columns = [np.zeros(3)] * 3
+    columns[k] = axis
+    if abs(helper[(k + 1) % 3]) > 0.5:
+        columns[(k + 1) % 3] = second
+        columns[(k + 2) % 3] = np.cross(axis, second)
+    else:
+        columns[(k + 2) % 3] = second
+        columns[(k + 1) % 3] = np.cross(second, axis)
+    return np.column_stack(columns)
+
+
+def _supports(model: pin.Model, joints: Sequence[int]) -> Array:
+    support = np.zeros((len(joints), model.nv))
+    for k, joint in enumerate(joints):
+        for above in model.supports[joint]:
+            if above:
+                step = model.joints[above]
+                support[k, step.idx_v : step.idx_v + step.nv] = 1.0
+    return support

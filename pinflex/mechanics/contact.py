@@ -1,0 +1,252 @@
+"""The rows of a sleeve on a beam at one state, with their exact derivatives.
+
+See `pinflex.mechanics.slider`. Every row has the form
+
+    h = s . (n0 + N g) + O g,      g = B(X) eta
+
+where s is the place p of frame b in the beam's frame, or its x or y axis there; g holds v, w at
+X - a, X, X + a, their slopes at X and the twist psi(X); n0, N and O are constants of the row.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import MotionError
+from pinflex.mechanics.poses import skew
+from pinflex.mechanics.slider import Contact
+
+# Third derivatives come from second ones over this part of the length: round-off and truncation
+# both stay below 1e-8 of them. They only enter the bias and the tangent.
+_STEP = 1e-5
+_FIRST = {"v": 0, "w": 4}  # of values at X - a, X, X + a and the slope at X, in g
+_TWIST, _SIZE = 8, 9
+_VALUES = {
+    "hold": (0.0, -1.0, 0.0),
+    "right": (0.0, -1.0, 1.0),
+    "left": (1.0, -1.0, 0.0),
+    "pivot": (1.0, -2.0, 1.0),
+}
+_SLOPES = {"right": -1.0, "left": 1.0}  # of a times the slope
+_PLACE, _X_AXIS, _Y_AXIS = 0, 1, 2
+
+
+def _row(sort: str, direction: str, a: float) -> tuple[int, Array, Array, Array]:
+    """Which s a row takes, its n0 (3,), N (3, 9) and O (9,)."""
+    n0, N, O = np.zeros(3), np.zeros((3, _SIZE)), np.zeros(_SIZE)  # noqa: E741
+    first, axis = _FIRST[direction], 1 if direction == "v" else 2
+    if sort in ("tilt", "twist"):
+        n0[axis] = 1.0
+        N[0, first + 3] = -1.0
+        N[2 if direction == "v" else 1, _TWIST] = 1.0 if direction == "v" else -1.0
+        return _X_AXIS if sort == "tilt" else _Y_AXIS, n0, N, O
+    if sort in ("hold", "chord"):
+        n0[axis] = 1.0
+    if sort in _VALUES:
+        O[first : first + 3] = _VALUES[sort]
+    O[first + 3] = a * _SLOPES.get(sort, 0.0)
+    return _PLACE, n0, N, O
+
+
+class ContactState:
+    """The rows of one sleeve, their Jacobians and second derivatives.
+
+    Attributes:
+        value: h, shape (rows,). W: By the relative twist at the world origin, (rows, 6).
+        by_eta: dh/deta of the body's coordinates, (rows, n).
+    """
+
+    def __init__(self, contact: Contact) -> None:
+        sleeve = contact.sleeve
+        self.contact, self.rows, self.loop = contact, contact.rows, contact.loop
+        self.eta = sleeve.eta
+        made = [_row(sort, direction, sleeve.half) for sort, direction in sleeve.sorts]
+        count = len(made)
+        self._source = np.array([m[0] for m in made], dtype=np.intp)
+        self._n0 = np.array([m[1] for m in made]).reshape(count, 3)
+        self._N = np.array([m[2] for m in made]).reshape(count, 3, _SIZE)
+        self._O = np.array([m[3] for m in made]).reshape(count, _SIZE)
+        self._placed = self._source == _PLACE
+        self._turning = np.flatnonzero(~self._placed)
+        self._at = sleeve.half * np.array([-1.0, 0.0, 1.0])
+        self._n = sleeve.eta.stop - sleeve.eta.start
+        self.X = 0.0
+        self.value, self.W = np.zeros(count), np.zeros((count, 6))
+        self.by_eta = np.zeros((count, self._n))
+
+    def evaluate(self, frame_a: Array, frame_b: Array, arm: Array, eta: Array) -> None:
+        """Place the sleeve.
+
+        Args:
+            frame_a: Beam frame [R | p], shape (3, 4). frame_b: The sleeve's frame.
+            arm: skew(p_b), shape (3, 3). eta: Elastic coordinates of all bodies.
+        """
+        self._R, self._arm = frame_a[:, :3], arm
+        self._axes = frame_b[:, :2].T  # x and y of b in the world
+        here = np.vstack([frame_b[:, 3] - frame_a[:, 3], self._axes]) @ self._R
+        self.X = float(here[0, 0])
+        self._tables()
+        mine = eta[self.eta]
+        s = here[self._source]
+        g, self._g_X = self._B @ mine, self._B_X @ mine
+        self._c, normal = self._O, self._n0
+        if len(self._turning):
+            self._c = self._c + np.einsum("ri,rik->rk", s, self._N)
+            normal = normal + self._N @ g
+        self.value = (s * normal).sum(axis=1) + self._O @ g
+        self.by_eta, self._by_X_eta = self._c @ self._B, self._c @ self._B_X
+        self._by_X = self._c @ self._g_X
+        self._normal = normal @ self._R.T
+        push = self._by_X[:, None] * self._R[:, 0]
+        push[self._placed] += self._normal[self._placed]
+        self.W[:, :3], self.W[:, 3:] = push, push @ arm.T
+        if len(self._turning):
+            k = self._turning
+            self.W[k, 3:] += np.cross(self._axes[self._source[k] - 1], self._normal[k])
+
+    def _tables(self) -> None:
+        """B and dB/dX, shape (9, n)."""
+        self._B, self._B_X = np.zeros((_SIZE, self._n)), np.zeros((_SIZE, self._n))
+        sleeve = self.contact.sleeve
+        for direction, family in sleeve.families.items():
+            at = sleeve.columns[direction]
+            if direction == "p":
+                F = family.evaluate(np.array([self.X]))
+                self._B[_TWIST, at], self._B_X[_TWIST, at] = F.f[0], F.df[0]
+                continue
+            F, k = family.evaluate(self.X + self._at), _FIRST[direction]
+            self._B[k : k + 3, at], self._B_X[k : k + 3, at] = F.f, F.df
+            self._B[k + 3, at], self._B_X[k + 3, at] = F.df[1], F.curv[1]
+
+    def _by_XX(self, eta: Array) -> Array:
+        """d2h/dX2, shape (rows,)."""
+        sleeve, g = self.contact.sleeve, np.zeros(_SIZE)
+        for direction, family in sleeve.families.items():
+            mine = eta[self.eta][sleeve.columns[direction]]
+            step = _STEP * family.length
+            around = family.evaluate(np.array([self.X - step, self.X + step]))
+            if direction == "p":
+                g[_TWIST] = np.diff(around.df, axis=0)[0] @ mine / (2.0 * step)
+                continue
+            k = _FIRST[direction]
+            g[k : k + 3] = family.evaluate(self.X + self._at).curv @ mine
+            g[k + 3] = np.diff(around.curv, axis=0)[0] @ mine / (2.0 * step)
+        return np.asarray(self._c @ g)
+
+    def bias(
+        self, spin_a: Array, spin_b: Array, v_ab: Array, swept: Array, gap: Array, eta: Array,
+        rate: Array,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Time derivative of W (rows, 6), and of by_eta times the elastic rates, (rows,).
+
+        Args:
+            spin_a, spin_b: skew of the frames' angular velocities. v_ab: Velocity of b's origin
+                less that of a's (m/s). swept: skew of b's. gap: b's origin less a's (m).
+            eta, rate: Elastic coordinates and their rates.
+        """
+        R, mine = self._R, rate[self.eta]
+        slip = float(R[:, 0] @ v_ab + (spin_a @ R[:, 0]) @ gap)
+        g_rate = self._g_X * slip + self._B @ mine
+        s_rate = np.vstack([np.zeros(3), self._axes @ (spin_b - spin_a).T @ R])[self._source]
+        c_rate = np.einsum("ri,rik->rk", s_rate, self._N)
+        swing = self._by_X_eta @ mine
+        drift = swing * slip + c_rate @ (self._B @ mine)
+        grow = self._by_XX(eta) * slip + swing + c_rate @ self._g_X
+        out = np.zeros_like(self.W)
+        along = spin_a @ R[:, 0]
+        push = grow[:, None] * R[:, 0] + self._by_X[:, None] * along
+        n_rate = self._normal @ spin_a.T + (self._N @ g_rate) @ R.T
+        push[self._placed] += n_rate[self._placed]
+        out[:, :3] = push
+        out[:, 3:] = self.W[:, :3] @ swept.T + push @ self._arm.T
+        if len(self._turning):
+            k = self._turning
+            e = self._axes[self._source[k] - 1]
+            out[k, 3:] += np.cross(e @ spin_b.T, self._normal[k]) + np.cross(e, n_rate[k])
+        return out, drift
+
+    def turning_stiffness(self, lam: Array) -> tuple[Array, Array]:
+        """What the moments of fixed sleeves change by when b turns against a: on B, on A, (3, 3).
+
+        Args:
+            lam: Multipliers of all closure rows.
+        """
+        k = self._turning
+        e, n = skew(self._axes[self._source[k] - 1]), skew(self._normal[k])
+        weights = lam[self.rows[k], None, None]
+        return (weights * (e @ n)).sum(axis=0), (weights * (n @ e)).sum(axis=0)
+
+    def add_tangent(self, total: Array, lam: Array, J_rel: Array, eta: Array, start: int) -> None:
+        """Add what the moving contact changes in J' lam.
+
+        Args:
+            total: d(J' lam)/dy, shape (nv, nv). lam: Multipliers of all closure rows.
+            J_rel: Relative twist of b to a by v, shape (6, nv).
+            eta: Elastic coordinates of all bodies. start: Where they begin in v.
+        """
+        push, x = lam[self.rows], self._R[:, 0]
+        slip = np.concatenate([x, self._arm @ x]) @ J_rel
+        total += float(push @ self._by_XX(eta)) * np.outer(slip, slip)
+        at = slice(start + self.eta.start, start + self.eta.stop)
+        cross = np.outer(slip, push @ self._by_X_eta)
+        if len(self._turning):
+            k = self._turning
+            moved = -self._R.T @ skew(self._axes[self._source[k] - 1]) @ J_rel[3:]
+            pulled = np.einsum("r,riv,rik->vk", push[k], moved, self._N[k])
+            total += np.outer(pulled @ self._g_X, slip) + np.outer(slip, pulled @ self._g_X)
+            cross += pulled @ self._B
+        if self._n:
+            total[:, at] += cross
+            total[at] += cross.T
+
+    def forces(self, lam: Array) -> Array:
+        """What the sleeve does to the beam: (x, F, M) at X - a, X, X + a, shape (3, 7).
+
+        Args:
+            lam: Multipliers of all closure rows.
+        """
+        push = lam[self.rows]
+        on = push @ self._c
+        out = np.zeros((3, 7))
+        out[:, 0] = self.X + self._at
+        out[1, 1] = -push @ self._by_X
+        out[:, 2], out[:, 3] = on[0:3], on[4:7]
+        out[1, 4], out[1, 5], out[1, 6] = on[_TWIST], -on[7], on[3]
+        return out
+
+    def require_on_beam(self, name: str, where: str, t: float | None) -> None:
+        """Raise where an end of the sleeve lies beyond an end of the beam.
+
+        Args:
+            name: Of the loop. where: Name of the model. t: Time (s), if there is one.
+        """
+        sleeve = self.contact.sleeve
+        ends = (self.X - sleeve.half, self.X + sleeve.half)
+        # An end may stand on an end of the beam, up to what closing the loops leaves.
+        slack = 1e-9 * sleeve.length
+        if ends[0] >= -slack and ends[1] <= sleeve.length + slack:
+            return
+        when = where if t is None else f"{where}: t = {t:.6g} s"
+        reach = f"x = {self.X:.6g} m" + (
+            f", from {ends[0]:.6g} to {ends[1]:.6g} m" if sleeve.half else ""
+        )
+        raise MotionError(
+            f'{when}: sleeve "{name}" leaves the beam {sleeve.link}: it is at {reach}, the beam '
+            f"ends at 0 and {sleeve.length:g} m. Shorten the motion, or lengthen the beam.",
+            loop=name,
+            position=self.X,
+            time=t,
+        )
+
+
+def section_forces(x: Array, forces: Array) -> Array:
+    """Section forces N, Vy, Vz, T, My, Mz that a sleeve adds, shape (nt, nx, 6).
+
+    Args:
+        x: Sections (m), shape (nx,). forces: From `ContactState.forces`, shape (nt, 3, 7).
+    """
+    at, Fx, Fy, Fz, Mx, My, Mz = (forces[:, None, :, k] for k in range(7))
+    arm = at - x[None, :, None]
+    parts = (Fx, Fy, Fz, Mx, My - arm * Fz, Mz + arm * Fy)
+    return np.stack([np.sum(np.where(arm >= 0.0, p, 0.0), axis=2) for p in parts], axis=2)

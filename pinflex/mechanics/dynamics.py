@@ -1,0 +1,409 @@
+"""The equations of motion of one system, evaluated on preallocated arrays.
+
+    r(y, v, a, lam) = X' (rnea(Q, X v, X a + Xdot v) - J_Q' lam) + K y + D v,     c(y) = 0
+
+With no flexible link X = I and this is Pinocchio itself. Here r leaves out the motor torques: the
+rows of motors give the torque that the motion needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.mechanics import workspace
+from pinflex.mechanics.closure_state import ClosureState
+from pinflex.mechanics.coordinate_map import CoordinateMap
+from pinflex.mechanics.loads import LoadState
+from pinflex.mechanics.system import System
+
+
+class Dynamics:
+    """A run's own workspace on a system (it owns the pin.Data; make one per run)."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        expansion = system.expansion
+        self.model: pin.Model = expansion.model
+        self.data: pin.Data = workspace.take(self.model)
+        self.n_rigid = int(system.rigid.nv)
+        self.nq_rigid = int(system.rigid.nq)
+        self.vector_space = self.nq_rigid == self.n_rigid
+        self.flexible = system.n_eta > 0
+        self.damped = bool(np.any(system.D))
+        self.sprung = len(system.springs.v_at) > 0
+        self.closed = ClosureState(system.closed, self.model, self.data)
+        self.looped = system.closed.n > 0
+        self.loaded = system.loads.present
+        self.loads = LoadState(system.loads, self.model, self.data)
+        self.slides = self.flexible and len(system.closed.contacts) > 0
+        self.push: Array | None = None
+        nV = int(self.model.nv)
+        self.Q = pin.neutral(self.model)
+        self._maps = [CoordinateMap(block) for block in expansion.blocks]
+        self.stiffness = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
+        self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
+        self._V, self._A = np.zeros(nV), np.zeros(nV)
+        self.g = np.zeros(nV)
+
+    def __del__(self) -> None:
+        if hasattr(self, "data"):
+            workspace.give_back(self.model, self.data)
+
+    # Configuration -------------------------------------------------------------------------
+
+    def integrate(self, y: Array, dy: Array) -> Array:
+        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,)."""
+        if self.vector_space:
+            return y + dy
+        moved = np.empty_like(y)
+        n, m = self.nq_rigid, self.n_rigid
+        moved[:n] = pin.integrate(self.system.rigid, y[:n], dy[:m])
+        moved[n:] = y[n:] + dy[m:]
+        return moved
+
+    def difference(self, y0: Array, y1: Array) -> Array:
+        """dy that takes y0 to y1, shape (nv,)."""
+        if self.vector_space:
+            return y1 - y0
+        n, m = self.nq_rigid, self.n_rigid
+        dy = np.empty(self.system.nv)
+        dy[:m] = pin.difference(self.system.rigid, y0[:n], y1[:n])
+        dy[m:] = y1[n:] - y0[n:]
+        return dy
+
+    def place(self, y: Array) -> None:
+        """Q = T(y) and the blocks of X = dQ/dy."""
+        if not self.flexible:
+            self.Q = y
+            return
+        n = self.nq_rigid
+        self.Q[self.system.expansion.q_at] = y[:n]
+        eta = y[n:]
+        self.closed.eta = eta
+        for one in self._maps:
+            self.Q[one.block.q_rows] = one.place(eta[one.block.eta])
+
+    def expand_motion(self, v: Array, a: Array) -> tuple[Array, Array]:
+        """V = X v and A = X a + Xdot v at the placed configuration."""
+        if not self.flexible:
+            return v, a
+        V, A, m, at = self._V, self._A, self.n_rigid, self.system.expansion.v_at
+        V[at], A[at] = v[:m], a[:m]
+        v_eta, a_eta = v[m:], a[m:]
+        for one in self._maps:
+            rate = v_eta[one.block.eta]
+            column = rate.reshape(one.shape)
+            V[one.force_rows] = np.matmul(one.X, column).reshape(-1)
+            gain = np.matmul(one.X, a_eta[one.block.eta].reshape(one.shape))
+            if one.curved:
+                one.rate = one.bend(rate)
+                gain[:, : one.curved] += np.matmul(one.rate, column)
+            A[one.force_rows] = gain.reshape(-1)
+        return V, A
+
+    def project(self, g: Array) -> Array:
+        """X' g, shape (nv,), for expanded forces g (nV,)."""
+        if not self.flexible:
+            return np.array(g)
+        m = self.n_rigid
+        r = np.empty(self.system.nv)
+        r[:m] = g[self.system.expansion.v_at]
+        for one in self._maps:
+            bodies, rows, _ = one.X.shape
+            force = g[one.force_rows].reshape(bodies, rows, 1)
+            r[m:][one.block.eta] = np.matmul(one.X_turned, force).reshape(-1)
+        return r
+
+    def times_map(self, D: Array) -> Array:
+        """D X, shape (k, nv), for D of shape (k, nV)."""
+        if not self.flexible:
+            return D.copy()
+        m = self.n_rigid
+        out = np.empty((len(D), self.system.nv))
+        out[:, :m] = D[:, self.system.expansion.v_at]
+        for one in self._maps:
+            self._block_product(D, one, one.X, slice(None), out[:, m:])
+        return out
+
+    def _block_product(
+        self,
+        D: Array,
+        one: CoordinateMap,
+        factor: Array,
+        rows: slice,
+        out: Array,
+        add: bool = False,
+    ) -> None:
+        """Columns D[:, rows of the bodies] times stacked factors, into the bodies' columns."""
+        at = one.block.rows[:, rows]
+        bodies, count = at.shape
+        columns = D[:, at.reshape(-1)].reshape(len(D), bodies, count).transpose(1, 0, 2)
+        product = np.matmul(columns, factor).transpose(1, 0, 2).reshape(len(D), -1)
+        if add:
+            out[:, one.block.eta] += product
+        else:
+            out[:, one.block.eta] = product
+
+    @property
+    def X(self) -> Array:
+        """dQ/dy as one dense matrix, shape (nV, nv) (for tests and reports)."""
+        return self.times_map(np.eye(int(self.model.nv)))
+
+    # Forces --------------------------------------------------------------------------------
+
+    def residual(self, y: Array, v: Array, a: Array, lam: Array) -> Array:
+        """Forces that the motion (y, v, a) with multipliers lam leaves to the motors.
+
+        r = X' (rnea - J_Q' lam) + K y + D v. Afterwards c and J are current.
+
+        Args:
+            y: [q; eta], shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m.
+        Returns:
+            Generalised forces, shape (nv,): zero in the rows of everything that is not driven.
+        """
+        self.place(y)
+        V, A = self.expand_motion(v, a)
+        g = pin.rnea(self.model, self.data, self.Q, V, A)
+        if self.looped or self.loaded:
+            pin.computeJointJacobians(self.model, self.data, self.Q)
+        if self.looped:
+            self.closed.evaluate()
+            g = g - self.closed.J.T @ lam
+        if self.loaded:
+            g = g - self.loads.generalized(V)
+        self.g = g
+        return self._add_elastic(self.project(g), y, v, lam)
+
+    def _add_elastic(self, r: Array, y: Array, v: Array, lam: Array) -> Array:
+        if self.flexible:
+            r[self.n_rigid :] += self.stiffness @ y[self.nq_rigid :]
+        if self.damped:
+            r += self.system.D @ v
+        if self.sprung:
+            s = self.system.springs
+            r[s.v_at] += s.stiffness * (self.spring_angles(y) - s.rest)
+        if self.slides:
+            r[self.n_rigid :] -= self.closed.J_eta.T @ lam
+        if self.push is not None:
+            r -= self.push
+        return r
+
+    def spring_angles(self, y: Array) -> Array:
+        """Positions (rad | m) of the joints with springs."""
+        s = self.system.springs
+        angle = y[s.q_at].copy()
+        for k in np.flatnonzero(s.paired):
+            angle[k] = np.arctan2(y[s.q_at[k] + 1], y[s.q_at[k]])
+        return angle
+
+    # Closures ------------------------------------------------------------------------------
+
+    def close(self, y: Array) -> tuple[Array, Array]:
+        """Closure residual c (rows,) and Jacobian J = J_Q X (rows, nv) at y."""
+        self.place(y)
+        pin.computeJointJacobians(self.model, self.data, self.Q)
+        self.closed.evaluate()
+        return self.closed.c, self.jacobian()
+
+    def jacobian(self) -> Array:
+        """J = J_Q X of the last evaluation."""
+        J = self.times_map(self.closed.J)
+        if self.slides:
+            J[:, self.n_rigid :] += self.closed.J_eta
+        return J
+
+    def closure_bias(self, y: Array, v: Array) -> Array:
+        """gamma in cdd = J a + gamma, shape (rows,)."""
+        self.place(y)
+        V, A = self.expand_motion(v, np.zeros_like(v))
+        pin.computeJointJacobiansTimeVariation(self.model, self.data, self.Q, V)
+        self.closed.evaluate()
+        self.closed.eta_rate = v[self.n_rigid :]
+        gamma = self.closed.bias(V)
+        return gamma + self.closed.J @ A if self.flexible else gamma
+
+    # Matrices ------------------------------------------------------------------------------
+
+    def mass(self, y: Array) -> Array:
+        """M = X' crba(Q) X, shape (nv, nv)."""
+        self.place(y)
+        return self._both_sides(pin.crba(self.model, self.data, self.Q))
+
+    def tangent(self, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array, Array]:
+        """M, C, K: exact derivatives of the residual by a, v and y, each (nv, nv)."""
+        found = self._derivatives(y, v, a, lam, True)
+        M, C, K = (self._weighted(found, a, weights, True) for weights in np.eye(3))
+        return M, C, K
+
+    def iteration_matrix(
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        weights: Sequence[float],
+        rates: bool = False,
+    ) -> Array:
+        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy for Newton, shape (nv, nv).
+
+        The rates of the second-order rows are left out unless asked for: they are of the order of
+        the step times the elastic rates, and Newton does not miss them in a smooth motion.
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,).
+            weights: Of M, C and K.
+            rates: Exact, also where links accelerate wildly.
+        """
+        found = self._derivatives(y, v, a, lam, weights[2] != 0.0)
+        return self._weighted(found, a, weights, rates)
+
+    def _derivatives(
+        self, y: Array, v: Array, a: Array, lam: Array, loads: bool
+    ) -> tuple[Array, Array, Array, Array | None]:
+        """Pinocchio's dQ, dV, M on the expanded model, and what closure forces add to K."""
+        self.place(y)
+        V, A = self.expand_motion(v, a)
+        follow = None
+        if self.looped or self.loaded:
+            pin.computeJointJacobians(self.model, self.data, self.Q)
+        if self.looped:
+            self.closed.evaluate()
+            if loads:
+                follow = self.closed.force_tangent(lam, self.times_map)
+        self._load(lam, V)
+        dQ, dV, M = pin.computeRNEADerivatives(self.model, self.data, self.Q, V, A, self._loads)
+        return dQ, dV, M, follow
+
+    def _weighted(
+        self,
+        found: tuple[Array, Array, Array, Array | None],
+        a: Array,
+        weights: Sequence[float] | Array,
+        rates: bool,
+    ) -> Array:
+        dQ, dV, M, follow = found
+        w_a, w_v, w_y = (float(w) for w in weights)
+        parts = [w * part for w, part in zip((w_a, w_v, w_y), (M, dV, dQ), strict=True) if w]
+        D = parts[0]
+        for part in parts[1:]:
+            D += part
+        S = self._both_sides(D)
+        if self.flexible:
+            if rates and (w_v or w_y):
+                self._add_rates(S, M, dV, a[self.n_rigid :], w_v, w_y)
+            if w_y:
+                self._add_geometric(S, w_y)
+        if follow is not None and w_y:
+            S -= w_y * follow
+        if self.loaded and (w_v or w_y):
+            S += self.loads.tangent(self.times_map, w_v, w_y)
+        S += w_v * self.system.D + w_y * self.system.K
+        s = self.system.springs
+        S[s.v_at, s.v_at] += w_y * s.stiffness
+        return S
+
+    def _both_sides(self, D: Array) -> Array:
+        """X' D X."""
+        if not self.flexible:
+            return np.array(D)
+        right = self.times_map(D)
+        return self._left(right)
+
+    def _left(self, right: Array) -> Array:
+        """X' B for B of shape (nV, k)."""
+        m = self.n_rigid
+        out = np.empty((self.system.nv, right.shape[1]))
+        out[:m] = right[self.system.expansion.v_at]
+        for one in self._maps:
+            bodies, rows, _ = one.X.shape
+            part = right[one.force_rows].reshape(bodies, rows, -1)
+            out[m:][one.block.eta] = np.matmul(one.X_turned, part).reshape(-1, right.shape[1])
+        return out
+
+    def _add_rates(
+        self, S: Array, M: Array, dV: Array, a_eta: Array, w_v: float, w_y: float
+    ) -> None:
+        """What the changing second-order rows bring into C and K."""
+        extra = np.zeros((int(self.model.nv), self.system.n_eta))
+        for one in self._maps:
+            if not one.curved:
+                continue
+            rows = slice(0, one.curved)
+            inertial = 2.0 * w_v * one.rate + w_y * one.bend(a_eta[one.block.eta])
+            self._block_product(M, one, inertial, rows, extra, add=True)
+            if w_y:
+                self._block_product(dV, one, w_y * one.rate, rows, extra, add=True)
+        S[:, self.n_rigid :] += self._left(extra)
+
+    def _add_geometric(self, S: Array, w_y: float) -> None:
+        """Geometric stiffness: sum of G_k weighted by the force g_k on each curved row."""
+        m, g = self.n_rigid, self._row_forces()
+        for one in self._maps:
+            if not one.curved:
+                continue
+            n = one.shape[1]
+            weights = g[one.block.rows[:, : one.curved]]
+            stiff = np.matmul(
+                weights[:, None, :], one.block.G.reshape(len(weights), one.curved, n * n)
+            ).reshape(-1, n, n)
+            for k, part in enumerate(stiff):
+                start = m + one.block.eta.start + k * n
+                S[start : start + n, start : start + n] += w_y * part
+
+    def _row_forces(self) -> Array:
+        """Expanded forces rnea - J_Q' lam of the last tangent (Pinocchio keeps them in tau)."""
+        return np.array(self.data.tau)
+
+    def _load(self, lam: Array, V: Array) -> None:
+        """Closure and load wrenches as external forces in the frames of the joints they act on."""
+        if not (self.looped or self.loaded):
+            return
+        total: dict[int, Array] = {}
+        if self.looped:
+            total = self.closed.body_wrenches(lam)
+        if self.loaded:
+            for body, wrench in self.loads.wrenches(V).items():
+                total[body] = total.get(body, np.zeros(6)) + wrench
+        for body, wrench in total.items():
+            self._loads[body] = self.data.oMi[body].actInv(pin.Force(wrench))
+
+    def joint_forces(self, y: Array, v: Array, a: Array, lam: Array) -> Array:
+        """r as `residual`, and data.f with closure forces and loads in it (for reactions)."""
+        self.place(y)
+        V, A = self.expand_motion(v, a)
+        if self.looped or self.loaded:
+            pin.computeJointJacobians(self.model, self.data, self.Q)
+        if self.looped:
+            self.closed.evaluate()
+        self._load(lam, V)
+        self.g = np.array(pin.rnea(self.model, self.data, self.Q, V, A, self._loads))
+        return self._add_elastic(self.project(self.g), y, v, lam)
+
+    # Energies ------------------------------------------------------------------------------
+
+    def energies(self, y: Array, v: Array) -> tuple[float, float, float, float]:
+        """Kinetic, gravity, elastic, and spring energy (with the potential of dead loads), J."""
+        self.place(y)
+        V, _ = self.expand_motion(v, np.zeros_like(v))
+        kinetic = 0.5 * float(V @ pin.crba(self.model, self.data, self.Q) @ V)
+        gravity = float(pin.computePotentialEnergy(self.model, self.data, self.Q))
+        eta = y[self.nq_rigid :]
+        elastic = 0.5 * float(eta @ self.stiffness @ eta)
+        s = self.system.springs
+        stretch = self.spring_angles(y) - s.rest
+        spring = 0.5 * float(stretch @ (s.stiffness * stretch))
+        if self.loaded:
+            pin.computeJointJacobians(self.model, self.data, self.Q)
+            spring += self.loads.energy()
+        return kinetic, gravity, elastic, spring
+
+    def losses(self, v: Array) -> float:
+        """Power that damping takes in the current state, W."""
+        power = float(v @ self.system.D @ v) if self.damped else 0.0
+        if self.loaded:
+            power += self.loads.dissipation(self._V if self.flexible else v)
+        return power

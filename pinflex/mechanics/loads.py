@@ -1,0 +1,198 @@
+"""Forces from outside: dead or following loads at a frame, springs and dampers between two frames.
+
+Present only where a scene has them. A load is a world wrench W on a body; the residual gets -J' W,
+and the tangent what Pinocchio's derivatives with fixed local forces do not see of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.description.external import FrameForce, FrameSpring
+from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.poses import columns, skew
+
+Times = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Loads and springs of one model, with the frames they act on.
+
+    Attributes:
+        forces: Loads with their frame. springs: Springs with both frames.
+    """
+
+    forces: tuple[tuple[FrameForce, Attachment], ...]
+    springs: tuple[tuple[FrameSpring, Attachment, Attachment], ...]
+
+    @property
+    def present(self) -> bool:
+        """Whether there is anything."""
+        return bool(self.forces or self.springs)
+
+    @property
+    def timed(self) -> bool:
+        """Whether a load starts, ends or ramps in time."""
+        return any(f.timed for f, _ in self.forces)
+
+
+def loads(
+    forces: Sequence[FrameForce], springs: Sequence[FrameSpring], frames: Mapping[str, Attachment]
+) -> Loads:
+    """Place the described loads and springs on a model."""
+    return Loads(
+        tuple((f, frames[f.frame]) for f in forces),
+        tuple((s, frames[s.frame_a], frames[s.frame_b]) for s in springs),
+    )
+
+
+class LoadState:
+    """Loads evaluated at one configuration (joint Jacobians and poses must be current)."""
+
+    def __init__(self, given: Loads, model: pin.Model, data: pin.Data) -> None:
+        self._given, self._data = given, data
+        self._support = {
+            place.joint: _support(model, place.joint)
+            for places in [(p,) for _, p in given.forces] + [(a, b) for _, a, b in given.springs]
+            for place in places
+        }
+        self.time = 0.0
+
+    def wrenches(self, V: Array) -> dict[int, Array]:
+        """World wrench [force; moment about the origin] by joint."""
+        total = {joint: np.zeros(6) for joint in self._support}
+        for force, place in self._given.forces:
+            p, F, M = self._load(force, place)
+            total[place.joint][:3] += F
+            total[place.joint][3:] += np.cross(p, F) + M
+        for spring, a, b in self._given.springs:
+            p_a, p_b = self._point(a), self._point(b)
+            _, u, pull, _ = self._tension(spring, a, b, p_a, p_b, V)
+            wrench = pull * np.concatenate([u, np.cross(p_a, u)])
+            total[a.joint] += wrench
+            total[b.joint] -= wrench
+        return total
+
+    def generalized(self, V: Array) -> Array:
+        """Generalised forces J' W, shape (nV,)."""
+        J = columns(self._data.J)
+        f = np.zeros(J.shape[1])
+        for joint, wrench in self.wrenches(V).items():
+            f += self._support[joint] * (wrench @ J)
+        return f
+
+    def energy(self) -> float:
+        """Potential of springs and of dead loads, J."""
+        energy = 0.0
+        for force, place in self._given.forces:
+            if not force.follower:
+                p, F, _ = self._load(force, place)
+                energy -= float(F @ p)
+        for spring, a, b in self._given.springs:
+            length = float(np.linalg.norm(self._point(b) - self._point(a)))
+            energy += 0.5 * spring.stiffness * (length - spring.length) ** 2
+        return energy
+
+    def dissipation(self, V: Array) -> float:
+        """Power that the dampers take, W."""
+        return sum(
+            spring.damper * self._tension(spring, a, b, self._point(a), self._point(b), V)[3] ** 2
+            for spring, a, b in self._given.springs
+        )
+
+    def tangent(self, times_map: Times, w_v: float, w_y: float) -> Array:
+        """w_v d/dv + w_y d/dy of -J' W, without what moves along with the bodies, (nv, nv).
+
+        The change of a damper's direction with its speed is left out (zero at rest).
+        """
+        J = columns(self._data.J)
+        lifted = {joint: times_map(J * mask) for joint, mask in self._support.items()}
+        width = next(iter(lifted.values())).shape[1]
+        out = np.zeros((width, width))
+        for force, place in self._given.forces:
+            if force.follower or not w_y:
+                continue
+            p, F, M = self._load(force, place)
+            E = np.zeros((6, 6))
+            f, arm, m = (skew(x[None])[0] for x in (F, p, M))
+            E[:3, 3:], E[3:, 3:] = f, arm @ f + m
+            body = lifted[place.joint]
+            out -= w_y * (body.T @ E @ body)
+        for spring, a, b in self._given.springs:
+            out -= self._spring_tangent(spring, a, b, lifted, w_v, w_y)
+        return out
+
+    def _spring_tangent(
+        self,
+        spring: FrameSpring,
+        a: Attachment,
+        b: Attachment,
+        lifted: Mapping[int, Array],
+        w_v: float,
+        w_y: float,
+    ) -> Array:
+        p_a, p_b = self._point(a), self._point(b)
+        length, u, pull, _ = self._tension(spring, a, b, p_a, p_b, None)
+        J_a, J_b = lifted[a.joint], lifted[b.joint]
+        point_a = np.hstack([np.eye(3), -skew(p_a[None])[0]]) @ J_a
+        point_b = np.hstack([np.eye(3), -skew(p_b[None])[0]]) @ J_b
+        apart = point_b - point_a
+        stretch = u @ apart
+        turned = (apart - np.outer(u, stretch)) / length
+        gain = np.outer(u, (w_y * spring.stiffness + w_v * spring.damper) * stretch)
+        total = np.zeros((J_a.shape[1],) * 2)
+        for J, p, sign in ((J_a, p_a, 1.0), (J_b, p_b, -1.0)):
+            # Direction of the force, less the turn that the body brings along by itself.
+            own = turned - (-skew(u[None])[0] @ J[3:])
+            line = gain + w_y * pull * own
+            total += sign * (J.T @ np.vstack([line, skew(p[None])[0] @ line]))
+        return total
+
+    def _load(self, force: FrameForce, place: Attachment) -> tuple[Array, Array, Array]:
+        scale = force.scale(self.time)
+        F, M = scale * np.array(force.force), scale * np.array(force.moment)
+        if force.follower:
+            R = self._data.oMi[place.joint].rotation @ place.placement.rotation
+            F, M = R @ F, R @ M
+        return self._point(place), F, M
+
+    def _point(self, place: Attachment) -> Array:
+        return np.asarray(self._data.oMi[place.joint].act(place.placement.translation))
+
+    def _tension(
+        self,
+        spring: FrameSpring,
+        a: Attachment,
+        b: Attachment,
+        p_a: Array,
+        p_b: Array,
+        V: Array | None,
+    ) -> tuple[float, Array, float, float]:
+        """Length, direction a to b, pull (tension positive) and rate of stretch."""
+        d = p_b - p_a
+        length = float(np.linalg.norm(d))
+        u = d / max(length, 1e-300)
+        rate = 0.0
+        if V is not None and spring.damper:
+            twist_a = columns(self._data.J) @ (self._support[a.joint] * V)
+            twist_b = columns(self._data.J) @ (self._support[b.joint] * V)
+            v_a = twist_a[:3] + np.cross(twist_a[3:], p_a)
+            v_b = twist_b[:3] + np.cross(twist_b[3:], p_b)
+            rate = float(u @ (v_b - v_a))
+        pull = spring.stiffness * (length - spring.length) + spring.damper * rate
+        return length, u, pull, rate
+
+
+def _support(model: pin.Model, joint: int) -> Array:
+    support = np.zeros(model.nv)
+    for above in model.supports[joint]:
+        if above:
+            step = model.joints[above]
+            support[step.idx_v : step.idx_v + step.nv] = 1.0
+    return support

@@ -1,0 +1,286 @@
+"""What a flexible link needs by itself: its beam frame, its planes, its bodies.
+
+Model only what the scene needs: a mechanism that moves in one plane bends in that plane alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.bodies.basis import FlexibleBody, flexible_body
+from pinflex.description import solid_keys
+from pinflex.description.description import Description
+from pinflex.description.flexible import EndMass, FlexibleLink
+from pinflex.errors import DescriptionError
+from pinflex.mechanics.tree import Link
+
+
+@dataclass(frozen=True)
+class FlexiblePart:
+    """A flexible link, resolved.
+
+    Attributes:
+        link: Link name.
+        placement: Beam frame (x along the span, z = up) in the link's frame.
+        length: Span in m.
+        planes: Active directions among u, v, w, p.
+        reason: Why these planes.
+        bodies: One flexible body per segment, root to tip.
+        root, tip: Concentrated inertias at the ends.
+        spec: The description, with its material's density resolved.
+    """
+
+    link: str
+    placement: pin.SE3
+    length: float
+    planes: tuple[str, ...]
+    reason: str
+    bodies: tuple[FlexibleBody, ...]
+    root: EndMass | None
+    tip: EndMass | None
+    spec: FlexibleLink
+
+    def section_of(self, point: Array) -> float:
+        """Section x (m) that carries a point given in the link's frame, shape (3,)."""
+        x = float(self.placement.actInv(np.asarray(point, float))[0])
+        x = min(max(x, 0.0), self.length)
+        if x < 1e-6 * self.length:
+            return 0.0
+        return self.length if x > self.length * (1 - 1e-6) else x
+
+    def rigid_inertias(self) -> tuple[pin.Inertia, ...]:
+        """The undeformed link as its stations see it, in the link's frame."""
+        inertias = []
+        for k, body in enumerate(self.bodies):
+            for j, (place, mass) in enumerate(zip(body.points, body.mass, strict=True)):
+                tensor = np.diag(body.inertia[j]) if body.inertia is not None else np.zeros((3, 3))
+                point = place + np.array([k * body.length, 0.0, 0.0])
+                inertias.append(pin.Inertia(float(mass), point, tensor))
+            for twist in body.It:
+                inertias.append(pin.Inertia(0.0, np.zeros(3), np.diag([float(twist), 0.0, 0.0])))
+        for x, end in ((0.0, self.root), (self.length, self.tip)):
+            if end is not None:
+                tensor = np.diag(np.array(end.inertia, float))
+                inertias.append(pin.Inertia(end.mass, np.array([x, 0.0, 0.0]), tensor))
+        return tuple(self.placement.act(i) for i in inertias)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the beam without its end masses, kg."""
+        return float(sum(body.mass.sum() for body in self.bodies))
+
+
+def resolve(description: Description, links: Sequence[Link]) -> dict[str, FlexiblePart]:
+    """Turn the description of flexible links into bodies.
+
+    Args:
+        description: The scene (its gravity and joint axes decide which planes are excited).
+        links: Link tree.
+    Returns:
+        Parts by link name.
+    Raises:
+        DescriptionError: A span that cannot be found, a mass that is not there.
+    """
+    index = {link.name: number for number, link in enumerate(links)}
+    poses: list[pin.SE3] = []
+    for link in links:
+        above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
+        poses.append(above * link.placement)
+    normal = _plane_normal(links, poses, np.array(description.gravity, float))
+    return {
+        spec.link: _part(description, spec, links, index, poses, normal)
+        for spec in description.flexible
+    }
+
+
+def _part(
+    description: Description,
+    spec: FlexibleLink,
+    links: Sequence[Link],
+    index: Mapping[str, int],
+    poses: Sequence[pin.SE3],
+    normal: Array | None,
+) -> FlexiblePart:
+    where = f"{description.name}: flexible.{spec.link}"
+    number = index[spec.link]
+    start, end = _span(where, spec, number, links, index)
+    placement, length = _beam_frame(where, spec, links[number], start, end)
+    if spec.basis.kind in solid_keys.KINDS:
+        return _solid_part(description, spec, placement, length, where)
+    planes, reason = _planes(where, spec, poses[number] * placement, normal)
+    if spec.material.rho is None:
+        mass = links[number].inertia.mass
+        if mass <= 0:
+            raise DescriptionError(
+                f"{where}.material.rho: urdf, but the link has no mass in the URDF. "
+                "Give a density in kg/m^3."
+            )
+        rho = mass / (spec.section.A * length)
+        spec = replace(spec, material=replace(spec.material, rho=rho))
+    body = flexible_body(spec, planes, length / spec.segments)
+    bodies = (body,) * spec.segments
+    return FlexiblePart(
+        spec.link, placement, length, planes, reason, bodies, spec.root, spec.tip, spec
+    )
+
+
+def _solid_part(
+    description: Description, spec: FlexibleLink, placement: pin.SE3, length: float, where: str
+) -> FlexiblePart:
+    from pinflex.bodies.solid_link import (  # late: few links are solids
+        equivalent_section,
+        solid_body,
+    )
+
+    folder = Path() if description.path is None else description.path.parent
+    if spec.material.rho is None and spec.basis.kind == "mesh":
+        raise DescriptionError(
+            f"{where}.material.rho: missing. The mass of a mesh is its volume times rho [kg/m^3]."
+        )
+    body = solid_body(spec, placement, length, folder, where)
+    spec = replace(spec, section=equivalent_section(body, spec.material.rho))
+    reason = "a solid deforms in every direction"
+    directions = ("u", "v", "w", "p")
+    return FlexiblePart(spec.link, placement, length, directions, reason, (body,), None, None, spec)
+
+
+def _span(
+    where: str, spec: FlexibleLink, number: int, links: Sequence[Link], index: Mapping[str, int]
+) -> tuple[Array, Array]:
+    """Both ends of the span in the link's frame: joint to next joint unless told otherwise."""
+    start = np.zeros(3) if spec.start is None else _point(where, spec.start, number, links, index)
+    if spec.end is not None:
+        return start, _point(where, spec.end, number, links, index)
+    children = [k for k, link in enumerate(links) if link.parent == number]
+    moving = [k for k in children if links[k].steps] or children
+    points = {tuple(np.round(links[k].placement.translation, 9)): k for k in moving}
+    ends = [k for p, k in points.items() if np.linalg.norm(np.array(p) - start) > 1e-9]
+    if len(ends) == 1:
+        return start, np.array(links[ends[0]].placement.translation)
+    if spec.length is not None:
+        return start, start + np.array([spec.length, 0.0, 0.0])
+    names = ", ".join(links[k].name for k in moving) or "no child"
+    raise DescriptionError(
+        f"{where}: the span is not clear: {spec.link} leads to {names}. "
+        "Give `end: FRAME` (a frame fixed to the link) or `length` in m along the link's x axis."
+    )
+
+
+def _point(
+    where: str, name: str, number: int, links: Sequence[Link], index: Mapping[str, int]
+) -> Array:
+    """Origin of a frame that hangs on a link, in the link's frame at zero joint angles."""
+    placement, k = pin.SE3.Identity(), index[name]
+    while k != number:
+        if k < 0:
+            raise DescriptionError(
+                f"{where}: frame {name} does not hang on the link {links[number].name}. "
+                "Start and end are frames of the link itself or the next joint's link."
+            )
+        placement = links[k].placement * placement
+        k = links[k].parent
+    return np.array(placement.translation)
+
+
+def _beam_frame(
+    where: str, spec: FlexibleLink, link: Link, start: Array, end: Array
+) -> tuple[pin.SE3, float]:
+    span = end - start
+    length = float(np.linalg.norm(span))
+    if length < 1e-9:
+        raise DescriptionError(
+            f"{where}: the span has no length. Give `end: FRAME` or `length` in m."
+        )
+    x = span / length
+    wishes = [spec.up] if spec.up is not None else [_axis(link), (0, 0, 1), (0, 1, 0)]
+    for wish in wishes:
+        up = np.zeros(3) if wish is None else np.array(wish, float)
+        z = up - x * (x @ up)
+        if np.linalg.norm(z) > 1e-3 * max(float(np.linalg.norm(up)), 1e-300):
+            z /= np.linalg.norm(z)
+            rotation = np.column_stack([x, np.cross(z, x), z])
+            return pin.SE3(rotation, start), length if spec.length is None else spec.length
+    raise DescriptionError(
+        f"{where}.up: {spec.up} is parallel to the span. Give a vector across the beam."
+    )
+
+
+def _axis(link: Link) -> tuple[float, float, float] | None:
+    """Axis of the link's own joint in the link's frame, when it has just one."""
+    if len(link.steps) != 1:
+        return None
+    model = pin.Model()
+    joint = model.addJoint(0, link.steps[0].model, pin.SE3.Identity(), "joint")
+    if model.nv != 1:
+        return None
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+    column = np.reshape(jacobian, 6)  # Pinocchio hands one column over as a vector
+    axis = column[3:] if np.linalg.norm(column[3:]) > 0.5 else column[:3]
+    return (float(axis[0]), float(axis[1]), float(axis[2]))
+
+
+def _plane_normal(links: Sequence[Link], poses: Sequence[pin.SE3], gravity: Array) -> Array | None:
+    """Normal of the plane all motion stays in, or None for a spatial mechanism.
+
+    All axes parallel, gravity in the plane, and every mass and joint at one height: then nothing
+    excites bending out of the plane, or torsion.
+    """
+    normal: Array | None = None
+    heights: list[float] = []
+    for link, pose in zip(links, poses, strict=True):
+        for step in link.steps:
+            turning = step.model.shortname().startswith("JointModelR")
+            axis = _axis(link)
+            if axis is None or not turning:
+                return None
+            world = pose.rotation @ np.array(axis)
+            if normal is None:
+                normal = world
+            elif abs(abs(float(normal @ world)) - 1) > 1e-9:
+                return None
+    if normal is None or abs(float(normal @ gravity)) > 1e-9:
+        return None
+    for link, pose in zip(links, poses, strict=True):
+        moving = link.parent >= 0 and (link.steps or link.inertia.mass > 0)
+        if moving:
+            heights.append(float(normal @ pose.translation))
+        if moving and link.inertia.mass > 0:
+            heights.append(float(normal @ pose.act(link.inertia.lever)))
+    reach = max(float(np.linalg.norm(pose.translation)) for pose in poses)
+    # 1e-6 of the reach: decimals of a hand-written URDF, not a real offset.
+    return normal if not heights or np.ptp(heights) <= 1e-6 * max(reach, 1e-9) else None
+
+
+def _planes(
+    where: str, spec: FlexibleLink, world: pin.SE3, normal: Array | None
+) -> tuple[tuple[str, ...], str]:
+    """Active directions: what was asked, and otherwise what the scene can excite."""
+    if normal is None:
+        auto = {"u": False, "v": True, "w": True, "p": True}
+        reason = "spatial scene: both bending planes and torsion"
+    else:
+        along = abs(float(world.rotation[:, 2] @ normal))
+        auto = {"u": False, "v": along > 1e-6, "w": along < 1 - 1e-6, "p": False}
+        reason = "planar scene: bending in the plane only"
+    asked = {"u": spec.axial, "v": spec.bending_y, "w": spec.bending_z, "p": spec.torsion}
+    chosen = {d: auto[d] if asked[d] == "auto" else bool(asked[d]) for d in "uvwp"}
+    if asked["p"] == "auto":
+        chosen["p"] = chosen["p"] and chosen["v"] and chosen["w"]
+    if not any(chosen.values()):
+        raise DescriptionError(
+            f"{where}: every direction is off. Leave at least one of axial, bending_y, bending_z, "
+            "torsion on, or take the link out of `flexible`."
+        )
+    if any(value != "auto" for value in asked.values()):
+        reason = "as asked; otherwise " + reason
+    if asked["u"] == "auto":
+        reason += "; axial stretch left out (far above the bending band)"
+    return tuple(d for d in "uvwp" if chosen[d]), reason

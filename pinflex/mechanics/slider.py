@@ -1,0 +1,155 @@
+"""A passive sleeve that slides along a flexible beam: the closure rows of the kind `slider`.
+
+The sleeve is carried by a frame b. In the beam's frame that frame sits at p = (X, Y, Z), and the
+beam there is deflected by v(X) along y, w(X) along z and twisted by psi(X). No coordinate says
+where the contact is, and nothing is remeshed. In each direction in which the beam bends (here v):
+
+    hold    Y - v(X)                       the beam passes through the sleeve
+    right   v(X + a) - v(X) - a v'(X)      a sleeve of length 2 a holds three points of the beam
+    left    v(X - a) - v(X) + a v'(X)      on its tangent at the middle
+    pivot   v(X + a) - 2 v(X) + v(X - a)   or, with `pivoting`, on one straight line
+    tilt    e_x . n_y                      not `turning`: the section stays square to b's x axis e_x
+    chord   Y                              the beam's frame stays on the line through the sleeve
+
+and, not `turning`, where it bends both ways, `twist` e_y . n_z: the section does not turn in the
+sleeve. n_y = (-v', 1, psi) and n_z = (-w', -psi, 1) are the section's axes, to first order.
+
+`chord` is no force: it fixes the frame of a family that has the rigid rotation among its functions
+(free_free), of which the joint of the beam would be a double. Its multiplier is of third order.
+
+The contact is where frame b projects on the beam's x axis; the axial shift -1/2 int v'^2 dx of that
+point changes v(X) in the third order, beyond what the shapes keep (`pinflex.bodies.basis`).
+
+Source: Sharifnia, Akbarzadeh (2016), eq. 14-15, 25-28, for hold, right and left; forces act through
+the transposed Jacobian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import pinocchio as pin
+
+from pinflex.arrays import IntArray
+from pinflex.bodies.family import Family
+from pinflex.description.supplement import Loop
+from pinflex.errors import DescriptionError
+from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.parts import FlexiblePart
+
+_LABELS = {
+    "hold": "position across the beam",
+    "right": "beam on the sleeve's axis, far end",
+    "left": "beam on the sleeve's axis, near end",
+    "pivot": "three points of the beam in line",
+    "tilt": "beam along the fixed sleeve",
+    "chord": "frame of the beam along its chord",
+    "twist": "rotation about the beam",
+}
+_ACROSS = {"v": "y", "w": "z"}
+
+
+@dataclass(frozen=True, eq=False)
+class Sleeve:
+    """A sleeve on a beam.
+
+    Attributes:
+        link: The beam. placement: Beam frame in the link's frame. length: Of the beam (m).
+        half: Half the sleeve's length a (m), 0 for a point.
+        sorts: Rows it makes: the sort and its direction, v or w.
+        families: Functions of each direction v, w, p; none on a rigid mechanism.
+        columns: Their places among the coordinates of the body.
+        eta: Place of the body in the elastic coordinates.
+    """
+
+    link: str
+    placement: pin.SE3
+    length: float
+    half: float
+    sorts: tuple[tuple[str, str], ...]
+    families: Mapping[str, Family]
+    columns: Mapping[str, slice]
+    eta: slice
+
+    def labels(self, loop: str) -> list[str]:
+        """One name per row."""
+        both = len({direction for _, direction in self.sorts}) > 1
+        return [
+            f"{loop}: {_LABELS[sort]}" + (f", {_ACROSS[d]}" if both and sort != "twist" else "")
+            for sort, d in self.sorts
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The rows of one sleeve among all closure rows; `which` of the sleeve's sorts they are."""
+
+    sleeve: Sleeve
+    loop: int
+    rows: IntArray
+
+    def select(self, renumber: IntArray) -> Contact:
+        """The same with the rows kept; `renumber` holds -1 for the others."""
+        kept = renumber[self.rows] >= 0
+        sorts = tuple(s for s, keep in zip(self.sleeve.sorts, kept, strict=True) if keep)
+        sleeve = replace(self.sleeve, sorts=sorts)
+        return replace(self, sleeve=sleeve, rows=renumber[self.rows[kept]])
+
+
+def sleeves(
+    loops: Sequence[Loop], parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
+) -> dict[str, Sleeve]:
+    """The sleeves of a description on a rigid or an expanded model, by loop.
+
+    Args:
+        loops: Described loops. parts: Flexible links by name.
+        expansion: The model; without elastic coordinates each sleeve holds a straight beam.
+        where: Name of the model, for messages.
+    """
+    return {
+        loop.name: _sleeve(loop, parts, expansion, f"{where}: loops.{loop.name}")
+        for loop in loops
+        if loop.kind == "slider"
+    }
+
+
+def _sleeve(
+    loop: Loop, parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
+) -> Sleeve:
+    part = parts.get(loop.frame_a)
+    if part is None:
+        raise DescriptionError(
+            f"{where}.between: {loop.frame_a} is not a flexible link. A slider runs along a beam: "
+            f"write [BEAM, FRAME] with one of {', '.join(parts) or '(no link is flexible)'}."
+        )
+    held = [d for d in ("v", "w") if d in part.planes]
+    if not held or len(part.bodies) > 1 or part.bodies[0].solid is not None:
+        kind = "a solid" if part.bodies[0].solid is not None else f"{len(part.bodies)} segment(s)"
+        raise DescriptionError(
+            f"{where}: {loop.frame_a} is {kind}, deforming in {', '.join(part.planes)}. A slider "
+            "needs a beam of one segment that bends: write bending_y: true, segments: 1."
+        )
+    if loop.sleeve >= part.length:
+        raise DescriptionError(
+            f"{where}.sleeve: {loop.sleeve:g} m is not shorter than the beam, {part.length:g} m."
+        )
+    size = (part.link, part.placement, part.length, 0.5 * loop.sleeve)
+    slot = next((s for s in expansion.slots if s.link == part.link), None)
+    each = ["hold"] if loop.turning else ["hold", "tilt"]
+    if slot is not None:
+        if loop.sleeve > 0.0:
+            each += ["pivot"] if loop.pivoting else ["right", "left"]
+        basis = part.spec.basis
+        if basis.kind != "craig_bampton" and basis.boundary == "free_free":
+            each.append("chord")
+    sorts = [(sort, d) for d in held for sort in each]
+    if not loop.turning and len(held) == 2:
+        sorts.append(("twist", "w"))
+    if slot is None:
+        return Sleeve(*size, tuple(sorts), {}, {}, slice(0, 0))
+    families: dict[str, Family] = {}
+    columns: dict[str, slice] = {}
+    for d in set(part.planes) - {"u"}:
+        families[d], columns[d] = slot.body.families[d], slot.body.slices[d]
+    return Sleeve(*size, tuple(sorts), families, columns, slot.eta)

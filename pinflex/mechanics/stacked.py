@@ -1,0 +1,170 @@
+"""The residual of several states at once: what numpy costs is paid once for all of them.
+
+The same equations as `pinflex.mechanics.dynamics`, for the stages of a collocation step.
+Pinocchio takes the states one after the other; everything around it runs on stacked arrays. Scenes
+with loads, sleeves or feedback go through `Dynamics` state by state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.mechanics.closure import Closures
+from pinflex.mechanics.closure_state import ClosureState
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.poses import columns
+
+
+class Stacked:
+    """Residuals of `size` states of one system, on the workspace of its Dynamics."""
+
+    def __init__(self, dynamics: Dynamics, size: int) -> None:
+        system = dynamics.system
+        self.dynamics, self.size = dynamics, size
+        self.plain = not (dynamics.loaded or system.closed.contacts) and dynamics.push is None
+        nV, rows = int(dynamics.model.nv), system.closed.n
+        self._blocks = system.expansion.blocks
+        self._rigid = int(system.rigid.nq), int(system.rigid.nv)
+        self.Q = np.tile(dynamics.Q, (size, 1))
+        self.V, self.A = np.zeros((size, nV)), np.zeros((size, nV))
+        self.g = np.empty((size, nV))
+        self.c = np.zeros((size, rows))
+        if dynamics.looped:
+            joints, loops = int(dynamics.model.njoints), len(system.closed.names)
+            self._poses = np.empty((size, joints, 12))
+            self._J = np.empty((size, 6, nV))
+            stacked = _stack(system.closed, size, joints)
+            self._closed = ClosureState(stacked, dynamics.model, dynamics.data)
+            self._of_loop = (np.arange(loops)[:, None] == system.closed.loop_of).astype(float)
+            self._mask = system.closed.support_b - system.closed.support_a
+
+    def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> Array:
+        """Residuals of the states; afterwards `c` holds their closure residuals.
+
+        Args:
+            Y: Shape (size, nq). V, A: Shape (size, nv). lam: Shape (size, rows).
+            t: Times in s, shape (size,).
+        Returns:
+            Shape (size, nv).
+        """
+        if not self.plain:
+            return self._one_by_one(Y, V, A, lam, t)
+        d, (nq, nv) = self.dynamics, self._rigid
+        Q, V_all, A_all = Y, V, A
+        if d.flexible:
+            maps = self._expand(np.stack([Y[:, nq:], V[:, nv:], A[:, nv:]]))
+            expansion = d.system.expansion
+            Q, V_all, A_all = self.Q, self.V, self.A
+            Q[:, expansion.q_at] = Y[:, :nq]
+            V_all[:, expansion.v_at], A_all[:, expansion.v_at] = V[:, :nv], A[:, :nv]
+        g, model, data = self.g, d.model, d.data
+        jacobian = columns(data.J)
+        for k in range(self.size):
+            g[k] = pin.rnea(model, data, Q[k], V_all[k], A_all[k])
+            if d.looped:
+                pin.computeJointJacobians(model, data, Q[k])
+                self._J[k] = jacobian
+                d.closed.poses.refresh()
+                self._poses[k] = d.closed.poses.block
+        if d.looped:
+            g -= self._closure_forces(lam)
+        if not d.flexible:
+            R = g.copy()
+        else:
+            R = np.empty((self.size, d.system.nv))
+            R[:, :nv] = g[:, d.system.expansion.v_at]
+            for block, X in zip(self._blocks, maps, strict=True):
+                bodies, rows, _ = block.Phi.shape
+                force = g[:, block.rows.reshape(-1)].reshape(-1, bodies, 1, rows)
+                R[:, nv:][:, block.eta] = np.matmul(force, X).reshape(self.size, -1)
+            R[:, nv:] += Y[:, nq:] @ d.stiffness
+        if d.damped:
+            R += V @ d.system.D
+        if d.sprung:
+            s = d.system.springs
+            R[:, s.v_at] += s.stiffness * (np.array([d.spring_angles(y) for y in Y]) - s.rest)
+        return R
+
+    def _one_by_one(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> Array:
+        R = np.empty_like(V)
+        for k in range(self.size):
+            self.dynamics.loads.time = float(t[k])
+            R[k] = self.dynamics.residual(Y[k], V[k], A[k], lam[k])
+            self.c[k] = self.dynamics.closed.c
+        return R
+
+    def _expand(self, states: Array) -> list[Array]:
+        """Q, V, A of the elastic coordinates from theirs (3, size, n_eta).
+
+        Returns:
+            The blocks of X, (size, bodies, R, n).
+        """
+        size, maps = self.size, []
+        for block in self._blocks:
+            (bodies, rows, n), curved = block.Phi.shape, block.G.shape[1]
+            xva = states[:, :, block.eta].reshape(3, size, bodies, n)
+            X = np.empty((size, bodies, rows, n))
+            X[:] = block.Phi
+            if curved:
+                # States side by side, so that each body is one product.
+                G = block.G.reshape(bodies, curved * n, n)
+                side = xva[:2].transpose(2, 3, 0, 1).reshape(bodies, n, 2 * size)
+                bent = np.matmul(G, side).reshape(bodies, curved, n, 2, size)
+                bend, rate = np.ascontiguousarray(bent.transpose(3, 4, 0, 1, 2))
+                X[:, :, :curved] += bend
+            moved = np.matmul(X, np.ascontiguousarray(xva.transpose(1, 2, 3, 0)))
+            if curved:
+                x, v = xva[0, ..., None], xva[1, ..., None]
+                moved[:, :, :curved, :1] -= 0.5 * np.matmul(bend, x)
+                moved[:, :, :curved, 2:] += np.matmul(rate, v)
+            Q, V, A = moved.transpose(3, 0, 1, 2).reshape(3, size, -1)
+            at = block.rows.reshape(-1)
+            self.Q[:, block.q_rows], self.V[:, at], self.A[:, at] = Q, V, A
+            maps.append(X)
+        return maps
+
+    def _closure_forces(self, lam: Array) -> Array:
+        """J_Q' lam of all states, (size, nV); sets c."""
+        closed, size = self._closed, self.size
+        closed.rows_from(self._poses.reshape(-1, 12))
+        self.c = closed.c.reshape(size, -1)
+        on_loops = np.matmul(self._of_loop, (closed.W * lam.reshape(-1, 1)).reshape(size, -1, 6))
+        force: Array = (np.matmul(on_loops, self._J) * self._mask).sum(axis=1)
+        return force
+
+
+def _stack(closed: Closures, size: int, joints: int) -> Closures:
+    """The loops of `size` copies of a model whose joint poses lie one after the other."""
+    loops, rows = len(closed.names), closed.n
+    copies = np.arange(size)[:, None]
+    sides = (closed.bodies.reshape(2, 1, loops) + joints * copies).reshape(-1)
+    local = np.tile(closed.local.reshape(2, 1, loops, 3, 4), (1, size, 1, 1, 1))
+
+    def shifted(at: IntArray, step: int) -> IntArray:
+        return np.asarray((at + step * copies).reshape(-1), dtype=np.intp)
+
+    none = np.zeros((0, 0))
+    return replace(
+        closed,
+        names=closed.names * size,
+        kinds=closed.kinds * size,
+        labels=closed.labels * size,
+        loop_of=shifted(closed.loop_of, loops),
+        bodies=sides,
+        local=local.reshape(-1, 3, 4),
+        point_rows=shifted(closed.point_rows, rows),
+        point_axes=np.tile(closed.point_axes, size),
+        dot_rows=shifted(closed.dot_rows, rows),
+        dot_a=np.tile(closed.dot_a, size),
+        dot_b=np.tile(closed.dot_b, size),
+        distance_rows=shifted(closed.distance_rows, rows),
+        lengths=np.tile(closed.lengths, size),
+        support_a=none,
+        support_b=none,
+        row_mask=none,
+        contacts=(),
+    )

@@ -1,0 +1,73 @@
+"""A mechanism as equations: the expanded model, its closures, stiffness, damping and motors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.mechanics.closure import Closures
+from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.loads import Loads
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Springs on single-axis joints: torque -k (q - rest).
+
+    Attributes:
+        v_at: Velocity rows. q_at: Position of the coordinate in q (its cosine if it has two).
+        paired: True where q holds (cos, sin). stiffness: N m/rad | N/m. rest: rad | m.
+    """
+
+    v_at: IntArray
+    q_at: IntArray
+    paired: IntArray
+    stiffness: Array
+    rest: Array
+
+
+@dataclass(frozen=True)
+class System:
+    """A rigid or flexible mechanism as equations: model, map, closures, stiffness, damping.
+
+    Attributes:
+        rigid: Pinocchio model whose coordinates q and v are kept.
+        expansion: Expanded model and map.
+        closed: Independent closure rows.
+        K, D: Stiffness and damping, shape (nv, nv), N m/rad | N/m and N m s/rad | N s/m.
+        springs: Joint springs (their stiffness is not in K).
+        motors: Velocity rows of the actuated joints.
+        loads: Forces and springs between frames.
+    """
+
+    rigid: pin.Model
+    expansion: Expansion
+    closed: Closures
+    K: Array
+    D: Array
+    springs: Springs
+    motors: IntArray
+    loads: Loads
+
+    @property
+    def nq(self) -> int:
+        """Length of y: rigid configuration and eta."""
+        return int(self.rigid.nq) + self.expansion.n_eta
+
+    @property
+    def nv(self) -> int:
+        """Length of v: rigid velocities and deta/dt."""
+        return int(self.rigid.nv) + self.expansion.n_eta
+
+    @property
+    def n_eta(self) -> int:
+        """Number of elastic coordinates."""
+        return self.expansion.n_eta
+
+    @property
+    def free(self) -> IntArray:
+        """Velocity rows that are not motors."""
+        return np.setdiff1d(np.arange(self.nv), self.motors).astype(np.intp)

@@ -1,0 +1,126 @@
+"""The links of a Pinocchio model, with the inertia each brings, as a tree that can be built anew.
+
+Pinocchio merges links that hang on fixed joints into one body. A flexible link has to be taken out
+of that sum, and what is attached to it has to move with its deflected sections, so the merged model
+is undone here into one record per link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.description.supplement import JointExtra
+
+
+@dataclass(frozen=True)
+class JointStep:
+    """One Pinocchio joint of a link's parent joint (a universal joint has two)."""
+
+    name: str
+    model: pin.JointModel
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link with its own inertia and how it hangs on its parent link.
+
+    Attributes:
+        name: URDF link name.
+        parent: Index of the parent link in the tree, -1 for a root.
+        joint: Name of the URDF joint that carries the link, "" for a root.
+        placement: Pose of the joint in the parent link's frame.
+        steps: The moving joints, empty for a fixed joint.
+        inertia: The link's own inertia in its own frame.
+    """
+
+    name: str
+    parent: int
+    joint: str
+    placement: pin.SE3
+    steps: tuple[JointStep, ...]
+    inertia: pin.Inertia
+
+
+def link_tree(model: pin.Model, extras: Mapping[str, JointExtra]) -> tuple[Link, ...]:
+    """Undo Pinocchio's merging of fixed joints: one record per link, parents first.
+
+    Args:
+        model: Model as Pinocchio reads it from a URDF.
+        extras: Joint type overrides (spherical, universal) by joint name.
+    Returns:
+        The links in depth-first order.
+    """
+    frames = model.frames
+    own = _own_inertias(model)
+    links: list[Link] = []
+    index: dict[int, int] = {}
+    no_steps: tuple[JointStep, ...] = ()
+    for number, frame in enumerate(frames):
+        if frame.type != pin.FrameType.BODY:
+            continue
+        above = frame.parentFrame
+        carrier = frames[above]
+        if carrier.type == pin.FrameType.BODY or above == 0:
+            parent, joint = -1, ""
+            placement, steps = frame.placement, no_steps
+        else:
+            body_above = carrier.parentFrame
+            parent, joint = index.get(body_above, -1), carrier.name
+            steps = _steps(model, carrier, extras.get(joint))
+            placement = _placement(model, carrier, frames[body_above])
+        index[number] = len(links)
+        links.append(Link(frame.name, parent, joint, placement, steps, own[number]))
+    return tuple(links)
+
+
+def _placement(model: pin.Model, carrier: pin.Frame, above: pin.Frame) -> pin.SE3:
+    """Pose of a joint frame in the frame of the link above it."""
+    if carrier.type == pin.FrameType.JOINT:
+        return above.placement.actInv(model.jointPlacements[carrier.parentJoint])
+    return above.placement.actInv(carrier.placement)
+
+
+def _steps(model: pin.Model, carrier: pin.Frame, extra: JointExtra | None) -> tuple[JointStep, ...]:
+    name = carrier.name
+    if extra is not None and extra.type == "spherical":
+        return (JointStep(name, pin.JointModelSpherical()),)
+    if extra is not None and extra.type == "universal":
+        # Two plain revolutes: their axes are constant in their own frames, which the analytic
+        # derivatives of Pinocchio rely on (JointModelUniversal's are not).
+        first, second = (np.array(axis, float) for axis in extra.axes or ((1, 0, 0), (0, 1, 0)))
+        return (
+            JointStep(f"{name}.1", pin.JointModelRevoluteUnaligned(first)),
+            JointStep(f"{name}.2", pin.JointModelRevoluteUnaligned(second)),
+        )
+    if carrier.type == pin.FrameType.JOINT:
+        return (JointStep(name, model.joints[carrier.parentJoint]),)
+    return ()
+
+
+def _own_inertias(model: pin.Model) -> dict[int, pin.Inertia]:
+    """Each link's own inertia: its joint's, less what fixed joints merged into it."""
+    frames = model.frames
+    own: dict[int, pin.Inertia] = {}
+    for number, frame in enumerate(frames):
+        if frame.type != pin.FrameType.BODY:
+            continue
+        carrier = frames[frame.parentFrame]
+        if carrier.type == pin.FrameType.FIXED_JOINT:
+            own[number] = carrier.inertia if frame.parentFrame else pin.Inertia.Zero()
+            continue
+        inertia = model.inertias[frame.parentJoint]
+        merged = [
+            f.placement.act(f.inertia)
+            for f in frames
+            if f.type == pin.FrameType.FIXED_JOINT
+            and f.parentJoint == frame.parentJoint
+            and f.inertia.mass > 0
+        ]
+        for part in merged:
+            inertia = inertia - part
+        own[number] = frame.placement.actInv(inertia) if frame.parentJoint else pin.Inertia.Zero()
+    return own

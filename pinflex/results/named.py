@@ -1,0 +1,211 @@
+"""What one name of a result gives: a joint, a frame, a flexible link, a loop, a deviation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from pinflex.results.result import Result
+
+
+@dataclass(frozen=True)
+class JointView:
+    """One joint of a result: coordinates, motor torque, reaction."""
+
+    result: Result
+    name: str
+
+    @property
+    def position(self) -> Array:
+        """Coordinates [rad | m], shape (nt,), or (nt, n) for a joint of several coordinates."""
+        return self._columns("joint/q")
+
+    @property
+    def velocity(self) -> Array:
+        """Rates [rad/s | m/s], shaped like `position`."""
+        return self._columns("joint/v")
+
+    @property
+    def acceleration(self) -> Array:
+        """Accelerations [rad/s^2 | m/s^2], shaped like `velocity`."""
+        return self._columns("joint/a")
+
+    @property
+    def torque(self) -> Array:
+        """Motor torque [N m | N], shape (nt,); zero in a joint without motor."""
+        if self.name not in self.result.motors:
+            return np.zeros(len(self.result.t))
+        return self.result.torque[:, self.result.motors.index(self.name)]
+
+    @property
+    def reaction(self) -> Array:
+        """Wrench [N; N m] of the parent on the child, in the child's joint frame, (nt, 6)."""
+        return self.result.array(f"reaction/{self.name}")
+
+    def _columns(self, key: str) -> Array:
+        values, names = self.result.array(key), self.result.meta["joints"]
+        index = self.result.meta.get("joint_index", {}).get(self.name)  # [iq, nq, iv, nv]
+        if index is not None:
+            start, count = index[:2] if key == "joint/q" else index[2:]
+        elif values.shape[1] == len(names):  # every joint has one coordinate
+            start, count = names.index(self.name), 1
+        else:
+            raise DescriptionError(
+                f"joint {self.name!r}: {key} has {values.shape[1]} columns for {len(names)} "
+                "joints, and the result does not say whose they are. "
+                'Write meta["joint_index"][joint] = [iq, nq, iv, nv].'
+            )
+        return values[:, start] if count == 1 else values[:, start : start + count]
+
+
+@dataclass(frozen=True)
+class FrameView:
+    """One output frame of a result, in the world frame."""
+
+    result: Result
+    name: str
+
+    @property
+    def position(self) -> Array:
+        """Origin [m], shape (nt, 3)."""
+        return self.result.array(f"frame/{self.name}/position")
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation matrices world <- frame, shape (nt, 3, 3)."""
+        return self.result.array(f"frame/{self.name}/rotation")
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity of the origin [m/s], then angular velocity [rad/s], shape (nt, 6)."""
+        return self.result.array(f"frame/{self.name}/velocity")
+
+    @property
+    def acceleration(self) -> Array:
+        """Acceleration of the origin [m/s^2], then angular [rad/s^2], shape (nt, 6)."""
+        return self.result.array(f"frame/{self.name}/acceleration")
+
+
+@dataclass(frozen=True)
+class LinkView:
+    """Fields along one flexible link, in its beam frame unless said."""
+
+    result: Result
+    name: str
+
+    @property
+    def x(self) -> Array:
+        """Stations along the undeformed link [m], shape (nx,)."""
+        return self._field("x")
+
+    @property
+    def length(self) -> float:
+        """Undeformed span [m]."""
+        return float(self.result.meta["links"][self.name]["length"])
+
+    @property
+    def deflection(self) -> Array:
+        """Displacements u v w [m] and rotations rx ry rz [rad], shape (nt, nx, 6)."""
+        return self._field("deflection")
+
+    @property
+    def resultant(self) -> Array:
+        """Section forces N Vy Vz [N] and moments T My Mz [N m], shape (nt, nx, 6)."""
+        return self._field("resultant")
+
+    @property
+    def von_mises(self) -> Array:
+        """Largest von Mises stress of each section [Pa], shape (nt, nx)."""
+        return self._field("stress/von_mises")
+
+    @property
+    def centreline(self) -> Array:
+        """Deformed centre line in the world frame [m], shape (nt, nx, 3)."""
+        return self._field("centreline")
+
+    @property
+    def centreline_rigid(self) -> Array:
+        """Centre line of the same instant were the link rigid [m], shape (nt, nx, 3)."""
+        return self._field("centreline_rigid")
+
+    @property
+    def section_y(self) -> Array:
+        """World direction of the y axis of each section, shape (nt, nx, 3)."""
+        return self._field("section_y")
+
+    def stress(self, kind: str = "von_mises") -> Array:
+        """Stress [Pa] by kind: normal, axial, bending, shear or von_mises; shape (nt, nx)."""
+        return self._field(f"stress/{kind}")
+
+    def _field(self, key: str) -> Array:
+        return self.result.array(f"link/{self.name}/{key}")
+
+
+@dataclass(frozen=True)
+class LoopView:
+    """What one loop joint carries: the action on the body of its frame b, in the world frame."""
+
+    result: Result
+    name: str
+
+    @property
+    def wrench(self) -> Array:
+        """Force [N] and moment about the origin of frame b [N m], shape (nt, 6)."""
+        return self.result.array(f"loop/{self.name}/wrench")
+
+    @property
+    def force(self) -> Array:
+        """Force [N], shape (nt, 3)."""
+        return self.wrench[:, :3]
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Distance of a frame between two runs, in the world frame.
+
+    Attributes:
+        t: Instants [s], shape (nt,).
+        position: Difference of the origins [m], shape (nt, 3).
+        rotation: Rotation vector from the other run to this one [rad], shape (nt, 3).
+    """
+
+    t: Array
+    position: Array
+    rotation: Array
+
+    @property
+    def norm(self) -> Array:
+        """Distance of the origins [m], shape (nt,)."""
+        return np.asarray(np.linalg.norm(self.position, axis=1))
+
+    @property
+    def angle(self) -> Array:
+        """Angle between the orientations [rad], shape (nt,)."""
+        return np.asarray(np.linalg.norm(self.rotation, axis=1))
+
+    def max(self) -> float:
+        """Largest distance of the run [m]."""
+        return float(self.norm.max())
+
+
+def peak(x: Array) -> float:
+    """Largest magnitude over all entries, in the unit of x."""
+    return float(np.abs(x).max(initial=0.0))
+
+
+def rms(x: Array) -> float:
+    """Root of the mean square over all entries, in the unit of x."""
+    return float(np.sqrt(np.mean(np.square(x)))) if np.size(x) else 0.0
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Rotation vectors log(R) [rad], shape (nt, 3), of rotation matrices (nt, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

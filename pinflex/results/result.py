@@ -1,0 +1,318 @@
+"""What a run leaves behind: arrays, names and source texts, read by name, kept in one file."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError, nearest
+from pinflex.results.named import (
+    Deviation,
+    FrameView,
+    JointView,
+    LinkView,
+    LoopView,
+    peak,
+    rms,
+    rotation_vector,
+)
+
+__all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
+
+FORMAT = 1  # raised when an older pinflex could no longer read the file
+_HEADER = "pinflex"  # the npz member that says whose file it is, and holds meta
+_DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json raise
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    OSError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    SyntaxError,
+    struct.error,
+)
+_WITHOUT_TIME = ("/x", "/mesh/nodes", "/mesh/triangles")
+_UNITS = {
+    "torque": "N m",
+    "joint/q": "rad",
+    "joint/v": "rad/s",
+    "joint/a": "rad/s^2",
+    "frame": "m",
+    "link": "m",
+    "energy": "J",
+    "residual/closure": "m",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """One run at one level of fidelity.
+
+    Attributes:
+        t: Instants [s], shape (nt,), increasing.
+        arrays: Read-only arrays by flat key ("joint/q", "link/distal_1/x"), time first, SI units.
+        meta: Names, settings, cost, warnings and source texts, as plain JSON values.
+    """
+
+    t: Array
+    arrays: dict[str, Array]
+    meta: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        t = _read_only(self.t, "t")
+        if t.ndim != 1 or len(t) == 0 or not np.all(np.diff(t) > 0):
+            raise DescriptionError(
+                f"result: t: shape {t.shape} is not a list of increasing instants. "
+                "Give times [s] as a non-empty, strictly increasing vector."
+            )
+        arrays = {key: _read_only(value, key) for key, value in self.arrays.items()}
+        for key, value in arrays.items():
+            fixed = key.startswith("link/") and key.endswith(_WITHOUT_TIME)
+            if not fixed and value.shape[:1] != t.shape:
+                raise DescriptionError(
+                    f"result: {key}: shape {value.shape} does not start with the "
+                    f"{len(t)} instants of t. Arrays are time first.",
+                    key=key,
+                )
+        try:
+            meta = json.loads(json.dumps(self.meta, default=_plain))
+        except (TypeError, ValueError) as error:
+            raise DescriptionError(
+                f"result: meta: {error}. Use numbers, texts, lists and mappings only."
+            ) from None
+        if not isinstance(meta, dict):
+            raise DescriptionError(
+                f"result: meta: {meta!r} is not a mapping. Give names to values."
+            )
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "arrays", arrays)
+        object.__setattr__(self, "meta", meta)
+
+    def array(self, key: str) -> Array:
+        """The read-only array of a flat key; an unknown key leads to the nearest one."""
+        if key not in self.arrays:
+            raise DescriptionError(
+                f"result of level {self.level}: no array {key!r}." + nearest(key, self.arrays),
+                key=key,
+            )
+        return self.arrays[key]
+
+    @property
+    def level(self) -> str:
+        """Level of fidelity: rigid, quasistatic, ked or coupled."""
+        return str(self.meta.get("level", "unknown"))
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """Actuated joints, in the order of the torque columns."""
+        return tuple(self.meta.get("actuated", ()))
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Flexible links that this result has fields for; none at the rigid level."""
+        return tuple(k[5:-2] for k in self.arrays if k.startswith("link/") and k.endswith("/x"))
+
+    @property
+    def torque(self) -> Array:
+        """Motor torques [N m | N], shape (nt, nm)."""
+        return self.array("torque")
+
+    @property
+    def worst_closure(self) -> float:
+        """Largest closure residual of the run [m | rad]; 0 without loops."""
+        closure = self.arrays.get("residual/closure")
+        return 0.0 if closure is None else peak(closure)
+
+    def unit(self, key: str) -> str:
+        """Unit of a key, from the longest prefix that meta["units"] (or the default) knows."""
+        units = {**_UNITS, **self.meta.get("units", {})}
+        known = [p for p in units if key == p or key.startswith(p + "/")]
+        return str(units[max(known, key=len)]) if known else ""
+
+    def joint(self, name: str) -> JointView:
+        """Coordinates, motor torque and reaction of one joint."""
+        return JointView(self, _known("joint", name, self.meta.get("joints", ())))
+
+    def frame(self, name: str) -> FrameView:
+        """Motion of one output frame; "platform" also names the frame of meta["platform"]."""
+        frames = self.meta.get("frames", ())
+        if name == "platform" and name not in frames:
+            name = self.meta.get("platform") or name
+        return FrameView(self, _known("frame", name, frames))
+
+    def link(self, name: str) -> LinkView:
+        """Deflection, section forces and stresses along one flexible link."""
+        return LinkView(self, _known("flexible link", name, self.links))
+
+    def loop(self, name: str) -> LoopView:
+        """Force and moment that one loop joint carries."""
+        return LoopView(self, _known("loop", name, [x["name"] for x in self.meta.get("loops", ())]))
+
+    def deviation_from(self, other: Result, frame: str = "platform") -> Deviation:
+        """How far a frame is from where another run has it, at the same instants.
+
+        position = p - p_other, rotation = log(R R_other'), both in the world frame.
+
+        Args:
+            other: Usually the rigid run.
+            frame: Name of an output frame of both runs.
+        """
+        same_grid(self, other)
+        mine, theirs = self.frame(frame), other.frame(frame)
+        turn = mine.rotation @ np.swapaxes(theirs.rotation, 1, 2)
+        return Deviation(self.t, mine.position - theirs.position, rotation_vector(turn))
+
+    def save(self, path: str | Path) -> Path:
+        """Write one compressed .npz; a file already there is replaced only by a complete one."""
+        path = Path(path)
+        header = {"program": "pinflex", "format": FORMAT, "meta": self.meta}
+        contents = {_HEADER: np.array(json.dumps(header)), "t": self.t, **self.arrays}
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with part.open("wb") as stream:
+                np.savez_compressed(stream, **contents)  # type: ignore[arg-type]
+            part.replace(path)
+        except OSError as error:
+            raise DescriptionError(
+                f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
+            ) from error
+        finally:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+        return path
+
+    @classmethod
+    def load(cls, path: str | Path) -> Result:
+        """Read a file written by `save`; nothing in it is ever executed (no pickle)."""
+        path = Path(path)
+        remake = "Give a file written by `pinflex solve -o` or Result.save."
+        if not path.is_file():
+            raise DescriptionError(f"{path}: no such result file. {remake}", path=path)
+        try:
+            with path.open("rb") as stream:
+                if stream.read(4) != b"PK\x03\x04":
+                    raise DescriptionError(f"{path}: not an .npz archive. {remake}", path=path)
+                stream.seek(0)
+                archive = np.load(stream, allow_pickle=False)
+                if _HEADER not in archive.files:
+                    raise DescriptionError(
+                        f"{path}: an .npz of another program (no {_HEADER!r} header). {remake}",
+                        path=path,
+                    )
+                header = json.loads(str(archive[_HEADER]))
+                if int(header["format"]) > FORMAT:
+                    raise DescriptionError(
+                        f"{path}: result format {header['format']}, this pinflex reads up to "
+                        f"{FORMAT}. Update pinflex, or solve again with this version.",
+                        path=path,
+                    )
+                arrays = {key: archive[key] for key in archive.files if key != _HEADER}
+            return cls(arrays.pop("t"), arrays, header["meta"])
+        except _DAMAGE as error:
+            raise DescriptionError(
+                f"{path}: truncated or damaged ({type(error).__name__}: {error}). "
+                "Copy the file again, or repeat the run that wrote it.",
+                path=path,
+            ) from error
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one wide table: a row per instant, a unit in every header."""
+        columns: dict[str, Array] = {"t [s]": self.t}
+        for i, motor in enumerate(self.motors):
+            columns[f"torque {motor} [{self.unit('torque/' + motor)}]"] = self.torque[:, i]
+        for name in self.meta.get("joints", ()):
+            unit, position = self.unit(f"joint/q/{name}"), self.joint(name).position
+            for i, column in enumerate(position.reshape(len(self.t), -1).T):
+                label = name if position.ndim == 1 else f"{name}[{i}]"
+                columns[f"position {label} [{unit}]"] = column
+        if self.meta.get("platform"):
+            platform = self.frame(self.meta["platform"])
+            turn = rotation_vector(platform.rotation)
+            for i, axis in enumerate("xyz"):
+                columns[f"platform {axis} [m]"] = platform.position[:, i]
+            for i, axis in enumerate("xyz"):
+                columns[f"platform r{axis} [rad]"] = turn[:, i]
+        for name in self.links:
+            columns[f"max von Mises {name} [Pa]"] = self.link(name).von_mises.max(axis=1)
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(columns)
+            writer.writerows(zip(*(map(repr, c.tolist()) for c in columns.values()), strict=True))
+        return path
+
+    def summary(self) -> str:
+        """The run in a few aligned lines of text."""
+        cost, balance = self.meta.get("cost", {}), self.meta.get("energy_balance")
+        rows = [("level", self.level)]
+        if self.meta.get("status", "complete") != "complete":
+            rows.append(("status", f"{self.meta['status']}: {self.meta.get('message', '')}"))
+        rows.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} instants"))
+        rows += [(key, f"{cost[key]}") for key in ("steps",) if key in cost]
+        if "newton" in cost:
+            each = f" ({cost['newton'] / cost['steps']:.2f} a step)" if cost.get("steps") else ""
+            rows.append(("Newton iterations", f"{cost['newton']}{each}"))
+        rows += [("wall time", f"{cost['seconds']:.3g} s")] if "seconds" in cost else []
+        error = self.meta.get("settings", {}).get("error")
+        if error:
+            known = ", ".join(f"{key} {value:.1e}" for key, value in error.items())
+            rows.append(("estimated error", known))
+        rows.append(("worst closure", f"{self.worst_closure:.2e}"))
+        rows.append(("energy balance", "not computed" if balance is None else f"{balance:.2e}"))
+        rows += [("warning", text) for text in self.meta.get("warnings", ())]
+        return "\n".join(
+            [str(self.meta.get("name", "result"))] + [f"  {a:<18}{b}" for a, b in rows]
+        )
+
+    __str__ = summary
+
+
+def same_grid(a: Result, b: Result) -> None:
+    """Raise unless both results hold the same instants, which every difference needs."""
+    if len(a.t) != len(b.t) or not np.allclose(a.t, b.t, rtol=0.0, atol=1e-9 * (1 + abs(a.t[-1]))):
+        raise DescriptionError(
+            f"the {a.level} and {b.level} results have different instants: {len(a.t)} in "
+            f"[{a.t[0]:g}, {a.t[-1]:g}] s against {len(b.t)} in [{b.t[0]:g}, {b.t[-1]:g}] s. "
+            "Solve both with the same `until`, `dt` and `samples` (a stopped run is shorter)."
+        )
+
+
+def _read_only(values: Any, key: str) -> Array:
+    try:
+        array = np.array(values, dtype=np.float64)  # a copy: the caller's array stays writable
+    except (TypeError, ValueError) as error:
+        raise DescriptionError(
+            f"result: {key}: {error}. Every array holds real numbers.", key=key
+        ) from None
+    array.setflags(write=False)
+    return array
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"a {type(value).__name__} ({value!r}) is not plain data")
+
+
+def _known(kind: str, name: str, names: Iterable[str]) -> str:
+    names = list(names)
+    if name not in names:
+        raise DescriptionError(f"result: no {kind} {name!r}." + nearest(name, names), name=name)
+    return name

@@ -1,0 +1,154 @@
+"""Section forces and stresses of a flexible body, from the forces that its stations need.
+
+Cut the link at x: the inner part must give the outer part the force R(x) and moment that its masses
+and whatever hangs on it need. That balance is exact where the shapes' own curvature (EI v'') is not
+yet converged, and it gives the axial force of links that have no axial mode.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.description.section import Section
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Outputs of one body at sections x: deflection rows and the balance operator.
+
+    Attributes:
+        x: Sections (m), shape (nx,).
+        Phi: Rows (u, v, w, rz, ry, rx), shape (nx, 6, n). G: second order, or None.
+        outer: Integrates station forces over the part beyond x: shape (nx, ns).
+        outer_twist: The same for twist stations, shape (nx, nt).
+    """
+
+    x: Array
+    Phi: Array
+    G: Array | None
+    outer: Array
+    outer_twist: Array
+
+
+def cut(body: FlexibleBody, count: int = 21) -> Cut:
+    """Sections at equal distances along a body."""
+    if body.solid is not None:
+        solid = body.solid
+        return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))
+    x = np.linspace(0.0, body.length, count)
+    rows = [body.rows(at) for at in x]
+    Phi = np.array([r[0] for r in rows])
+    G = None if rows[0][1] is None else np.array([r[1] for r in rows])
+    breaks = _breaks(body)
+    return Cut(x, Phi, G, _outer(x, body.x, breaks), _outer(x, body.xt, breaks))
+
+
+def _breaks(body: FlexibleBody) -> Array:
+    edges = np.concatenate([family.breaks for family in body.families.values()])
+    return np.unique(np.round(edges / body.length, 12)) * body.length
+
+
+def _outer(x: Array, stations: Array, breaks: Array) -> Array:
+    """Operator from station forces to their integral over [x, L].
+
+    Between breaks the force per length is the polynomial through the Gauss stations, so the section
+    forces are smooth curves, not stairs.
+    """
+    operator = np.zeros((len(x), len(stations)))
+    for start, end in itertools.pairwise(breaks):
+        inside = np.flatnonzero((stations > start) & (stations < end))
+        n = len(inside)
+        if not n:
+            continue
+        xi = 2.0 * (stations[inside] - start) / (end - start) - 1.0
+        V = np.polynomial.legendre.legvander(xi, n - 1)
+        # Discrete orthogonality at Gauss points: coefficients of force density from lumped forces.
+        k = np.arange(n)
+        coefficients = (2 * k + 1)[:, None] / 2.0 * V.T
+        at = np.clip(2.0 * (x - start) / (end - start) - 1.0, -1.0, 1.0)
+        integrals = np.empty((len(x), n))
+        for j in range(n):
+            primitive = np.polynomial.legendre.legint(np.eye(n)[j])
+            ends = np.polynomial.legendre.legval(np.array([1.0]), primitive)
+            integrals[:, j] = ends - np.polynomial.legendre.legval(at, primitive)
+        operator[:, inside] = integrals @ coefficients
+    return operator
+
+
+def deflections(section: Cut, eta: Array) -> Array:
+    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n)."""
+    d: Array = np.einsum("xkn,tn->txk", section.Phi, eta, optimize=True)
+    if section.G is not None:
+        bent = np.einsum("xkij,tj->txki", section.G, eta, optimize=True)
+        d += 0.5 * np.einsum("txki,ti->txk", bent, eta, optimize=True)
+    return d
+
+
+def resultants(
+    section: Cut,
+    body: FlexibleBody,
+    d: Array,
+    station: Array,
+    twist: Array,
+    loads: list[tuple[float, Array, Array]],
+    eta: Array,
+) -> Array:
+    """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6).
+
+    Args:
+        section: Sections. body: The body. d: `deflections`, shape (nt, nx, 6).
+        station: Forces the stations need, beam frame, shape (nt, ns, 3), N.
+        twist: Torques the twist stations need, shape (nt, nt_stations), N m.
+        loads: Interfaces: x, force and moment about the displaced section, each (nt, 3), that what
+            hangs there needs.
+        eta: Shape (nt, n).
+    Returns:
+        N > 0 in tension; V, T and M are what the inner part receives from the outer.
+    """
+    Phi = body.Phi
+    where: Array = np.einsum("sdn,tn->tsd", Phi, eta, optimize=True)
+    where[:, :, 0] += body.x
+    arm = np.cross(where, station)
+    force = np.einsum("xs,tsd->txd", section.outer, station, optimize=True)
+    moment = np.einsum("xs,tsd->txd", section.outer, arm, optimize=True)
+    if len(body.xt):
+        moment[:, :, 0] += twist @ section.outer_twist.T
+    place = d[:, :, :3].copy()
+    place[:, :, 0] += section.x
+    for x, pull, turn in loads:
+        beyond = section.x <= x * (1 + 1e-12)
+        k = int(np.argmin(np.abs(section.x - x)))
+        at = place[:, k] + np.array([x - section.x[k], 0.0, 0.0])
+        force[:, beyond] += pull[:, None]
+        moment[:, beyond] += (turn + np.cross(at, pull))[:, None]
+    moment -= np.cross(place, force)
+    return -np.concatenate([force, moment], axis=2)
+
+
+def stresses(section: Section, forces: Array) -> dict[str, Array]:
+    """Largest stresses of each section, Pa, shapes (nt, nx).
+
+    normal = axial + bending at the worst fibre; shear from torsion, largest on the section;
+    von_mises = sqrt(normal^2 + 3 shear^2): an upper bound where the maxima are at two points.
+    """
+    N, T = forces[:, :, 0], forces[:, :, 3]
+    My, Mz = forces[:, :, 4], forces[:, :, 5]
+    axial = N / section.A
+    bending, normal = np.zeros_like(N), np.abs(axial)
+    for y, z in section.fibres:
+        fibre = My * (z / section.Iy) - Mz * (y / section.Iz)
+        bending = np.maximum(bending, np.abs(fibre))
+        normal = np.maximum(normal, np.abs(axial + fibre))
+    shear = np.abs(T) / section.Wt
+    return {
+        "axial": axial,
+        "bending": bending,
+        "normal": normal,
+        "shear": shear,
+        "von_mises": np.hypot(normal, np.sqrt(3.0) * shear),
+    }

@@ -1,0 +1,300 @@
+"""What a scene needs: level, links, planes, modes and tolerance, with error bars.
+
+Everything is measured on the motion itself by cheap runs of a model richer than the scene's
+(pinflex.solver.fewer): every plane, stretch and twist, one more mode. Its linear vibration, twice
+corrected for what is not linear (pinflex.solver.linear_probe), is what the rigid torques, the
+balance of every instant, the linear vibration and smaller models are held against, and a short
+coupled run holds it to the full equations. An error bar is twice what was measured, and what the
+corrections leave; errors are relative, as in pinflex.solver.tolerance.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from pinflex.description.motion import Motion
+from pinflex.description.supplement import ASKED
+from pinflex.errors import ConvergenceError, DescriptionError, SceneError, nearest
+from pinflex.levels.run import Run
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.result import Result
+from pinflex.solver import fewer
+from pinflex.solver.fewer import SAFETY, Errors, LeftOut, worst
+from pinflex.solver.linear_probe import Probe
+from pinflex.solver.timed import Scene
+from pinflex.solver.tolerance import Outputs
+
+_CONTRACTION = 0.7  # corrections that shrink by less say nothing
+_WINDOW = 8  # the coupled run that verifies covers this part of the time
+_SAMPLES = 401  # instants that a run reports by default
+_STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A proposal and what it rests on.
+
+    Attributes:
+        name: Of the scene. tol: Relative error wanted of every output asked for.
+        asked: Some of torque, deflection, platform.
+        level: rigid, quasistatic, ked or coupled.
+        run_tol: `solve.tol` of the run (levels ked and coupled), or None.
+        overrides: "key=value" changes of the YAML, for `load` or --set.
+        error: Error bar of each output if the proposal is followed.
+        levels: Error bar of each output at each level of the richer model.
+        left_out: Planes, modes and links that were tried.
+        coordinates: Elastic coordinates: as loaded, of the richer model, proposed.
+        why: The reason for the level.
+        notes: What weakens the advice.
+        seconds: What it cost.
+    """
+
+    name: str
+    tol: float
+    asked: tuple[str, ...]
+    level: str = "coupled"
+    run_tol: float | None = None
+    overrides: tuple[str, ...] = ()
+    error: Errors = field(default_factory=dict)
+    levels: dict[str, Errors] = field(default_factory=dict)
+    left_out: tuple[LeftOut, ...] = ()
+    coordinates: tuple[int, int, int] = (0, 0, 0)
+    why: str = ""
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+
+def advise(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    *,
+    tol: float = 1e-2,
+    asked: Sequence[str] = (),
+    until: float | None = None,
+    fixed: bool = False,
+) -> Advice:
+    """Propose level, links, planes, modes and tolerance for a scene.
+
+    Args:
+        mechanism: From `load`. motion: Default: the motion of the YAML.
+        tol: Error that each output may have, relative to its largest value; of the platform, to
+            its largest deviation from the rigid motion.
+        asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or all.
+        until: End in s; default: the YAML's, or the motion's duration.
+        fixed: Take the flexible links as they are: propose level and tolerance only.
+    Returns:
+        The advice.
+    Raises:
+        DescriptionError: An unknown output or a tolerance outside 1e-6 to 0.1.
+        MotionError, SingularityError: The nominal motion does not exist.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from pinflex.solver.solve import default_motion  # solve(level="auto") asks here
+
+    began, spec = time.perf_counter(), mechanism.description.solve
+    asked = tuple(asked) or spec.asked or ASKED
+    for name in asked:
+        if name not in ASKED:
+            raise DescriptionError(f"asked: {name}: no such output.{nearest(name, ASKED)}")
+    if not 1e-6 <= tol <= 0.1:
+        raise DescriptionError(f"tol: {tol}. Give a relative error, 1e-6 to 0.1.")
+    stepless = ("solve.dt=null",) if spec.dt is not None else ()  # beside tol it is refused
+    n = mechanism.flexible.n_eta
+    plain = Advice(mechanism.name, tol, asked, run_tol=tol / 4, coordinates=(n, n, n),
+                   error=dict.fromkeys(asked, tol / 2))  # fmt: skip
+    if any(mechanism.description.system_damping):
+        why = "damping.scope: system is known to ked only; no error bar can be had"
+        unknown = dict.fromkeys(asked, np.inf)
+        return replace(plain, level="ked", error=unknown, why=why, overrides=stepless)
+    only = _only_coupled(mechanism)
+    if only:
+        return replace(plain, why=only, overrides=stepless)
+    if not n:
+        exact = dict.fromkeys(asked, 0.0)
+        return replace(plain, level="rigid", run_tol=None, error=exact, why="no link is flexible")
+    motion = motion if motion is not None else default_motion(mechanism)
+    end = until or spec.until or motion.duration
+    rich, note = (mechanism, "") if fixed else fewer.richer(mechanism)
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = _Study(rich, motion, end, plain).advice(mechanism, fixed)
+    notes = (note, *found.notes) if note else found.notes
+    if found.run_tol is not None:
+        found = replace(found, overrides=(*found.overrides, *stepless))
+    return replace(found, notes=notes, seconds=time.perf_counter() - began)
+
+
+def solve_advised(
+    mechanism: Mechanism, motion: Motion | None, *, dt: float | None, **options: Any
+) -> Result:
+    """The run of `solve(level="auto")`: at the level advised, with the links as they are."""
+    from pinflex.solver.advise_text import plain
+    from pinflex.solver.solve import solve
+
+    if dt is not None:
+        raise DescriptionError('solve.dt: level="auto" chooses the step. Give tol instead.')
+    wanted = options.pop("tol", None) or mechanism.description.solve.tol or 1e-2
+    asked, until = tuple(options.pop("asked", ())), options.get("until")
+    found = advise(mechanism, motion, tol=wanted, asked=asked, until=until, fixed=True)
+    if found.run_tol is not None:
+        options |= {"tol": found.run_tol, "asked": found.asked}
+        spec = replace(mechanism.description.solve, dt=None)
+        mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
+    result = solve(mechanism, motion, found.level, **options)
+    return replace(result, meta={**result.meta, "advice": plain(found)})
+
+
+def _only_coupled(mechanism: Mechanism) -> str:
+    """Why no level but coupled applies, "" if others do."""
+    if mechanism.description.solve.drive == "torque":
+        return "the motors push (drive: torque): only coupled lets them feel the links"
+    if mechanism.description.control is not None:
+        return "a control feeds vibration back, which only coupled has"
+    if mechanism.report.mobility != len(mechanism.rigid.motors):
+        return "the motors do not determine the motion: only coupled lets the rest swing"
+    return ""
+
+
+class _Study:
+    """The probes of one scene."""
+
+    def __init__(self, rich: Mechanism, motion: Motion, end: float, plain: Advice) -> None:
+        self.rich, self.motion, self.plain, self.tol = rich, motion, plain, plain.tol
+        self.probe = Probe(rich, motion, end, rich.description.solve.start == "static")
+        self.outputs = Outputs(
+            self.probe.mechanism, motion, self.probe.t, plain.asked, self.probe.dynamics
+        )
+        self.notes = self._doubts()
+
+    def advice(self, mechanism: Mechanism, fixed: bool) -> Advice:
+        """The level first; then, where links bend at all, what they can do without."""
+        try:
+            once, levels, seconds = self._levels()
+        except ConvergenceError as failed:
+            why = f"linear vibration does not describe it ({failed})"
+            return replace(self.plain, why=why, notes=tuple(self.notes))
+        level, why = self._choose(levels, seconds)
+        error, tol = levels[level], self.tol
+        n = (mechanism.flexible.n_eta, self.rich.flexible.n_eta)
+        found = replace(
+            self.plain, level=level, error=error, levels=levels, why=why,
+            coordinates=(*n, 0 if level == "rigid" else n[0]),
+        )  # fmt: skip
+        if level != "coupled":
+            found = replace(found, run_tol=None)
+        if level != "rigid" and not fixed:
+            room = tol / 2 if worst(error) > tol / 2 else tol - worst(error)
+            small = fewer.smaller(self.rich, self.probe, self.outputs, once, room)
+            for part, factor in ((small.error, SAFETY), (small.unsettled, 1.0)):
+                error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
+            if small.unsettled:
+                self.notes.append(
+                    f"the last mode tried still changes an output by {worst(small.unsettled):.2g}, "
+                    "which is in the error bars: more modes may be needed"
+                )
+            found = replace(
+                found, error=error, left_out=small.tried,
+                overrides=fewer.overrides(mechanism, small.parts),
+                coordinates=(*n, small.coordinates),
+            )  # fmt: skip
+        return replace(found, notes=tuple(self.notes))
+
+    def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
+        """The motion corrected once, error bars by level, and seconds a run would take."""
+        probe, differ = self.probe, self.outputs.differences
+        linear = probe.march()
+        corrected = probe.corrected(linear)
+        once, best = probe.nonlinear(corrected), probe.nonlinear(probe.corrected(corrected))
+        first, second = differ(probe.linear(linear), best), differ(once, best)
+        ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
+        rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf
+        left = {k: e * rest if e else 0.0 for k, e in second.items()}
+        seconds = {"coupled": self._verify(best, left)}
+
+        def bars(error: Errors) -> Errors:
+            return {k: SAFETY * e + left[k] for k, e in error.items()}
+
+        levels = {"rigid": bars(differ(probe.rigid(), best))}
+        began = time.perf_counter()
+        try:
+            levels["quasistatic"] = bars(differ(probe.quasistatic(), best))
+        except ConvergenceError:
+            levels["quasistatic"] = dict.fromkeys(left, np.inf)
+        each = (time.perf_counter() - began) / (probe.knots + 1)
+        seconds["quasistatic"] = each * (self.rich.description.solve.samples or _SAMPLES)
+        levels["ked"] = bars(first)
+        levels["coupled"] = dict.fromkeys(left, self.tol / 2)  # twice the tolerance of its run
+        return once, levels, seconds
+
+    def _verify(self, best: Run, left: Errors) -> float:
+        """Hold the corrected motion against the coupled one; seconds that all of that would take.
+
+        Where they differ by more than expected, the difference goes into `left`.
+        """
+        probe, upto = self.probe, slice(0, (self.probe.steps - 1) // _WINDOW + 1)
+        spec = replace(self.rich.description.solve, level="coupled")
+        began = time.perf_counter()
+        try:
+            run = Scene(self.rich, self.motion, spec).resolved(probe.t[upto], self.tol)
+        except SceneError as failed:
+            self.notes.append(f"a coupled run of the first part stopped: {failed}")
+            return np.inf
+        seconds = time.perf_counter() - began
+        y, v, torque = best.y.copy(), best.v.copy(), best.torque.copy()
+        y[upto], v[upto], torque[upto] = run.y, run.v, run.torque
+        found = self.outputs.differences(replace(best, y=y, v=v, torque=torque), best)
+        for key, apart in found.items():
+            if apart > left[key] + self.tol / 2:
+                left[key] = apart
+                self.notes.append(
+                    f"{key}: a coupled run of the first part differs from the estimate by "
+                    f"{apart:.2g}, which is in the error bars"
+                )
+        # A run within a tolerance is two of them, the second some 1.3 times as long.
+        return 2.3 * _WINDOW * seconds
+
+    def _choose(self, levels: dict[str, Errors], seconds: dict[str, float]) -> tuple[str, str]:
+        """The cheapest level whose error bars fit, and why."""
+        rigid, still, ked = (worst(levels[x]) for x in ("rigid", "quasistatic", "ked"))
+        why = f"error bars: rigid {rigid:.2g}, quasistatic {still:.2g}, ked {ked:.2g}"
+        if rigid <= self.tol:
+            return "rigid", why
+        if still <= self.tol:
+            now, then = seconds["quasistatic"], seconds["coupled"]
+            if now <= then:
+                return "quasistatic", why
+            return "coupled", (
+                f"{why}; quasistatic would do, but takes longer (about {now:.2g} s, "
+                f"coupled {then:.2g} s)"
+            )
+        if ked <= self.tol:
+            # A step of ked costs as much as one of coupled, and resolves every period.
+            return "coupled", f"{why}; ked would do, but costs more than coupled with a tolerance"
+        return "coupled", why
+
+    def _doubts(self) -> list[str]:
+        """What weakens the probes themselves, in sentences."""
+        probe, said = self.probe, []
+        linear = [link for link, part in self.rich.parts.items() if not part.spec.second_order]
+        if linear:
+            said.append(
+                f"second_order is off in {', '.join(linear)}: what it brings is not in the error "
+                "bars"
+            )
+        if probe.rough > 1e-2:
+            said.append(
+                f"the motion has corners: interpolation misses {100 * probe.rough:.0f} % of its "
+                "acceleration there, and error bars may be short of them"
+            )
+        seen = 1.0 / max(probe.third * probe.h, 1e-300)
+        if seen < _STEPS_SEEN:
+            said.append(
+                f"the third mode, {probe.third:.3g} Hz, was seen with {seen:.1f} steps a period: "
+                "a long run for so fast a mode; ask about a part of it (until)"
+            )
+        return said

@@ -1,0 +1,312 @@
+"""solve(): one call from a mechanism and a motion to a Result, at any level."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.nominal import Nominal, nominal
+from pinflex.arrays import Array
+from pinflex.description.control import Control
+from pinflex.description.motion import Motion, from_spec, hold
+from pinflex.description.supplement import ASKED, COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
+from pinflex.errors import (
+    ConvergenceError,
+    DescriptionError,
+    MotionError,
+    RunInterrupted,
+    nearest,
+)
+from pinflex.levels.quasistatic import solve_quasistatic
+from pinflex.levels.rigid import solve_rigid
+from pinflex.levels.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.deviation import frame_deviations
+from pinflex.results.meta import describe
+from pinflex.results.recover import recover
+from pinflex.results.result import Result
+from pinflex.solver.resume import grid, join, stored
+from pinflex.solver.timed import Scene, default_step
+from pinflex.solver.tolerance import within
+
+LEVELS = ("rigid", "quasistatic", "ked", "coupled")
+SAMPLES = 401
+Progress = Callable[[int, int], None]
+
+
+def solve(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    level: str | None = None,
+    *,
+    until: float | None = None,
+    dt: float | None = None,
+    samples: int | None = None,
+    control: Control | bool | None = None,
+    progress: Progress | None = None,
+    resume: Result | str | Path | None = None,
+    **options: Any,
+) -> Result:
+    """Solve a scene at one level.
+
+    Args:
+        mechanism: From `load`.
+        motion: Default: the motion of the YAML.
+        level: rigid, quasistatic, ked or coupled; default: the YAML's. auto: the one that
+            `advise` proposes for `tol` (default 1e-2), with the links as they are; the result's
+            meta["advice"] says why.
+        until: End time in s; default: the YAML's, or the motion's duration.
+        dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
+        samples: Number of output times; default 401.
+        control: Feedback (level coupled); default: the YAML's, False: none.
+        progress: Called with (step, steps) on long work.
+        resume: A stopped or shorter run (or its file) of level coupled to go on with, to `until`,
+            in its own steps unless dt is given; the motion must be the same.
+        **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
+            theta, modes, ked, kp, kd, start, tol; and `tolerance` (Newton's).
+    Returns:
+        The result. If a run stops early, the error carries `.result` up to the last good step.
+    Raises:
+        DescriptionError: An unknown level or option.
+        MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
+    """
+    if level == "auto":
+        from pinflex.solver.advise import solve_advised
+
+        return solve_advised(
+            mechanism, motion, until=until, dt=dt, samples=samples, control=control,
+            progress=progress, **options,
+        )  # fmt: skip
+    tolerance = options.pop("tolerance", None)
+    spec = _spec(mechanism, level, until, dt, samples, options)
+    motion = motion if motion is not None else default_motion(mechanism)
+    end = spec.until if spec.until is not None else motion.duration
+    if not 0 < end < np.inf:
+        raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
+    from threadpoolctl import threadpool_limits
+
+    # Matrices of this size run slower on two threads than on one.
+    with threadpool_limits(limits=1, user_api="blas"):
+        began = time.perf_counter()
+        try:
+            acting = _control(mechanism, spec, control)
+            before = None if resume is None else _before(mechanism, resume, spec, acting)
+            run = _run(mechanism, motion, spec, end, tolerance, progress, acting, before)
+        except (ConvergenceError, MotionError, RunInterrupted) as error:
+            part, why = error.result, str(error)
+            if isinstance(part, Run):
+                part = sound(part if before is None else join(before, part))
+                error.result = (
+                    _result(mechanism, motion, part, spec, began, stopped=why)
+                    if len(part.t)
+                    else None
+                )
+            raise
+        return _result(mechanism, motion, run, spec, began)
+
+
+def _spec(
+    mechanism: Mechanism,
+    level: str | None,
+    until: float | None,
+    dt: float | None,
+    samples: int | None,
+    options: dict[str, Any],
+) -> SolveSpec:
+    given = {"level": level, "until": until, "dt": dt, "samples": samples}
+    known = set(SolveSpec.__dataclass_fields__)
+    for name in options:
+        if name not in known:
+            raise DescriptionError(f"solve: {name}: no such option.{nearest(name, sorted(known))}")
+    changes = {k: v for k, v in {**given, **options}.items() if v is not None}
+    if "newmark" in changes:
+        changes.setdefault("integrator", "newmark")
+    # One asked for here takes the place of the other in the YAML.
+    for one, other in (("tol", "dt"), ("dt", "tol")):
+        if one in changes:
+            changes.setdefault(other, None)
+    spec = replace(mechanism.description.solve, **changes)
+    if spec.level not in LEVELS:
+        raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
+    if spec.ked not in KED_TERMS:
+        raise DescriptionError(f"solve.ked: {spec.ked}.{nearest(spec.ked, KED_TERMS)}")
+    for output in spec.asked or ():
+        if output not in ASKED:
+            raise DescriptionError(f"solve.asked: {output}.{nearest(output, ASKED)}")
+    if spec.integrator in KED_ONLY and spec.level not in ("rigid", "quasistatic", "ked"):
+        raise DescriptionError(
+            f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
+            'Take level="ked", or integrator="generalized_alpha".'
+        )
+    if spec.integrator in COUPLED_ONLY:
+        spec = (
+            replace(spec, tol=spec.tol or 1e-3)
+            if spec.level == "coupled"
+            else replace(spec, integrator="generalized_alpha")
+        )
+    if spec.tol is not None and spec.dt is not None:
+        raise DescriptionError("solve: dt and tol: one follows from the other. Give one of them.")
+    if spec.tol is not None and not 0 < spec.tol <= 0.1:
+        raise DescriptionError(f"solve.tol: {spec.tol}. Give a relative error, 1e-6 to 0.1.")
+    if spec.level == "coupled" and any(mechanism.description.system_damping):
+        raise DescriptionError(
+            f"{mechanism.name}: damping.scope: system damps the deviation from the nominal "
+            "motion, which only level ked knows. Write scope: links for level coupled."
+        )
+    if "rho_inf" in options and spec.integrator == "newmark":
+        raise DescriptionError(
+            "solve.rho_inf: has no meaning for the integrator newmark, which this scene names. "
+            'Add integrator="generalized_alpha".'
+        )
+    if spec.dt is not None and not 0 < spec.dt < np.inf:
+        raise DescriptionError(f"solve.dt: {spec.dt}. Give a step in s above zero.")
+    if spec.samples is not None and spec.samples < 2:
+        raise DescriptionError(f"solve.samples: {spec.samples}. Give at least 2.")
+    return spec
+
+
+def _control(
+    mechanism: Mechanism, spec: SolveSpec, control: Control | bool | None
+) -> Control | None:
+    """The control that acts: only level coupled has the vibration that it feels."""
+    if isinstance(control, Control) and spec.level != "coupled":
+        raise DescriptionError(
+            f"{mechanism.name}: a control acts at level coupled only, not at {spec.level}."
+        )
+    if control is False or spec.level != "coupled":
+        return None
+    return control if isinstance(control, Control) else mechanism.description.control
+
+
+def _before(
+    mechanism: Mechanism, resume: Result | str | Path, spec: SolveSpec, control: Control | None
+) -> Run:
+    if spec.level != "coupled" or spec.tol is not None or control is not None:
+        raise DescriptionError(
+            f"{mechanism.name}: resume: goes on with level coupled in steps (dt), without a "
+            "control. Solve again from the start."
+        )
+    return stored(mechanism, resume if isinstance(resume, Result) else Result.load(resume))
+
+
+def default_motion(mechanism: Mechanism) -> Motion:
+    """The motion of the YAML; one second at rest where it has none."""
+    block = mechanism.description.motion
+    if block is None:
+        return hold(duration=1.0)
+    path = mechanism.description.path
+    folder = None if path is None else path.parent
+    return from_spec(block, f"{mechanism.name}.yaml: motion", folder)
+
+
+def _run(
+    mechanism: Mechanism,
+    motion: Motion,
+    spec: SolveSpec,
+    end: float,
+    tolerance: float | None,
+    progress: Progress | None,
+    control: Control | None,
+    before: Run | None = None,
+) -> Run:
+    if before is not None:
+        t = grid(before, end, mechanism.name)
+        dt = spec.dt if spec.dt is not None else float(str(before.settings["dt"]))
+        scene = Scene(mechanism, motion, spec, control, tolerance, before)
+        return join(before, scene.stepped(t, dt, progress))
+    t = np.linspace(0.0, end, spec.samples or SAMPLES)
+    if spec.level in ("quasistatic", "ked"):
+        _need_prescribed(mechanism, spec)
+    if spec.level == "rigid" and spec.drive == "prescribed":
+        return solve_rigid(mechanism, motion, t)
+    if spec.level == "quasistatic":
+        return solve_quasistatic(mechanism, motion, t, progress)
+    scene = Scene(mechanism, motion, spec, control, tolerance)
+    if spec.tol is not None:
+        return within(scene, t, spec.tol, progress)
+    dt = spec.dt if spec.dt is not None else default_step(mechanism, end)
+    return scene.stepped(t, dt, progress)
+
+
+def _need_prescribed(mechanism: Mechanism, spec: SolveSpec) -> None:
+    if spec.drive != "prescribed":
+        raise DescriptionError(
+            f"{mechanism.name}: solve.drive: torque needs level coupled (or rigid); "
+            f"{spec.level} follows the nominal motion."
+        )
+
+
+def sound(run: Run) -> Run:
+    """The run up to its last instant with numbers that mean something."""
+    states = np.concatenate([run.y, run.v, run.a, run.lam, run.torque], axis=1)
+    # A state that has grown past this is on its way to infinity, not a motion in SI units.
+    good = np.all(np.abs(states) < 1e9, axis=1)  # false for NaN
+    return run.at(slice(0, len(good) if np.all(good) else int(np.argmin(good))))
+
+
+def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal | None:
+    """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame."""
+    if run.system is mechanism.rigid:
+        return None
+    if run.path is not None:
+        return run.path
+    if run.settings.get("drive") != "torque" and mechanism.report.mobility == len(
+        run.system.motors
+    ):
+        return nominal(mechanism, motion, run.t)
+    from pinflex.mechanics.assembly import close_loops
+
+    dynamics, axes = Dynamics(mechanism.rigid), motor_axes(mechanism)
+    passive = mechanism.rigid.free
+    n = int(mechanism.rigid.nq)
+    q = np.empty((len(run.t), n))
+    for k, y in enumerate(run.y):
+        pose = y[:n].copy()
+        axes.write(pose, axes.read(y[:n]))
+        q[k] = close_loops(dynamics, pose, passive)[0] if dynamics.looped else pose
+    empty = np.zeros((len(run.t), int(mechanism.rigid.nv)))
+    return Nominal(run.t, q, empty, empty)
+
+
+def _result(
+    mechanism: Mechanism,
+    motion: Motion,
+    run: Run,
+    spec: SolveSpec,
+    began: float,
+    stopped: str = "",
+) -> Result:
+    solved = time.perf_counter()
+    run = replace(run, settings={**run.settings, "drive": spec.drive})
+    arrays = recover(mechanism, run, _rigid_reference(mechanism, motion, run))
+    arrays.update(_energy_flow(arrays, run))
+    if run.signals is not None:
+        arrays.update(run.signals.arrays())
+    if run.path is not None:
+        arrays.update(frame_deviations(mechanism, run))
+    recovered = time.perf_counter()
+    cost = {**run.cost, "seconds": solved - began, "recovery_seconds": recovered - solved}
+    meta = describe(mechanism, run, spec.level, cost, arrays, stopped)
+    return Result(run.t, arrays, meta)
+
+
+def _energy_flow(arrays: dict[str, Array], run: Run) -> dict[str, Array]:
+    """Work of the motors and energy taken by damping: of every step, or by the sampled power."""
+    if run.work is not None:
+        return {"energy/work": run.work[:, 0], "energy/dissipated": run.work[:, 1]}
+    speed = run.v[:, run.system.motors]
+    power = np.sum(run.torque * speed, axis=1)
+    loss = np.einsum("ti,ij,tj->t", run.v, run.system.D, run.v)
+    dt = np.diff(run.t)
+
+    def total(p: Array) -> Array:
+        return np.concatenate([[0.0], np.cumsum(0.5 * dt * (p[1:] + p[:-1]))])
+
+    return {"energy/work": total(power), "energy/dissipated": total(loss)}

@@ -1,0 +1,161 @@
+"""The levels that march in time, ked and coupled, with a step or a resolution of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
+from pinflex.actuation.feedback import place
+from pinflex.actuation.nominal import nominal
+from pinflex.arrays import Array
+from pinflex.description.control import Control
+from pinflex.description.motion import Motion
+from pinflex.description.supplement import SolveSpec
+from pinflex.errors import MotionError, RunInterrupted
+from pinflex.levels import adaptive, coupled
+from pinflex.levels.integrators import scheme
+from pinflex.levels.ked import march_of, solve_ked
+from pinflex.levels.quasistatic import balance
+from pinflex.levels.rigid import solve_rigid
+from pinflex.levels.run import Run
+from pinflex.levels.start import straight_start
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.resume import state
+
+Progress = Callable[[int, int], None]
+_FORWARD = 401  # instants between which the torques of the rigid motion are interpolated
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is solved: a mechanism, its motion and its control.
+
+    Attributes:
+        mechanism, motion: As given to `solve`.
+        spec: What to compute.
+        control: Feedback, or None.
+        tolerance: Newton's, of the alpha family; None: its own.
+        before: A run to go on with, or None.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    spec: SolveSpec
+    control: Control | None = None
+    tolerance: float | None = None
+    before: Run | None = None
+
+    def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
+        """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
+        spec, samples = self.spec, len(t)
+        every = max(1, int(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9)))
+        fine = np.linspace(t[0], t[-1], every * (samples - 1) + 1)
+        if spec.level == "ked":
+            structural, static = spec.ked == "structural", spec.start == "static"
+            run = solve_ked(
+                self.mechanism, self.motion, fine, march_of(spec), static, structural, progress
+            )
+            run.settings["integrator"] = spec.integrator
+            return thin(run, every)
+        dynamics, drive = Dynamics(self._system), self._drive(fine)
+        path = motor_path(self.mechanism, self.motion, fine)
+        rho = 0.8 if spec.rho_inf is None else spec.rho_inf
+        keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
+        if self.control is not None:
+            keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
+        if self.before is None:
+            start = self._start(dynamics, path)
+        else:
+            start = self.before.y[-1], self.before.v[-1]
+            at = every * (len(self.before.t) - 1)
+            keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
+        try:
+            run = coupled.integrate(
+                self.mechanism, dynamics, start, path, scheme(spec.integrator, rho, spec.newmark),
+                drive, progress=progress, **keys,
+            )  # fmt: skip
+        except RunInterrupted as stop:
+            stop.result = thin(stop.result, every)
+            raise
+        return thin(run, every)
+
+    def resolved(
+        self,
+        t: Array,
+        resolution: float,
+        progress: Progress | None = None,
+        coarser: Run | None = None,
+        pilot: bool = False,
+        stops: Sequence[float] = (),
+    ) -> Run:
+        """The run at samples t by collocation (level coupled); see `adaptive.integrate`.
+
+        A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
+        A step ends at each of `stops` (s): an early one makes the first steps short.
+        """
+        scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
+        dynamics, drive = Dynamics(self._system), self._drive(t)
+        path = self._path(t)
+        return adaptive.integrate(
+            self.mechanism, dynamics, self._start(dynamics, path(t[:1])), path, t,
+            [*breaks(self.motion, dynamics.system.loads), *stops], resolution, scale, pilot,
+            not self.spec.asked or "torque" in self.spec.asked, drive=drive, progress=progress,
+        )  # fmt: skip
+
+    @property
+    def _system(self) -> Any:
+        return self.mechanism.rigid if self.spec.level == "rigid" else self.mechanism.flexible
+
+    def _path(self, t: Array) -> Callable[[Array], MotorPath]:
+        return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))
+
+    def _start(self, dynamics: Dynamics, path: MotorPath) -> tuple[Array, Array]:
+        y, v = straight_start(self.mechanism, self.motion, path, dynamics)
+        if self.spec.start == "static":
+            a = np.zeros(dynamics.system.nv)
+            if self.mechanism.report.mobility == len(dynamics.system.motors):
+                first = nominal(self.mechanism, self.motion, path.t[:1])
+                a[: dynamics.n_rigid] = first.a[0]
+            y = balance(dynamics, y, v, a, dynamics.system.free).y
+        return y, v
+
+    def _drive(self, t: Array) -> TorqueDrive | None:
+        if self.spec.drive != "torque":
+            return None
+        from scipy.interpolate import PchipInterpolator
+
+        count = len(self.mechanism.rigid.motors)
+        # On a grid of its own: how often a run is sampled must not change what drives it.
+        coarse = np.linspace(t[0], t[-1], _FORWARD)
+        try:
+            rigid = solve_rigid(self.mechanism, self.motion, coarse).torque
+        except MotionError:
+            rigid = np.zeros((len(coarse), count))
+        forward = PchipInterpolator(coarse, rigid)
+        kp, kd = np.full(count, self.spec.kp), np.full(count, self.spec.kd)
+        return TorqueDrive(kp, kd, forward(t), forward)
+
+
+def default_step(mechanism: Mechanism, end: float) -> float:
+    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
+    from pinflex.levels.modes import modes
+
+    step = end / 400.0
+    if mechanism.flexible.n_eta == 0:
+        return step
+    found = modes(mechanism, count=9, preload="none").frequencies
+    alive = found[found > 0]
+    if not len(alive):
+        return step
+    third = float(alive[min(2, len(alive) - 1)])
+    return min(step, 1.0 / (40.0 * third))
+
+
+def thin(run: Run, every: int) -> Run:
+    """Every k-th step of a run."""
+    return run if every == 1 else run.at(slice(None, None, every))

@@ -1,0 +1,141 @@
+"""Rest under gravity: how far the platform sags and what the motors hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.errors import SceneError
+from pinflex.levels.quasistatic import Equilibrium, give_way, linear_statics, rest
+from pinflex.levels.rigid import multipliers
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.named import rotation_vector
+
+_ROUND_OFF = 1e-12  # [m | rad], and the same share of the largest torque: shown as zero
+
+
+@dataclass(frozen=True)
+class Sag:
+    """How far the platform moves from the undeformed pose: [m], rotation vector [rad]."""
+
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Statics:
+    """Rest at home; what could not be found is None and `reason` says why.
+
+    Attributes:
+        linear, full: Sag of the platform in linear statics about the undeformed pose, and in the
+            full equilibrium.
+        holding_rigid, holding_linear, holding_full: Motor torques (N m | N) that hold it.
+        linear_reason, full_reason: Why there is none, "" when there is.
+    """
+
+    linear: Sag | None = None
+    full: Sag | None = None
+    holding_rigid: tuple[float, ...] | None = None
+    holding_linear: tuple[float, ...] | None = None
+    holding_full: tuple[float, ...] | None = None
+    linear_reason: str = ""
+    full_reason: str = ""
+
+
+def statics(mechanism: Mechanism) -> Statics:
+    """Sag of the platform and holding torques at home, motors locked, linear and full."""
+    system, report = mechanism.flexible, mechanism.report
+    if mechanism.description.base == "free_flyer":
+        return _none("the base is free: nothing holds the robot")
+    if report.mobility > len(mechanism.motors):
+        return _none("the motors do not hold every degree of freedom")
+    rigid = _rigid_holding(mechanism)
+    if not system.n_eta:
+        why = "no flexible link"
+        return Statics(None, None, rigid, None, None, why, why)
+    if not any(mechanism.description.gravity):
+        why = "no gravity"
+        return Statics(None, None, rigid, None, None, why, why)
+    linear, linear_reason = _try(lambda: linear_statics(mechanism))
+    full, full_reason = _try(lambda: rest(mechanism))
+    if full is not None and full.unstable:
+        full, full_reason = None, give_way("static equilibrium")
+    dynamics = Dynamics(system)
+    return Statics(
+        linear=_sag(mechanism, dynamics, linear, True),
+        full=_sag(mechanism, dynamics, full, False),
+        holding_rigid=rigid,
+        holding_linear=_holding(mechanism, linear),
+        holding_full=_holding(mechanism, full),
+        linear_reason=linear_reason,
+        full_reason=full_reason,
+    )
+
+
+def _rigid_holding(mechanism: Mechanism) -> tuple[float, ...]:
+    """Torques that hold the rigid mechanism at home; the smallest ones if they are not unique."""
+    system = mechanism.rigid
+    dynamics, still = Dynamics(system), np.zeros(system.nv)
+    r = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n))
+    J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
+    return _torques(multipliers(system, J, r)[1])
+
+
+def _none(why: str) -> Statics:
+    return Statics(linear_reason=why, full_reason=why)
+
+
+def _try(solve: Callable[[], Equilibrium]) -> tuple[Equilibrium | None, str]:
+    try:
+        return solve(), ""
+    except SceneError as error:
+        return None, str(error)
+    except np.linalg.LinAlgError:
+        return None, "something can move without any stiffness: the linear equations are singular"
+
+
+def _torques(values: Array) -> tuple[float, ...]:
+    scale = float(np.max(np.abs(values), initial=0.0))
+    return tuple(float(x) if abs(x) > _ROUND_OFF * scale else 0.0 for x in values)
+
+
+def _holding(mechanism: Mechanism, found: Equilibrium | None) -> tuple[float, ...] | None:
+    return None if found is None else _torques(found.r[mechanism.flexible.motors])
+
+
+def _sag(
+    mechanism: Mechanism, dynamics: Dynamics, found: Equilibrium | None, linear: bool
+) -> Sag | None:
+    if found is None or mechanism.description.platform is None:
+        return None
+    flat = mechanism.undeformed()
+    here = mechanism.frame(mechanism.description.platform)
+    if linear:  # the differential of the pose, without the second order of its turns
+        still = np.zeros(dynamics.system.nv)
+        dynamics.place(flat)
+        V, _ = dynamics.expand_motion(dynamics.difference(flat, found.y), still)
+        pin.forwardKinematics(dynamics.model, dynamics.data, dynamics.Q, V)
+        R = (dynamics.data.oMi[here.joint] * here.placement).rotation
+        rate = here.placement.actInv(dynamics.data.v[here.joint])
+        return Sag(_triple(R @ rate.linear), _triple(R @ rate.angular))
+    straight, bent = (_pose(dynamics, here, y) for y in (flat, found.y))
+    turned = rotation_vector((bent.rotation @ straight.rotation.T)[None])[0]
+    return Sag(_triple(bent.translation - straight.translation), _triple(turned))
+
+
+def _pose(dynamics: Dynamics, here: Attachment, y: Array) -> pin.SE3:
+    dynamics.place(y)
+    pin.forwardKinematics(dynamics.model, dynamics.data, dynamics.Q)
+    return dynamics.data.oMi[here.joint] * here.placement
+
+
+def _triple(vector: Array) -> tuple[float, float, float]:
+    # what round-off leaves of a zero would read as a number
+    kept = np.where(np.abs(vector) > _ROUND_OFF, vector, 0.0)
+    return float(kept[0]), float(kept[1]), float(kept[2])

@@ -1,0 +1,146 @@
+"""The check report as text for people."""
+
+from __future__ import annotations
+
+import math
+
+from pinflex.studies.check import Check
+from pinflex.studies.check_statics import Sag, Statics
+from pinflex.text import angle, length, number, paragraph, table
+
+_PLANES = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
+# sigma_min of a well-placed machine is 0.05 to 0.5; below this a motor must push hard
+_NEAR = 0.02
+
+
+def write(c: Check) -> str:
+    """Aligned plain text of at most 100 columns."""
+    blocks = [
+        _head(c),
+        _loop_table(c),
+        _link_table(c),
+        _planes(c),
+        *c.summaries,
+        _statics(c),
+        _frequencies(c),
+        _warnings(c),
+    ]
+    return "\n\n".join(filter(None, blocks)) + "\n"
+
+
+def _head(c: Check) -> str:
+    r = c.report
+    gravity = "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2"
+    closed = f"{c.joints} joint coordinates - {r.rank} independent closure rows"
+    motors = f"{len(c.motors)} motor{'' if len(c.motors) == 1 else 's'}"
+    if c.motors:
+        motors += f" ({', '.join(c.motors)})"
+    rows = [
+        ("URDF", f"{c.urdf}, base {c.base}"),
+        ("gravity", gravity),
+        ("mobility", f"{r.mobility}{f' = {closed}' if c.loops else ', no loops'}"),
+        ("motors", motors),
+        (
+            "elastic",
+            f"{c.elastic} coordinates in {len(c.links)} flexible link{'s'[: len(c.links) != 1]}",
+        ),
+        ("platform", c.platform or "none named: no deviation can be reported"),
+        ("motion", c.motion),
+    ]
+    lines = [paragraph(text, " " * 12, f"  {name:<10}") for name, text in rows]
+    return "\n".join([c.name, *lines])
+
+
+def _loop_table(c: Check) -> str:
+    if not c.loops:
+        return "Loops: none"
+    rows = [
+        [x.name, x.kind, f"{x.between[0]} - {x.between[1]}", str(x.rows), str(len(x.redundant))]
+        for x in c.loops
+    ]
+    text = table("Loops", "loop|kind|between|rows|redundant", rows, (18, 12, 44))
+    lines = [text, f"{c.report.rows} rows, rank {c.report.rank}"]
+    lines += [f"redundant: {row}" for row in c.report.redundant]
+    sigma = c.report.sigma_min
+    if not math.isnan(sigma):
+        state = "close to a singular pose" if sigma < _NEAR else "well away from a singular pose"
+        lines.append(f"sigma_min {number(sigma)} at home (0 is singular, 1 is best): {state}")
+    return "\n".join(lines)
+
+
+def _link_table(c: Check) -> str:
+    rows = []
+    for x in c.links:
+        off = (x.mass_difference, x.inertia_difference)
+        rows.append([x.name, x.section, x.material, number(1e3 * x.length), str(x.coordinates)])
+        rows[-1] += [number(x.mass + x.end_masses), number(x.urdf_mass)]
+        rows[-1] += ["-" if d is None else _percent(d) for d in off]
+    return table(
+        "Flexible links (beam + end masses against the URDF)",
+        "link|section|material|L [mm]|eta|beam [kg]|URDF [kg]|mass|inertia",
+        rows,
+        (16, 24, 14),
+    )
+
+
+def _percent(share: float) -> str:
+    return "0 %" if abs(share) < 5e-4 else f"{100 * share:+.1f} %"
+
+
+def _planes(c: Check) -> str:
+    """Links that share their planes and the reason are named together."""
+    groups: dict[tuple[tuple[str, ...], str], list[str]] = {}
+    for link in c.links:
+        groups.setdefault((link.planes, link.reason), []).append(link.name)
+    lines = []
+    for (planes, reason), names in groups.items():
+        active = ", ".join(_PLANES[p] for p in planes)
+        lines.append(paragraph(f"{', '.join(names)}: {active} ({reason})", "    ", "  "))
+    return "\n".join(["Planes chosen", *lines]) if lines else ""
+
+
+def _statics(c: Check) -> str:
+    s = c.statics
+    lines = [
+        paragraph(_sag("linear", s.linear, s.linear_reason, c.platform), "                ", "  "),
+        paragraph(_sag("full", s.full, s.full_reason, c.platform), "                ", "  "),
+    ]
+    if s.linear_reason == s.full_reason and s.linear_reason:
+        lines = [f"  platform sag  none: {s.linear_reason}"]
+    return "\n".join(["At rest at home, motors locked", *lines, *filter(None, [_holding(c, s)])])
+
+
+def _sag(kind: str, sag: Sag | None, reason: str, platform: str | None) -> str:
+    start = f"sag, {kind:<9}"
+    if sag is None:
+        return start + (f"none: {reason}" if reason else "found, but no platform is named")
+    move, turn = (math.sqrt(sum(x * x for x in v)) for v in (sag.position, sag.rotation))
+    where = ", ".join(f"{axis} {length(x)}" for axis, x in zip("xyz", sag.position, strict=True))
+    turned = angle(turn) if turn else "no rotation"
+    return f"{start}{platform}: {length(move)} ({where}), {turned}"
+
+
+def _holding(c: Check, s: Statics) -> str:
+    sets = [("rigid", s.holding_rigid), ("linear", s.holding_linear), ("full", s.holding_full)]
+    known = [(name, values) for name, values in sets if values is not None]
+    if not c.motors or not known:
+        return ""
+    rows = [
+        [f"{motor} [{unit}]", *(f"{values[k]:.5g}" for _, values in known)]
+        for k, (motor, unit) in enumerate(zip(c.motors, c.units, strict=True))
+    ]
+    header = "|".join(["holding torque", *(name for name, _ in known)])
+    return "\n" + table("Holding torques", header, rows, (28,))
+
+
+def _frequencies(c: Check) -> str:
+    if not c.frequencies:
+        return f"Natural frequencies: none, {c.frequency_note}"
+    values = "  ".join(number(f) for f in c.frequencies)
+    return f"Natural frequencies [Hz], {c.frequency_note}\n  {values}"
+
+
+def _warnings(c: Check) -> str:
+    if not c.warnings:
+        return "Warnings: none"
+    return "\n".join(["Warnings", *(paragraph(text, "  ", "- ") for text in c.warnings)])

@@ -1,0 +1,79 @@
+"""What a URDF says and pinflex does not use, or what the model goes beyond."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+from pinflex.actuation.motors import motor_axes
+from pinflex.description.description import Description
+from pinflex.mechanics.mechanism import Mechanism
+
+_SOME = 6  # names listed before "..."
+
+
+def ignored(description: Description) -> list[str]:
+    """Sentences on joint damping, friction and mimic tags of the URDF, which have no effect."""
+    root = ET.fromstring(description.urdf_text.strip())
+    damped, rubbing, mimicking = [], [], []
+    for joint in root.findall("joint"):
+        name, dynamics = joint.get("name", ""), joint.find("dynamics")
+        if dynamics is not None:
+            extra = description.joints.get(name)
+            if _value(dynamics, "damping") and not (extra is not None and extra.damper):
+                damped.append(name)
+            if _value(dynamics, "friction"):
+                rubbing.append(name)
+        if joint.find("mimic") is not None:
+            mimicking.append(name)
+    found = []
+    if damped:
+        found.append(
+            f"damping in the URDF is not used ({_list(damped)}): write joints.NAME.damper in the "
+            "YAML if it matters."
+        )
+    if rubbing:
+        found.append(
+            f"friction in the URDF is not used ({_list(rubbing)}): there is no dry friction."
+        )
+    if mimicking:
+        found.append(
+            f"mimic in the URDF is not used ({_list(mimicking)}): these joints move by themselves."
+        )
+    return found
+
+
+def beyond_limits(
+    description: Description, mechanism: Mechanism, holding: tuple[float, ...] | None
+) -> list[str]:
+    """Motors whose home position or holding torque is beyond the URDF's limits."""
+    root = ET.fromstring(description.urdf_text.strip())
+    limits = {joint.get("name", ""): joint.find("limit") for joint in root.findall("joint")}
+    at_home = motor_axes(mechanism).read(mechanism.home)
+    found = []
+    for k, name in enumerate(description.actuated):
+        limit = limits.get(name)
+        if limit is None:
+            continue
+        lower, upper = _value(limit, "lower"), _value(limit, "upper")
+        # the same two numbers mean that nobody wrote a limit
+        if lower < upper and not lower - 1e-9 <= at_home[k] <= upper + 1e-9:
+            at = f"{at_home[k]:.4g}"
+            found.append(f"{name}: home {at} is outside the URDF's limits {lower:g} to {upper:g}.")
+        effort = _value(limit, "effort")
+        if holding is not None and 0 < effort < abs(holding[k]):
+            found.append(
+                f"{name}: holding needs {abs(holding[k]):.4g}, more than the URDF's effort limit "
+                f"{effort:g}."
+            )
+    return found
+
+
+def _value(element: ET.Element, key: str) -> float:
+    try:
+        return float(element.get(key, "0"))
+    except ValueError:
+        return 0.0
+
+
+def _list(names: list[str]) -> str:
+    return ", ".join(names[:_SOME]) + (", ..." if len(names) > _SOME else "")

@@ -1,0 +1,81 @@
+"""The first modes, and their shapes as runs of one period, so that the player can show them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pinflex.actuation.nominal import Nominal
+from pinflex.levels.modes import Modes
+from pinflex.levels.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.meta import describe
+from pinflex.results.recover import recover
+from pinflex.results.result import Result
+
+_INSTANTS = 41  # of one period: smooth on the screen
+_SWING = 1e-3  # [rad | m] largest coordinate of the drawn motion: small, so shapes stay linear
+# Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
+_ROUND_OFF = 1e-7
+
+
+def first_modes(found: Modes, count: int) -> Modes:
+    """The first of all modes; a frequency at the round-off of the highest one is zero."""
+    f = found.frequencies
+    f = np.where(np.abs(f) < _ROUND_OFF * np.max(np.abs(f), initial=0.0), 0.0, f)
+    return replace(
+        found,
+        frequencies=f[:count],
+        shapes=found.shapes[:, :count],
+        share=found.share[:count],
+    )
+
+
+def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
+    """Each oscillating mode as (frequency [Hz], one period of its motion).
+
+    Displacements are measured from the pose that was linearised about, sag included; fields that a
+    shape without size does not have (stress, forces) are left out.
+    """
+    dynamics = Dynamics(mechanism.flexible)
+    return [
+        (float(f), _run(mechanism, dynamics, found, k, float(f)))
+        for k, f in enumerate(found.frequencies)
+        if f > 0
+    ]
+
+
+def _run(
+    mechanism: Mechanism, dynamics: Dynamics, found: Modes, k: int, frequency: float
+) -> Result:
+    system = dynamics.system
+    t = np.linspace(0.0, 1.0 / frequency, _INSTANTS)
+    swing = np.sin(2 * np.pi * frequency * t)
+    shape = found.shapes[:, k] * (_SWING / np.max(np.abs(found.shapes[:, k])))
+    y = np.array([dynamics.integrate(found.y, s * shape) for s in swing])
+    still = np.zeros((len(t), system.nv))
+    run = Run(
+        system, t, y, still, still, np.zeros((len(t), system.closed.n)),
+        np.zeros((len(t), len(system.motors))), {},
+    )  # fmt: skip
+    q = np.tile(found.y[: int(system.rigid.nq)], (len(t), 1))
+    empty = np.zeros((len(t), int(system.rigid.nv)))
+    arrays = recover(mechanism, run, Nominal(t, q, empty, empty))
+    flow = {"energy/work": np.zeros(len(t)), "energy/dissipated": np.zeros(len(t))}
+    meta = describe(mechanism, run, "coupled", {}, {**arrays, **flow}, "")
+    meta |= {"warnings": [], "energy_balance": None}
+    kept = {
+        key: value
+        for key, value in arrays.items()
+        if key.startswith(("joint/q", "frame/", "body/", "link/"))
+        and not key.endswith(("resultant", "/velocity", "/acceleration", "von_mises"))
+        and "/stress/" not in key
+    }
+    # the pose at t = 0 is the one linearised about: the drawing's "undeformed"
+    for key in list(kept):
+        moving = key.replace("centreline_rigid", "centreline").replace("pose_rigid", "pose")
+        if moving != key:
+            kept[key] = np.broadcast_to(kept[moving][:1], kept[moving].shape)
+    return Result(t, kept, meta)

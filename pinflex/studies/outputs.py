@@ -1,0 +1,125 @@
+"""A scene in a few numbers: what a table of many scenes has in the row of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from pinflex.errors import DescriptionError, SceneError, nearest
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.comparison import Comparison, comparison
+from pinflex.results.result import Result
+from pinflex.solver.solve import LEVELS, solve
+from pinflex.studies.check import first_frequencies
+from pinflex.studies.study import yield_strengths
+
+OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")
+_FREQUENCIES = 6
+_UNITS = {
+    "deviation.position": "m",
+    "deviation.rotation": "rad",
+    "stress.peak": "Pa",
+    "stress.x": "m",
+    "stress.t": "s",
+    "cost.seconds": "s",
+}
+
+
+def check_outputs(names: Iterable[str], level: str | None) -> tuple[str, ...]:
+    """The wanted groups in the order of `OUTPUTS`; unknown ones and levels are named."""
+    wanted = list(names)
+    for name in wanted:
+        if name not in OUTPUTS:
+            raise DescriptionError(f"outputs: {name}: no such output.{nearest(name, OUTPUTS)}")
+    if not wanted:
+        raise DescriptionError(f"outputs: none. Take some of {', '.join(OUTPUTS)}.")
+    if level is not None and level not in LEVELS:
+        raise DescriptionError(f"level: {level}: no such level.{nearest(level, LEVELS)}")
+    return tuple(name for name in OUTPUTS if name in wanted)
+
+
+def scene_outputs(
+    mechanism: Mechanism, level: str | None = None, wanted: Iterable[str] = OUTPUTS
+) -> dict[str, Any]:
+    """Numbers, flags and texts of one scene, SI units; what does not exist is left out.
+
+    Args:
+        mechanism: The scene.
+        level: Default: the level of the YAML.
+        wanted: Groups of numbers; without any but `frequency` nothing is solved.
+
+    Returns:
+        torque.peak.MOTOR, torque.rms.MOTOR (N m | N); deviation.position (m) and .rotation (rad):
+        the largest of the platform from the rigid run; stress.peak (Pa), stress.link, stress.x (m),
+        stress.t (s); stress.yield: over the strength, the most of any link; frequency.1 to 6 (Hz),
+        at home, motors locked, negative where unstable; cost.seconds (s), .steps, .newton;
+        validity.within_theory and .below_yield (flags), .energy_balance, .worst_closure,
+        .warnings.
+    """
+    groups = set(wanted)
+    found: dict[str, Any] = {}
+    run: Result | None = None
+    if groups - {"frequency"}:
+        run = solve(mechanism, level=level)
+        rigid = _rigid(mechanism, run) if "deviation" in groups else None
+        table = comparison(rigid, {"run": run}, yield_strengths=yield_strengths(mechanism))
+        found |= _of_table(table, groups)
+    if "frequency" in groups:
+        frequencies, _ = first_frequencies(mechanism, _FREQUENCIES)
+        found |= {f"frequency.{i}": f for i, f in enumerate(frequencies, 1)}
+    if run is not None and "validity" in groups:
+        found |= _validity(run, table)
+    return found
+
+
+def unit(name: str) -> str:
+    """Unit of an output as a heading says it, "" where it has none."""
+    if name.startswith("torque."):
+        return "N m | N"
+    return "Hz" if name.startswith("frequency.") else _UNITS.get(name, "")
+
+
+def _rigid(mechanism: Mechanism, run: Result) -> Result | None:
+    """The rigid run at the same instants; none for a rigid run, or if the motors do not fix it."""
+    if run.level == "rigid" or mechanism.description.platform is None:
+        return None
+    try:
+        return solve(mechanism, level="rigid")
+    except SceneError:
+        return None
+
+
+def _of_table(table: Comparison, groups: set[str]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    if "torque" in groups:
+        found |= {f"torque.peak.{row.motor}": row.peak for row in table.torques}
+        found |= {f"torque.rms.{row.motor}": row.rms for row in table.torques}
+    if "deviation" in groups:
+        for place in table.platform:
+            found["deviation.position"] = place.position
+            found["deviation.rotation"] = place.rotation
+    if "stress" in groups and table.stresses:
+        worst = max(table.stresses, key=lambda row: row.von_mises)
+        found |= {"stress.peak": worst.von_mises, "stress.link": worst.link}
+        found |= {"stress.x": worst.x, "stress.t": worst.time, "stress.yield": _yield(table)}
+    if "cost" in groups:
+        cost = table.costs[-1]
+        found |= {f"cost.{name}": getattr(cost, name) for name in ("seconds", "steps", "newton")}
+    return found
+
+
+def _yield(table: Comparison) -> float | None:
+    """Largest stress over strength of any link; None where no strength is known."""
+    shares = [row.yield_share for row in table.stresses if row.yield_share is not None]
+    return max(shares, default=None)
+
+
+def _validity(run: Result, table: Comparison) -> dict[str, Any]:
+    share = _yield(table)
+    return {
+        "validity.within_theory": not run.meta["limits"],
+        "validity.below_yield": None if share is None else share <= 1.0,
+        "validity.energy_balance": run.meta["energy_balance"],
+        "validity.worst_closure": run.worst_closure,
+        "validity.warnings": " | ".join(run.meta["warnings"]),
+    }

@@ -1,0 +1,248 @@
+"""The main job: one scene at several levels against its rigid run, and the files that show it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pinflex.description.supplement import SolveSpec
+from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.comparison import Comparison, comparison
+from pinflex.results.result import Result, peak
+from pinflex.solver.solve import LEVELS, Progress, solve
+from pinflex.studies.check import first_frequencies
+from pinflex.viewer.curves import with_rigid_torque
+
+# ked and quasistatic are linear in, or blind to, something: a loop left open by this share of the
+# largest deflection says that deflections are not small.
+_OPEN = 0.05
+_UNBALANCED = 0.02  # energy balance of the coupled level worth a note
+_BEYOND_YIELD = 1.0
+_FREQUENCIES = 6
+
+
+@dataclass(frozen=True)
+class Study:
+    """Runs of one scene.
+
+    Attributes:
+        mechanism: The scene.
+        runs: Complete results by level; "rigid" among them if it could be solved.
+        partial: Results up to the last good step, of levels that stopped.
+        unsolved: The error that stopped a level.
+        table: The comparison.
+    """
+
+    mechanism: Mechanism
+    runs: Mapping[str, Result]
+    partial: Mapping[str, Result]
+    unsolved: Mapping[str, PinflexError]
+    table: Comparison
+
+    @property
+    def flexible(self) -> dict[str, Result]:
+        """Complete flexible runs, least to most faithful."""
+        return {level: run for level, run in self.runs.items() if level != "rigid"}
+
+
+@dataclass
+class _Record:
+    runs: dict[str, Result] = field(default_factory=dict)
+    partial: dict[str, Result] = field(default_factory=dict)
+    unsolved: dict[str, PinflexError] = field(default_factory=dict)
+
+
+def study(
+    mechanism: Mechanism,
+    levels: Sequence[str] = LEVELS,
+    progress: Callable[[str], Progress | None] = lambda level: None,
+    keep: Callable[[str, Result, bool], None] = lambda level, run, complete: None,
+) -> Study:
+    """Solve a scene at several levels and compare; a level that fails does not stop the others.
+
+    Args:
+        mechanism: From `load`, with at least one flexible link.
+        levels: Levels beside rigid, which is always solved first as the reference.
+        progress: Makes the progress callback of a level.
+        keep: Called with (level, result, whether it is complete) as soon as a level has ended.
+
+    Returns:
+        The study.
+
+    Raises:
+        DescriptionError: An unknown level, nothing flexible, or input that no level can take.
+    """
+    if not mechanism.parts:
+        raise DescriptionError(
+            f"{mechanism.name}: no flexible links, so there is nothing to compare with rigid. "
+            "Write some under `flexible`, or use `pinflex solve`."
+        )
+    record = _Record()
+
+    def beside(run: Result) -> Result:  # so that its file alone shows what it is compared with
+        rigid = record.runs.get("rigid")
+        return run if rigid is None else with_rigid_torque(run, rigid)
+
+    for level in _ordered(levels):
+        try:
+            run = beside(solve(mechanism, level=level, progress=progress(level)))
+        except np.linalg.LinAlgError as error:
+            record.unsolved[level] = ConvergenceError(
+                f"{mechanism.name}: the equations broke down ({error}). Make the step smaller, or "
+                "the links stiffer."
+            )
+        except PinflexError as error:
+            record.unsolved[level] = error
+            if isinstance(error, SceneError) and isinstance(error.result, Result):
+                record.partial[level] = beside(error.result)
+                keep(level, record.partial[level], False)
+        else:
+            record.runs[level] = run
+            keep(level, run, True)
+    if not record.runs and all(isinstance(e, DescriptionError) for e in record.unsolved.values()):
+        raise next(iter(record.unsolved.values()))
+    return Study(mechanism, record.runs, record.partial, record.unsolved, _table(mechanism, record))
+
+
+def write(done: Study, folder: Path) -> list[Path]:
+    """Write table, figures and animation; returns the files. The runs are written by `keep`."""
+    from pinflex.viewer.plot import save_all
+    from pinflex.viewer.view import write_html
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / "comparison.txt", folder / "comparison.json"]
+    files[0].write_text(done.table.text(), encoding="utf-8")
+    files[1].write_text(done.table.to_json() + "\n", encoding="utf-8")
+    rigid, flexible = done.runs.get("rigid"), done.flexible
+    if rigid is not None:
+        files += save_all(rigid, flexible, folder, done.table.frequencies)
+    if flexible:
+        best = list(flexible.values())[-1]
+        about = done.mechanism.description
+        folders: list[str | Path] = [
+            *about.package_dirs,
+            *([about.path.parent] if about.path else []),
+        ]
+        files.append(write_html(best, folder / "animation.html", meshes=folders))
+    return files
+
+
+def file_name(run: Result, complete: bool = True) -> str:
+    """Name of the file of a run: NAME-LEVEL.npz, or NAME-LEVEL-partial.npz."""
+    return f"{run.meta['name']}-{run.level}{'' if complete else '-partial'}.npz"
+
+
+def yield_strengths(mechanism: Mechanism) -> dict[str, float]:
+    """Strength [Pa] of the links whose material has one."""
+    return {
+        name: part.spec.material.yield_strength
+        for name, part in mechanism.parts.items()
+        if part.spec.material.yield_strength is not None
+    }
+
+
+def _ordered(levels: Sequence[str]) -> list[str]:
+    for level in levels:
+        if level not in LEVELS:
+            raise DescriptionError(f"levels: {level}: no such level.{nearest(level, LEVELS)}")
+    wanted = [level for level in LEVELS if level in levels and level != "rigid"]
+    if not wanted:
+        raise DescriptionError(
+            "levels: rigid alone has nothing to be compared with. Add quasistatic, ked or coupled."
+        )
+    return ["rigid", *wanted]
+
+
+def _table(mechanism: Mechanism, record: _Record) -> Comparison:
+    runs = record.runs
+    flexible = {level: run for level, run in runs.items() if level != "rigid"}
+    try:
+        frequencies, note = first_frequencies(mechanism, _FREQUENCIES)
+    except (SceneError, np.linalg.LinAlgError) as error:
+        frequencies, note = (), f"not found: {error}"
+    return comparison(
+        runs.get("rigid"),
+        flexible,
+        frequencies,
+        _FREQUENCIES,
+        frequency_note=note,
+        yield_strengths=yield_strengths(mechanism),
+        notes=_notes(mechanism, record, frequencies),
+        unsolved={level: _reason(record, level) for level in record.unsolved},
+    )
+
+
+def reason(error: PinflexError) -> str:
+    """Why a run stopped, without what only a Python caller can use."""
+    return str(error).replace(" error.result holds the run so far.", "")
+
+
+def _reason(record: _Record, level: str) -> str:
+    """Why a level is missing, and the file that holds what there is of it."""
+    partial = record.partial.get(level)
+    text = reason(record.unsolved[level])
+    if partial is not None:
+        text += f" The run up to t = {partial.t[-1]:.4g} s is in {file_name(partial, False)}."
+    return text
+
+
+def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) -> list[str]:
+    spec = mechanism.description.solve
+    notes = [*_starting(mechanism, spec, record.runs)]
+    for level, run in record.runs.items():
+        links = [run.link(name).deflection[:, :, :3] for name in run.links]
+        largest = max((peak(d) for d in links), default=0.0)
+        if level == "ked" and run.worst_closure > _OPEN * largest:
+            notes.append(
+                f"ked leaves its loops open by up to {1e3 * run.worst_closure:.3g} mm: it is "
+                f"linear, and deflections of {1e3 * largest:.3g} mm are not small here. "
+                "Trust coupled."
+            )
+        balance = run.meta.get("energy_balance")
+        if level == "coupled" and balance is not None and balance > _UNBALANCED:
+            notes.append(
+                f"coupled keeps the energy balance to {100 * balance:.2g} % only. Use a smaller "
+                "step (--set solve.dt=...), or less numerical damping."
+            )
+    beyond = {
+        name
+        for run in record.runs.values()
+        for name, strength in yield_strengths(mechanism).items()
+        if name in run.links and peak(run.link(name).von_mises) > _BEYOND_YIELD * strength
+    }
+    if beyond:
+        notes.append(
+            f"stress beyond the yield strength in {', '.join(sorted(beyond))}: the material would "
+            "deform for good, which is not modelled."
+        )
+    if frequencies and min(frequencies) < 0:
+        notes.append("a negative frequency is an unstable direction: the static pose buckles.")
+    notes += _said(record.runs)
+    return notes
+
+
+def _starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) -> list[str]:
+    shaken = [level for level in ("ked", "coupled") if level in runs]
+    if spec.start != "straight" or not any(mechanism.description.gravity) or not shaken:
+        return []
+    return [
+        f"{' and '.join(shaken)} start with undeformed links on which gravity acts at once (solve."
+        "start: straight), so they ring from t = 0. Add --set solve.start=static to start at rest."
+    ]
+
+
+def _said(runs: Mapping[str, Result]) -> list[str]:
+    """Warnings of the runs, each once, with the levels that gave it and the last one's numbers."""
+    who: dict[str, list[str]] = {}
+    said: dict[str, str] = {}
+    for level, run in runs.items():
+        for text in run.meta.get("warnings", ()):
+            key = re.sub(r"\b\d[\d.e+-]*", "#", text)
+            who.setdefault(key, []).append(level)
+            said[key] = text
+    return [f"{', '.join(levels)}: {said[key]}" for key, levels in who.items()]

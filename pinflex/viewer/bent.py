@@ -1,0 +1,144 @@
+"""Flexible links as a page draws them: a section, or a surface, carried along a centreline."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.results.result import Result
+from pinflex.viewer.simplify import simplify
+from pinflex.viewer.surfaces import Surface, packed
+
+STATIONS = 25  # of a link, besides those where a field peaks
+TRIANGLES = 9_000  # of all surfaces with stress of a page together
+MOST, FEWEST = 3_000, 300  # of one of them
+FIELDS = {  # key: label, unit, shown = SI * factor
+    "von_mises": ("von Mises stress", "MPa", 1e-6),
+    "bending": ("bending stress", "MPa", 1e-6),
+    "axial": ("axial stress", "MPa", 1e-6),
+    "shear": ("shear stress", "MPa", 1e-6),
+    "displacement": ("displacement", "mm", 1e3),
+}
+
+
+def bent(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
+    """One flexible link at every instant, with the stations worth keeping.
+
+    Args:
+        result: The run.
+        name: The link.
+        skin: What the URDF draws of it. A link with stress on its own surface is drawn by that.
+    """
+    get = {
+        k[len(f"link/{name}/") :]: v
+        for k, v in result.arrays.items()
+        if k.startswith(f"link/{name}/")
+    }
+    about = result.meta.get("links", {}).get(name, {})
+    centre, x = get["centreline"], get["x"]
+    rigid = get.get("centreline_rigid", centre)
+    fields = {k: get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get}
+    station = np.unique(np.linspace(0, len(x) - 1, min(STATIONS, len(x))).round().astype(np.intp))
+    peaks = [np.abs(f).max(axis=0).argmax() for f in fields.values()]
+    station = np.union1d(station, np.array(peaks, dtype=np.intp))
+    section_y = get["section_y"] if "section_y" in get else _any_normal(rigid)
+    y_rigid = _rigid_normal(rigid, section_y)
+    mesh = _on_beam(skin, about)
+    surface: dict[str, Array] = {}
+    if "mesh/nodes" in get:
+        solids = sum(k.endswith("/mesh/nodes") for k in result.arrays)
+        mesh, surface = _solid(get, int(np.clip(TRIANGLES / solids, FEWEST, MOST)))
+    return {
+        "name": name,
+        "x": x[station],
+        "length": float(about.get("length", x[-1])),
+        "outline": about.get("section", {}).get("outline") or _circle(0.01 * float(x[-1])),
+        "mesh": mesh,
+        "rigid": rigid[:, station],
+        "disp": (centre - rigid)[:, station],
+        "y_rigid": y_rigid,
+        "y_disp": section_y[:, station] - y_rigid[:, None],
+        "fields": {k: f[:, station] for k, f in fields.items()},
+        "surface": surface,
+    }
+
+
+def kept(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+    """The link at the instants kept, shape (n,)."""
+    out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid", "y_disp")}}
+    for kind in ("fields", "surface"):
+        out[kind] = {k: f[keep] for k, f in link[kind].items()}
+    ends = out["rigid"][:, [0, -1]]
+    share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
+    line = ends[:, :1] * (1 - share) + ends[:, 1:] * share
+    if np.abs(line - out["rigid"]).max() < 1e-6 * link["length"]:  # straight: two ends say it all
+        out["rigid"] = ends
+    return out
+
+
+def moving(link: dict[str, Any]) -> list[Array]:
+    """Arrays of a link that have a row for every instant."""
+    own = [link[k] for k in ("rigid", "disp", "y_rigid", "y_disp")]
+    return [*own, *link["fields"].values(), *link["surface"].values()]
+
+
+def largest(link: dict[str, Any], field: str) -> Array | None:
+    """Largest magnitude of a field in a link over time, shape (nt,); None without that field."""
+    values = link["surface"].get(field, link["fields"].get(field))
+    return None if values is None else np.abs(values).max(axis=1)
+
+
+def _solid(get: dict[str, Array], most: int) -> tuple[dict[str, Any] | None, dict[str, Array]]:
+    """Surface of a solid's mesh in its beam frame, and fields at its points, (nt, n).
+
+    A mode shape has no size, and so no stress.
+    """
+    nodes = get["mesh/nodes"]
+    stress = get.get("mesh/von_mises", np.empty((0, len(nodes))))
+    points, faces = simplify(nodes, get["mesh/triangles"].astype(np.intp), most)
+    if len(points) < len(nodes):  # a point shows the worst of the nodes that it stands for
+        from scipy.spatial import cKDTree
+
+        own = cKDTree(nodes).query(points)[1]
+        stands = cKDTree(points).query(nodes)[1]
+        for node in np.argsort(stress.max(axis=0, initial=0.0)):  # the worst is written last
+            own[stands[node]] = node
+        stress = stress[:, own]
+    mesh, first = packed(Surface(points, faces, True))
+    return mesh, {"von_mises": stress[:, first]} if mesh and len(stress) else {}
+
+
+def _on_beam(skin: Surface | None, about: dict[str, Any]) -> dict[str, Any] | None:
+    """The mesh of a flexible link in its beam frame, to be bent with it."""
+    if skin is None or not skin.from_file or "frame" not in about or "origin" not in about:
+        return None
+    turn = np.asarray(about["frame"], dtype=float).T  # from the link's frame to the beam's
+    return packed(skin.moved(turn, -turn @ np.asarray(about["origin"], dtype=float)))[0]
+
+
+def _rigid_normal(rigid: Array, section_y: Array) -> Array:
+    """World direction of the section's y axis in the rigid pose, shape (nt, 3).
+
+    The root section's own, made square to the rigid span: a turn about an axis across the span
+    moves y along the span only, to first order.
+    """
+    along, y = _unit(rigid[:, -1] - rigid[:, 0]), section_y[:, 0]
+    return _unit(y - along * np.sum(along * y, axis=1)[:, None])
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-30))
+
+
+def _any_normal(rigid: Array) -> Array:
+    """A direction across the link, for a result without section directions."""
+    along = _unit(rigid[:, -1] - rigid[:, 0])
+    pick = np.eye(3)[np.abs(along).mean(axis=0).argmin()]
+    return np.broadcast_to(_unit(np.cross(along, pick))[:, None], rigid.shape)
+
+
+def _circle(radius: float) -> list[list[float]]:
+    turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    return [[float(radius * np.cos(a)), float(radius * np.sin(a))] for a in turn]

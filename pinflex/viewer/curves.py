@@ -1,0 +1,114 @@
+"""Curves of a run over time: the platform's path, how far it is from rigid, torques, stress."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.results.named import rotation_vector
+from pinflex.results.result import Result
+from pinflex.viewer.carried import Carrier
+
+RIGID_TORQUE = "rigid/torque"  # array of a flexible run that was compared with the rigid one
+
+
+def with_rigid_torque(run: Result, rigid: Result) -> Result:
+    """The run with the torques of the same motion without elasticity beside its own."""
+    if not run.motors or run.motors != rigid.motors or run is rigid:
+        return run
+    return Result(run.t, {**run.arrays, RIGID_TORQUE: _at(rigid, "torque", run.t)}, run.meta)
+
+
+def track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
+    """Path of the platform (or of the tip that moves most) and how far it is from rigid."""
+    name = result.meta.get("platform")
+    other: Array | None
+    turn: Array | None
+    turned: Array | None
+    if name and f"frame/{name}/position" in result.arrays:
+        position = result.arrays[f"frame/{name}/position"]
+        turn = result.arrays.get(f"frame/{name}/rotation")
+        if rigid is not None and f"frame/{name}/position" in rigid.arrays:
+            other, turned = _at(rigid, f"frame/{name}/position", result.t), None
+            if turn is not None and len(rigid.t) == len(result.t):
+                turned = rigid.arrays.get(f"frame/{name}/rotation")
+        else:
+            other, turned = Carrier(result).rigid_frame(name)
+    elif result.links:
+        ends = {n: result.arrays[f"link/{n}/centreline"][:, -1] for n in result.links}
+        still = {
+            n: result.arrays.get(
+                f"link/{n}/centreline_rigid", result.arrays[f"link/{n}/centreline"]
+            )[:, -1]
+            for n in result.links
+        }
+        link = max(ends, key=lambda n: float(np.abs(ends[n] - still[n]).max()))
+        name, position, other, turn, turned = f"tip of {link}", ends[link], still[link], None, None
+    else:
+        return None
+    other = position if other is None else other
+    angle = np.zeros(len(result.t))
+    if turn is not None and turned is not None:
+        angle = np.linalg.norm(rotation_vector(turn @ np.swapaxes(turned, 1, 2)), axis=1)
+    disp = position - other
+    deviation = np.linalg.norm(disp, axis=1)
+    found = {"name": name, "rigid": other, "disp": disp, "deviation": deviation, "angle": angle}
+    fine, finer = deviation.max() < 1e-5, angle.max() < 1e-4
+    found |= {"factor": 1e6, "unit": "µm"} if fine else {"factor": 1e3, "unit": "mm"}
+    found |= {"angle_factor": 1e6 if finer else 1e3, "angle_unit": "µrad" if finer else "mrad"}
+    return found
+
+
+def plots(
+    result: Result,
+    rigid: Result | None,
+    stress: dict[str, Array],
+    path: dict[str, Any] | None,
+    keep: IntArray,
+) -> list[dict[str, Any]]:
+    """What is plotted under the time bar: {title, unit, curves}.
+
+    Args:
+        result: The run.
+        rigid: The same motion without elasticity.
+        stress: Largest von Mises stress of each link [Pa], shape (nt,).
+        path: From `track`.
+        keep: Instants kept, shape (n,).
+    """
+    found = _torques(result, rigid, keep)
+    if path is not None and float(path["deviation"].max()) > 0.0:
+        curve = _curve(path["name"], path["factor"] * path["deviation"][keep], 0)
+        title = f"{path['name']} off rigid"
+        found.append({"title": title, "unit": path["unit"], "curves": [curve]})
+    if stress:
+        curves = [_curve(n, 1e-6 * s[keep], i) for i, (n, s) in enumerate(stress.items())]
+        found.append({"title": "peak von Mises", "unit": "MPa", "curves": curves})
+    return found
+
+
+def _torques(result: Result, rigid: Result | None, keep: IntArray) -> list[dict[str, Any]]:
+    """Torques in one plot, forces in another, each with its rigid counterpart."""
+    torque, still = result.arrays.get("torque"), result.arrays.get(RIGID_TORQUE)
+    if rigid is not None and rigid.motors == result.motors and "torque" in rigid.arrays:
+        still = _at(rigid, "torque", result.t)
+    found: dict[str, dict[str, Any]] = {}
+    for i, name in enumerate(result.motors if torque is not None else ()):
+        unit = result.unit(f"torque/{name}") or "N m"
+        title = "motor force" if unit == "N" else "motor torque"
+        plot = found.setdefault(unit, {"title": title, "unit": unit, "curves": []})
+        for values, is_rigid in ((torque, False), (still, True)):
+            if values is not None:
+                plot["curves"].append(_curve(name, values[keep, i], i, is_rigid))
+    return list(found.values())
+
+
+def _curve(name: str, y: Array, colour: int, rigid: bool = False) -> dict[str, Any]:
+    return {"name": name, "y": y, "colour": colour, "rigid": rigid}
+
+
+def _at(result: Result, key: str, t: Array) -> Array:
+    """An array of another run at the instants t, linear in between; shape (nt, n)."""
+    values = result.arrays[key]
+    return np.stack([np.interp(t, result.t, column) for column in values.T], axis=1)

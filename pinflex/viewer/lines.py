@@ -1,0 +1,158 @@
+"""Pictures and films without a browser: the robot as lines in space, drawn by matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.viewer.bent import FIELDS
+from pinflex.viewer.skin import triangles
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DPI = 100
+# Elevation and azimuth [deg] for a mechanism flat in x, y, z, or (last) in none.
+_VIEWS = ((8, -8), (8, -80), (58, -90), (20, -58))
+_BASE = "\0base"  # marks a line as no link of the user's
+_GREY, _PALE = "#56637a", "#c3c9d2"
+
+
+def still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) -> Path:
+    """Write one instant as a .png.
+
+    Args:
+        scene: From `build_scene`.
+        path: The file to write.
+        at: Instant [s]; the nearest one kept is drawn.
+        field: Colour of the flexible links.
+        title: Heading.
+    """
+    figure, draw = _canvas(scene, field, title, (12.8, 8.0))
+    draw(int(np.argmin(np.abs(scene["t"] - at))))
+    figure.savefig(path, dpi=_DPI)
+    return path
+
+
+def film(
+    scene: dict[str, Any], path: Path, field: str, title: str, seconds: float, fps: int
+) -> Path:
+    """Write the whole motion as a .gif."""
+    import io
+
+    from PIL import Image
+
+    figure, draw = _canvas(scene, field, title, (8.0, 5.0))
+    count = max(2, round(seconds * fps))
+    frames = []
+    for t in np.linspace(scene["t"][0], scene["t"][-1], count):
+        draw(int(np.argmin(np.abs(scene["t"] - t))))
+        shot = io.BytesIO()
+        figure.savefig(shot, dpi=_DPI * 0.8)
+        frames.append(Image.open(shot).convert("RGB").quantize(96))
+    frames[0].save(
+        path, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0
+    )
+    return path
+
+
+def _canvas(
+    scene: dict[str, Any], field: str, title: str, size: tuple[float, float]
+) -> tuple[Figure, Callable[[int], None]]:
+    """A figure and what draws instant k into it."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped,unused-ignore]
+
+    figure = Figure(figsize=size)
+    axes: Any = figure.add_axes((0.14, 0.0, 0.86, 0.95), projection="3d")
+    mag = scene["scale"]
+    label, unit, factor = FIELDS[field]
+    values = {link["name"]: factor * np.abs(_field(link, field)) for link in scene["links"]}
+    top = max((float(v.max()) for v in values.values()), default=0.0) or 1.0
+    colours = ScalarMappable(Normalize(0.0, top), "viridis")
+    figure.text(0.03, 0.93, title, weight="bold", size=13)
+    caption = figure.text(0.03, 0.89, "", size=9)
+    if values:
+        bar = figure.colorbar(colours, cax=figure.add_axes((0.03, 0.3, 0.014, 0.45)))
+        bar.ax.set_title(f"{label} [{unit}]", size=10, loc="left", pad=10)
+        bar.outline.set_visible(False)
+
+    cloud = np.concatenate([line for k in _some(scene) for line, _ in _lines(scene, k, mag)])
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    extent = np.maximum(high - low, 0.1 * (float((high - low).max()) or 1.0))
+    reach, flat = extent / 2, int(extent.argmin()) if extent.min() < 0.15 * extent.max() else -1
+    axes.view_init(*_VIEWS[flat])
+    middle = (low + high) / 2
+
+    def draw(k: int) -> None:
+        axes.clear()
+        axes.set_axis_off()
+        for line, _ in _lines(scene, k, 0.0):
+            axes.plot(*line.T, color=_PALE, lw=1.0, clip_on=False)
+        for line, name in _lines(scene, k, mag):
+            if name in values:
+                pieces = np.stack([line[:-1], line[1:]], axis=1)
+                mean = (values[name][k, :-1] + values[name][k, 1:]) / 2
+                axes.add_collection3d(
+                    Line3DCollection(
+                        pieces, colors=colours.to_rgba(mean), linewidths=3.5, clip_on=False
+                    )
+                )
+            else:
+                base = name == _BASE
+                style = {"lw": 1.0 if base else 2.5, "marker": "o", "ms": 4, "clip_on": False}
+                axes.plot(*line.T, color=_PALE if base else _GREY, **style)
+        for setter, c, r in zip(
+            (axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, reach, strict=True
+        ):
+            setter(c - r, c + r)
+        axes.set_box_aspect(reach, zoom=1.3)
+        caption.set_text(f"t = {scene['t'][k]:.4g} s, deflection \u00d7{mag:g}")
+
+    return figure, draw
+
+
+def magnified(body: dict[str, Any], k: int, mag: float) -> Array:
+    """Affine map (3, 4) that draws a body at instant k."""
+    pose = body["rigid"][min(k, len(body["rigid"]) - 1)]
+    return np.asarray(pose if body["disp"] is None else pose + mag * body["disp"][k]).reshape(3, 4)
+
+
+def _some(scene: dict[str, Any]) -> list[int]:
+    return [int(k) for k in np.linspace(0, len(scene["t"]) - 1, 12)]
+
+
+def _field(link: dict[str, Any], field: str) -> Array:
+    if field in link["surface"]:  # at a station, the largest of the points nearest to it
+        nearest = np.abs(triangles(link["mesh"])[0][:, :1] - link["x"]).argmin(axis=1)
+        stress = link["surface"][field]
+        largest = [stress[:, nearest == i].max(axis=1, initial=0.0) for i in range(len(link["x"]))]
+        return np.stack(largest, axis=1)
+    if field in link["fields"]:
+        return np.asarray(link["fields"][field])
+    return np.asarray(np.linalg.norm(link["disp"], axis=2))
+
+
+def _lines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, str]]:
+    """Polylines of instant k [m] with the name of the flexible link, or another mark."""
+    lines = []
+    for link in scene["links"]:
+        share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
+        rigid = link["rigid"][k]
+        if len(rigid) == 2:  # a straight one is kept by its ends
+            rigid = rigid[0] * (1 - share) + rigid[1] * share
+        lines.append((rigid + mag * link["disp"][k], link["name"]))
+    for body in scene["bodies"]:
+        pose = magnified(body, k, mag)
+        points = np.array(body["points"]).reshape(-1, 3)
+        if len(points) > 2:
+            points = np.concatenate([points, points[:1]])
+        if len(points):
+            lines.append((points @ pose[:, :3].T + pose[:, 3], _BASE if body["base"] else ""))
+    return lines

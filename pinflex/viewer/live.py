@@ -1,0 +1,166 @@
+"""A run played live in meshcat, whose server is a thread of this process, on the loopback only."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.results.result import Result
+from pinflex.viewer.lines import magnified
+from pinflex.viewer.live_server import Bridge, Window
+from pinflex.viewer.scene import build_scene
+from pinflex.viewer.skin import skin, triangles
+
+FPS = 12  # a browser digests no more of the flexible links, and meshcat does not slow us down
+_TRIANGLES = 1200  # of a bent mesh, which is sent anew every time
+_GREY, _BASE = 0x758297, 0x9AA5B5
+
+
+class Live:
+    """Plays a result in meshcat until it is closed; nothing is left behind.
+
+    with Live(result) as live:
+        print(live.url)  # open it in a browser
+        live.play(seconds=10)
+    """
+
+    def __init__(
+        self,
+        result: Result,
+        field: str = "von_mises",
+        scale: float | str = "auto",
+        meshes: Sequence[str | Path] | None = (),
+    ):
+        """Start the server and draw the first instant.
+
+        Args:
+            result: The run.
+            field: Colour of the flexible links: a stress, or displacement.
+            scale: Magnification of displacements about the rigid pose, or "auto".
+            meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
+        """
+        self.scene = build_scene(result, scale=scale, meshes=meshes)
+        self.field = field if any(f["key"] == field for f in self.scene["fields"]) else ""
+        least = 0.008 * self.scene["size"]
+        links = self.scene["links"]
+        self._skins = [skin(link, self.field, least, _TRIANGLES) for link in links]
+        self._bridge = Bridge()
+        self._window = Window(self._bridge.zmq_url)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of pyzmq, in meshcat's import
+            import meshcat
+        self._viewer: Any = meshcat.Visualizer(window=self._window)
+        self.url = self._bridge.url
+        self._viewer["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
+        self._viewer["/Background"].set_property("bottom_color", [0.885, 0.91, 0.945])
+        self._viewer["/Axes"].set_property("visible", False)
+        self._bodies()
+        # meshcat's camera looks at the origin from 3 m and cannot be moved from here
+        self._viewer["robot"].set_transform(_fit(self.scene))
+        self._viewer["/Grid"].set_property("visible", False)
+        self.show(float(self.scene["t"][0]))
+
+    def show(self, t: float) -> None:
+        """Draw the instant kept that is nearest to t [s]."""
+        from matplotlib import colormaps
+        from meshcat import geometry
+
+        scene, mag = self.scene, self.scene["scale"]
+        k, top = int(np.argmin(np.abs(scene["t"] - t))), self._top()
+        for n, (link, own) in enumerate(zip(scene["links"], self._skins, strict=True)):
+            share = np.clip(np.abs(own.values[k]) / top, 0, 1)[own.shown]
+            colours = colormaps["viridis"](share)[:, :3]
+            shape = geometry.TriangularMeshGeometry(own.at(link, k, mag), own.faces, colours)
+            material = geometry.MeshPhongMaterial(vertexColors=True)
+            self._viewer[f"robot/link_{n}"].set_object(shape, material)
+        for n, body in enumerate(scene["bodies"]):
+            moved = np.vstack([magnified(body, k, mag), [0.0, 0.0, 0.0, 1.0]])
+            self._viewer[f"robot/body_{n}"].set_transform(moved.astype(float))
+
+    def play(self, seconds: float, speed: float | None = None) -> None:
+        """Play the run over and over for some seconds; speed 1 is real time, default 6 s a pass."""
+        t = self.scene["t"]
+        span = float(t[-1] - t[0]) or 1.0
+        speed = span / 6.0 if speed is None else speed
+        start = time.monotonic()
+        while (past := time.monotonic() - start) < seconds:
+            self.show(float(t[0]) + (past * speed) % span)
+            time.sleep(max(0.0, 1.0 / FPS - (time.monotonic() - start - past)))
+
+    def close(self) -> None:
+        """Stop the server."""
+        self._window.zmq_socket.close(linger=0)
+        self._bridge.close()
+
+    def __enter__(self) -> Live:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _top(self) -> float:
+        return max((float(np.abs(s.values).max()) for s in self._skins), default=0.0) or 1.0
+
+    def _bodies(self) -> None:
+        from meshcat import geometry
+
+        for n, body in enumerate(self.scene["bodies"]):
+            material = geometry.MeshPhongMaterial(color=_BASE if body["base"] else _GREY)
+            here = self._viewer[f"robot/body_{n}"]
+            if body["mesh"]:
+                shape = geometry.TriangularMeshGeometry(*triangles(body["mesh"]))
+                colour = _BASE if body["base"] else _GREY
+                here.set_object(shape, geometry.MeshPhongMaterial(color=colour, flatShading=True))
+                continue
+            for i, point in enumerate(body["points"]):
+                here[f"joint_{i}"].set_object(geometry.Sphere(body["radius"]), material)
+                here[f"joint_{i}"].set_transform(_shifted(np.eye(3), np.array(point)))
+            rods = [] if body["base"] else list(body["rods"])
+            if body["plate"] and not body["base"]:
+                corners = body["points"]
+                rods += [[corners[i - 1], corners[i]] for i in range(len(corners))]
+            for i, (a, b) in enumerate(rods):
+                start, way = np.array(a), np.array(b) - np.array(a)
+                shape = geometry.Cylinder(float(np.linalg.norm(way)), 0.8 * body["radius"])
+                here[f"rod_{i}"].set_object(shape, material)
+                turned = _shifted(_towards(way), start + way / 2)
+                here[f"rod_{i}"].set_transform(turned)
+
+
+def _fit(scene: dict[str, Any]) -> Array:
+    """Moves the robot's middle to the origin, turns its broad side to the camera, on +x, scales."""
+    points = [link["rigid"][0].reshape(-1, 3) for link in scene["links"]]
+    for body in scene["bodies"]:
+        pose = magnified(body, 0, 0.0)
+        points.append(np.array(body["points"]).reshape(-1, 3) @ pose[:, :3].T + pose[:, 3])
+    cloud = np.concatenate(points)
+    middle = (cloud.min(axis=0) + cloud.max(axis=0)) / 2
+    x, y = np.linalg.svd(cloud[:, :2] - middle[:2])[2][0]  # its longest extent, seen from above
+    turn = 5.0 / float(scene["size"]) * np.array([[y, -x, 0], [x, y, 0], [0, 0, 1]])
+    return _shifted(turn, -turn @ middle)
+
+
+def _shifted(rotation: Array, shift: Array) -> Array:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation, shift
+    return out
+
+
+def _towards(way: Array) -> Array:
+    """A rotation that takes y, the axis of meshcat's cylinder, to a direction."""
+    y = way / max(float(np.linalg.norm(way)), 1e-300)
+    x = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, y, np.cross(x, y)], axis=1)

@@ -1,0 +1,310 @@
+"""Figures of results: torques, platform deviation, stress along the links, spectra.
+
+Every function returns a matplotlib Figure made with the object interface: no window, no global
+state. Colours are the colour-blind-safe set of Okabe and Ito (2008).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError, nearest
+from pinflex.results.peaks import amplitudes, highest, modes_near
+from pinflex.results.result import Result, peak, same_grid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RIGID = "#000000"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+WIDTH, HEIGHT, DPI = 7.0, 4.5, 150  # [in], [in], [dots/in]
+_COMPONENTS = {  # of a section, in the beam frame
+    "u": "stretch",
+    "v": "deflection",
+    "w": "deflection",
+    "rx": "twist",
+    "ry": "slope",
+    "rz": "slope",
+}
+
+
+def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
+    """One panel per motor, rigid and flexible, with the difference from rigid below it."""
+    motors = rigid.motors
+    if not motors:
+        raise DescriptionError("torques: the result has no motors. Name them under `actuated`.")
+    for run in others.values():
+        same_grid(run, rigid)
+    columns = min(3, len(motors))
+    bands = -(-len(motors) // columns)
+    figure, axes = panels(
+        2 * bands, columns, bands * HEIGHT, height_ratios=[3, 1.4] * bands, sharex=True
+    )
+    for i, motor in enumerate(motors):
+        band, column = divmod(i, columns)
+        above, below = axes[2 * band, column], axes[2 * band + 1, column]
+        # dashed and on top: where the levels agree, rigid stays visible
+        above.plot(
+            rigid.t,
+            rigid.torque[:, i],
+            color=RIGID,
+            lw=1.0,
+            ls=(0, (5, 4)),
+            zorder=5,
+            label="rigid",
+        )
+        for n, (colour, (label, run)) in enumerate(
+            zip(_cycle(len(others)), others.items(), strict=True)
+        ):
+            width = 0.9 + 0.7 * (len(others) - 1 - n)  # thinner on top: where they agree, all show
+            above.plot(run.t, run.torque[:, i], color=colour, lw=width, label=label)
+            below.plot(run.t, run.torque[:, i] - rigid.torque[:, i], color=colour, lw=width)
+        title(above, motor)
+        below.axhline(0.0, color="0.6", lw=0.6, zorder=0)
+        unit, word = rigid.unit(f"torque/{motor}"), _torque_word(rigid, motor)
+        if column == 0 or unit != rigid.unit(f"torque/{motors[i - 1]}"):
+            above.set_ylabel(f"{word} [{unit}]")
+            below.set_ylabel(f"difference [{unit}]")
+        below.set_xlabel("time [s]")
+        below.tick_params(labelbottom=True)
+    for spare in range(len(motors), bands * columns):
+        band, column = divmod(spare, columns)
+        axes[2 * band, column].remove()
+        axes[2 * band + 1, column].remove()
+    figure.align_ylabels()
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def deviation(rigid: Result, flexible: Result, frame: str = "platform") -> Figure:
+    """Position and rotation of a frame relative to the rigid run, in world axes.
+
+    In mm and mrad, or in thousandths of them where that is all there is.
+    """
+    away = flexible.deviation_from(rigid, frame)
+    figure, axes = panels(2, 1, sharex=True)
+    for ax, values, names, word, units in (
+        (axes[0, 0], away.position, ("x", "y", "z"), "position", ("mm", "µm")),
+        (axes[1, 0], away.rotation, ("rx", "ry", "rz"), "rotation", ("mrad", "µrad")),
+    ):
+        fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
+        values, label = (1e6 if fine else 1e3) * values, f"{word} [{units[fine]}]"
+        ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
+        for i, name in enumerate(names):
+            # a planar mechanism has components at round-off: they would only clutter
+            if peak(values[:, i]) > 1e-3 * peak(values) or peak(values) == 0:
+                ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
+        ax.set_ylabel(label)
+        ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
+        ax.margins(y=0.15)
+    title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}")
+    axes[1, 0].set_xlabel("time [s]")
+    figure.align_ylabels()
+    return figure
+
+
+def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
+    """Von Mises stress [MPa] of each flexible link over time and place, on one colour scale."""
+    names = tuple(result.links if links is None else links)
+    if not names:
+        raise DescriptionError(
+            f"stress_map: a {result.level} result has no flexible links to show. "
+            'Solve with level="quasistatic", "ked" or "coupled".'
+        )
+    views = [result.link(name) for name in names]
+    top = max(peak(view.von_mises) for view in views) / 1e6 or 1.0
+    figure, axes = panels(len(views), 1, max(HEIGHT, 0.6 + 1.3 * len(views)), sharex=True)
+    for ax, view in zip(axes[:, 0], views, strict=True):
+        image = ax.pcolormesh(
+            result.t,
+            1e3 * view.x,
+            view.von_mises.T / 1e6,
+            cmap="cividis",
+            vmin=0.0,
+            vmax=top,
+            shading="gouraud",
+            rasterized=True,
+        )
+        when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
+        spot = (result.t[when], 1e3 * view.x[where])
+        for colour, width in (("white", 2.6), ("black", 1.0)):  # seen on any colour, and outside
+            ax.plot(*spot, "o", mfc="none", mec=colour, ms=6, mew=width, clip_on=False, zorder=5)
+        title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
+        ax.set_ylabel("x [mm]")
+    axes[-1, 0].set_xlabel("time [s]")
+    bar = figure.colorbar(image, ax=list(axes[:, 0]), pad=0.02, aspect=30)
+    bar.set_label("von Mises stress [MPa]", size=9)
+    bar.ax.tick_params(width=0.6, labelsize=8)
+    bar.outline.set_visible(False)
+    return figure
+
+
+def spectrum(
+    result: Result,
+    quantity: str,
+    reference: Result | None = None,
+    after: float = 0.0,
+    peaks: int = 4,
+    natural: Sequence[float] = (),
+) -> Figure:
+    """Amplitude spectrum of one quantity, its highest peaks labelled in Hz.
+
+    Args:
+        result: The run to look at.
+        quantity: "torque/MOTOR", "joint/JOINT", "frame/FRAME/x|y|z" or "link/LINK/u|v|w|rx|ry|rz"
+            (at the station where that deflection is largest).
+        reference: A run whose same quantity is subtracted first, usually the rigid one.
+        after: Start of the window [s]; the end of the motion leaves the free vibration.
+        peaks: How many peaks to label.
+        natural: Natural frequencies [Hz], ascending, to mark by thin lines; peaks near one of them
+            are labelled with its number.
+    """
+    values, label, unit = signal(result, quantity)
+    if reference is not None:
+        same_grid(result, reference)
+        values = values - signal(reference, quantity)[0]
+        label += f" minus {reference.level}"
+    frequency, amplitude = amplitudes(result.t, values, after)
+    found = highest(frequency, amplitude, peaks)
+    figure, axes = panels(1, 1)
+    ax = axes[0, 0]
+    ax.plot(frequency, amplitude, color=COLOURS[0], lw=1.0)
+    for f, a in found:
+        ax.plot(f, a, "o", color=COLOURS[1], ms=4)
+        ax.annotate(
+            f"{f:.1f} Hz" + modes_near(f, natural, 1.0 / (result.t[-1] - max(after, result.t[0]))),
+            (f, a),
+            (0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            linespacing=1.1,
+            bbox={"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
+        )
+    title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
+    for i, f in enumerate(natural):
+        name = None if i else "natural frequencies at home"
+        ax.axvline(f, color="0.55", lw=0.7, ls=(0, (2, 2)), zorder=0, label=name)
+    ax.set_xlabel("frequency [Hz]")
+    ax.set_ylabel(f"amplitude [{unit}]")
+    # beyond the peaks there is only the decay of the window
+    end = min(frequency[-1], 2.5 * max((f for f, _ in found), default=frequency[-1]))
+    shown = amplitude[frequency <= end]
+    ax.set_xlim(0.0, end)
+    if shown.max() > 0:  # a quantity that never moves has no logarithm
+        ax.set_yscale("log")
+        ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 9 * shown.max())  # and labels
+    if len(natural):
+        _legend(figure, ax)
+    return figure
+
+
+def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
+    """Time series, label and unit of a quantity named as in `spectrum`."""
+    kind, _, name = quantity.partition("/")
+    if kind == "torque":
+        view = result.joint(name)
+        return view.torque, f"{_torque_word(result, name)} {name}", result.unit(quantity)
+    if kind == "joint" and result.joint(name).position.ndim == 1:
+        return result.joint(name).position, f"position {name}", result.unit(f"joint/q/{name}")
+    name, _, axis = name.rpartition("/")
+    if kind == "frame" and axis in ("x", "y", "z"):
+        return result.frame(name).position[:, "xyz".index(axis)], f"{name} {axis}", "m"
+    if kind == "link" and axis in _COMPONENTS:
+        field = result.link(name).deflection[:, :, list(_COMPONENTS).index(axis)]
+        station = int(np.argmax(np.abs(field).max(axis=0)))
+        unit = "m" if axis in "uvw" else "rad"
+        at = f"x = {1e3 * result.link(name).x[station]:.4g} mm"
+        word = _COMPONENTS[axis]
+        return field[:, station], f"{name}: {word} {axis} at {at}", unit
+    forms = ("torque/MOTOR", "joint/JOINT", "frame/FRAME/x", "link/LINK/v")
+    raise DescriptionError(
+        f"spectrum: quantity {quantity!r} is not known." + nearest(quantity, forms),
+        quantity=quantity,
+    )
+
+
+def save_all(
+    rigid: Result,
+    others: Mapping[str, Result],
+    folder: str | Path,
+    natural: Sequence[float] = (),
+) -> list[Path]:
+    """Write every figure that the results allow as .png files; returns their paths.
+
+    Args:
+        rigid: The reference run.
+        others: Runs by label.
+        folder: Made if it is not there.
+        natural: Natural frequencies [Hz] to mark in the spectra.
+    """
+    figures = {"torques": torques(rigid, others)} if rigid.motors else {}
+    for label, run in others.items():
+        if rigid.meta.get("platform"):
+            figures[f"deviation_{label}"] = deviation(rigid, run, rigid.meta["platform"])
+        if run.links:
+            figures[f"stress_{label}"] = stress_map(run)
+            if len(run.t) >= 16 and run.level != "quasistatic":  # which has no vibration
+                figures[f"spectrum_{label}"] = spectrum(run, _liveliest(run), natural=natural)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, figure in figures.items():
+        paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
+        figure.savefig(paths[-1], dpi=DPI)
+    return paths
+
+
+def _liveliest(run: Result) -> str:
+    """The bending deflection that is largest over all links."""
+    height = {
+        f"link/{name}/{axis}": peak(run.link(name).deflection[:, :, column])
+        for name in run.links
+        for column, axis in ((1, "v"), (2, "w"))
+    }
+    return max(height, key=lambda quantity: height[quantity])
+
+
+def _torque_word(result: Result, motor: str) -> str:
+    return "force" if result.unit(f"torque/{motor}") == "N" else "torque"
+
+
+def _cycle(count: int) -> list[str]:
+    return [COLOURS[i % len(COLOURS)] for i in range(count)]
+
+
+def panels(rows: int, columns: int, height: float = HEIGHT, **grid: Any) -> tuple[Figure, Any]:
+    """A figure of constrained layout and its axes (rows, columns), with open, thin frames."""
+    from matplotlib.figure import Figure
+
+    ratios = grid.pop("height_ratios", None)
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained")
+    axes = figure.subplots(
+        rows, columns, squeeze=False, gridspec_kw={"height_ratios": ratios}, **grid
+    )
+    for ax in axes.flat:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.spines[["left", "bottom"]].set_linewidth(0.6)
+        ax.tick_params(width=0.6, labelsize=8)
+        ax.xaxis.label.set_size(9)
+        ax.yaxis.label.set_size(9)
+        ax.margins(x=0.01)
+    return figure, axes
+
+
+def title(ax: Axes, text: str) -> None:
+    """A small heading at the left."""
+    ax.set_title(text, loc="left", fontsize=9)
+
+
+def _legend(figure: Figure, ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    style: dict[str, Any] = {"ncols": len(labels), "frameon": False, "fontsize": 9}
+    figure.legend(handles, labels, loc="outside upper center", **style)

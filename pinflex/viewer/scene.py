@@ -1,0 +1,142 @@
+"""What a picture of a run needs, from its Result alone: world positions, fields, arrows, curves.
+
+Everything that moves is kept twice, as it is and as the rigid mechanism has it, so that a drawing
+can put a material point at r_rigid + mag (r - r_rigid). Scaled that way (and not link by link) the
+points shared by two bodies stay shared, and no joint opens at any magnification.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import IntArray
+from pinflex.results.result import Result
+from pinflex.viewer.bent import FIELDS, bent, kept, largest, moving
+from pinflex.viewer.carried import Carrier
+from pinflex.viewer.curves import plots, track
+from pinflex.viewer.skeleton import Skeleton, drawn, skeletons
+from pinflex.viewer.surfaces import surfaces
+
+FRAMES = 1200  # a page holds at most this many instants
+NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
+BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
+SHARE = 0.06  # automatic magnification: largest displacement over robot size
+LEVELS = {"ked": "kineto-elastodynamic", "coupled": "coupled rigid-flexible"}
+
+
+def build_scene(
+    result: Result,
+    rigid: Result | None = None,
+    scale: float | str = "auto",
+    meshes: Sequence[str | Path] | None = (),
+) -> dict[str, Any]:
+    """Plain data of one run; arrays are thinned in time and along the links, extremes kept.
+
+    Args:
+        result: The run to draw.
+        rigid: The same motion without elasticity: its torques and platform path are compared.
+        scale: Magnification of displacements, or "auto" (1, 2 or 5 times a power of ten).
+        meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
+    """
+    skins, missing = ({}, []) if meshes is None else surfaces(result, meshes)
+    links = {name: bent(result, name, skins.get(name)) for name in result.links}
+    path = track(result, rigid)
+    carrier = Carrier(result)
+    bones = skeletons(result, carrier, skins)
+    keep = _frames(result, links, len(bones), path)
+    size = _size(bones, links, keep)
+    most = max(
+        [float(np.linalg.norm(link["disp"], axis=2).max()) for link in links.values()]
+        + ([float(path["deviation"].max())] if path else [])
+        + [0.0]
+    )
+    peaks = {name: largest(link, "von_mises") for name, link in links.items()}
+    stress = {name: p for name, p in peaks.items() if p is not None}
+    notes = [*result.meta.get("warnings", ()), *missing]
+    if len(keep) < len(result.t):
+        notes.insert(0, f"{len(keep)} of {len(result.t)} instants kept, extremes among them")
+    if result.meta.get("status", "complete") != "complete":
+        notes.insert(0, f"{result.meta['status']}: {result.meta.get('message', '')}")
+    return {
+        "name": str(result.meta.get("name", "result")),
+        "level": LEVELS.get(result.level, result.level),
+        "mode": None,
+        "t": result.t[keep],
+        "size": size,
+        "scale": automatic_scale(most, size) if scale == "auto" else float(scale),
+        "largest": most,
+        "links": [kept(link, keep) for link in links.values()],
+        "bodies": [drawn(bone, keep, size) for bone in bones],
+        "track": path and _rows(path, keep),
+        "forces": [_rows(arrow, keep) for arrow in carrier.forces()],
+        "torques": [_rows(arrow, keep) for arrow in carrier.torques()],
+        "plots": plots(result, rigid, stress, path, keep),
+        "fields": _fields(links),
+        "notes": notes,
+    }
+
+
+def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
+    """Magnification 1, 2 or 5 times a power of ten that shows `largest` as a share of `size`.
+
+    A displacement that is large as it is stays at 1: nothing is ever drawn smaller.
+    """
+    if not 0.0 < largest < share * size:
+        return 1.0
+    wanted = np.log10(share * size / largest)
+    steps = [np.log10(s) + np.floor(wanted) for s in (1, 2, 5, 10)]
+    return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
+
+
+def _frames(
+    result: Result, links: dict[str, dict[str, Any]], bodies: int, path: dict[str, Any] | None
+) -> IntArray:
+    """Instants to keep: evenly spread, and every one where something is largest or smallest."""
+    n = len(result.t)
+    each = sum(a[0].size for link in links.values() for a in moving(link)) + BODY * bodies
+    most = max(min(FRAMES, NUMBERS // max(each, 1)), 2)
+    if n <= most:
+        return np.arange(n)
+    torque = result.arrays.get("torque", np.empty((n, 0)))
+    rows = [torque, -torque, path["deviation"][:, None] if path else np.empty((n, 0))]
+    for link in links.values():
+        peaks = [largest(link, k) for k in link["fields"]]
+        peaks.append(np.linalg.norm(link["disp"], axis=2).max(axis=1))
+        rows += [p[:, None] for p in peaks if p is not None]
+    extremes = np.unique([0, n - 1, *(int(i) for r in rows for i in r.argmax(axis=0))])
+    spread = np.linspace(0, n - 1, max(most - len(extremes), 2)).round().astype(np.intp)
+    keep = np.union1d(spread, extremes.astype(np.intp))
+    if len(keep) > most:  # a robot with hundreds of links: the ends and an even choice
+        keep = keep[np.linspace(0, len(keep) - 1, most).round().astype(np.intp)]
+    return keep
+
+
+def _fields(links: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+    if not links:
+        return []
+    known = set.intersection(*[set(link["fields"]) for link in links.values()]) | {"displacement"}
+    return [
+        {"key": k, "label": label, "unit": unit, "factor": factor}
+        for k, (label, unit, factor) in FIELDS.items()
+        if k in known
+    ]
+
+
+def _size(bones: list[Skeleton], links: dict[str, dict[str, Any]], keep: IntArray) -> float:
+    """Largest diagonal of the box about the rigid mechanism [m]."""
+    clouds = [link["rigid"][keep] for link in links.values()]
+    for bone in bones:
+        pose, points = bone.pose[keep], bone.points
+        clouds.append(np.einsum("tij,pj->tpi", pose[:, :, :3], points) + pose[:, None, :, 3])
+    if not clouds:
+        return 1.0
+    cloud = np.concatenate(clouds, axis=1)
+    return float(np.linalg.norm(np.ptp(cloud, axis=1), axis=1).max()) or 1.0
+
+
+def _rows(arrow: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+    return {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in arrow.items()}

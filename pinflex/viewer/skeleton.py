@@ -1,0 +1,210 @@
+"""Rigid links as shapes to draw: balls at joints, rods between two, plates across three or more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.results.result import Result
+from pinflex.viewer.carried import Carrier
+from pinflex.viewer.surfaces import Surface, joined, packed
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Links that hang on each other by fixed joints, as one body.
+
+    Attributes:
+        name: The link whose frame is used.
+        points: Joint origins [m] in that frame, shape (n, 3).
+        radius: Size of the joints [m].
+        pose: Pose in the world, shape (nt, 3, 4).
+        rigid: Pose of the rigid mechanism, shape (nt, 3, 4).
+        root: No moving joint carries it.
+        platform: It carries the platform frame.
+        surface: What the URDF draws of it, in the same frame.
+        frame: It only marks a place on a flexible link.
+        rails: Ends of the straight ways on which sliding links move along it, each (2, 3).
+    """
+
+    name: str
+    points: Array
+    radius: float
+    pose: Array
+    rigid: Array
+    root: bool
+    platform: bool
+    surface: Surface | None = None
+    frame: bool = False
+    rails: tuple[Array, ...] = ()
+
+
+def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface]) -> list[Skeleton]:
+    """The rigid bodies of a result that have something to draw.
+
+    Args:
+        result: The run.
+        carrier: Finds what moves with what.
+        surfaces: What the URDF draws, by link.
+    """
+    about = result.meta.get("bodies", {})
+    names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
+    joints = [j for j in carrier.joints.values() if j.child in names]
+    fixed = [j for j in joints if j.kind == "fixed" and _together(result, j.parent, j.child)]
+    above = {j.child: j.parent for j in fixed}
+    moved = {j.child for j in joints if j not in fixed}
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        head = name
+        while above.get(head) in names:
+            head = above[head]
+        groups.setdefault(head, []).append(name)
+    platform = result.meta.get("platform")
+    bones = []
+    for head, links in groups.items():
+        pose = result.arrays[f"body/{head}/pose"]
+        parts, aim, skins = [np.empty((0, 3))], None, []
+        for link in links:
+            own = result.arrays[f"body/{link}/pose"][0]
+            turn, shift = (
+                pose[0, :, :3].T @ own[:, :3],
+                pose[0, :, :3].T @ (own[:, 3] - pose[0, :, 3]),
+            )
+            points = np.asarray(about.get(link, {}).get("points", ()), dtype=float).reshape(-1, 3)
+            parts.append(points @ turn.T + shift)
+            aim = shift if link == platform else aim
+            if link in surfaces:
+                skins.append(surfaces[link].moved(turn, shift))
+        points = _distinct(np.concatenate(parts))
+        if aim is not None and len(points) > 3:  # the platform's origin is no joint of it
+            points = points[np.linalg.norm(points - aim, axis=1) > 1e-6]
+        if len(points) or skins:
+            radius = max(float(about.get(link, {}).get("radius") or 0.0) for link in links)
+            rigid = result.arrays.get(f"body/{head}/pose_rigid", pose)
+            root = not moved & set(links)
+            skin = joined(skins) if skins else None
+            above_it = [j for j in joints if j.child == head and j.kind == "fixed"]
+            on_beam = any(j.parent in result.links for j in above_it)
+            massless = not any(about.get(link, {}).get("mass") for link in links)
+            frame = on_beam and massless and len(points) < 2
+            rails = [
+                _way(pose, result.arrays[f"body/{j.child}/pose"])
+                for j in joints
+                if j.kind == "prismatic" and j.parent in links
+            ]
+            bones.append(
+                Skeleton(
+                    head,
+                    points,
+                    radius,
+                    pose,
+                    rigid,
+                    root,
+                    platform in links,
+                    skin,
+                    frame,
+                    tuple(rails),
+                )
+            )
+    return bones
+
+
+def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
+    """Shapes in the body's own frame, and its motion at the instants kept.
+
+    Args:
+        bone: The body.
+        keep: Instants kept, shape (n,).
+        size: Size of the robot [m]; nothing is drawn thinner than a share of it.
+    """
+    points, pose, rigid = bone.points, bone.pose, bone.rigid
+    radius = float(np.clip(bone.radius, 0.007 * size, 0.03 * size))
+    if len(points):
+        _, spread, axes = np.linalg.svd(points - points.mean(axis=0))
+        across = np.append(spread, np.zeros(3))[:3] / max(float(spread[0]), 1e-12)
+    rods: list[Any] = []
+    plate = None
+    mesh = None if bone.surface is None else packed(bone.surface)[0]
+    if mesh is not None:
+        pass  # it says more than any simple shape
+    elif len(points) == 2:
+        rods = [points.tolist()]
+    elif len(points) > 2 and across[1] < 0.05:  # on one line
+        order = points[np.argsort(points @ axes[0])]
+        rods = [[order[0].tolist(), order[-1].tolist()]]
+    elif len(points) > 2 and across[2] < 0.2:  # flat
+        plate = _plate(points, axes, 1.5 * radius)
+    elif len(points) > 2:
+        rods = [[points.mean(axis=0).tolist(), p.tolist()] for p in points]
+    still = bool(np.ptp(pose, axis=0).max() < 1e-9 and np.abs(rigid - pose).max() < 1e-9)
+    return {
+        "name": bone.name,
+        "radius": radius,
+        "base": still and bone.root,
+        "platform": bone.platform,
+        "frame": bone.frame,
+        "points": points.tolist(),
+        "rods": rods,
+        "plate": plate,
+        "mesh": mesh,
+        "rails": [rail.tolist() for rail in bone.rails] if bone.root else [],
+        "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
+        "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
+    }
+
+
+def _together(result: Result, parent: str, child: str) -> bool:
+    """Whether a joint that the URDF calls fixed is so: a YAML may make it universal."""
+    a, b = (result.arrays.get(f"body/{name}/pose") for name in (parent, child))
+    if a is None or b is None:
+        return True
+    turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
+    shift = np.einsum("tji,tj->ti", a[:, :, :3], b[:, :, 3] - a[:, :, 3])
+    return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
+
+
+def _way(pose: Array, child: Array) -> Array:
+    """Ends of the path of a sliding link, as its parent sees it; shape (2, 3)."""
+    path = np.einsum("tji,tj->ti", pose[:, :, :3], child[:, :, 3] - pose[:, :, 3])
+    axis = int(np.ptp(path, axis=0).argmax())
+    return np.asarray(path[[path[:, axis].argmin(), path[:, axis].argmax()]])
+
+
+def _plate(points: Array, axes: Array, margin: float) -> dict[str, Any]:
+    """Outline of a flat body: the convex hull of discs about its joints."""
+    centre = points.mean(axis=0)
+    flat = (points - centre) @ axes[:2].T
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    discs = flat[:, None] + margin * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    hull = _hull(discs.reshape(-1, 2))
+    normal = np.cross(axes[0], axes[1])
+    return {"outline": (centre + hull @ axes[:2]).tolist(), "normal": normal.tolist()}
+
+
+def _hull(points: Array) -> Array:
+    """Convex hull, counter-clockwise (Andrew's monotone chain)."""
+    order = sorted(map(tuple, points.tolist()))
+    chains: list[list[tuple[float, ...]]] = []
+    for run in (order, order[::-1]):
+        chain: list[tuple[float, ...]] = []
+        for p in run:
+            while len(chain) > 1:
+                (ax, ay), (bx, by) = chain[-2], chain[-1]
+                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 1e-12:
+                    break
+                chain.pop()
+            chain.append(p)
+        chains.append(chain[:-1])
+    return np.array(chains[0] + chains[1])
+
+
+def _distinct(points: Array) -> Array:
+    kept: list[Array] = []
+    for p in points:
+        if all(np.linalg.norm(p - k) > 1e-6 for k in kept):
+            kept.append(p)
+    return np.array(kept).reshape(-1, 3)

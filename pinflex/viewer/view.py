@@ -1,0 +1,248 @@
+"""One self-contained page that plays a run in a browser: offline, from file://, no server.
+
+The page holds meshcat's own bundle, the player (the folder page) and the arrays of the run, the
+first and the last deflated. Its content security policy names the two scripts by their hash and
+allows no network at all; every name of the user's reaches the page as data, never as markup.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from pinflex.errors import DescriptionError, PinflexError, nearest
+from pinflex.results.result import Result
+from pinflex.viewer.bent import FIELDS
+from pinflex.viewer.packing import deflated, pack
+from pinflex.viewer.scene import build_scene
+
+FRAME = 640  # [px] height of a page in a notebook
+MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
+# Files of the folder page, in this order one script.
+PLAYER = ("load", "state", "meshes", "shapes", "stage", "readings", "player")
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}; \
+style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; base-uri 'none'; \
+form-action 'none'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="generator" content="pinflex"><title>{title}</title>
+<style>{css}</style></head><body><div id="app"></div>
+<noscript>This page plays a motion and needs JavaScript.</noscript>
+<script type="text/plain" id="pinflex-data">{data}</script>
+<!-- meshcat and three.js, MIT licence; see https://github.com/meshcat-dev/meshcat -->
+<script type="text/plain" id="pinflex-viewer">{viewer}</script>
+<script>{player}</script>
+</body></html>
+"""
+
+
+def write_html(
+    result: Result,
+    path: str | Path,
+    *,
+    field: str = "von_mises",
+    scale: float | str = "auto",
+    title: str | None = None,
+    rigid: Result | None = None,
+    limit: float | None = None,
+    meshes: Sequence[str | Path] | None = (),
+) -> Path:
+    """Write one page that plays a run; it needs no network, no server and no pinflex to be read.
+
+    Args:
+        result: The run; a rigid one plays too, without colours.
+        path: The .html file to write; a folder gets NAME.html.
+        field: Colour at first: von_mises, bending, axial, shear or displacement.
+        scale: Magnification of displacements about the rigid pose, or "auto".
+        title: Heading; default the run's name.
+        rigid: The same motion without elasticity, to compare torques and the platform path with.
+        limit: Stress the material bears [Pa], above which the colour changes; default the lowest
+            yield strength among the links, where known.
+        meshes: Folders in which the meshes of the URDF are looked for, besides the package
+            example-robot-data; None draws simple shapes only.
+
+    Returns:
+        The file written.
+    """
+    scene = build_scene(result, rigid, _scale(scale), meshes)
+    if field not in FIELDS:
+        raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
+    if limit is None:
+        materials = [about.get("material", {}) for about in result.meta.get("links", {}).values()]
+        known = [m["yield_strength"] for m in materials if m.get("yield_strength")]
+        limit = min(known, default=None)
+    page = {"field": field, "limit": None if limit is None else 1e-6 * limit}
+    return _write([scene], path, title or scene["name"], page)
+
+
+def write_modes_html(
+    shapes: Iterable[tuple[float, Result]], path: str | Path, title: str | None = None
+) -> Path:
+    """Write one page with a picker of mode shapes, played by the same player.
+
+    Args:
+        shapes: (frequency [Hz], Result over one period of the sinusoidal motion) for each mode.
+        path: The .html file to write.
+        title: Heading; default the mechanism's name.
+    """
+    scenes: list[dict[str, Any]] = []
+    for frequency, result in shapes:
+        scene = build_scene(result)
+        largest = scene["largest"]
+        scene |= {
+            "mode": {"frequency": float(frequency)},
+            "scale": MODE_SHARE * scene["size"] / largest if largest else 1.0,
+            "forces": [],
+            "torques": [],
+            "plots": [],
+            "track": None,
+        }
+        for part in [*scene["links"], *scene["bodies"]] if scenes else []:
+            part["mesh"] = bool(part["mesh"])  # that of the first mode: all show one robot
+        scenes.append(scene)
+    if not scenes:
+        raise DescriptionError("view: no mode shape was given. Compute at least one mode.")
+    page = {"field": "displacement", "limit": None}
+    return _write(scenes, path, title or f"{scenes[0]['name']}: mode shapes", page)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that was written: a path for programs, and shown in place by a notebook."""
+
+    path: Path
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def _repr_html_(self) -> str:
+        # a frame of its own, which may run the player's scripts and nothing of the notebook's
+        page = html.escape(self.path.read_text("utf-8"))
+        return (
+            '<iframe sandbox="allow-scripts allow-downloads" style="border:0" width="100%" '
+            f'height="{FRAME}" title="pinflex: {html.escape(self.path.stem)}" srcdoc="{page}">'
+            "</iframe>"
+        )
+
+
+def view(
+    result: Result, path: str | Path | None = None, open_browser: bool = False, **options: Any
+) -> Page:
+    """Write the page of a run and, on a desktop, open it; a notebook shows it in place.
+
+    Args:
+        result: The run.
+        path: Where to write; default a file in a temporary folder.
+        open_browser: Open the page; left out where nobody could see it (CI, ssh, no display).
+        **options: As in `write_html`.
+
+    Returns:
+        The page; it can be used as a path.
+    """
+    if path is None:
+        name = _slug(str(result.meta.get("name", "result")))
+        path = Path(tempfile.mkdtemp(prefix="pinflex-")) / f"{name}.html"
+    written = write_html(result, path, **options)
+    if open_browser and has_desktop():
+        import webbrowser
+
+        webbrowser.open(written.resolve().as_uri())
+    return Page(written)
+
+
+def has_desktop() -> bool:
+    """Whether a browser window opened now would be seen by somebody."""
+    if os.environ.get("CI") or os.environ.get("SSH_CONNECTION"):
+        return False
+    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return sys.platform in ("win32", "darwin") or bool(shown)
+
+
+def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) -> str:
+    """The whole page as text."""
+    parts = "\n".join(_asset(f"{name}.js") for name in PLAYER)
+    player = f'"use strict";\n(async () => {{\n{parts}\n}})();'
+    hash_, viewer = _viewer()
+    runs = [{**scene, "t": scene["t"].tolist()} for scene in scenes]
+    return _PAGE.format(
+        hashes=f"'sha256-{hash_}' 'sha256-{_sha256(player)}'",
+        title=html.escape(title),
+        css=_asset("player.css"),
+        data=pack({"title": title, "file": _slug(title), **page, "runs": runs}),
+        viewer=viewer,
+        player=player,
+    )
+
+
+def _write(
+    scenes: list[dict[str, Any]], path: str | Path, title: str, page: dict[str, Any]
+) -> Path:
+    path = Path(path)
+    if path.is_dir():
+        path = path / f"{_slug(scenes[0]['name'])}.html"
+    text = page_text(scenes, title, page)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="\n")  # a changed newline breaks the hash
+    except OSError as error:
+        raise DescriptionError(
+            f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
+        ) from error
+    return path
+
+
+def _scale(scale: float | str) -> float | str:
+    if scale == "auto":
+        return "auto"
+    try:
+        value = float(scale)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < 1e9:
+        raise DescriptionError(
+            f'view: scale: {scale!r} is no magnification. Give a number >= 0 or "auto".'
+        )
+    return value
+
+
+@cache
+def _viewer() -> tuple[str, str]:
+    """Hash and deflated text of meshcat's viewer; importing meshcat would pull in its server."""
+    spec = find_spec("meshcat")
+    for place in (spec.submodule_search_locations or []) if spec else []:
+        file = Path(place) / "viewer" / "dist" / "main.min.js"
+        if file.is_file():
+            text = file.read_text("utf-8").replace("\r\n", "\n")
+            return _sha256(text), deflated(text.encode())
+    raise PinflexError(
+        "view: meshcat's viewer was not found. It draws the page. Install it: pip install meshcat"
+    )
+
+
+@cache
+def _asset(name: str) -> str:
+    return (files("pinflex.viewer") / "page" / name).read_text("utf-8").replace("\r\n", "\n")
+
+
+def _sha256(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "result"

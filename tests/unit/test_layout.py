@@ -1,0 +1,52 @@
+"""The packages of pinflex stand in one line, and imports go one way along it."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import pinflex as pf
+
+ROOT = Path(pf.__file__).parent
+TABLE = re.findall(r"^    (\w+)  +\w", (pf.__doc__ or "").split("Where the code is")[1], re.M)
+BESIDE = ("errors", "arrays", "text", "writing")
+PACKAGES = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))
+
+
+def imported(path):
+    """What a file imports of pinflex, inside functions too: a package, or a module beside them."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: a relative import"
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        yield from (name.split(".")[1] for name in names if name.startswith("pinflex."))
+
+
+def test_the_table_names_every_package():
+    assert sorted(TABLE) == PACKAGES
+
+
+@pytest.mark.parametrize("package", TABLE)
+def test_a_package_imports_only_those_above_it(package):
+    allowed = {*TABLE[: TABLE.index(package) + 1], *BESIDE}
+    for path in (ROOT / package).glob("*.py"):
+        assert set(imported(path)) <= allowed, path
+
+
+def test_what_stands_beside_the_packages_imports_none_of_them():
+    for name in BESIDE:
+        assert set(imported(ROOT / f"{name}.py")) <= set(BESIDE), name
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_hides_no_public_name_and_imports_nothing_itself(package):
+    assert package not in pf.__all__
+    body = ast.parse((ROOT / package / "__init__.py").read_text("utf-8")).body
+    assert len(body) == 1 and isinstance(body[0], ast.Expr)  # its docstring: import time counts
