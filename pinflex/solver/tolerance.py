@@ -108,6 +108,7 @@ class Outputs:
         self._mechanism, self._motion, self._t = mechanism, motion, t
         self._keep = slice(None, None, -(-len(t) // _SAMPLES))
         self._rigid: tuple[Array, Array] | None = None
+        self._before: tuple[Run, tuple[Array, Array]] | None = None
 
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:
         """Relative difference of two runs at the same samples, by output."""
@@ -133,8 +134,12 @@ class Outputs:
         return found
 
     def _poses(self, run: Run) -> tuple[Array, Array]:
+        if self._before is not None and self._before[0] is run:
+            return self._before[1]
         dynamics = self._dynamics or Dynamics(run.system)
-        return platform_poses(self._mechanism, dynamics, run.y[self._keep])
+        poses = platform_poses(self._mechanism, dynamics, run.y[self._keep])
+        self._before = run, poses
+        return poses
 
     def _rigid_poses(self, run: Run) -> tuple[Array, Array]:
         """Of the rigid motion; where it is not known, the first pose of the run."""

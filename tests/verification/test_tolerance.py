@@ -20,6 +20,7 @@ STATIC = "flexible.*.basis.internal=0"  # shapes whose frequencies the reference
 SCENES = {
     "race_r1": ((STATIC,), TORQUE, 0.05, 5e-6),
     "race_r2": ((), ALL, 0.1, 5e-5),
+    "race_r3": (("solve.start=static",), ALL, 0.03, 2.5e-6),
     "spinning_beam": ((), ALL, 20.0, 2e-3),
     "3rrs": ((), ALL, 0.1, 1e-4),
     "3rrr": ((STATIC,), ALL, 0.02, 4e-6),
