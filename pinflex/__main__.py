@@ -113,12 +113,7 @@ otherwise.""",
         "  pinflex modes 3rrr --pose motor_1=1.7,motor_2=3.5 --view modes.html",
     )
     p.add_argument("--count", type=_count, default=12, metavar="N", help="how many (default 12)")
-    p.add_argument(
-        "--preload",
-        choices=("gravity", "none"),
-        default="gravity",
-        help="gravity: about the static equilibrium; none: about the undeformed pose",
-    )
+    batch_arguments.preload(p)
     p.add_argument("--free-motors", action="store_true", help="let the motors swing")
     p.add_argument(
         "--pose",

@@ -3,53 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import pinflex as pf
+from pinflex.benchmarks.scene import Body, urdf
 
-Vec = Sequence[float]
+__all__ = ["UNIT_BEAM", "Body", "load"]
 
-
-@dataclass(frozen=True)
-class Body:
-    """A URDF link and the joint that carries it; without mass it is a frame."""
-
-    name: str
-    parent: str
-    joint: str = "fixed"
-    xyz: Vec = (0.0, 0.0, 0.0)
-    rpy: Vec = (0.0, 0.0, 0.0)
-    axis: Vec = (0.0, 0.0, 1.0)
-    mass: float = 0.0
-    com: Vec = (0.0, 0.0, 0.0)
-    inertia: Vec = (0.0, 0.0, 0.0)
-
-
-def _text(values: Vec) -> str:
-    return " ".join(f"{x:.17g}" for x in values)
-
-
-def urdf(bodies: Sequence[Body]) -> str:
-    """URDF on a link "base"; the joint of a body is called "NAME_joint"."""
-    lines = ['<robot name="scene">', '<link name="base"/>']
-    for b in bodies:
-        lines.append(f'<link name="{b.name}">')
-        if b.mass or any(b.inertia):
-            x, y, z = b.inertia
-            lines.append(
-                f'<inertial><origin xyz="{_text(b.com)}"/><mass value="{b.mass!r}"/>'
-                f'<inertia ixx="{x!r}" iyy="{y!r}" izz="{z!r}" ixy="0" ixz="0" iyz="0"/></inertial>'
-            )
-        lines.append(f'</link><joint name="{b.name}_joint" type="{b.joint}">')
-        lines.append(f'<parent link="{b.parent}"/><child link="{b.name}"/>')
-        lines.append(f'<origin xyz="{_text(b.xyz)}" rpy="{_text(b.rpy)}"/>')
-        if b.joint != "fixed":
-            lines.append(f'<axis xyz="{_text(b.axis)}"/>')
-        if b.joint in ("revolute", "prismatic"):
-            lines.append('<limit lower="-9" upper="9" effort="1e6" velocity="1e6"/>')
-        lines.append("</joint>")
-    return "\n".join([*lines, "</robot>"])
+# Below "flexible:", a plane beam of L = rho A = E I = 1 from its joint to the frame `tip`.
+UNIT_BEAM = """
+  beam:
+    material: {E: 1, nu: 0.3, rho: 1}
+    section: {shape: given, A: 1, Iy: 1, Iz: 1, J: 1}
+    end: tip
+    bending_y: true
+    bending_z: false
+    torsion: false
+"""
 
 
 def load(

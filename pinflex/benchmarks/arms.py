@@ -16,7 +16,7 @@ import pinocchio as pin
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
-from pinflex.benchmarks.scene import Body, frame_positions, release, scene
+from pinflex.benchmarks.scene import PLANE_BEAM, Body, frame_positions, release, scene
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
@@ -61,12 +61,7 @@ flexible:
     material: {{E: {arm.EA!r}, G: {arm.EA!r}, rho: 1}}
     section: {{shape: given, A: 1, Iy: {I!r}, Iz: {I!r}, J: {I!r}, ky: 1, kz: 1, my: {arm.rho_I!r},
       mz: {arm.rho_I!r}}}
-    bending_y: true
-    bending_z: false
-    torsion: false
-    axial: true
-    shear: true
-    rotary_inertia: true
+    {PLANE_BEAM}
     segments: {segments}
 """
     return scene("arm", bodies, yaml)

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.benchmarks.record import Case, Check, Outcome, Picture, Series
-from pinflex.benchmarks.scene import Body, release, scene
+from pinflex.benchmarks.scene import PLANE_BEAM, Body, release, scene
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
@@ -38,12 +38,7 @@ flexible:
     material: {{E: 1.0e4, G: 1.0e4, rho: 1}}
     section: {{shape: given, A: 1, Iy: 0.01, Iz: 0.01, J: 0.02, ky: 1, kz: 1, my: 10, mz: 10}}
     end: tip
-    bending_y: true
-    bending_z: false
-    torsion: false
-    axial: true
-    shear: true
-    rotary_inertia: true
+    {PLANE_BEAM}
     segments: {segments}
 """
     return scene("flying_beam", bodies, yaml)

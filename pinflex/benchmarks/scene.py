@@ -20,6 +20,14 @@ from pinflex.mechanics.mechanism import Mechanism, load
 
 Vec = Sequence[float]
 
+# Keys of a flexible link that has every strain of an exact beam in a plane.
+PLANE_BEAM = """bending_y: true
+    bending_z: false
+    torsion: false
+    axial: true
+    shear: true
+    rotary_inertia: true"""
+
 
 @dataclass(frozen=True)
 class Body:
@@ -41,8 +49,8 @@ def _text(values: Vec) -> str:
 
 
 def urdf(bodies: Sequence[Body]) -> str:
-    """URDF on a link "base"."""
-    lines = ['<robot name="benchmark">', '<link name="base"/>']
+    """URDF on a link "base"; the joint of a body is called "NAME_joint"."""
+    lines = ['<robot name="scene">', '<link name="base"/>']
     for b in bodies:
         lines.append(f'<link name="{b.name}">')
         if b.mass or any(b.inertia):

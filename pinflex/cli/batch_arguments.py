@@ -63,15 +63,20 @@ pose to pose. The 6x6 stiffness is that of the platform in world axes, motors lo
         help="values of a coordinate; may be repeated",
     )
     p.add_argument("--count", type=count, default=6, metavar="N", help="frequencies (default 6)")
+    preload(p)
+    p.add_argument("--free-motors", action="store_true", help="frequencies with free motors")
+    p.add_argument("--plot", metavar="FILE.png", help="write a figure (.png, .pdf, .svg)")
+    _shared(p, count)
+
+
+def preload(p: argparse.ArgumentParser) -> None:
+    """Add --preload, of all that linearises."""
     p.add_argument(
         "--preload",
         choices=("gravity", "none"),
         default="gravity",
         help="gravity: about the static equilibrium; none: about the undeformed pose",
     )
-    p.add_argument("--free-motors", action="store_true", help="frequencies with free motors")
-    p.add_argument("--plot", metavar="FILE.png", help="write a figure (.png, .pdf, .svg)")
-    _shared(p, count)
 
 
 def _shared(p: argparse.ArgumentParser, count: Callable[[str], int]) -> None:

@@ -1,16 +1,24 @@
 """Pinocchio workspaces kept for the next run, because a new one is dear.
 
 A `pin.Data` has four tensors of nV^3 numbers for second derivatives that nobody here reads: 0.14 GB
-and 60 ms at nV = 165, 2 GB at nV = 400. A few small ones are kept; large ones go at once.
+and 60 ms at nV = 165, 2 GB at nV = 400. Some are kept, up to a sum; a larger one while a run goes
+on. What a workspace is made for is the tree of joints alone: masses, gravity and placements are
+read from the model at each call, so that the next load of a mechanism, or the next case of a sweep,
+finds it ready.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+
 import pinocchio as pin
 
-_KEPT = 3
-_LARGEST = 0.3e9  # bytes: a few of these may stay around unnoticed
-_spare: list[tuple[pin.Model, pin.Data]] = []
+_BUDGET = 1.2e9  # bytes in all: up to nV = 330, and the largest shipped model (prprp)
+_spare: dict[int, tuple[pin.Model, pin.Data]] = {}  # oldest first
+_number = count()
+_runs: list[None] = []  # one for each run that is going on
 
 
 def size(model: pin.Model) -> float:
@@ -19,15 +27,43 @@ def size(model: pin.Model) -> float:
 
 
 def take(model: pin.Model) -> pin.Data:
-    """A workspace of a model: one that lies about, or a new one."""
-    for number, (owner, _) in enumerate(_spare):
-        if owner is model:
-            return _spare.pop(number)[1]
-    return model.createData()
+    """A workspace that fits a model: one that lies about, or a new one."""
+    for number, (owner, _) in tuple(_spare.items()):
+        if _same_tree(owner, model):
+            found = _spare.pop(number, None)  # None: taken meanwhile, by another thread
+            if found is not None:
+                return found[1]
+    return pin.Data(model)  # model.createData() makes two and copies one into the other
 
 
 def give_back(model: pin.Model, data: pin.Data) -> None:
-    """Keep a workspace that a run has finished with."""
-    if size(model) <= _LARGEST:
-        _spare.append((model, data))
-        del _spare[:-_KEPT]
+    """Keep a workspace that is not needed now, in place of the oldest ones."""
+    if _runs or size(model) <= _BUDGET:
+        _spare[next(_number)] = model, data
+        _make_room()
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """While a run goes on its workspaces stay, however large: its parts take them in turn."""
+    _runs.append(None)
+    try:
+        yield
+    finally:
+        _runs.pop()
+        _make_room()
+
+
+def _make_room() -> None:
+    while not _runs and sum(size(owner) for owner, _ in tuple(_spare.values())) > _BUDGET:
+        _spare.pop(next(iter(tuple(_spare)), -1), None)
+
+
+def _same_tree(one: pin.Model, other: pin.Model) -> bool:
+    """Equal kinds and axes of joints (with their indices) on equal parents, as many frames."""
+    return one is other or (
+        one.nv == other.nv
+        and one.nframes == other.nframes
+        and list(one.parents) == list(other.parents)
+        and all(a == b for a, b in zip(one.joints, other.joints, strict=True))
+    )

@@ -13,6 +13,7 @@ from pinflex.arrays import Array
 from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results import validity
+from pinflex.results.result import UNITS
 
 
 def version() -> str:
@@ -172,17 +173,7 @@ def _redundant(mechanism: Mechanism, run: Run) -> list[str]:
 
 
 def _units(mechanism: Mechanism) -> dict[str, str]:
-    units = {
-        "t": "s",
-        "torque": "N m",
-        "joint/q": "rad",
-        "joint/v": "rad/s",
-        "joint/a": "rad/s^2",
-        "frame": "m",
-        "link": "m",
-        "energy": "J",
-        "residual/closure": "m",
-    }
+    units = {"t": "s", **UNITS}
     model = mechanism.rigid.rigid
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         if joint.shortname().startswith("JointModelP") and joint.nv == 1:

@@ -47,7 +47,7 @@ _DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json 
     struct.error,
 )
 _WITHOUT_TIME = ("/x", "/mesh/nodes", "/mesh/triangles")
-_UNITS = {
+UNITS = {
     "torque": "N m",
     "joint/q": "rad",
     "joint/v": "rad/s",
@@ -140,7 +140,7 @@ class Result:
 
     def unit(self, key: str) -> str:
         """Unit of a key, from the longest prefix that meta["units"] (or the default) knows."""
-        units = {**_UNITS, **self.meta.get("units", {})}
+        units = {**UNITS, **self.meta.get("units", {})}
         known = [p for p in units if key == p or key.startswith(p + "/")]
         return str(units[max(known, key=len)]) if known else ""
 

@@ -26,6 +26,7 @@ from pinflex.errors import (
 from pinflex.levels.quasistatic import solve_quasistatic
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.run import Run
+from pinflex.mechanics import workspace
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.deviation import frame_deviations
@@ -93,7 +94,7 @@ def solve(
     from threadpoolctl import threadpool_limits
 
     # Matrices of this size run slower on two threads than on one.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with threadpool_limits(limits=1, user_api="blas"), workspace.held():
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)

@@ -10,7 +10,7 @@ import pytest
 
 import pinflex as pf
 from tests.analytical import compressed_cantilever
-from tests.scenes import Body, load
+from tests.scenes import UNIT_BEAM, Body, load
 
 CRITICAL = np.pi**2 / 4  # [EI/L^2] of a cantilever
 
@@ -20,15 +20,8 @@ def column(folder: Path, push: float, segments: int = 1, side: float = 0.0) -> p
 gravity: [0, 0, 0]
 actuated: []
 forces: {{push: {{at: tip, force: [{-push!r}, {side!r}, 0]}}}}
-flexible:
-  beam:
-    material: {{E: 1, nu: 0.3, rho: 1}}
-    section: {{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}}
+flexible:{UNIT_BEAM}
     basis: {{kind: craig_bampton, internal: 4}}
-    end: tip
-    bending_y: true
-    bending_z: false
-    torsion: false
     segments: {segments}
 """
     return load(folder, (Body("beam", "base"), Body("tip", "beam", xyz=(1, 0, 0))), yaml)
@@ -96,14 +89,7 @@ def test_a_quasistatic_run_on_an_unstable_branch_says_so(tmp_path: Path) -> None
 def spun(folder: Path, speed: float, second_order: bool) -> pf.Mechanism:
     yaml = f"""
 gravity: [0, 0, 0]
-flexible:
-  beam:
-    material: {{E: 1, nu: 0.3, rho: 1}}
-    section: {{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}}
-    end: tip
-    bending_y: true
-    bending_z: false
-    torsion: false
+flexible:{UNIT_BEAM}
     second_order: {str(second_order).lower()}
 motion: {{kind: spin_up, joints: {{beam_joint: {speed}}}, duration: 20}}
 """

@@ -9,7 +9,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.results import validity
-from tests.scenes import Body, load
+from tests.scenes import UNIT_BEAM, Body, load
 
 ARM = (Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(1, 0, 0)))
 
@@ -18,14 +18,7 @@ def arm(folder: Path, force: str, *, segments: int = 1, second_order: bool = Tru
     yaml = f"""
 gravity: [0, 0, 0]
 forces: {{load: {{at: tip, {force}}}}}
-flexible:
-  beam:
-    material: {{E: 1, nu: 0.3, rho: 1}}
-    section: {{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}}
-    end: tip
-    bending_y: true
-    bending_z: false
-    torsion: false
+flexible:{UNIT_BEAM}
     segments: {segments}
     second_order: {str(second_order).lower()}
 """

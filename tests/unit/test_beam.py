@@ -2,39 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from pinflex.arrays import Array
-from pinflex.bodies.basis import FlexibleBody, flexible_body
-from pinflex.description.flexible import Basis, FlexibleLink
-from pinflex.description.material import Material
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.description.flexible import Basis
 from pinflex.description.section import Section
+from tests.bar import BAR, CUBIC, QUINTIC, STEEL, L, bending_unit, body, omega
 
-L = 0.8  # [m]
-STEEL = Material(2.1e11, 8.0e10, 7800.0, 0.3125)
-BAR = Section.rectangle(width=0.012, thickness=0.005)
-CB = Basis("craig_bampton", internal=4)
-QUINTIC = Basis("finite_element", elements=2, order="quintic")
-CUBIC = Basis("finite_element", elements=3, order="cubic")
-
-
-def body(planes: str = "v", basis: Basis = CB, rho: float | None = None, **link: Any) -> Any:
-    link = {"material": STEEL, "section": BAR, "basis": basis} | link
-    return flexible_body(FlexibleLink("beam", **link), tuple(planes), L, rho)
-
-
-def omega(K: Array, M: Array) -> Array:
-    root = np.linalg.inv(np.linalg.cholesky(K))
-    return 1.0 / np.sqrt(np.linalg.eigvalsh(root @ M @ root.T)[::-1])
-
-
-def bending_unit(b: FlexibleBody, direction: str = "v") -> float:
-    """sqrt(EI / m L^4) (1/s)."""
-    second = BAR.Iz if direction == "v" else BAR.Iy
-    return float(np.sqrt(STEEL.E * second / (STEEL.rho or 0) / BAR.A) / b.length**2)
+CB_4 = Basis("craig_bampton", internal=4)
 
 
 def nonlinear(b: FlexibleBody, eta: Array, x: float) -> Array:
@@ -70,11 +47,11 @@ def nonlinear(b: FlexibleBody, eta: Array, x: float) -> Array:
 
 
 BODIES = {
-    "cb, all": ("uvwp", CB, {}),
-    "cb, two bendings": ("vw", CB, {}),
-    "cb, one bending and torsion": ("wp", CB, {}),
-    "cb, shear": ("uvwp", CB, {"shear": True, "rotary_inertia": True}),
-    "cb, shear only": ("uvwp", CB, {"shear": True}),
+    "cb, all": ("uvwp", CB_4, {}),
+    "cb, two bendings": ("vw", CB_4, {}),
+    "cb, one bending and torsion": ("wp", CB_4, {}),
+    "cb, shear": ("uvwp", CB_4, {"shear": True, "rotary_inertia": True}),
+    "cb, shear only": ("uvwp", CB_4, {"shear": True}),
     "cubic": ("uvwp", CUBIC, {}),
     "cubic, shear": ("uvwp", CUBIC, {"shear": True}),
     "quintic": ("uvwp", QUINTIC, {}),

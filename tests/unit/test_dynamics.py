@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,64 +11,16 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.description.description import model_names
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.system import System
+from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
 from tests.finite import by_configuration, by_time, by_vector, close, random_state
-from tests.scenes import Body, load
 
 # The differences are good to about 1e-10 of a column's largest entry; the smallest term that could
 # be missing is 1e-3 of it.
 DIFFERENCES = 1e-8
 ROUNDING = 1e-11  # of sums of a few hundred terms
 SEEDS = (1, 2)
-
-# A tree on a free base with ball, universal, continuous and sliding joints and two bent links in
-# two bases: every chart of the configuration manifold at once. Closed by a distance and a pin.
-BALL = {"mass": 0.3, "com": (0.1, 0.1, 0.05), "inertia": (0.01, 0.02, 0.025)}
-MANIFOLD = (
-    Body("body", "base", mass=3.0, com=(0.1, 0.0, 0.05), inertia=(0.1, 0.2, 0.15)),
-    Body("boom", "body", "continuous", xyz=(0.3, 0.0, 0.1), axis=(0, 1, 0), mass=0.5),
-    Body("hand", "boom", "fixed", xyz=(0.8, 0.0, 0.1), **BALL),
-    Body("grip", "hand", "prismatic", xyz=(0.1, 0, 0), axis=(0, 0.6, 0.8), **BALL),
-    Body("leg", "body", "continuous", xyz=(-0.3, 0.1, 0.0), axis=(0, 0, 1), mass=0.6),
-    Body("foot", "leg", "fixed", xyz=(0.2, 0.5, 0.0), **BALL),
-    Body("eye", "grip", xyz=(0.0, 0.0, 0.1)),
-)
-MANIFOLD_YAML = """
-base: free_flyer
-actuated: [boom_joint]
-joints:
-  hand_joint: {type: spherical}
-  foot_joint: {type: universal, axes: [[1, 0, 0], [0, 0.6, 0.8]]}
-  grip_joint: {spring: 30, rest: 0.05, damper: 2}
-  leg_joint: {spring: 3, rest: 0.1, damper: 0.5, rotor_inertia: 0.02}
-home: {foot_joint: [0.2, 0.3], hand_joint: [0.3, -0.2, 0.4]}
-loops:
-  rope: {kind: distance, between: [eye, foot]}
-frames: [eye]
-flexible:
-  boom:
-    material: {E: 2.0e9, nu: 0.3, rho: 800}
-    section: {shape: rectangle, width: 0.03, thickness: 0.02}
-    axial: true
-    rotary_inertia: true
-    shear: true
-    segments: 2
-    tip: {mass: 0.1, inertia: [1e-4, 2e-4, 3e-4]}
-  leg:
-    material: {E: 2.0e9, nu: 0.3, rho: urdf}
-    section: {shape: tube, diameter: 0.03, wall: 0.002}
-    basis: {kind: finite_element, elements: 2, order: quintic}
-    axial: true
-    damping: {modal: 0.02}
-"""
-
-
-@cache
-def mechanism(name: str) -> pf.Mechanism:
-    # 50 modes would prove nothing that 8 do not, at 20 times the cost.
-    return pf.load(name, ["flexible.beam.basis.modes=8"] if name == "prprp" else [])
 
 
 def _bare(system: System) -> System:
@@ -78,18 +29,16 @@ def _bare(system: System) -> System:
 
 
 @pytest.fixture(scope="session")
-def manifold(tmp_path_factory: pytest.TempPathFactory) -> pf.Mechanism:
-    return load(tmp_path_factory.mktemp("manifold"), MANIFOLD, MANIFOLD_YAML)
+def free_robot(tmp_path_factory: pytest.TempPathFactory) -> pf.Mechanism:
+    return manifold(tmp_path_factory.mktemp("manifold"))
 
 
-@pytest.fixture(
-    params=[f"{n}-{s}" for n in (*model_names(), "manifold") for s in ("rigid", "flexible")]
-)
+@pytest.fixture(params=[f"{name}-{which}" for name in (*NAMES, "manifold") for which in WHICH])
 def case(request: pytest.FixtureRequest) -> tuple[System, Array]:
     """A system and its undeformed home."""
     name, which = request.param.rsplit("-", 1)
-    m = request.getfixturevalue("manifold") if name == "manifold" else mechanism(name)
-    return (m.rigid, m.home) if which == "rigid" else (m.flexible, m.undeformed())
+    robot = request.getfixturevalue("free_robot") if name == "manifold" else mechanism(name)
+    return at_home(robot, which)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -200,11 +149,11 @@ def test_the_power_of_all_forces_is_the_rate_of_all_energies(
     assert power == pytest.approx(rate, abs=DIFFERENCES * size)
 
 
-@pytest.mark.parametrize("name", [*model_names(), "manifold"])
+@pytest.mark.parametrize("name", [*NAMES, "manifold"])
 def test_undeformed_links_weigh_and_pull_as_the_rigid_mechanism(
     name: str, request: pytest.FixtureRequest
 ) -> None:
-    m = request.getfixturevalue("manifold") if name == "manifold" else mechanism(name)
+    m = request.getfixturevalue("free_robot") if name == "manifold" else mechanism(name)
     n = int(m.rigid.rigid.nv)
     if not n:
         pytest.skip("nothing moves rigidly")
