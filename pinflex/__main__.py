@@ -12,9 +12,10 @@ import sys
 import warnings
 from collections.abc import Sequence
 from functools import partial
+from importlib import import_module
 from typing import Any, NoReturn
 
-from pinflex.cli import advise_command, batch_arguments, bench_arguments
+from pinflex.cli import advise, batch_arguments, bench_arguments
 from pinflex.errors import DescriptionError, PinflexError
 
 _ISSUES = "please report it with the model and the output of --debug"
@@ -68,12 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from pinflex.cli import commands
-
     if not args.debug:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")
-    code: int = getattr(commands, getattr(args, "function", args.command))(args)
+    code: int = import_module(f"pinflex.cli.{args.command}").run(args)
     sys.stdout.flush()
     return code
 
@@ -128,7 +127,7 @@ otherwise.""",
         help="write a figure of the frequencies along the motion (.png, .pdf, .svg)",
     )
 
-    advise_command.add(partial(_command, commands), _positive, _names)
+    advise.add(partial(_command, commands), _positive, _names)
 
     p = _command(
         commands,

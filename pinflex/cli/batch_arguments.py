@@ -54,7 +54,6 @@ Coordinates that are not named stay as at home. A frequency's column follows one
 pose to pose. The 6x6 stiffness is that of the platform in world axes, motors locked.""",
         "pinflex map 3rrr --grid x=-.05:.05:9 --grid y=-.05:.05:9 --out map.csv --plot map.png",
     )
-    p.set_defaults(function="map_poses")
     p.add_argument(
         "--grid",
         action="append",

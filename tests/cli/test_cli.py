@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pinflex import __main__
-from pinflex.cli import commands
+from pinflex.cli import check
 from pinflex.cli.console import Progress
 from pinflex.errors import ConvergenceError
 from pinflex.results.result import Result
@@ -366,7 +366,7 @@ def test_an_interrupt_ends_with_130_and_one_line(capsys, monkeypatch):
     def interrupted(args: object) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, "check", interrupted)
+    monkeypatch.setattr(check, "run", interrupted)
     assert call(capsys, "check", "3rrr") == (130, "", "pinflex: interrupted.\n")
 
 
@@ -374,7 +374,7 @@ def test_an_internal_error_is_one_line_that_asks_to_report_it(capsys, monkeypatc
     def broken(args: object) -> int:
         raise ZeroDivisionError("float division\nby zero")
 
-    monkeypatch.setattr(commands, "check", broken)
+    monkeypatch.setattr(check, "run", broken)
     answer = call(capsys, "check", "3rrr")
     assert (answer.code, answer.out) == (1, "")
     assert answer.err.startswith("pinflex: internal error, ZeroDivisionError: float division by")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pinflex.benchmarks.bench import Bench, Case, Point
-from pinflex.cli.bench_command import advice, write
+from pinflex.cli.bench import advice, write
 
 POINTS = (
     Point(Case("rigid"), 0.1, 0.1, {"torque": 0.5}),

@@ -1,4 +1,4 @@
-"""The commands `sweep` and `map`: tables of many cases."""
+"""What `pinflex sweep` and `pinflex map` share: options of a batch, and the answer."""
 
 from __future__ import annotations
 
@@ -8,62 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import print_json
 from pinflex.errors import SceneError
-from pinflex.studies.batch import Interrupted
-from pinflex.studies.cases import parsed
 from pinflex.studies.columns import Columns, check_suffix
-from pinflex.studies.outputs import OUTPUTS
 from pinflex.text import number, paragraph, table
 from pinflex.writing import writable
 
 _SHOWN = 5  # failures in the answer for people; the table has them all
 
 
-def sweep(args: argparse.Namespace) -> int:
-    """Solve many cases and write their table."""
-    from pinflex.studies.sweep import sweep as run
-
-    out, options = _batch(args)
-    names = OUTPUTS if args.outputs is None else [n.strip() for n in args.outputs.split(",")]
-    bar = Progress("sweep")
-    try:
-        found = run(
-            args.model, parsed(args.set, "--set"), level=args.level, outputs=names,
-            paired=args.zip, progress=bar, **options,
-        )  # fmt: skip
-    except Interrupted as stop:
-        if out is not None and stop.table:  # any rows
-            stop.table.save(out)
-        raise
-    finally:
-        bar.close()
-    return _answer(args, found, out, [])
-
-
-def map_poses(args: argparse.Namespace) -> int:
-    """Frequencies and stiffness over a grid of poses: table and figure."""
-    from pinflex.studies.frequency_map import check_figure
-    from pinflex.studies.plot_pose_map import save_pose_map
-    from pinflex.studies.pose_map import pose_map
-
-    out, options = _batch(args)
-    if args.plot is not None:
-        writable(check_figure(args.plot))
-    mechanism = load_model(args)
-    bar = Progress("map")
-    try:
-        found = pose_map(
-            mechanism, parsed(args.grid, "--grid"), count=args.count, preload=args.preload,
-            free_motors=args.free_motors, progress=bar, **options,
-        )  # fmt: skip
-    finally:
-        bar.close()
-    figures = [] if args.plot is None else [save_pose_map(found, args.plot)]
-    return _answer(args, found.table, out, figures)
-
-
-def _batch(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
+def options(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
     """The file of the table, checked, and what a batch takes: processes and journal."""
     from joblib import cpu_count
 
@@ -77,7 +31,7 @@ def _batch(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
     }
 
 
-def _answer(args: argparse.Namespace, found: Columns, out: Path | None, figures: list[Path]) -> int:
+def answer(args: argparse.Namespace, found: Columns, out: Path | None, figures: list[Path]) -> int:
     """Write the table and say what is in it; an error where no case has an answer."""
     files = [*([] if out is None else [found.save(out)]), *figures]
     failed = np.flatnonzero(found["status"] == "failed")

@@ -9,7 +9,7 @@ from pinflex.cli.console import Progress, print_json
 from pinflex.writing import writable
 
 
-def command(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """`pinflex verify`: print the table or JSON, write the page; 1 if something fails."""
     writable(args.output)
     bar = Progress("verify")

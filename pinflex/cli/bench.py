@@ -17,7 +17,7 @@ from pinflex.writing import plain, writable
 _ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
 
 
-def command(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run either benchmark."""
     if args.race is None and args.model is None:
         raise DescriptionError("bench: no model. Name one, or give --race for the race scenes.")
