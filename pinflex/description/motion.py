@@ -8,7 +8,6 @@ alpha, beta, gamma [rad]. Only the coordinates a motion names are imposed; the o
 from __future__ import annotations
 
 import ast
-import csv
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,21 +20,10 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description import formula as formulas
 from pinflex.description import laws
+from pinflex.description import motion_keys as keys
 from pinflex.description.laws import SNAP, Kinematics
+from pinflex.description.motion_keys import PLATFORM_COORDINATES, Moves
 from pinflex.errors import DescriptionError, nearest
-
-PLATFORM_COORDINATES = ("x", "y", "z", "rz", "ry", "rx")
-OPTIONS = {  # unit and range of the numbers a motion may have
-    "duration": ("s", "above 0"),
-    "ramp": ("s", "0 or more"),
-    "smooth": ("s", "0 or more"),
-    "speed": ("rad/s or m/s", "above 0"),
-    "frequency": ("Hz", "above 0"),
-    "omega": ("rad/s", "above 0"),
-    "radius": ("m", "above 0"),
-    "phase": ("rad", ""),
-}
-Moves = Mapping[str, float] | None
 
 
 @dataclass(frozen=True)
@@ -71,94 +59,6 @@ class Motion:
         return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
 
 
-def _bad(where: str, text: str) -> DescriptionError:
-    return DescriptionError(f"{where}: {text}", where=where)
-
-
-def _number(value: Any, where: str, unit: str = "rad or m") -> float:
-    try:  # YAML 1.1 reads 1e-3 as text, so text that is a number is one
-        x = float("nan" if isinstance(value, bool) else value)
-    except (TypeError, ValueError):
-        x = float("nan")
-    if not np.isfinite(x):
-        raise _bad(where, f"{value!r} is not a finite number. Give a number in {unit}.")
-    return x
-
-
-def _options(kind: str, optional: str = "", **given: float | None) -> dict[str, float]:
-    """The given numbers, each finite and in range; `optional` ones may be None and are left out."""
-    out = {}
-    for key, value in given.items():
-        if value is not None or key not in optional.split():
-            unit, least = OPTIONS[key]
-            out[key] = x = _number(value, f"{kind}.{key}", unit)
-            if (x < 0.0 and least) or (x == 0.0 and least == "above 0"):
-                raise _bad(f"{kind}.{key}", f"{x:g} {unit} is out of range. It must be {least}.")
-    return out
-
-
-def _numbers(value: Any, where: str) -> dict[str, float]:
-    if not isinstance(value, Mapping):
-        raise _bad(where, f"{value!r} is no mapping. Write {{name: number in rad or m}}.")
-    return {str(name): _number(x, f"{where}.{name}") for name, x in value.items()}
-
-
-def _names(value: Any, target: str, where: str) -> tuple[str, ...]:
-    """The names; platform coordinates must exist, joints are checked against the model."""
-    if isinstance(value, str) or not isinstance(value, (Sequence, Mapping)) or not value:
-        raise _bad(where, f"{value!r} is no list of names. Write [name, ...].")
-    names = tuple(map(str, value))
-    if len({*names}) < len(names):
-        raise _bad(where, f"{value!r} has a name twice. Name each once.")
-    for name in names:
-        if target == "platform" and name not in PLATFORM_COORDINATES:
-            hint = nearest(name, PLATFORM_COORDINATES)
-            raise _bad(f"{where}.{name}", f"no such platform coordinate.{hint}")
-    return names
-
-
-def _target(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
-    if (joints is None) == (platform is None):
-        given = "nothing moves" if joints is None else "both joints and platform are given"
-        raise _bad(where, f"{given}. Give one of joints: {{name: ...}}, platform: {{name: ...}}.")
-    return ("joints", joints) if platform is None else ("platform", platform)
-
-
-def _moves(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, float], Array]:
-    target, value = _target(joints, platform, kind)
-    moves = _numbers(value, f"{kind}.{target}")
-    _names(moves, target, f"{kind}.{target}")
-    return target, moves, np.array(list(moves.values()))
-
-
-def _table(file: Any) -> dict[str, Any]:
-    """Columns of a CSV file by the names in its first line; lines that start with # are skipped."""
-    try:
-        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
-        rows = list(csv.reader(x for x in lines if x.strip() and not x.startswith("#")))
-        if len({len(row) for row in rows}) != 1:
-            raise ValueError("its rows differ in length" if rows else "it is empty")
-        head = [cell.strip() for cell in rows[0]]
-        if len(set(head)) != len(head):
-            raise ValueError(f"two columns have one name in {', '.join(head)}")
-    except (OSError, TypeError, ValueError, csv.Error) as error:
-        why = getattr(error, "strerror", None) or error
-        raise _bad("sampled.file", f"cannot read {file}: {why}. Give a CSV file.") from error
-    return {name: [row[j] for row in rows[1:]] for j, name in enumerate(head)}
-
-
-def _samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> list[float]:
-    if name not in table:
-        raise _bad(where, f"no such column.{nearest(name, table)}")
-    column = table[name]
-    if not isinstance(column, (list, tuple, np.ndarray)):
-        raise _bad(where, f"{column!r} is no list of samples. Write [number, ...].")
-    y = [_number(x, f"{where}[{i}]", "rad or m" if times else "s") for i, x in enumerate(column)]
-    if times is not None and len(y) != len(times):
-        raise _bad(where, f"{len(y)} samples for {len(times)} times. Give one to each time.")
-    return y
-
-
 def _motion(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
     target, by_name, _ = moves
     spec = {"kind": kind} | ({target: by_name} if by_name else {}) | n
@@ -168,13 +68,19 @@ def _motion(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
 # Constructors: joints or platform maps names to displacements from home (rad | m).
 def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Displacements along s(u) = u - sin(2 pi u)/(2 pi), u = t/duration [s]; then rest."""
-    moves, n = _moves(joints, platform, "cycloid"), _options("cycloid", duration=duration)
+    moves, n = (
+        keys.moves_of(joints, platform, "cycloid"),
+        keys.options("cycloid", duration=duration),
+    )
     return _motion("cycloid", moves, partial(laws.move, laws.cycloid, moves[2], n["duration"]), n)
 
 
 def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Displacements along s(u) = 10 u^3 - 15 u^4 + 6 u^5, u = t/duration [s]; then rest."""
-    moves, n = _moves(joints, platform, "quintic"), _options("quintic", duration=duration)
+    moves, n = (
+        keys.moves_of(joints, platform, "quintic"),
+        keys.options("quintic", duration=duration),
+    )
     return _motion("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
 
 
@@ -183,13 +89,16 @@ def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) ->
 
     Source: Kane, Ryan and Banerjee (1987), the spin-up of a rotating beam.
     """
-    moves, n = _moves(joints, platform, "spin_up"), _options("spin_up", duration=duration)
+    moves, n = (
+        keys.moves_of(joints, platform, "spin_up"),
+        keys.options("spin_up", duration=duration),
+    )
     return _motion("spin_up", moves, partial(laws.spin_up, moves[2], n["duration"]), n)
 
 
 def hold(*, duration: float) -> Motion:
     """Every motor rests at home; duration [s]."""
-    n = _options("hold", duration=duration)
+    n = keys.options("hold", duration=duration)
     law = partial(laws.move, laws.quintic, np.zeros(0), n["duration"])
     return _motion("hold", ("joints", {}, None), law, n)
 
@@ -206,17 +115,17 @@ def trapezoid(
 
     Give the duration [s], or the speed (rad/s | m/s) of the coordinate with the longest way.
     """
-    moves = _moves(joints, platform, "trapezoid")
-    n = _options("trapezoid", "duration speed", ramp=ramp, duration=duration, speed=speed)
+    moves = keys.moves_of(joints, platform, "trapezoid")
+    n = keys.options("trapezoid", "duration speed", ramp=ramp, duration=duration, speed=speed)
     if len(n) != 2:
-        raise _bad("trapezoid", "give either duration in s or speed in rad/s or m/s.")
+        raise keys.bad("trapezoid", "give either duration in s or speed in rad/s or m/s.")
     if "speed" in n:
         n["duration"] = float(np.abs(moves[2]).max()) / n.pop("speed") + n["ramp"]
     ramp, end = n["ramp"], n["duration"]
     if not 0.0 < ramp <= end / 2.0 * (1.0 + SNAP):
         most = end / 2.0 if speed is None else end - ramp
         why = f"two ramps of {ramp:g} s do not fit into {end:g} s"
-        raise _bad("trapezoid.ramp", f"{why}. Give more than 0 and at most {most:g} s.")
+        raise keys.bad("trapezoid.ramp", f"{why}. Give more than 0 and at most {most:g} s.")
     shape = partial(laws.trapezoid, ramp / end)
     return _motion("trapezoid", moves, partial(laws.move, shape, moves[2], end), n)
 
@@ -234,8 +143,11 @@ def harmonic(
 
     frequency [Hz]; phase [rad]; smooth: quintic fade-in [s]; duration [s], default one period.
     """
-    moves, given = _moves(joints, platform, "harmonic"), {"frequency": frequency, "phase": phase}
-    n = _options("harmonic", "duration", **given, smooth=smooth, duration=duration)
+    moves, given = (
+        keys.moves_of(joints, platform, "harmonic"),
+        {"frequency": frequency, "phase": phase},
+    )
+    n = keys.options("harmonic", "duration", **given, smooth=smooth, duration=duration)
     n.setdefault("duration", n["smooth"] + 1.0 / n["frequency"])
     omega = 2.0 * np.pi * n["frequency"]
     return _motion(
@@ -261,21 +173,21 @@ def circle(
     values of other coordinates (m | rad); ramp: start from rest [s]; duration [s]: one turn.
     """
     given = {"radius": radius, "omega": omega, "phase": phase, "ramp": ramp, "duration": duration}
-    n = _options("circle", "duration", **given)
+    n = keys.options("circle", "duration", **given)
     if not isinstance(center, (list, tuple, np.ndarray)) or len(center) != 2:
-        raise _bad("circle.center", f"{center!r} is no point of the plane. Give [c1, c2] in m.")
-    at = [_number(x, f"circle.center[{i}]", "m") for i, x in enumerate(center)]
-    axes = _names(plane, "platform", "circle.plane")
+        raise keys.bad("circle.center", f"{center!r} is no point of the plane. Give [c1, c2] in m.")
+    at = [keys.number(x, f"circle.center[{i}]", "m") for i, x in enumerate(center)]
+    axes = keys.names(plane, "platform", "circle.plane")
     if len({*axes} & {"x", "y", "z"}) != 2 or len(axes) != 2:
-        raise _bad("circle.plane", f"{list(axes)} is no plane. Name two of x, y, z.")
-    held = _numbers(fixed or {}, "circle.fixed")
+        raise keys.bad("circle.plane", f"{list(axes)} is no plane. Name two of x, y, z.")
+    held = keys.numbers(fixed or {}, "circle.fixed")
     for name in held:
         others = [c for c in PLATFORM_COORDINATES if c not in axes]
         if name not in others:
             what = "it moves on the circle" if name in axes else "no such platform coordinate"
-            raise _bad(f"circle.fixed.{name}", f"{what}.{nearest(name, others)}")
+            raise keys.bad(f"circle.fixed.{name}", f"{what}.{nearest(name, others)}")
     if isinstance(direction, bool) or direction not in (1, -1):
-        raise _bad("circle.direction", f"{direction!r} is no direction. Allowed: 1, -1.")
+        raise keys.bad("circle.direction", f"{direction!r} is no direction. Allowed: 1, -1.")
     n.setdefault("duration", 2.0 * np.pi / n["omega"] + 0.5 * n["ramp"])
     z0, rest = n["radius"] * np.exp(1j * n["phase"]), np.array([*at, *held.values()])
     law = partial(laws.circle, rest, z0, direction * n["omega"], n["ramp"])
@@ -302,34 +214,34 @@ def sampled(
 
     for key, flag in (("absolute", absolute), ("periodic", periodic)):
         if not isinstance(flag, bool):
-            raise _bad(f"sampled.{key}", f"{flag!r} is not allowed. Allowed: true, false.")
+            raise keys.bad(f"sampled.{key}", f"{flag!r} is not allowed. Allowed: true, false.")
     if (file is None) == (t is None):
-        raise _bad("sampled", "give either file: name.csv or t: [...] with the samples.")
+        raise keys.bad("sampled", "give either file: name.csv or t: [...] with the samples.")
     if file is None or (joints is not None and platform is not None):
-        target, pick = _target(joints, platform, "sampled")
+        target, pick = keys.target_of(joints, platform, "sampled")
         if not isinstance(pick, Mapping):
-            raise _bad(f"sampled.{target}", f"{pick!r} has no samples. Write {{name: [...]}}.")
+            raise keys.bad(f"sampled.{target}", f"{pick!r} has no samples. Write {{name: [...]}}.")
         table = {str(name): column for name, column in pick.items()} | {"t": t}
     else:
-        table = _table(file)
+        table = keys.table(file)
         every = [name for name in table if name != "t"]
         guess = "platform" if {*every} <= {*PLATFORM_COORDINATES} else "joints"
         guess = "platform" if platform is not None else guess if joints is None else "joints"
         target, pick = guess, platform or joints or every
-    names = _names(pick, target, f"sampled.{target}")
-    times = _samples(table, "t", "sampled.t")
-    y = np.array([_samples(table, name, f"sampled.{target}.{name}", times) for name in names]).T
+    names = keys.names(pick, target, f"sampled.{target}")
+    times = keys.samples(table, "t", "sampled.t")
+    y = np.array([keys.samples(table, name, f"sampled.{target}.{name}", times) for name in names]).T
     if len(times) < 4 or times[0] != 0.0:
         first = f" from {times[0]:g} s" if times else ""
-        raise _bad("sampled.t", f"{len(times)} samples{first}. Give 4 or more, from t = 0 on.")
+        raise keys.bad("sampled.t", f"{len(times)} samples{first}. Give 4 or more, from t = 0 on.")
     for i in np.flatnonzero(np.diff(times) <= 0.0)[:1]:
         text = f"sample {i + 2} at {times[i + 1]:g} s follows {times[i]:g} s. Times must increase."
-        raise _bad("sampled.t", text)
+        raise keys.bad("sampled.t", text)
     end: Any = [(1, np.zeros(len(names))), (2, np.zeros(len(names)))]  # v = a = 0
     if periodic:
         for i in np.flatnonzero(np.abs(y[-1] - y[0]) > 1e-9 * np.maximum(1.0, np.ptp(y, axis=0))):
             text = f"starts at {y[0, i]:g}, ends at {y[-1, i]:g}. A periodic motion must close."
-            raise _bad(f"sampled.{target}.{names[i]}", text)
+            raise keys.bad(f"sampled.{target}.{names[i]}", text)
         y[-1] = y[0]  # exactly, as scipy asks
     spline = make_interp_spline(times, y, k=5, bc_type="periodic" if periodic else (end, end))
     spec: dict[str, Any] = {"kind": "sampled", "t": times}
@@ -352,12 +264,12 @@ def formula(
     coordinates, else displacements from home.
     """
     if not isinstance(absolute, bool):
-        raise _bad("formula.absolute", f"{absolute!r} is not allowed. Allowed: true, false.")
-    n = _options("formula", duration=duration)
-    target, given = _target(joints, platform, "formula")
+        raise keys.bad("formula.absolute", f"{absolute!r} is not allowed. Allowed: true, false.")
+    n = keys.options("formula", duration=duration)
+    target, given = keys.target_of(joints, platform, "formula")
     if not isinstance(given, Mapping):
-        raise _bad(f"formula.{target}", f'{given!r} is no mapping. Write {{name: "0.3*t^2"}}.')
-    names = _names(given, target, f"formula.{target}")
+        raise keys.bad(f"formula.{target}", f'{given!r} is no mapping. Write {{name: "0.3*t^2"}}.')
+    names = keys.names(given, target, f"formula.{target}")
     texts = {name: str(text) for name, text in given.items()}
     trees = []
     for name, text in texts.items():
@@ -365,7 +277,7 @@ def formula(
         trees.append(formulas.parse(text, where))
         values = formulas.evaluate(trees[-1], np.linspace(0.0, duration, 101))
         if not np.all(np.isfinite(values)):
-            raise _bad(where, f"{text!r} or its rates are not finite from 0 to {duration:g} s.")
+            raise keys.bad(where, f"{text!r} or its rates are not finite from 0 to {duration:g} s.")
     law = partial(_formula_law, tuple(trees))
     spec = {"kind": "formula", target: texts, "absolute": absolute, **n}
     return Motion("formula", target, names, n["duration"], law, absolute, spec)
@@ -388,17 +300,21 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
     `where` is the key path to name in errors; `file` is relative to `folder`.
     """
     if not isinstance(spec, Mapping):
-        raise _bad(where, f"{spec!r} is no mapping. Write {{kind: cycloid, joints: {{...}}, ...}}.")
+        raise keys.bad(
+            where, f"{spec!r} is no mapping. Write {{kind: cycloid, joints: {{...}}, ...}}."
+        )
     kind, given = spec.get("kind"), {str(k): x for k, x in spec.items() if k != "kind"}
     if not isinstance(kind, str) or kind not in KINDS:
-        raise _bad(f"{where}.kind", f"{kind!r} is no motion.{nearest(str(kind), KINDS)}")
+        raise keys.bad(f"{where}.kind", f"{kind!r} is no motion.{nearest(str(kind), KINDS)}")
     known = inspect.signature(KINDS[kind]).parameters
     needed = [key for key, p in known.items() if p.default is p.empty]
     for key in (*given, *needed):
         if key not in known:
-            raise _bad(f"{where}.{key}", f"no such key of a {kind} motion.{nearest(key, known)}")
+            raise keys.bad(
+                f"{where}.{key}", f"no such key of a {kind} motion.{nearest(key, known)}"
+            )
         if key not in given:
-            raise _bad(f"{where}.{key}", f"missing. A {kind} motion needs {', '.join(needed)}.")
+            raise keys.bad(f"{where}.{key}", f"missing. A {kind} motion needs {', '.join(needed)}.")
     if isinstance(given.get("file"), str):
         given["file"] = Path(folder or ".") / given["file"]
     try:

@@ -10,7 +10,8 @@ import pinocchio as pin
 from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
-from pinflex.description.motion import PLATFORM_COORDINATES, Motion
+from pinflex.description.motion import Motion
+from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.levels.quasistatic import null_space
 from pinflex.mechanics.dynamics import Dynamics

@@ -1,0 +1,120 @@
+"""The keys of a motion, checked: numbers in range, names once, columns of a file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError, nearest
+
+PLATFORM_COORDINATES = ("x", "y", "z", "rz", "ry", "rx")
+OPTIONS = {  # unit and range of the numbers a motion may have
+    "duration": ("s", "above 0"),
+    "ramp": ("s", "0 or more"),
+    "smooth": ("s", "0 or more"),
+    "speed": ("rad/s or m/s", "above 0"),
+    "frequency": ("Hz", "above 0"),
+    "omega": ("rad/s", "above 0"),
+    "radius": ("m", "above 0"),
+    "phase": ("rad", ""),
+}
+Moves = Mapping[str, float] | None
+
+
+def bad(where: str, text: str) -> DescriptionError:
+    """An error at a key path."""
+    return DescriptionError(f"{where}: {text}", where=where)
+
+
+def number(value: Any, where: str, unit: str = "rad or m") -> float:
+    """A finite number."""
+    try:  # YAML 1.1 reads 1e-3 as text, so text that is a number is one
+        x = float("nan" if isinstance(value, bool) else value)
+    except (TypeError, ValueError):
+        x = float("nan")
+    if not np.isfinite(x):
+        raise bad(where, f"{value!r} is not a finite number. Give a number in {unit}.")
+    return x
+
+
+def options(kind: str, optional: str = "", **given: float | None) -> dict[str, float]:
+    """The given numbers, each finite and in range; `optional` ones may be None and are left out."""
+    out = {}
+    for key, value in given.items():
+        if value is not None or key not in optional.split():
+            unit, least = OPTIONS[key]
+            out[key] = x = number(value, f"{kind}.{key}", unit)
+            if (x < 0.0 and least) or (x == 0.0 and least == "above 0"):
+                raise bad(f"{kind}.{key}", f"{x:g} {unit} is out of range. It must be {least}.")
+    return out
+
+
+def numbers(value: Any, where: str) -> dict[str, float]:
+    """A mapping of names to finite numbers."""
+    if not isinstance(value, Mapping):
+        raise bad(where, f"{value!r} is no mapping. Write {{name: number in rad or m}}.")
+    return {str(name): number(x, f"{where}.{name}") for name, x in value.items()}
+
+
+def names(value: Any, target: str, where: str) -> tuple[str, ...]:
+    """The names; platform coordinates must exist, joints are checked against the model."""
+    if isinstance(value, str) or not isinstance(value, (Sequence, Mapping)) or not value:
+        raise bad(where, f"{value!r} is no list of names. Write [name, ...].")
+    names = tuple(map(str, value))
+    if len({*names}) < len(names):
+        raise bad(where, f"{value!r} has a name twice. Name each once.")
+    for name in names:
+        if target == "platform" and name not in PLATFORM_COORDINATES:
+            hint = nearest(name, PLATFORM_COORDINATES)
+            raise bad(f"{where}.{name}", f"no such platform coordinate.{hint}")
+    return names
+
+
+def target_of(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
+    """Whichever of the two is given: its word and its value."""
+    if (joints is None) == (platform is None):
+        given = "nothing moves" if joints is None else "both joints and platform are given"
+        raise bad(where, f"{given}. Give one of joints: {{name: ...}}, platform: {{name: ...}}.")
+    return ("joints", joints) if platform is None else ("platform", platform)
+
+
+def moves_of(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, float], Array]:
+    """What moves, by how much each, and the same as an array."""
+    target, value = target_of(joints, platform, kind)
+    moves = numbers(value, f"{kind}.{target}")
+    names(moves, target, f"{kind}.{target}")
+    return target, moves, np.array(list(moves.values()))
+
+
+def table(file: Any) -> dict[str, Any]:
+    """Columns of a CSV file by the names in its first line; lines that start with # are skipped."""
+    try:
+        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
+        rows = list(csv.reader(x for x in lines if x.strip() and not x.startswith("#")))
+        if len({len(row) for row in rows}) != 1:
+            raise ValueError("its rows differ in length" if rows else "it is empty")
+        head = [cell.strip() for cell in rows[0]]
+        if len(set(head)) != len(head):
+            raise ValueError(f"two columns have one name in {', '.join(head)}")
+    except (OSError, TypeError, ValueError, csv.Error) as error:
+        why = getattr(error, "strerror", None) or error
+        raise bad("sampled.file", f"cannot read {file}: {why}. Give a CSV file.") from error
+    return {name: [row[j] for row in rows[1:]] for j, name in enumerate(head)}
+
+
+def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> list[float]:
+    """A column of numbers, one to each of the times if these are given."""
+    if name not in table:
+        raise bad(where, f"no such column.{nearest(name, table)}")
+    column = table[name]
+    if not isinstance(column, (list, tuple, np.ndarray)):
+        raise bad(where, f"{column!r} is no list of samples. Write [number, ...].")
+    y = [number(x, f"{where}[{i}]", "rad or m" if times else "s") for i, x in enumerate(column)]
+    if times is not None and len(y) != len(times):
+        raise bad(where, f"{len(y)} samples for {len(times)} times. Give one to each time.")
+    return y
