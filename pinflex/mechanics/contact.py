@@ -71,7 +71,7 @@ class ContactState:
         self._turning = np.flatnonzero(~self._placed)
         self._at = sleeve.half * np.array([-1.0, 0.0, 1.0])
         self._n = sleeve.eta.stop - sleeve.eta.start
-        self.X = 0.0
+        self.X = float("nan")
         self.value, self.W = np.zeros(count), np.zeros((count, 6))
         self.by_eta = np.zeros((count, self._n))
 
@@ -85,8 +85,10 @@ class ContactState:
         self._R, self._arm = frame_a[:, :3], arm
         self._axes = frame_b[:, :2].T  # x and y of b in the world
         here = np.vstack([frame_b[:, 3] - frame_a[:, 3], self._axes]) @ self._R
-        self.X = float(here[0, 0])
-        self._tables()
+        X = float(here[0, 0])
+        if X != self.X:  # forces, tangent and bias ask for the same place in turn
+            self.X = X
+            self._tables()
         mine = eta[self.eta]
         s = here[self._source]
         g, self._g_X = self._B @ mine, self._B_X @ mine
