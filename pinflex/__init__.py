@@ -24,7 +24,7 @@ Where the code is; each package imports only those above it:
     benchmarks    published cases, work and precision, the race
     cli           the commands, whose arguments `__main__` reads
 
-Beside them stand errors, arrays, text and writing, which import none of these.
+Beside them stand errors, arrays, text, threads and writing, which import none of these.
 """
 
 from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid

@@ -24,6 +24,7 @@ from pinflex.results import stress
 from pinflex.solver.solve import default_motion
 from pinflex.solver.timed import Scene, default_step
 from pinflex.solver.tolerance import Outputs, relative
+from pinflex.threads import one_blas_thread
 
 SAMPLES = 201
 RESOLUTIONS = (1e-2, 1e-3, 1e-4)  # of radau
@@ -105,6 +106,7 @@ class Bench:
         return kept
 
 
+@one_blas_thread()
 def bench(mechanism: Mechanism, progress: Progress | None = None) -> Bench:
     """Run all cases of a scene against its converged solution.
 
@@ -114,8 +116,6 @@ def bench(mechanism: Mechanism, progress: Progress | None = None) -> Bench:
     Raises:
         DescriptionError: Nothing is flexible. SceneError: No converged solution.
     """
-    from threadpoolctl import threadpool_limits
-
     if not mechanism.flexible.n_eta:
         raise DescriptionError(
             f"{mechanism.name}: bench compares flexible levels, and no link is flexible. Name some "
@@ -126,14 +126,13 @@ def bench(mechanism: Mechanism, progress: Progress | None = None) -> Bench:
             f"{mechanism.name}: damping.scope: system is known to level ked only, and bench "
             "compares with level coupled. Write scope: links."
         )
-    with threadpool_limits(limits=1, user_api="blas"):
-        scenes = _Scenes(mechanism)
-        reference, how, own = scenes.converged()
-        points, cases = [], list(scenes.cases())
-        for k, case in enumerate(cases):
-            points.append(scenes.measure(case, reference))
-            if progress is not None:
-                progress(k + 1, len(cases))
+    scenes = _Scenes(mechanism)
+    reference, how, own = scenes.converged()
+    points, cases = [], list(scenes.cases())
+    for k, case in enumerate(cases):
+        points.append(scenes.measure(case, reference))
+        if progress is not None:
+            progress(k + 1, len(cases))
     return Bench(mechanism.name, tuple(points), how, own, scenes.key)
 
 

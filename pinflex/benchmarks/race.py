@@ -25,6 +25,7 @@ from pinflex.benchmarks.race_scenes import RACES, Race
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.mechanics.mechanism import load
 from pinflex.solver.tolerance import between, relative
+from pinflex.threads import one_blas_thread
 
 PEER = Path(__file__).resolve().parents[2] / "tests" / "benchmarks" / "peer.py"
 CASE = "pinflex.benchmarks.race_case"  # the module that makes one run of ours
@@ -111,10 +112,8 @@ def with_peer(wanted: Sequence[str]) -> bool:
 
 def run(keys: Sequence[str], say: Say) -> list[Outcome]:
     """Race on the scenes named, one after the other."""
-    from threadpoolctl import threadpool_limits
-
     peer = with_peer(keys)
-    with threadpool_limits(limits=1, user_api="blas"), tempfile.TemporaryDirectory() as folder:
+    with one_blas_thread(), tempfile.TemporaryDirectory() as folder:
         return [_race(RACES[key], Path(folder) / "out.npz", say, peer) for key in keys]
 
 

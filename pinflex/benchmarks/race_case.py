@@ -26,6 +26,7 @@ from pinflex.results.recover import recover
 from pinflex.solver.solve import default_motion
 from pinflex.solver.timed import Scene
 from pinflex.solver.tolerance import platform_poses, within
+from pinflex.threads import one_blas_thread
 
 SAMPLES = 401
 Arrays = dict[str, Array]
@@ -110,11 +111,9 @@ def _middles(m: Mechanism, run: Run) -> Array:
 
 def main(argv: Sequence[str]) -> None:
     """Run twice: the first also pays for imports that only it needs."""
-    from threadpoolctl import threadpool_limits
-
     model, out, method, value, asked, *overrides = argv
     given = scene(load(model, overrides), tuple(asked.split(",")))
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         first = march(given, method, float(value))
         best = march(given, method, float(value))
     np.savez(out, **outputs(given, best.run))  # type: ignore[arg-type]

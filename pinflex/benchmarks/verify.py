@@ -14,6 +14,7 @@ from typing import Any
 from pinflex.benchmarks.record import Case, Outcome, Picture
 from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.text import paragraph, table
+from pinflex.threads import one_blas_thread
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ def cases() -> tuple[Case, ...]:
     return CASES
 
 
+@one_blas_thread()
 def verify(
     names: Sequence[str] = (),
     progress: Callable[[str, int, int], None] | None = None,
@@ -89,8 +91,6 @@ def verify(
     Raises:
         DescriptionError: A name that no case has.
     """
-    from threadpoolctl import threadpool_limits
-
     known = cases()
     for name in names:
         if not any(name.lower() in case.name.lower() for case in known):
@@ -106,9 +106,7 @@ def verify(
     for k, case in enumerate(chosen):
         if progress is not None:
             progress(case.name, k, len(chosen))
-        # Matrices of this size run slower on two threads than on one.
-        with threadpool_limits(limits=1, user_api="blas"):
-            found, picture = _run(case)
+        found, picture = _run(case)
         records += found
         pictures += [picture] if picture is not None else []
     return Verification(tuple(records), tuple(pictures))

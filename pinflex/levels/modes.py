@@ -15,6 +15,7 @@ from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.quasistatic import null_space, rest, structural_stiffness
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.threads import one_blas_thread
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Modes:
     free_motors: bool
 
 
+@one_blas_thread()
 def modes(
     mechanism: Mechanism,
     q: Array | None = None,

@@ -15,6 +15,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.threads import one_blas_thread
 
 # Newton on a balance of forces ends quadratically; its last correction, relative to the largest
 # coordinate it moves, is then at round-off.
@@ -126,6 +127,7 @@ def _newton(
     return None
 
 
+@one_blas_thread()
 def static_equilibrium(
     mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
 ) -> Equilibrium:

@@ -36,6 +36,7 @@ from pinflex.results.result import Result
 from pinflex.solver.resume import grid, join, stored
 from pinflex.solver.timed import Scene, default_step
 from pinflex.solver.tolerance import within
+from pinflex.threads import one_blas_thread
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 SAMPLES = 401
@@ -91,10 +92,7 @@ def solve(
     end = spec.until if spec.until is not None else motion.duration
     if not 0 < end < np.inf:
         raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
-    from threadpoolctl import threadpool_limits
-
-    # Matrices of this size run slower on two threads than on one.
-    with threadpool_limits(limits=1, user_api="blas"), workspace.held():
+    with one_blas_thread(), workspace.held():
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)

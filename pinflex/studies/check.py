@@ -18,6 +18,7 @@ from pinflex.mechanics.parts import FlexiblePart
 from pinflex.studies import check_urdf
 from pinflex.studies.check_statics import Statics, statics
 from pinflex.studies.mode_shapes import first_modes
+from pinflex.threads import one_blas_thread
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
 CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
@@ -105,6 +106,7 @@ class Check:
     summaries: tuple[str, ...] = field(default=())
 
 
+@one_blas_thread()
 def check(mechanism: Mechanism, count: int = 6) -> Check:
     """Look at a model before anything is solved.
 
