@@ -19,10 +19,10 @@ from pinflex.threads import one_blas_thread
 
 # Newton on a balance of forces ends quadratically; its last correction, relative to the largest
 # coordinate it moves, is then at round-off.
-_BALANCED = 1e-11
+BALANCED = 1e-11
 # Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
 _NEUTRAL = 1e-9
-_LOOKS = 5  # instants of a run at which stability is looked at
+LOOKS = 5  # instants of a run at which stability is looked at
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _newton(
         e = error(y, lam)
         if not np.all(np.isfinite(e)):
             return None
-        if turn < _BALANCED or (turn < 1e-8 and turn >= 0.5 * previous):
+        if turn < BALANCED or (turn < 1e-8 and turn >= 0.5 * previous):
             return Equilibrium(y, lam, dynamics.residual(y, v, a, lam), iteration)
         previous = turn
     return None
@@ -238,7 +238,7 @@ def solve_quasistatic(
     v[:, :m], a[:, :m] = path.v, path.a
     torque = np.empty((nt, len(system.motors)))
     offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
-    looks, said = set(np.linspace(0, nt - 1, _LOOKS).astype(int).tolist()), list[str]()
+    looks, said = set(np.linspace(0, nt - 1, LOOKS).astype(int).tolist()), list[str]()
     for k in range(nt):
         flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
         dynamics.loads.time = float(path.t[k])

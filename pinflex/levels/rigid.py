@@ -10,9 +10,14 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.levels.run import Run
+from pinflex.mechanics.closed_poses import ClosedPoses
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.mechanics.system import System
+
+_TOGETHER = 256  # instants at a time
+_RANK = 1e-14  # more closure rows than passive coordinates: any split of the forces balances
 
 
 def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
@@ -45,23 +50,21 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
 
 
 def multipliers(system: System, J: Array, r: Array) -> tuple[Array, Array]:
-    """Multipliers and motor torques that balance r - J' lam = S' tau.
+    """Multipliers and motor torques that balance r - J' lam = S' tau, at n instants.
 
     Args:
-        system: Rigid system. J: Closure Jacobian, shape (rows, nv).
-        r: Residual without closure forces, shape (nv,).
+        system: Rigid system. J: Closure Jacobians, shape (n, rows, nv).
+        r: Residuals without closure forces, shape (n, nv).
     Returns:
-        lam (rows,), tau (nm,).
+        lam (n, rows), tau (n, nm).
     """
     passive, motors = system.free, system.motors
-    if not len(J):
-        return np.zeros(0), r[motors]
-    A = J[:, passive].T
-    if A.shape[0] == A.shape[1]:
-        lam = np.asarray(np.linalg.solve(A, r[passive]), dtype=float)
-    else:
-        lam = np.asarray(np.linalg.lstsq(A, r[passive], rcond=None)[0], dtype=float)
-    return lam, r[motors] - J[:, motors].T @ lam
+    if not J.shape[1]:
+        return np.zeros((len(r), 0)), r[:, motors]
+    A, b = J[:, :, passive].swapaxes(1, 2), r[:, passive, None]
+    square = A.shape[1] == A.shape[2]
+    lam = np.asarray(np.linalg.solve(A, b) if square else np.linalg.pinv(A, rcond=_RANK) @ b)
+    return lam[:, :, 0], r[:, motors] - (J[:, :, motors].swapaxes(1, 2) @ lam)[:, :, 0]
 
 
 def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
@@ -74,9 +77,10 @@ def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     """
     path, system = nominal(mechanism, motion, t), mechanism.rigid
     dynamics, n = Dynamics(system), len(t)
+    poses, stacked = ClosedPoses(dynamics), Stacked(dynamics, min(n, _TOGETHER))
     lam, torque = np.zeros((n, system.closed.n)), np.empty((n, len(system.motors)))
-    zero = np.zeros(system.closed.n)
-    for k in range(n):
-        r = dynamics.residual(path.q[k], path.v[k], path.a[k], zero)
-        lam[k], torque[k] = multipliers(system, dynamics.closed.J, r)
+    for at in spans(n, _TOGETHER):
+        q, v, a = path.q[at], path.v[at], path.a[at]
+        r = stacked.residual(q, v, a, np.zeros_like(lam[at]), path.t[at])
+        lam[at], torque[at] = multipliers(system, poses.at(q)[2], r)
     return Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n})

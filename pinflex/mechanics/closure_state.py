@@ -122,8 +122,11 @@ class ClosureState:
         cl, data = self.closed, self._data
         twist_a = (cl.support_a * V) @ columns(data.J).T
         twist_b = (cl.support_b * V) @ columns(data.J).T
-        relative = twist_b - twist_a
-        turned = (cl.support_b - cl.support_a) * V @ columns(data.dJ).T
+        return self.drift(twist_a, twist_b, (cl.support_b - cl.support_a) * V @ columns(data.dJ).T)
+
+    def drift(self, twist_a: Array, twist_b: Array, turned: Array) -> Array:
+        """`bias` from the world twists of A and B and their relative acceleration, (loops, 6)."""
+        cl, relative = self.closed, twist_b - twist_a
         rate = np.zeros_like(self.W)
         spin_a, spin_b = skew(twist_a[:, 3:]), skew(twist_b[:, 3:])
         p_b = self.frames_b[:, :, 3]

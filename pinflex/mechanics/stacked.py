@@ -7,6 +7,7 @@ with loads, sleeves or feedback go through `Dynamics` state by state.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,14 @@ from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.poses import columns
+
+
+def spans(count: int, most: int) -> Iterator[slice]:
+    """Slices of one length, `most` or less, that cover `count` states; the last may overlap."""
+    size = min(count, most)
+    for first in range(0, count, max(size, 1)):
+        first = min(first, count - size)
+        yield slice(first, first + size)
 
 
 class Stacked:
@@ -37,8 +46,8 @@ class Stacked:
             joints, loops = int(dynamics.model.njoints), len(system.closed.names)
             self._poses = np.empty((size, joints, 12))
             self._J = np.empty((size, 6, nV))
-            stacked = _stack(system.closed, size, joints)
-            self._closed = ClosureState(stacked, dynamics.model, dynamics.data)
+            stacked = stack(system.closed, size, joints)
+            self.closed = ClosureState(stacked, dynamics.model, dynamics.data)
             self._of_loop = (np.arange(loops)[:, None] == system.closed.loop_of).astype(float)
             self._mask = system.closed.support_b - system.closed.support_a
 
@@ -53,14 +62,8 @@ class Stacked:
         """
         if not self.plain:
             return self._one_by_one(Y, V, A, lam, t)
-        d, (nq, nv) = self.dynamics, self._rigid
-        Q, V_all, A_all = Y, V, A
-        if d.flexible:
-            maps = self._expand(np.stack([Y[:, nq:], V[:, nv:], A[:, nv:]]))
-            expansion = d.system.expansion
-            Q, V_all, A_all = self.Q, self.V, self.A
-            Q[:, expansion.q_at] = Y[:, :nq]
-            V_all[:, expansion.v_at], A_all[:, expansion.v_at] = V[:, :nv], A[:, :nv]
+        d = self.dynamics
+        Q, V_all, A_all, maps = self.expanded(Y, V, A)
         g, model, data = self.g, d.model, d.data
         jacobian = columns(data.J)
         for k in range(self.size):
@@ -72,6 +75,22 @@ class Stacked:
                 self._poses[k] = d.closed.poses.block
         if d.looped:
             g -= self._closure_forces(lam)
+        return self.projected(g, Y, V, maps)
+
+    def expanded(self, Y: Array, V: Array, A: Array) -> tuple[Array, Array, Array, list[Array]]:
+        """Q, V and A of the expanded model, (size, nQ) and (size, nV), and the blocks of X."""
+        d, (nq, nv) = self.dynamics, self._rigid
+        if not d.flexible:
+            return Y, V, A, []
+        maps = self._expand(np.stack([Y[:, nq:], V[:, nv:], A[:, nv:]]))
+        expansion = d.system.expansion
+        self.Q[:, expansion.q_at] = Y[:, :nq]
+        self.V[:, expansion.v_at], self.A[:, expansion.v_at] = V[:, :nv], A[:, :nv]
+        return self.Q, self.V, self.A, maps
+
+    def projected(self, g: Array, Y: Array, V: Array, maps: list[Array]) -> Array:
+        """X' g with the forces of stiffness, damping and springs, shape (size, nv)."""
+        d, nq, nv = self.dynamics, *self._rigid
         if not d.flexible:
             R = g.copy()
         else:
@@ -129,7 +148,7 @@ class Stacked:
 
     def _closure_forces(self, lam: Array) -> Array:
         """J_Q' lam of all states, (size, nV); sets c."""
-        closed, size = self._closed, self.size
+        closed, size = self.closed, self.size
         closed.rows_from(self._poses.reshape(-1, 12))
         self.c = closed.c.reshape(size, -1)
         on_loops = np.matmul(self._of_loop, (closed.W * lam.reshape(-1, 1)).reshape(size, -1, 6))
@@ -137,7 +156,7 @@ class Stacked:
         return force
 
 
-def _stack(closed: Closures, size: int, joints: int) -> Closures:
+def stack(closed: Closures, size: int, joints: int) -> Closures:
     """The loops of `size` copies of a model whose joint poses lie one after the other."""
     loops, rows = len(closed.names), closed.n
     copies = np.arange(size)[:, None]

@@ -21,9 +21,10 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results import stress
-from pinflex.results.recover import Samples, interface_load, joint_poses, pose_of
+from pinflex.results.recover import interface_load, pose_of
 from pinflex.results.replay import samples_of
 from pinflex.results.result import Result
+from pinflex.results.samples import Samples, joint_poses
 
 # Entry of a nodal triple, sign, of value, slope and curvature of each bending direction.
 _BENDING = {"v": (1, 2, 1.0), "w": (2, 1, -1.0)}

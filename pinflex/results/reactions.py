@@ -12,9 +12,9 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loads import Loads, LoadState
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import columns
-from pinflex.results.recover import Samples, joint_poses
 from pinflex.results.replay import run_of, samples_of
 from pinflex.results.result import Result
+from pinflex.results.samples import Samples, joint_poses
 
 
 def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:

@@ -8,8 +8,8 @@ from pinflex.actuation.nominal import Nominal
 from pinflex.errors import DescriptionError
 from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.recover import Samples
 from pinflex.results.result import Result
+from pinflex.results.samples import Samples
 
 
 def run_of(mechanism: Mechanism, result: Result) -> Run:

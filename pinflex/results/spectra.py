@@ -10,9 +10,9 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.recover import Samples
 from pinflex.results.replay import run_of
 from pinflex.results.result import Result
+from pinflex.results.samples import Samples
 
 
 @dataclass(frozen=True)

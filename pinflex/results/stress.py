@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.bodies import beam
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.section import Section
 
@@ -41,9 +42,9 @@ def cut(body: FlexibleBody, count: int = 21) -> Cut:
         solid = body.solid
         return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))
     x = np.linspace(0.0, body.length, count)
-    rows = [body.rows(at) for at in x]
-    Phi = np.array([r[0] for r in rows])
-    G = None if rows[0][1] is None else np.array([r[1] for r in rows])
+    families, slices = body.families, body.slices
+    Phi = beam.first_order(families, slices, x)
+    G = beam.second_order(families, slices, x, range(6)) if body.second_order else None
     breaks = _breaks(body)
     return Cut(x, Phi, G, _outer(x, body.x, breaks), _outer(x, body.xt, breaks))
 

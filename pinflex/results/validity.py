@@ -17,6 +17,7 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.stacked import Stacked
 
 # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
 DEFLECTION = 0.1
@@ -71,12 +72,12 @@ def monitors(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> dict[s
         for slot in slots:
             eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
             x = np.linspace(0.0, slot.body.length, 9)[1:]
-            rows = np.array([slot.body.rows(at)[0] for at in x])
+            rows = slot.body.fields(x)["deflection"]
             moved = np.einsum("xrk,tk->txr", rows, eta)
             bent = np.linalg.norm(moved[:, :, :3], axis=2)
             deflection = max(deflection, float(np.max(bent, initial=0.0)) / slot.body.length)
             rotation = max(rotation, float(np.max(np.abs(moved[:, -1, 3:]), initial=0.0)))
-        fast = np.max([rates[1][:, s.root.joint] for s in slots], axis=0) / first_frequency(part)
+        fast = np.max([rates[1][s.root.joint] for s in slots], axis=0) / first_frequency(part)
         beyond = np.flatnonzero(fast > 1.0)
         key = f"link/{name}/resultant"
         push = -float(np.min(arrays[key][:, :, 0], initial=0.0)) if key in arrays else 0.0
@@ -131,17 +132,18 @@ def _stiffness(part: FlexiblePart) -> float | None:
     return min(bending) if bending else None
 
 
-def _angular_speeds(run: Run) -> tuple[Array, Array]:
-    """Some instants (n,), and the angular speed of every expanded joint then, (n, joints)."""
+def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
+    """Some instants (n,), and the angular speeds (n,) then of the joints that carry a body."""
     every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
     dynamics = Dynamics(run.system)
     model, data = dynamics.model, dynamics.data
-    speeds = np.zeros((len(every), model.njoints))
-    for row, k in enumerate(every):
-        dynamics.place(run.y[k])
-        V, _ = dynamics.expand_motion(run.v[k], np.zeros_like(run.v[k]))
-        pin.forwardKinematics(model, data, dynamics.Q, V)
-        speeds[row] = [float(np.linalg.norm(v.angular)) for v in data.v]
+    speeds = {s.root.joint: np.zeros(len(every)) for s in run.system.expansion.slots}
+    v = run.v[every]
+    Q, V, _, _ = Stacked(dynamics, len(every)).expanded(run.y[every], v, np.zeros_like(v))
+    for k in range(len(every)):
+        pin.forwardKinematics(model, data, Q[k], V[k])
+        for joint, speed in speeds.items():
+            speed[k] = float(np.linalg.norm(data.v[joint].angular))
     return run.t[every], speeds
 
 

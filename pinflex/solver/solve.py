@@ -23,7 +23,6 @@ from pinflex.errors import (
     RunInterrupted,
     nearest,
 )
-from pinflex.levels.quasistatic import solve_quasistatic
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.run import Run
 from pinflex.mechanics import workspace
@@ -33,6 +32,7 @@ from pinflex.results.deviation import frame_deviations
 from pinflex.results.meta import describe
 from pinflex.results.recover import recover
 from pinflex.results.result import Result
+from pinflex.solver.equilibria import solve_equilibria
 from pinflex.solver.resume import grid, join, stored
 from pinflex.solver.timed import Scene, default_step
 from pinflex.solver.tolerance import within
@@ -226,7 +226,7 @@ def _run(
     if spec.level == "rigid" and spec.drive == "prescribed":
         return solve_rigid(mechanism, motion, t)
     if spec.level == "quasistatic":
-        return solve_quasistatic(mechanism, motion, t, progress)
+        return solve_equilibria(mechanism, motion, t, spec.tol, spec.asked or ASKED, progress)
     scene = Scene(mechanism, motion, spec, control, tolerance)
     if spec.tol is not None:
         return within(scene, t, spec.tol, progress)

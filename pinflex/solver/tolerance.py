@@ -146,7 +146,7 @@ class Outputs:
         if self._rigid is None:
             dynamics, q = Dynamics(self._mechanism.rigid), None
             try:
-                q = nominal(self._mechanism, self._motion, self._t[self._keep]).q
+                q = nominal(self._mechanism, self._motion, self._t).q[self._keep]
             except SceneError:
                 q = np.tile(run.y[:1, : int(run.system.rigid.nq)], (len(self._t[self._keep]), 1))
             self._rigid = platform_poses(self._mechanism, dynamics, q)

@@ -84,7 +84,7 @@ def _rigid_holding(mechanism: Mechanism) -> tuple[float, ...]:
     dynamics, still = Dynamics(system), np.zeros(system.nv)
     r = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n))
     J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
-    return _torques(multipliers(system, J, r)[1])
+    return _torques(multipliers(system, J[None], r[None])[1][0])
 
 
 def _none(why: str) -> Statics:

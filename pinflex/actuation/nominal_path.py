@@ -1,0 +1,227 @@
+"""A path of the closed-loop rigid mechanism: poses by Newton, their rates, what goes wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pinflex.actuation.motors import joint_path, motor_axes
+from pinflex.arrays import Array
+from pinflex.description.motion import Motion
+from pinflex.errors import DescriptionError, MotionError, SceneError
+from pinflex.mechanics import assembly
+from pinflex.mechanics.closed_poses import COORDINATES, ClosedPoses
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.mechanism import Mechanism
+
+
+def underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
+    """The error of motors that leave coordinates undetermined."""
+    return MotionError(
+        f"{mechanism.name}: the motors do not determine the motion of {', '.join(passive)}. "
+        "Actuate these joints or close loops over them; level=coupled lets them swing."
+    )
+
+
+class Path:
+    """One run's solver: unknown velocity rows, imposed rows, and the sign of the determinant."""
+
+    def __init__(self, mechanism: Mechanism, motion: Motion) -> None:
+        self.mechanism, self.motion = mechanism, motion
+        self.dynamics = Dynamics(mechanism.rigid)
+        self.axes = motor_axes(mechanism)
+        self.names = mechanism.coordinates
+        system = mechanism.rigid
+        self.passive = system.free
+        self.platform = motion.target == "platform"
+        self.sign = 0.0
+        self.rows = system.closed.n
+        self.poses = ClosedPoses(self.dynamics)
+        self.unknown, equations = self.passive, self.rows
+        if self.platform:
+            columns = tuple(COORDINATES.index(name) for name in motion.names)
+            self.poses = ClosedPoses(self.dynamics, self._frame(), columns)
+            self.unknown = np.arange(system.nv, dtype=np.intp)
+            equations += len(columns)
+        if equations != len(self.unknown):
+            raise self._wrong_count(equations)
+
+    def _wrong_count(self, equations: int) -> SceneError:
+        where, mobility = self.mechanism.name, self.mechanism.report.mobility
+        if not self.platform:
+            if equations < len(self.unknown):
+                J = self.dynamics.close(self.mechanism.home)[1][:, self.passive]
+                _, motion = assembly.null_motion(
+                    J, self.dynamics.system.closed, self._passive_names
+                )
+                return underactuated(self.mechanism, [motion])
+            return MotionError(
+                f"{where}: {len(self.axes.v_at)} motors drive a mechanism of mobility {mobility}: "
+                "their motions fight each other. Take motors out of `actuated`, or move the "
+                "platform (motion: platform), which gives consistent motor motions."
+            )
+        return MotionError(
+            f"{where}: motion.platform imposes {len(self.motion.names)} coordinates "
+            f"({', '.join(self.motion.names)}), the mechanism has mobility {mobility}. "
+            f"Name exactly {mobility} of x, y, z, rz, ry, rx that it can follow."
+        )
+
+    @property
+    def _passive_names(self) -> list[str]:
+        return [self.names[k] for k in self.passive]
+
+    def _frame(self) -> Attachment:
+        name = self.mechanism.description.platform
+        if name is None:
+            raise DescriptionError(
+                f"{self.mechanism.name}: motion.platform needs `platform: FRAME` in the YAML."
+            )
+        return self.mechanism.rigid.expansion.frames[name]
+
+    # One instant ---------------------------------------------------------------------------
+
+    def imposed(self, t: Array) -> tuple[Array, Array, Array]:
+        """Imposed coordinates over time: motor positions or platform coordinates."""
+        if not self.platform:
+            return joint_path(self.mechanism, self.motion, t)
+        p, v, a = self.motion.evaluate(t)
+        if not self.motion.absolute:
+            p = p + self.poses.at(self.mechanism.home[None])[1][0]
+        return p, v, a
+
+    def start(self, imposed: tuple[Array, Array, Array]) -> Array:
+        """First pose of the path: reached from home in small moves, so the branch is kept."""
+        home = self.mechanism.home
+        begin = self.poses.at(home[None])[1][0] if self.platform else self.axes.read(home)
+        end, pose = imposed[0][0], home
+        for part in (1.0,) if np.allclose(begin, end, atol=1e-9) else np.linspace(0.05, 1.0, 20):
+            pose = self.solve(pose, begin + part * (end - begin), 0.0)
+        return pose
+
+    def equations(self, poses: Array, target: Array) -> tuple[Array, Array]:
+        """What is open at poses (n, nq), shape (n, k), and its Jacobian, shape (n, k, k)."""
+        c, place, J = self.poses.at(poses)
+        if not self.platform:
+            return c, J[:, :, self.unknown]
+        error, turns = place - target, self.poses.turns
+        error[:, turns] = (error[:, turns] + np.pi) % (2 * np.pi) - np.pi
+        return np.concatenate([c, error], axis=1), J
+
+    def _equations(self, pose: Array, target: Array) -> tuple[Array, Array]:
+        error, J = self.equations(pose[None], target)
+        return error[0], J[0]
+
+    def solve(self, guess: Array, target: Array, time: float) -> Array:
+        """Closed pose with the imposed coordinates; Newton with step halving.
+
+        Raises:
+            MotionError: It cannot be reached from the guess.
+        """
+        pose = guess.copy()
+        if not self.platform:
+            self.axes.write(pose, target)
+        error, J = self._equations(pose, target)
+        size = float(np.max(np.abs(error), initial=0.0))
+        for _ in range(40):
+            if size < assembly.CLOSED:
+                break
+            step = -np.linalg.lstsq(J, error, rcond=1e-12)[0] if _bad(J) else _solve(J, -error)
+            step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-300))
+            for _ in range(8):
+                dy = np.zeros(self.dynamics.system.nv)
+                dy[self.unknown] = step
+                trial = self.dynamics.integrate(pose, dy)
+                error_trial, J_trial = self._equations(trial, target)
+                size_trial = float(np.max(np.abs(error_trial)))
+                if size_trial < size or size_trial < assembly.CLOSED:
+                    break
+                step *= 0.5
+            else:
+                break
+            pose, error, J, size = trial, error_trial, J_trial, size_trial
+        if size < assembly.CLOSED * 100:
+            return pose
+        raise MotionError(
+            f"{self.mechanism.name}: t = {time:.6g} s: the mechanism cannot reach this pose "
+            f"(closest approach {size:.2g} m or rad). Keep the path inside the workspace, or start "
+            "from another branch.",
+            time=time,
+        )
+
+    def rates(self, pose: Array, v_in: Array, a_in: Array, time: float) -> tuple[Array, Array]:
+        """Exact velocity and acceleration at a closed pose; raises where they are not unique."""
+        J = self.poses.at(pose[None])[2]
+        self._check(J[0][:, self.unknown], "path" if self.platform else "motors", time)
+        v, a = self.rates_of(pose[None], J, v_in[None], a_in[None])
+        return v[0], a[0]
+
+    def start_from(self, pose: Array) -> None:
+        """Take the branch of a closed pose."""
+        self._check(self.poses.at(pose[None])[2][0][:, self.unknown], "motors", 0.0)
+
+    def rates_of(self, poses: Array, J: Array, v_in: Array, a_in: Array) -> tuple[Array, Array]:
+        """Velocities and accelerations (n, nv) at closed poses with the Jacobians J there."""
+        unknown, motors = self.unknown, self.axes.v_at
+        v, a = (np.zeros((len(poses), self.dynamics.system.nv)) for _ in range(2))
+        if self.platform:
+            none = np.zeros((len(poses), self.rows))
+            v_in, a_in = (np.concatenate([none, x], axis=1) for x in (v_in, a_in))
+        else:
+            v[:, motors], a[:, motors] = v_in, a_in
+            v_in, a_in = (-(J[:, :, motors] @ x[:, :, None])[:, :, 0] for x in (v_in, a_in))
+        if len(unknown):
+            v[:, unknown] = np.linalg.solve(J[:, :, unknown], v_in[:, :, None])[:, :, 0]
+            a_in = a_in - self.poses.bias(poses, v)
+            a[:, unknown] = np.linalg.solve(J[:, :, unknown], a_in[:, :, None])[:, :, 0]
+        return v, a
+
+    def _check(self, J: Array, which: str, time: float) -> None:
+        """Singular here, or passed a singular pose since the last instant (determinant's sign)."""
+        sign = float(np.linalg.slogdet(J)[0])
+        ratio = assembly.singular_ratio(J)
+        if ratio < assembly.SINGULAR or (self.sign and sign != self.sign):
+            raise self._singular(J, which, time)
+        self.sign = sign
+
+    def _singular(self, J: Array, which: str, time: float) -> SceneError:
+        columns = [self.names[k] for k in self.unknown]
+        where = f"{self.mechanism.name}: t = {time:.6g} s"
+        if which == "motors":
+            return assembly.singularity(J, self.dynamics.system.closed, columns, where, time)
+        error = assembly.singularity(J, self.dynamics.system.closed, columns, where, time)
+        text = str(error).replace(
+            "the passive loop Jacobian", "the Jacobian of loops and imposed platform coordinates"
+        )
+        text = text.replace("with all motors locked", "with the platform coordinates held")
+        return type(error)(text, **error.data)
+
+    def locate(self, pose: Array, good: float, bad: float) -> None:
+        """Bisect to the last reachable time and name the singular pose there, if it is one."""
+        for _ in range(24):
+            middle = 0.5 * (good + bad)
+            p, v, a = (x[0] for x in self.imposed(np.array([middle])))
+            try:
+                pose = self.solve(pose, p, middle)
+                self.rates(pose, v, a, middle)
+                good = middle
+            except SceneError:
+                bad = middle
+        J = self.poses.at(pose[None])[2][0][:, self.unknown]
+        which = "path" if self.platform else "motors"
+        # At a fold the smallest singular value falls with the square root of the time left, so
+        # after 24 halvings of one sample it is far below this.
+        if assembly.singular_ratio(J) < 1e-2:
+            raise self._singular(J, which, good)
+
+
+def _bad(J: Array) -> bool:
+    return bool(J.shape[0] != J.shape[1])
+
+
+def _solve(A: Array, b: Array) -> Array:
+    try:
+        return np.asarray(np.linalg.solve(A, b))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(A, b, rcond=1e-12)[0])

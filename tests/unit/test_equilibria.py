@@ -1,0 +1,74 @@
+"""Equilibria many at a time are those found one after the other; interpolated ones keep a tol."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.levels.pieces import Pieces
+from pinflex.levels.quasistatic import solve_quasistatic
+from pinflex.solver.equilibria import solve_equilibria
+from pinflex.solver.solve import default_motion
+from pinflex.solver.tolerance import Outputs
+
+# Loops in space under gravity; loops in the plane whose platform moves by stretch alone; a tree; a
+# large deflection; acceleration that jumps at the corners of a trapezoid.
+SCENES = {
+    "race_r2": ([], 0.4),
+    "race_r1": (["flexible.*.axial=true"], 0.2),
+    "ur5": ([], 0.8),
+    "spinning_beam": ([], 20.0),
+    "3tpt": ([], 0.7),
+}
+
+
+def scene(name: str) -> tuple[pf.Mechanism, pf.Motion, np.ndarray]:
+    changes, end = SCENES[name]
+    robot = pf.load(name, changes)
+    return robot, default_motion(robot), np.linspace(0.0, end, 41)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_many_at_a_time_is_one_after_the_other(name):
+    """To what a balance to round-off leaves of the largest value."""
+    robot, motion, t = scene(name)
+    one, many = solve_quasistatic(robot, motion, t), solve_equilibria(robot, motion, t)
+    assert many.cost["steps"] > len(t)  # nodes and samples: it was not left to the march
+    for key in ("y", "lam", "torque"):
+        a, b = getattr(one, key), getattr(many, key)
+        assert np.max(np.abs(a - b), initial=0.0) <= 1e-10 * np.max(np.abs(a), initial=0.0), key
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("tol", [1e-2, 1e-4])
+def test_a_tolerance_is_kept_with_fewer_instants(name, tol):
+    robot, motion, t = scene(name)
+    t = np.linspace(0.0, t[-1], 201)
+    one = solve_quasistatic(robot, motion, t)
+    few = solve_equilibria(robot, motion, t, tol)
+    errors = Outputs(robot, motion, t).differences(few, one)
+    print(name, tol, few.cost, {k: f"{e:.1e}" for k, e in errors.items()})
+    assert max(errors.values()) <= tol
+    if tol == 1e-2:
+        assert few.cost["steps"] < len(t) / 2
+
+
+def test_where_the_load_is_too_much_the_march_says_when():
+    """Gravity buckles the thin links of the 3-RRS as it sinks."""
+    robot = pf.load("3rrs", ["solve.integrator=generalized_alpha", "solve.newmark=null"])
+    with pytest.raises(pf.ConvergenceError, match=r"3rrs: t = 0\.\d+ s: no equilibrium") as caught:
+        pf.solve(robot, level="quasistatic", tol=1e-2, samples=101)
+    good = caught.value.result
+    assert 0.5 < good.t[-1] < 0.6 and np.all(np.isfinite(good.arrays["eta"]))
+
+
+def test_pieces_interpolate_smooth_parts_to_round_off_and_keep_their_corner():
+    pieces = Pieces(0.0, 2.0, [1.0])
+    f = lambda t: np.where(t < 1.0, np.sin(3 * t), 5 + np.cos(2 * t))  # noqa: E731
+    nodes, t = pieces.nodes(16), np.linspace(0.0, 2.0, 97)
+    found = pieces.between(f(nodes)[:, :, None], t)[:, 0]
+    away = ~pieces.at_corner(t)
+    assert np.sum(~away) == 3
+    assert np.max(np.abs(found - f(t))[away]) < 1e-13
+    assert np.all(pieces.nodes(32)[:, ::2] == nodes)
