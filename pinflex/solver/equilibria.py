@@ -4,8 +4,8 @@ Instants do not depend on each other, and what they have in common is used: one 
 neighbourhood, Newton's residuals are evaluated together, and between the corners of the motion the
 deviation is a smooth function of time, so that it is found at a few Chebyshev points and
 interpolated. With a tolerance that is all; without one the interpolated poses are where Newton
-starts at every sample. Where this does not go straight, `pinflex.levels.quasistatic` goes from instant to
-instant and finds out what is the matter.
+starts at every sample. Where this does not go straight, `pinflex.levels.quasistatic` goes from
+instant to instant and finds out what is the matter.
 """
 
 from __future__ import annotations
@@ -254,8 +254,8 @@ def solve_equilibria(
 
     Args:
         mechanism: Mechanism. motion: Motion. t: Increasing samples, shape (nt,).
-        tol: Relative error of the outputs asked for (see `pinflex.solver.tolerance`); None: every sample
-            is balanced to round-off.
+        tol: Relative error of the outputs asked for (see `pinflex.solver.tolerance`); None: every
+            sample is balanced to round-off.
         asked: What the tolerance is about.
         progress: Called with (samples done, samples) where it goes from instant to instant.
     Returns:
