@@ -1,4 +1,4 @@
-"""What a second core brings to a sweep: `python tests/benchmarks/sweep.py`. 64 cases of the 3-RRR.
+"""What a second core brings to a sweep: `python tests/benchmarks/sweep.py`. 64 cases of race_r2.
 
 Times include the start of the processes, as a user waits for it. What others kept busy meanwhile
 is printed with each: the ratio means something only where that is small in both. Core seconds,
@@ -22,8 +22,8 @@ from joblib.externals.loky import get_reusable_executor
 import pinflex as pf
 from pinflex.studies.columns import Columns
 
-CASES = {"flexible.*.section.thickness": np.linspace(1.5e-3, 3e-3, 64)}
-ROUNDS = 3
+CASES = {"flexible.*.section.thickness": np.linspace(2.5e-3, 4e-3, 64), "solve.dt": [1.25e-4]}
+ROUNDS = 2
 
 
 def machine_busy() -> float:
@@ -43,7 +43,7 @@ def own_busy() -> float:
 def measured(jobs: int) -> tuple[float, Columns]:
     """Seconds of the sweep in so many processes, and its table."""
     own, all_of_it, began = own_busy(), machine_busy(), time.perf_counter()
-    table = pf.sweep("3rrr", CASES, level="quasistatic", jobs=jobs)
+    table = pf.sweep("race_r2", CASES, level="coupled", jobs=jobs)
     seconds = time.perf_counter() - began
     worked = own_busy() - own
     others = (machine_busy() - all_of_it - worked) / seconds
