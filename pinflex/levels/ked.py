@@ -10,17 +10,17 @@ equations along the nominal motion, so `coupled` tends to this level for small d
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.arrays import Array, IntArray
+from pinflex.actuation.nominal import nominal
+from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.description.supplement import SolveSpec
 from pinflex.errors import ConvergenceError
 from pinflex.levels.integrators import scheme
+from pinflex.levels.linear_line import Line, along
 from pinflex.levels.linear_march import (
     Instant,
     March,
@@ -30,11 +30,11 @@ from pinflex.levels.linear_march import (
     wilson_theta,
 )
 from pinflex.levels.mode_superposition import mode_superposition
-from pinflex.levels.quasistatic import structural_stiffness
 from pinflex.levels.run import Run
-from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
+
+_CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-off
 
 
 def march_of(spec: SolveSpec) -> March:
@@ -59,6 +59,7 @@ def solve_ked(
     static: bool = False,
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    close: float = _CLOSE,
 ) -> Run:
     """March the linear deviation; one linear system a step.
 
@@ -68,35 +69,33 @@ def solve_ked(
         static: Start from the balance of the first instant instead of the undeformed pose.
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
+        close: What interpolated matrices may miss (see `linear_line.along`).
     Returns:
         The run: nominal motion plus deviation, torques included.
     """
     path, system = nominal(mechanism, motion, t), mechanism.flexible
-    dynamics = Dynamics(system)
-    nt, m, nv = len(path.t), int(system.rigid.nv), system.nv
-    free, motors, rows = system.free, system.motors, system.closed.n
+    nt, free, rows = len(path.t), system.free, system.closed.n
     h = float(t[-1] - t[0]) / (nt - 1)
-    y, lam = np.empty((nt, system.nq)), np.empty((nt, rows))
-    v, a = np.zeros((nt, nv)), np.zeros((nt, nv))
-    v[:, :m], a[:, :m] = path.v, path.a
-    torque = np.empty((nt, len(motors)))
-    line = Line(mechanism, path, v.copy(), a.copy(), structural)
-    start = np.zeros(nv)
-    if static:
-        start[free] = _static_deviation(line.free(0))
-    for k, state in enumerate(march(line.free, nt, h, start[free])):
+    at = along(mechanism, motion, path, structural, close)
+    line = Line(mechanism, path)
+    d, v, a = np.zeros((nt, system.nv)), line.v, line.a
+    lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
+    flat = np.hstack([path.q, np.zeros((nt, system.n_eta))])
+    start = _static_deviation(at(0).free) if static else np.zeros(len(free))
+    for k, state in enumerate(march(lambda k: at(k).free, nt, h, start)):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
+            y = line.dynamics.integrate_all(flat, d)
             raise _blown_up(system, path.t, y, v, a, lam, torque, k, h)
-        here = line.full(k)
-        d, dv, da = (_spread(x, free, nv) for x in (state.d, state.v, state.a))
-        now = here.instant
-        left = now.r + now.M @ da + now.C @ dv + now.K @ d - now.J.T @ state.lam
-        torque[k], lam[k] = left[motors], here.base + state.lam
-        y[k] = dynamics.integrate(line.flat(k), d)
-        v[k] += dv
-        a[k] += da
+        here = at(k)
+        now = here.motors
+        left = now.r + now.M @ state.a + now.C @ state.v + now.K @ state.d
+        torque[k], lam[k] = left - now.J.T @ state.lam, here.base + state.lam
+        d[k, free] = state.d
+        v[k, free] += state.v
+        a[k, free] += state.a
         if progress is not None and k % 64 == 0:
             progress(k, nt)
+    y = line.dynamics.integrate_all(flat, d)
     settings: dict[str, object] = {
         "dt": h,
         "terms": "structural" if structural else "full",
@@ -115,88 +114,6 @@ def _static_deviation(now: Instant) -> Array:
     S[:n, :n], S[:n, n:], S[n:, :n] = now.K, -now.J.T, now.J
     solution = np.linalg.solve(S, np.concatenate([-now.r, np.zeros(rows)]))
     return np.asarray(solution[:n])
-
-
-def _spread(x: Array, rows: IntArray, nv: int) -> Array:
-    full = np.zeros(nv)
-    full[rows] = x
-    return full
-
-
-@dataclass(frozen=True)
-class Here:
-    """All rows of the system at one step, and the multipliers of the rigid motion."""
-
-    instant: Instant
-    base: Array
-
-
-class Line:
-    """The linear system along the nominal motion, step by step; the last few are kept."""
-
-    def __init__(
-        self, mechanism: Mechanism, path: Nominal, v: Array, a: Array, structural: bool
-    ) -> None:
-        self.dynamics = Dynamics(mechanism.flexible)
-        self.path, self.v, self.a = path, v, a
-        self.damping = mechanism.description.system_damping
-        self.structure = structural_stiffness(self.dynamics)
-        self.structural = structural
-        self.straight = np.zeros(mechanism.flexible.n_eta)
-        self.kept: dict[int, tuple[Here, Instant]] = {}
-
-    def flat(self, k: int) -> Array:
-        """The undeformed pose of step k."""
-        return np.concatenate([self.path.q[k], self.straight])
-
-    def full(self, k: int) -> Here:
-        """The system in all coordinates."""
-        return self._at(k)[0]
-
-    def free(self, k: int) -> Instant:
-        """The system in the free coordinates."""
-        return self._at(k)[1]
-
-    def _at(self, k: int) -> tuple[Here, Instant]:
-        if k not in self.kept:
-            while len(self.kept) > 5:  # mode superposition looks three steps around
-                self.kept.pop(min(self.kept, key=lambda j: -abs(j - k)))
-            here = self._evaluate(k)
-            at, now = self.dynamics.system.free, here.instant
-            square = np.ix_(at, at)
-            part = Instant(now.M[square], now.C[square], now.K[square], now.r[at], now.J[:, at])
-            self.kept[k] = here, part
-        return self.kept[k]
-
-    def _evaluate(self, k: int) -> Here:
-        dynamics, system = self.dynamics, self.dynamics.system
-        y, v, a = self.flat(k), self.v[k], self.a[k]
-        dynamics.loads.time = float(self.path.t[k])
-        base = _rigid_multipliers(dynamics, y, v, a)
-        r = dynamics.residual(y, v, a, base)
-        M, C, K = dynamics.tangent(y, v, a, base)
-        if self.structural:
-            C, K = system.D, self.structure
-        alpha, beta = self.damping
-        if alpha or beta:
-            C = C + alpha * M + beta * self.structure
-        J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
-        return Here(Instant(M, C, K, r, J), base)
-
-
-def _rigid_multipliers(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:
-    """Closure forces of the rigid motion in the rows of the flexible mechanism.
-
-    They bring the geometric stiffness of the joint forces; any split between them and the
-    deviation's own multipliers satisfies the same equations.
-    """
-    system = dynamics.system
-    if not system.closed.n:
-        return np.zeros(0)
-    r = dynamics.residual(y, v, a, np.zeros(system.closed.n))
-    passive = np.setdiff1d(np.arange(dynamics.n_rigid), system.motors)
-    J = dynamics.jacobian()[:, passive]
-    return np.asarray(np.linalg.lstsq(J.T, r[passive], rcond=1e-10)[0], dtype=float)
 
 
 def _blown_up(

@@ -46,7 +46,7 @@ class Pieces:
         for k, at in enumerate(self.nodes(n)):
             here = piece == k
             away = t[here, None] - at
-            away[away == 0.0] = 1e-300  # at a node: its weight outweighs all others
+            away[away == 0.0] = 1e-100  # at a node: its weight outweighs all others
             W = sign / away
             found[here] = W @ values[k] / W.sum(axis=1, keepdims=True)
         return found

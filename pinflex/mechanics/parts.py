@@ -93,10 +93,11 @@ def resolve(description: Description, links: Sequence[Link]) -> dict[str, Flexib
         above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
         poses.append(above * link.placement)
     normal = _plane_normal(links, poses, np.array(description.gravity, float))
-    return {
-        spec.link: _part(description, spec, links, index, poses, normal)
-        for spec in description.flexible
-    }
+    parts: dict[str, FlexiblePart] = {}
+    for spec in description.flexible:
+        made = tuple(parts.values())
+        parts[spec.link] = _part(description, spec, links, index, poses, normal, made)
+    return parts
 
 
 def _part(
@@ -106,6 +107,7 @@ def _part(
     index: Mapping[str, int],
     poses: Sequence[pin.SE3],
     normal: Array | None,
+    made: Sequence[FlexiblePart],
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
     number = index[spec.link]
@@ -123,8 +125,14 @@ def _part(
             )
         rho = mass / (spec.section.A * length)
         spec = replace(spec, material=replace(spec.material, rho=rho))
-    body = flexible_body(spec, planes, length / spec.segments)
-    bodies = (body,) * spec.segments
+    for other in made:  # equal links are one body: what follows from it is worked out once
+        if (other.length, other.planes) == (length, planes) and other.spec == replace(
+            spec, link=other.link
+        ):
+            bodies = other.bodies
+            break
+    else:
+        bodies = (flexible_body(spec, planes, length / spec.segments),) * spec.segments
     return FlexiblePart(
         spec.link, placement, length, planes, reason, bodies, spec.root, spec.tip, spec
     )

@@ -86,12 +86,14 @@ def _poses(key: str, poses: Array, names: Sequence[str], frames: Any) -> dict[st
 def _links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) -> dict[str, Array]:
     """Deflection, section forces, stress and world shape of every flexible link."""
     out: dict[str, Array] = {}
+    bodies = {id(s.body): s.body for s in run.system.expansion.slots}
+    cuts = {key: stress.cut(body, _SECTIONS) for key, body in bodies.items()}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
-        cuts = [stress.cut(body, _SECTIONS) for body in part.bodies[:1]] * len(slots)
         pieces: dict[str, list[Array]] = {}
         home = pose_of(samples.poses, slots[0].root)
-        for number, (slot, section) in enumerate(zip(slots, cuts, strict=True)):
+        for number, slot in enumerate(slots):
+            section = cuts[id(slot.body)]
             eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
             d = stress.deflections(section, eta)
             # A linear run has its forces on the undeformed link.

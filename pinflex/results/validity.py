@@ -65,15 +65,18 @@ def monitors(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> dict[s
         return {}
     rates = _angular_speeds(run)
     M = Dynamics(run.system).mass(run.y[0])
+    ends = {}
+    for slot in run.system.expansion.slots:
+        if id(slot.body) not in ends:
+            x = np.linspace(0.0, slot.body.length, 9)[1:]
+            ends[id(slot.body)] = slot.body.fields(x)["deflection"]
     found = {}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
         deflection = rotation = 0.0
         for slot in slots:
             eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
-            x = np.linspace(0.0, slot.body.length, 9)[1:]
-            rows = slot.body.fields(x)["deflection"]
-            moved = np.einsum("xrk,tk->txr", rows, eta)
+            moved = np.einsum("xrk,tk->txr", ends[id(slot.body)], eta, optimize=True)
             bent = np.linalg.norm(moved[:, :, :3], axis=2)
             deflection = max(deflection, float(np.max(bent, initial=0.0)) / slot.body.length)
             rotation = max(rotation, float(np.max(np.abs(moved[:, -1, 3:]), initial=0.0)))

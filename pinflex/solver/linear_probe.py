@@ -21,10 +21,9 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.levels.integrators import generalized_alpha
-from pinflex.levels.ked import Line
+from pinflex.levels.linear_line import Line
 from pinflex.levels.linear_march import Instant, alpha, saddle
 from pinflex.levels.modes import modes
-from pinflex.levels.quasistatic import balance
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
@@ -97,10 +96,8 @@ class Probe:
             self.knots *= 2
         self.h = float(self.t[1])
         self.dynamics = Dynamics(self.system)
-        m, nv = int(self.system.rigid.nv), self.system.nv
-        self.v0, self.a0 = np.zeros((len(self.t), nv)), np.zeros((len(self.t), nv))
-        self.v0[:, :m], self.a0[:, :m] = self.path.v, self.path.a
-        line = Line(mechanism, self.path, self.v0, self.a0, False)
+        line = Line(mechanism, self.path)
+        self.v0, self.a0 = line.v, line.a
         here = [line.full(k) for k in range(0, len(self.t), self.stride)]
         self.base = np.array([x.base for x in here])
         stack = {x: np.array([getattr(h.instant, x) for h in here]) for x in "MCKrJ"}
@@ -260,29 +257,6 @@ class Probe:
             )  # fmt: skip
             torque[k] = left[motors]
         return self._run(found, torque)
-
-    def quasistatic(self) -> Run:
-        """The balance at the knots, interpolated.
-
-        Raises:
-            ConvergenceError: There is none.
-        """
-        dynamics, system = self.dynamics, self.system
-        d: list[Array] = []
-        torque: list[Array] = []
-        lam = np.zeros(system.closed.n)
-        for k in range(0, self.steps, self.stride):
-            dynamics.loads.time = float(self.t[k])
-            flat = np.concatenate([self.path.q[k], np.zeros(system.n_eta)])
-            guess = dynamics.integrate(flat, d[-1]) if d else flat
-            where = f"{self.mechanism.name}: t = {self.t[k]:.6g} s"
-            got = balance(dynamics, guess, self.v0[k], self.a0[k], system.free, lam, where)
-            lam = got.lam
-            d.append(dynamics.difference(flat, got.y))
-            torque.append(got.r[system.motors])
-        none = np.zeros((self.steps, system.nv))
-        moved = Deviation(self.between(np.array(d)), none, none, np.zeros((self.steps, len(lam))))
-        return self._run(moved, self.between(np.array(torque)))
 
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""

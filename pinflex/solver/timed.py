@@ -57,9 +57,11 @@ class Scene:
         fine = np.linspace(t[0], t[-1], every * (samples - 1) + 1)
         if spec.level == "ked":
             structural, static = spec.ked == "structural", spec.start == "static"
+            close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
             run = solve_ked(
-                self.mechanism, self.motion, fine, march_of(spec), static, structural, progress
-            )
+                self.mechanism, self.motion, fine, march_of(spec), static, structural, progress,
+                **close,
+            )  # fmt: skip
             run.settings["integrator"] = spec.integrator
             return thin(run, every)
         dynamics, drive = Dynamics(self._system), self._drive(fine)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
+from pathlib import Path as File
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import pinflex as pf
-from pinflex.actuation.nominal import Nominal, nominal
+from pinflex.actuation.nominal import Nominal, _filled, _march, nominal
+from pinflex.actuation.nominal_path import Path
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion, from_spec
 from pinflex.mechanics.dynamics import Dynamics
@@ -70,7 +71,7 @@ def test_velocity_and_acceleration_are_the_rates_of_the_position(name: str) -> N
         np.testing.assert_allclose(path.a[2], a, atol=1e-6 * scale[1])
 
 
-def test_the_platform_goes_where_it_is_told(tmp_path: Path) -> None:
+def test_the_platform_goes_where_it_is_told(tmp_path: File) -> None:
     m, t = mechanism("3rrr"), np.linspace(0, 0.2, 41)
     path = nominal(m, own_motion(m), t)
     w = 10 * np.pi
@@ -135,7 +136,7 @@ def test_a_path_out_of_reach_is_refused_with_its_time() -> None:
     assert 0.0 < caught.value.time < 1.0
 
 
-def test_a_four_bar_says_where_its_rocker_can_turn_no_further(tmp_path: Path) -> None:
+def test_a_four_bar_says_where_its_rocker_can_turn_no_further(tmp_path: File) -> None:
     """Non-Grashof linkage driven at the rocker: the limit follows from the cosine rule."""
     bodies = (
         Body("crank", "base", "revolute", **ROD),
@@ -178,7 +179,7 @@ def test_the_hard_variant_of_r2_names_its_singular_pose_before_it() -> None:
     assert "knee" in caught.value.motion or "ball" in caught.value.motion
 
 
-def test_motors_that_do_not_determine_the_motion_are_named(tmp_path: Path) -> None:
+def test_motors_that_do_not_determine_the_motion_are_named(tmp_path: File) -> None:
     bodies = (
         Body("one", "base", "revolute", **ROD),
         Body("two", "one", "revolute", xyz=(1, 0, 0), **ROD),
@@ -204,3 +205,32 @@ def test_coordinates_the_platform_cannot_follow_are_refused() -> None:
             pf.cycloid(platform={"x": 0.01, "y": 0.0, "z": 0.01}, duration=1.0),
             np.linspace(0, 1, 11),
         )
+
+
+@pytest.mark.parametrize("name", ["race_r1", "race_r2", "3rrs", "3rrr", "3tpt", "race_r3"])
+def test_instants_filled_in_are_those_of_the_march(name):
+    """Motions of joints and of platforms; both close loops to 1e-12 m."""
+    robot = mechanism(name)
+    motion = own_motion(robot)
+    t = np.linspace(0.0, robot.description.solve.until or motion.duration, 301)
+    one, many = _march(Path(robot, motion), t), nominal(robot, motion, t)
+    assert _filled(_started(robot, motion), one.at(slice(None, None, 10)), t) is not None
+    for key in "qva":
+        a, b = getattr(one, key), getattr(many, key)
+        assert np.max(np.abs(a - b)) < 1e-10 * np.max(np.abs(a)), key
+
+
+def test_a_motion_too_fast_for_its_samples_is_left_to_the_march():
+    """Some hundred periods in a second, seen 60 times: a quintic knows nothing of it."""
+    robot = pf.load("race_r1")
+    motion = pf.harmonic(joints={"motor_1": 0.002}, frequency=97.0, duration=1.0)
+    t = np.linspace(0.0, 1.0, 60)
+    one, many = _march(Path(robot, motion), t), nominal(robot, motion, t)
+    assert _filled(_started(robot, motion), one.at(slice(None, None, 2)), t) is None
+    assert np.allclose(one.q, many.q, rtol=0, atol=1e-11)
+
+
+def _started(robot, motion):
+    path = Path(robot, motion)
+    path.start_from(nominal(robot, motion, np.array([0.0])).q[0])
+    return path

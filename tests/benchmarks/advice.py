@@ -1,0 +1,105 @@
+"""What following an advice saves: `python tests/benchmarks/advice.py`. One thread, CPU seconds.
+
+For scenes of six natures: the advice, its error bar, the error measured against the full coupled
+model refined (every plane, stretch and twist, one more mode, a fiftieth of the tolerance), the CPU
+time of the run that it proposes, and that of the run without advice: level coupled by `tol`, every
+link in every plane with stretch and twist, at the fewest internal modes (from two on) and then the
+loosest tolerance that reach the error of the advised run, within a quarter of it. All of `pf.solve`
+is timed, forces, stresses and poses at 401 instants included, the shortest of three; "march" is the
+ratio without that recovery. Figures are printed and not asserted.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import itertools
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import pinflex as pf
+from pinflex.solver.advise import advise
+from pinflex.solver.fewer import richer
+from tests.validation.test_advise import ALL, SLOW, STATIC, STIFFENED, measured
+
+QUIET = (*STATIC, "motion.duration=1", "solve.until=1")
+# nature: model, changes, tolerance, outputs asked for
+SCENES: dict[str, tuple[str, Sequence[str], float, Sequence[str]]] = {
+    "stiff: ur5, torque": ("ur5", STATIC, 0.1, ("torque",)),
+    "stiff: ur5, all": ("ur5", STATIC, 0.1, ALL),
+    "slow: ur5 in 1 s, all": ("ur5", QUIET, 0.05, ALL),
+    "slow: race_r2 in 4 s, all": ("race_r2", SLOW, 0.02, ALL),
+    "fast: race_r1, torque": ("race_r1", (), 0.03, ("torque",)),
+    "fast: race_r1, all": ("race_r1", (), 0.02, ALL),
+    "spinning: beam, torque": ("spinning_beam", (), 0.03, ("torque",)),
+    "spinning: beam, all": ("spinning_beam", (), 0.05, ALL),
+    "planar: 3rrr, torque": ("3rrr", STIFFENED, 0.1, ("torque",)),
+    "spatial: race_r2, all": ("race_r2", (), 0.02, ALL),
+}
+_TOLERANCES = (0.1, 0.03, 0.01, 3e-3)
+
+
+def timed(robot: pf.Mechanism, **options: Any) -> tuple[float, float, pf.Result]:
+    """CPU seconds, those without recovery (by the clock), the shortest of three, and the result."""
+    times, marches = [], []
+    for _ in range(3):
+        began = time.process_time()
+        run = pf.solve(robot, samples=401, **options)
+        times.append(time.process_time() - began)
+        marches.append(run.meta["cost"]["seconds"])
+    return min(times), min(marches), run
+
+
+def everything(robot: pf.Mechanism, modes: int) -> pf.Mechanism:
+    """The scene as one writes it who leaves nothing out."""
+    changes = [f"flexible.*.{key}=true" for key in ("axial", "torsion", "bending_y", "bending_z")]
+    changes.append(f"flexible.*.basis.internal={modes}")
+    return pf.load(robot.description.with_overrides(changes))
+
+
+def row(name: str) -> str:
+    model, changes, tol, asked = SCENES[name]
+    robot = pf.load(model, list(changes))
+    advice = advise(robot, tol=tol, asked=asked)
+    options = {} if advice.run_tol is None else {"tol": advice.run_tol, "asked": asked}
+    advised = pf.load(robot.description, list(advice.overrides))
+    cheap, short, run = timed(advised, level=advice.level, **options)
+    reference = pf.solve(richer(robot)[0], level="coupled", samples=401, tol=tol / 50, asked=asked)
+    rigid = pf.solve(robot, level="rigid", samples=401)
+
+    def worst(result: pf.Result) -> float:
+        return max(measured(result, reference, rigid, asked).values())
+
+    error = worst(run)
+    for modes, loosest in itertools.product((2, 3, 4), _TOLERANCES):
+        full = everything(robot, modes)
+        found = pf.solve(full, level="coupled", samples=401, tol=loosest, asked=asked)
+        if (reached := worst(found)) <= 1.25 * error:
+            break
+    dear, long, _ = timed(full, level="coupled", tol=loosest, asked=asked)
+    return (
+        f"| {name}, {tol:g} | {advice.level}, {advice.coordinates[2]} "
+        f"| {max(advice.error.values()):.2g} | {error:.2g} | {cheap:.3f} "
+        f"| {full.flexible.n_eta}, {loosest:g} | {reached:.2g} | {dear:.3f} | {dear / cheap:.1f} "
+        f"| {long / short:.1f} |"
+    )
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    print("| scene, asked, tol | advice, coordinates | bar | measured | CPU s "
+          "| full: coordinates, tol | measured | CPU s | ratio | march |")  # fmt: skip
+    print("|---" * 10 + "|")
+    for name in SCENES:
+        print(row(name), flush=True)
+
+
+if __name__ == "__main__":
+    main()

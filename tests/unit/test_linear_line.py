@@ -1,0 +1,47 @@
+"""Matrices of the linear system between Chebyshev points are those evaluated at every step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.actuation.nominal import nominal
+from pinflex.levels.linear_line import Line, _Between, along
+from pinflex.solver.solve import default_motion
+
+# A cycloid that ends in the middle of the run; acceleration that jumps at the corners of a
+# trapezoid, in space; gravity, and damping of the whole system.
+SCENES = {
+    "race_r1": ([], 0.2, 401),
+    "3tpt": ([], 0.7, 701),
+    "3rrs": (["damping.scope=system", "solve.until=1"], 1.0, 301),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_interpolated_matrices_are_those_of_every_step(name):
+    changes, end, steps = SCENES[name]
+    robot = pf.load(name, changes)
+    motion = default_motion(robot)
+    path = nominal(robot, motion, np.linspace(0.0, end, steps))
+    at, every = along(robot, motion, path, False, 1e-9), Line(robot, path)
+    assert isinstance(at.__self__, _Between)
+    for k in (0, 1, 7, steps // 3, steps // 2 - 1, steps // 2, steps - 2, steps - 1):
+        between, here = at(k), every.at(k)
+        for part in ("free", "motors"):
+            for x in "MCKrJ":
+                a, b = (getattr(getattr(s, part), x) for s in (between, here))
+                # `close` is about half as many nodes; the largest entries of the whole motion
+                # scale it, so those of one step get ten times as much.
+                assert np.max(np.abs(a - b), initial=0.0) <= 1e-8 * np.max(np.abs(b), initial=1.0)
+        assert np.allclose(between.base, here.base, rtol=1e-8, atol=1e-8)
+
+
+def test_few_steps_are_evaluated_each():
+    robot = pf.load("race_r1")
+    motion = default_motion(robot)
+    path = nominal(robot, motion, np.linspace(0.0, 0.2, 31))
+    at, every = along(robot, motion, path, False, 1e-9), Line(robot, path)
+    assert not isinstance(at.__self__, _Between)
+    assert np.array_equal(at(9).free.K, every.at(9).free.K)
