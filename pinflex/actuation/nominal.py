@@ -140,7 +140,7 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
     p, v_in, a_in = path.imposed(t)
     left = np.clip(np.searchsorted(known.t, t, side="right") - 1, 0, len(known.t) - 2)
     move = np.array([d.difference(*pair) for pair in itertools.pairwise(known.q)])
-    q = d.integrate_all(known.q[left], _quintic(known, move, left, t))
+    q = path.moved.poses(known.q[left], _quintic(known, move, left, t))
     if not path.platform:
         path.axes.write(q, p)
     gone, most = np.zeros((len(t), len(unknown))), 0.0
@@ -151,7 +151,7 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
             break
         step = np.zeros((len(t), d.system.nv))
         step[:, unknown] = np.linalg.solve(J, -error[:, :, None])[:, :, 0]
-        q, gone = d.integrate_all(q, step), gone + step[:, unknown]
+        q, gone = path.moved.poses(q, step), gone + step[:, unknown]
     far = np.max(np.abs(gone), axis=1) > _NEAR * np.max(np.abs(move), axis=1)[left] + 1e-9
     if not most < 100 * assembly.CLOSED or np.any(far):
         return None

@@ -32,6 +32,7 @@ from pinflex.levels.linear_march import (
 from pinflex.levels.mode_superposition import mode_superposition
 from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.system import System
 
 _CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-off
@@ -84,7 +85,7 @@ def solve_ked(
     start = _static_deviation(at(0).free) if static else np.zeros(len(free))
     for k, state in enumerate(march(lambda k: at(k).free, nt, h, start)):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
-            y = line.dynamics.integrate_all(flat, d)
+            y = Moved(line.dynamics).poses(flat, d)
             raise _blown_up(system, path.t, y, v, a, lam, torque, k, h)
         here = at(k)
         now = here.motors
@@ -95,7 +96,7 @@ def solve_ked(
         a[k, free] += state.a
         if progress is not None and k % 64 == 0:
             progress(k, nt)
-    y = line.dynamics.integrate_all(flat, d)
+    y = Moved(line.dynamics).poses(flat, d)
     settings: dict[str, object] = {
         "dt": h,
         "terms": "structural" if structural else "full",

@@ -65,13 +65,6 @@ class Dynamics:
         moved[n:] = y[n:] + dy[m:]
         return moved
 
-    def integrate_all(self, Y: Array, moves: Array) -> Array:
-        """`integrate` of poses (n, nq) by moves (n, nv)."""
-        if self.vector_space:
-            return Y + moves
-        both = zip(Y, moves, strict=True)
-        return np.array([self.integrate(y, dy) for y, dy in both]).reshape(Y.shape)
-
     def difference(self, y0: Array, y1: Array) -> Array:
         """dy that takes y0 to y1, shape (nv,)."""
         if self.vector_space:

@@ -1,4 +1,4 @@
-"""Several displacements from one pose at once, and the rates of their exponential coordinates."""
+"""Many poses moved at once, and the rates of their exponential coordinates."""
 
 from __future__ import annotations
 
@@ -33,22 +33,23 @@ class Moved:
         self._circle_v = np.array([j.idx_v for j in circles], dtype=np.intp)
 
     def poses(self, y: Array, moves: Array) -> Array:
-        """Shape (k, nq), for y (nq,) and moves (k, nv)."""
+        """Shape (k, nq), for moves (k, nv) from one pose y (nq,) or from each of (k, nq)."""
         d = self._dynamics
         if d.vector_space:
             return y + moves
         if not self._easy:
-            return np.array([d.integrate(y, one) for one in moves]).reshape(len(moves), len(y))
+            pairs = zip(np.broadcast_to(y, (len(moves), y.shape[-1])), moves, strict=True)
+            return np.array([d.integrate(*pair) for pair in pairs]).reshape(-1, y.shape[-1])
         n, m = d.nq_rigid, d.n_rigid
-        out = np.empty((len(moves), len(y)))
-        out[:, self._q] = y[self._q] + moves[:, self._v]
+        out = np.empty((len(moves), y.shape[-1]))
+        out[:, self._q] = y[..., self._q] + moves[:, self._v]
         if len(self._circle_q):
             angle, at = moves[:, self._circle_v], self._circle_q
-            c, s = y[at], y[at + 1]
+            c, s = y[..., at], y[..., at + 1]
             grown = 0.5 * (3.0 - c * c - s * s)  # keeps (cos, sin) on the circle
             c, s, cos, sin = grown * c, grown * s, np.cos(angle), np.sin(angle)
             out[:, at], out[:, at + 1] = c * cos - s * sin, s * cos + c * sin
-        out[:, n:] = y[n:] + moves[:, m:]
+        out[:, n:] = y[..., n:] + moves[:, m:]
         return out
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:

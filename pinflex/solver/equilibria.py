@@ -33,6 +33,7 @@ from pinflex.levels.quasistatic import (
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.solver.tolerance import Outputs
 
@@ -67,6 +68,7 @@ class Equilibria:
         self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
         self._system, self._path = mechanism.flexible, nominal(mechanism, motion, t)
         self.dynamics = Dynamics(self._system)
+        self._moved = Moved(self.dynamics)
         corners = breaks(motion, self._system.loads)
         self._pieces, self._close = Pieces(float(t[0]), float(t[-1]), corners), close
         width = self._system.nv + self._system.closed.n + len(self._system.motors)
@@ -141,7 +143,7 @@ class Equilibria:
         v[:, : d.n_rigid], a[:, : d.n_rigid] = path.v, path.a
         moved, lam = values[:, : system.nv].copy(), values[:, system.nv :][:, : system.closed.n]
         moved[:, system.motors] = 0.0
-        return d.integrate_all(self._straight(path), moved), v, a, lam
+        return self._moved.poses(self._straight(path), moved), v, a, lam
 
     def _straight(self, path: Nominal) -> Array:
         return np.hstack([path.q, np.zeros((len(path.t), self._system.n_eta))])
@@ -196,7 +198,7 @@ class Equilibria:
                 x *= np.minimum(1.0, _STRIDE / np.maximum(size, _STRIDE))[:, None]
             step = np.zeros((n, system.nv))
             step[:, free] = x[:, : len(free)]
-            Y, lam = d.integrate_all(Y, step), lam + x[:, len(free) :]
+            Y, lam = self._moved.poses(Y, step), lam + x[:, len(free) :]
             self._counts["newton"] += n
             for k in np.flatnonzero((size > _SLOW * previous) & (size > _ROUND_OFF)):
                 use[k] = self._tangent(Y[k], V[k], A[k], lam[k], float(path.t[k]))

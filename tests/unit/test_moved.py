@@ -1,0 +1,47 @@
+"""Poses moved side by side are the poses moved one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.moved import Moved
+from tests.scenes import Body, load
+
+_BENDS = """
+flexible:
+  arm:
+    material: steel
+    section: {shape: circle, diameter: 0.01}
+    end: tip
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "circles"),
+    [("revolute", "continuous", "arm"), ("continuous", "floating", "crank")],
+)
+def test_side_by_side_as_one_by_one(tmp_path: Path, first: str, second: str, circles: str) -> None:
+    """Circles, plain joints and elastic coordinates together; a joint that turns in space."""
+    bodies = (
+        Body("crank", "base", first, mass=1, inertia=(1, 1, 1)),
+        Body("arm", "crank", second, xyz=(0, 0, 1)),
+        Body("tip", "arm", xyz=(1, 0, 0)),
+    )
+    m = load(tmp_path, bodies, f"actuated: []\n{_BENDS}")
+    d, rng = Dynamics(m.flexible), np.random.default_rng(7)
+    moves = rng.normal(size=(5, m.flexible.nv))
+    each = np.array([d.integrate(m.undeformed(), 0.3 * move) for move in moves])
+    one_by_one = np.array([d.integrate(y, move) for y, move in zip(each, moves, strict=True)])
+    # Round-off of sines and cosines.
+    np.testing.assert_allclose(Moved(d).poses(each, moves), one_by_one, atol=1e-14)
+    from_one = np.array([d.integrate(each[0], move) for move in moves])
+    np.testing.assert_allclose(Moved(d).poses(each[0], moves), from_one, atol=1e-14)
+    for _ in range(100):
+        each = Moved(d).poses(each, moves)
+    circle = m.flexible.rigid.joints[m.flexible.rigid.getJointId(f"{circles}_joint")].idx_q
+    away = np.sum(each[:, circle : circle + 2] ** 2, axis=1) - 1.0
+    assert np.abs(away).max() < 1e-13  # a hundred moves in a row stay on the circle
