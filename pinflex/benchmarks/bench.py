@@ -16,11 +16,11 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.supplement import KED_ONLY
 from pinflex.errors import DescriptionError, SceneError
-from pinflex.levels.quasistatic import solve_quasistatic
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results import stress
+from pinflex.solver.equilibria import solve_equilibria
 from pinflex.solver.solve import default_motion
 from pinflex.solver.timed import Scene, default_step
 from pinflex.solver.tolerance import Outputs, relative
@@ -185,7 +185,7 @@ class _Scenes:
         if case.method == "rigid":
             return solve_rigid(scene.mechanism, self.motion, t)
         if case.method == "quasistatic":
-            return solve_quasistatic(scene.mechanism, self.motion, t, None)
+            return solve_equilibria(scene.mechanism, self.motion, t)
         if case.method == "radau":
             return scene.resolved(t, case.value, pilot=True)
         if case.method == "ked":

@@ -281,8 +281,8 @@ class _Study:
                 f"coupled {then:.2g} s)"
             )
         if ked <= self.tol:
-            # A step of ked costs as much as one of coupled, and resolves every period.
-            return "coupled", f"{why}; ked would do, but costs more than coupled with a tolerance"
+            # Its steps resolve every period, however long those of coupled may be.
+            return "coupled", f"{why}; ked would do, but is hardly cheaper than coupled by tol"
         return "coupled", why
 
     def _doubts(self) -> list[str]:

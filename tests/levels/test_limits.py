@@ -104,3 +104,14 @@ def test_the_levels_stand_in_their_order() -> None:
         gap("eta", "coupled", level) for level in ("ked", "quasistatic", "rigid")
     )
     assert 100 * ked < 10 * quasistatic < rigid
+
+
+def test_rigid_and_quasistatic_feel_a_load_from_when_it_acts():
+    """Elasticity adds 0.3 mm to a lever of 0.8 m: that much torques differ."""
+    changes = ["forces.pull={at: tool0, force: [0, 0, -10], start: 0.6}"]
+    free, pulled = pf.load("ur5"), pf.load("ur5", changes)
+    plain, rigid = (pf.solve(robot, level="rigid") for robot in (free, pulled))
+    extra = np.max(np.abs(rigid.torque - plain.torque), axis=1)
+    assert np.max(extra[rigid.t < 0.6]) == 0.0 and np.min(extra[rigid.t > 0.6]) > 1.0
+    still = pf.solve(pulled, level="quasistatic")
+    assert np.max(np.abs(still.torque - rigid.torque)) < 1e-3 * np.max(np.abs(rigid.torque))
