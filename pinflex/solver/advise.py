@@ -191,7 +191,7 @@ class _Study:
         if level == "quasistatic":
             found = replace(found, run_tol=tol * _STILL)
         if level != "rigid" and not fixed:
-            room = tol / 2 if worst(error) > tol / 2 else tol - worst(error)
+            room = tol / 2 if worst(error) >= tol else tol - worst(error)
             small = fewer.smaller(self.rich, self.probe, self.outputs, once, room)
             for part, factor in ((small.error, SAFETY), (small.unsettled, 1.0)):
                 error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
