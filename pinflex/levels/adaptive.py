@@ -16,6 +16,9 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 
 STAGES = 6
+# First steps, of the run. A long one damps what begins to ring there, and nothing shows that it
+# did: two runs would agree without it. Only a run that knows no scale begins so.
+_LONG, _FIRST = 0.02, 1e-3
 _HELD = 0.7  # part of the last step's coarseness that this one is taken to have at least
 _GROWTH = 1.5  # of steps, each, after one that Newton did not solve
 _SHORTEST = 1e-9  # of the run: a step that has to be shorter has met something singular
@@ -49,8 +52,8 @@ def integrate(
         resolution: What the last Legendre coefficient of a step's displacement may be, relative
             to the largest displacement so far. In a vibration the error that a step adds is about
             half the square of it for each radian.
-        scale: Largest displacement of the run, known from a coarser one (its `settings`); without
-            it what rings faintly at the start holds the run up.
+        scale: Largest displacement of the run, known from a coarser one (its `settings`): then it
+            begins with short steps. Without it what rings faintly would hold the run up.
         pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
         forces: Whether forces matter, or only displacements (see `Stages`).
         method: Default: six stages.
@@ -67,7 +70,8 @@ def integrate(
     record = _Record(dynamics, t)
     span = float(t[-1] - t[0])
     stops = [b for b in sorted(set(breaks)) if t[0] < b < t[-1] - _SHORTEST * span] + [float(t[-1])]
-    now, h, last = stages.first(float(t[0]), *start), span / 50.0, None
+    first = (_FIRST if scale > 0.0 else _LONG) * span
+    now, h, last = stages.first(float(t[0]), *start), first, None
     record.start(now)
     counts = {"steps": 0, "rejected": 0, "unresolved": 0}
     refused, ceiling, before = np.inf, np.inf, 0.0
@@ -134,6 +138,7 @@ def integrate(
             now.t = stops.pop(0)
             if stops:
                 now, last = stages.first(now.t, now.y, now.v), None
+                h = min(h, first)
         if progress is not None:
             progress(record.count, len(t))
     return run()

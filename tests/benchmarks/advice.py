@@ -113,8 +113,8 @@ def in_steps(full: pf.Mechanism, reached: Callable[[pf.Result], bool]) -> float:
 def main() -> None:
     warnings.simplefilter("ignore")
     print(
-        "| scene, asked, tol | advice, coordinates | bar | measured | CPU s | full: coordinates, tol "
-        "| measured | CPU s | ratio | march | in steps, CPU s | ratio |"
+        "| scene, asked, tol | advice, coordinates | bar | measured | CPU s "
+        "| full: coordinates, tol | measured | CPU s | ratio | march | in steps, CPU s | ratio |"
     )
     print("|---" * 12 + "|")
     for name in SCENES:
