@@ -1,7 +1,8 @@
 """What pinflex costs on this machine: `python tests/benchmarks/cost.py`. One thread, best of five.
 
-Prints import time, rigid inverse dynamics against bare Pinocchio, and one step of the coupled level
-on the race scenes, with the limits the project holds itself to on a 2-core machine.
+Prints import time, rigid inverse dynamics against bare Pinocchio, loading, the browser's page, and
+one step of the coupled level on the race scenes, with the limits the project holds itself to on a
+2-core machine.
 """
 
 import os
@@ -11,6 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +28,7 @@ from pinflex.description.motion import from_spec
 from pinflex.levels.coupled import integrate
 from pinflex.levels.start import straight_start
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.viewer.view import write_html
 
 
 def best(call: Callable[[], object], repeats: int = 5) -> float:
@@ -73,12 +76,26 @@ def coupled_step(name: str, steps: int) -> tuple[float, dict[str, float], int]:
     return 1e6 * seconds / steps, run.cost, robot.flexible.nv
 
 
+def page_time(instants: int = 1200) -> float:
+    """Seconds to write the page of a run."""
+    run = pf.solve(pf.load("race_r2"), level="quasistatic", samples=instants)
+    with tempfile.TemporaryDirectory() as folder:
+        return best(lambda: write_html(run, Path(folder) / "run.html"))
+
+
+def load_time(name: str) -> float:
+    """Seconds to read a model and build its flexible links."""
+    return best(lambda: pf.load(name))
+
+
 def main() -> None:
     print(f"{'what':46s} {'measured':>12s} {'limit':>10s}")
     print(f"{'import pinflex':46s} {import_time():10.2f} s {'0.5 s':>10s}")
     bare, ours = rigid_ratio()
     print(f"{'rigid inverse dynamics, Pinocchio alone (UR5)':46s} {bare:9.2f} us")
     print(f"{'rigid inverse dynamics, pinflex (UR5)':46s} {ours:9.2f} us {1.5 * bare:7.2f} us")
+    print(f"{'load 3rrs, six flexible links':46s} {load_time('3rrs'):10.2f} s {'0.5 s':>10s}")
+    print(f"{'page of race_r2, 1200 instants':46s} {page_time():10.2f} s {'1 s':>10s}")
     for name, steps, limit in (("race_r1", 2000, 150), ("race_r2", 1600, 250)):
         step, counts, n = coupled_step(name, steps)
         what = f"coupled step of {name}, {n} coordinates"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
@@ -15,11 +14,8 @@ from tests.browser.made_up import EVIL, renamed, six_links
 from tests.synthetic import synthetic_result
 
 
-def test_the_page_is_small_and_written_at_once(run: Result, tmp_path: Path) -> None:
-    write_html(run, tmp_path / "warm.html")
-    start = time.perf_counter()
+def test_the_page_is_small(run: Result, tmp_path: Path) -> None:
     file = write_html(six_links(run), tmp_path / "six.html")
-    assert time.perf_counter() - start < 1.0
     assert file.stat().st_size < 1e6  # 121 frames, 6 links: 2 MB are allowed
 
 
@@ -39,9 +35,7 @@ def test_a_long_run_is_thinned_keeps_its_extremes_and_says_so(tmp_path: Path) ->
 def test_a_run_of_1200_instants_and_six_links_is_kept_whole(tmp_path: Path) -> None:
     result = six_links(synthetic_result(samples=1200))
     assert len(build_scene(result)["t"]) == 1200
-    start = time.perf_counter()
     file = write_html(result, tmp_path / "long.html")
-    assert time.perf_counter() - start < 1.0
     assert file.stat().st_size < 3e6
 
 
