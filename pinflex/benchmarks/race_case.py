@@ -18,7 +18,6 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism, load
@@ -29,6 +28,7 @@ from pinflex.solver.tolerance import platform_poses, within
 from pinflex.threads import one_blas_thread
 
 SAMPLES = 401
+_PILOT = 1e-3
 Arrays = dict[str, Array]
 
 
@@ -69,14 +69,9 @@ def march(scene: Scene, method: str, value: float, samples: int = SAMPLES) -> Ti
 
 
 def _careful(scene: Scene, t: Array, resolution: float) -> Run:
-    """Begins with a step far below any period: a long first step would damp what rings there."""
-    span = float(t[-1] - t[0])
-    for part in (1e-5, 1e-4, 1e-3):
-        try:
-            return scene.resolved(t, resolution, stops=(float(t[0]) + part * span,))
-        except ConvergenceError:  # displacements of round-off size
-            continue
-    return scene.resolved(t, resolution)
+    """After a pilot, which tells the scale: a run that knows it begins with short steps."""
+    pilot = scene.resolved(t, max(_PILOT, resolution), pilot=True)
+    return scene.resolved(t, resolution, coarser=pilot)
 
 
 def outputs(scene: Scene, run: Run) -> Arrays:

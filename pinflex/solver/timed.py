@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,19 +93,17 @@ class Scene:
         progress: Progress | None = None,
         coarser: Run | None = None,
         pilot: bool = False,
-        stops: Sequence[float] = (),
     ) -> Run:
         """The run at samples t by collocation (level coupled); see `adaptive.integrate`.
 
         A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
-        A step ends at each of `stops` (s): an early one makes the first steps short.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
         dynamics, drive = Dynamics(self._system), self._drive(t)
         path = self._path(t)
         return adaptive.integrate(
             self.mechanism, dynamics, self._start(dynamics, path(t[:1])), path, t,
-            [*breaks(self.motion, dynamics.system.loads), *stops], resolution, scale, pilot,
+            breaks(self.motion, dynamics.system.loads), resolution, scale, pilot,
             not self.spec.asked or "torque" in self.spec.asked, drive=drive, progress=progress,
         )  # fmt: skip
 
