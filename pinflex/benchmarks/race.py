@@ -11,8 +11,9 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,10 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.benchmarks.race_case import Arrays, march, outputs, scene
-from pinflex.benchmarks.race_scenes import RACES, Race
+from pinflex.benchmarks.race_scenes import RACES, Overrides, Peer, Race
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.mechanics.mechanism import load
+from pinflex.solver.timed import Scene
 from pinflex.solver.tolerance import between, relative
 from pinflex.threads import one_blas_thread
 
@@ -78,6 +80,9 @@ class Outcome:
         ours = [self.entries[way].cpu for way in ways if way in self.entries]
         peer = self.entries.get("peer")
         return peer.cpu / min(ours) if peer is not None and ours else float("nan")
+
+
+Attempt = Callable[[], Entry]  # one setting tried, or SceneError
 
 
 def errors(
@@ -157,62 +162,70 @@ def _search(race: Race, method: str, limits: dict[str, float], reference: Arrays
         "radau": RESOLUTIONS,
         "alpha": [end / n for n in STEPS],
     }[method]
-    best, cheapest = None, np.inf
-    for overrides in race.models:
+
+    def attempts(overrides: Overrides) -> Iterator[Attempt]:
         given = scene(load(race.model, [*race.always, *overrides]), race.asked)
-        before = None
         for value in values:
-            try:
-                timed = min((march(given, method, value) for _ in range(2)), key=lambda r: r.cpu)
-                found = errors(race, outputs(given, timed.run), reference)
-            except SceneError:
-                before = None
-                continue
-            if timed.cpu > 5.0 * cheapest:
-                break
-            if not _within(found, limits):
-                before = None
-                continue
-            if before is not None:
-                if before[1] < cheapest:
-                    best, cheapest = before
-                break
-            label = f"{method} {value:.2g}, {' '.join(overrides) or 'as shipped'}"
-            asked = ",".join(race.asked)
-            command = (
-                *(sys.executable, "-m", CASE, race.model),
-                *(method, repr(value), asked, *race.always, *overrides),
-            )
-            before = Entry(label, command, found), timed.cpu
-    return best
+            yield partial(attempt, given, overrides, value)
+
+    def attempt(given: Scene, overrides: Overrides, value: float) -> Entry:
+        timed = min((march(given, method, value) for _ in range(2)), key=lambda r: r.cpu)
+        label = f"{method} {value:.2g}, {' '.join(overrides) or 'as shipped'}"
+        command = (
+            *(sys.executable, "-m", CASE, race.model, method, repr(value)),
+            *(",".join(race.asked), *race.always, *overrides),
+        )
+        found = errors(race, outputs(given, timed.run), reference)
+        return Entry(label, command, found, timed.cpu)
+
+    return _cheapest(map(attempts, race.models), limits, 5.0)
 
 
 def _search_peer(
     race: Race, limits: dict[str, float], reference: Arrays, out: Path
 ) -> Entry | None:
     """The cheapest setting of the peer, by the same rule."""
-    best, cheapest = None, np.inf
-    for settings in race.peer:
-        before = None
-        for steps in race.peer_steps:
-            command = _peer(race, {**settings, "steps": steps})
+
+    def attempt(settings: dict[str, object]) -> Entry:
+        command = _peer(race, settings)
+        arrays, cost = _process(command, out)
+        label = " ".join(f"{k}={v}" for k, v in settings.items())
+        found = errors(race, arrays, reference)
+        return Entry(f"Exudyn {cost['version']}, {label}", command, found, cost["cpu"])
+
+    def attempts(settings: Peer) -> Iterator[Attempt]:
+        return (partial(attempt, {**settings, "steps": steps}) for steps in race.peer_steps)
+
+    return _cheapest(map(attempts, race.peer), limits, 3.0)
+
+
+def _cheapest(
+    models: Iterable[Iterable[Attempt]], limits: dict[str, float], patience: float
+) -> Entry | None:
+    """The cheapest entry that meets the limits, as does the next finer one of its model.
+
+    Args:
+        models: Of each, attempts from coarse to fine. limits: Error to reach by output.
+        patience: A model is given up at so many times the cost of the cheapest entry.
+    """
+    best: Entry | None = None
+    for attempts in models:
+        before: Entry | None = None
+        for attempt in attempts:
             try:
-                arrays, cost = _process(command, out)
+                entry = attempt()
             except SceneError:
                 before = None
                 continue
-            if cost["cpu"] > 3.0 * cheapest:
+            if best is not None and entry.cpu > patience * best.cpu:
                 break
-            found = errors(race, arrays, reference)
-            if not _within(found, limits):
+            if not _within(entry.errors, limits):
                 before = None
                 continue
             if before is not None:
-                if before[1] < cheapest:
-                    best, cheapest = before
+                best = before if best is None or before.cpu < best.cpu else best
                 break
-            label = " ".join(f"{k}={v}" for k, v in {**settings, "steps": steps}.items())
-            before = Entry(f"Exudyn {cost['version']}, {label}", command, found), cost["cpu"]
+            before = entry
     return best
 
 
