@@ -37,13 +37,13 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
             f"{mechanism.name}: inverse_dynamics is for loop-free robots, this one has "
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
-    tau = np.empty((len(q), system.nv))
+    tau, dynamics = np.empty((len(q), system.nv)), Dynamics(system)
     if np.any(system.D) or len(system.springs.v_at):
-        dynamics, none = Dynamics(system), np.zeros(0)
+        none = np.zeros(0)
         for k in range(len(q)):
             tau[k] = dynamics.residual(q[k], v[k], a[k], none)
         return tau
-    model, data, rnea = system.rigid, system.rigid.createData(), pin.rnea
+    model, data, rnea = dynamics.model, dynamics.data, pin.rnea
     for k in range(len(q)):
         tau[k] = rnea(model, data, q[k], v[k], a[k])
     return tau

@@ -16,7 +16,6 @@ from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.poses import JointPoses
 from pinflex.mechanics.stacked import Stacked, spans
 
 _TOGETHER = 64  # samples at a time: numpy's price for a call is spread, little memory is needed
@@ -219,11 +218,11 @@ def _frame(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array
 
 def joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
     """Poses of the rigid joints along a nominal motion, shape (nt, joints, 3, 4)."""
-    model = mechanism.rigid.expansion.model
-    data = model.createData()
-    here, poses = JointPoses(model, data), np.empty((len(path.t), model.njoints, 3, 4))
+    dynamics = Dynamics(mechanism.rigid)
+    model, here = dynamics.model, dynamics.closed.poses
+    poses = np.empty((len(path.t), model.njoints, 3, 4))
     for k, q in enumerate(path.q):
-        pin.forwardKinematics(model, data, q)
+        pin.forwardKinematics(model, dynamics.data, q)
         here.refresh()
         poses[k, :, :, :3], poses[k, :, :, 3] = here.rotation, here.translation
     return poses

@@ -29,6 +29,7 @@ from pinflex.solver.fewer import SAFETY, Errors, LeftOut, worst
 from pinflex.solver.linear_probe import Probe
 from pinflex.solver.timed import Scene
 from pinflex.solver.tolerance import Outputs
+from pinflex.threads import one_blas_thread
 
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing
 _WINDOW = 8  # the coupled run that verifies covers this part of the time
@@ -94,8 +95,6 @@ def advise(
         DescriptionError: An unknown output or a tolerance outside 1e-6 to 0.1.
         MotionError, SingularityError: The nominal motion does not exist.
     """
-    from threadpoolctl import threadpool_limits
-
     from pinflex.solver.solve import default_motion  # solve(level="auto") asks here
 
     began, spec = time.perf_counter(), mechanism.description.solve
@@ -122,7 +121,7 @@ def advise(
     motion = motion if motion is not None else default_motion(mechanism)
     end = until or spec.until or motion.duration
     rich, note = (mechanism, "") if fixed else fewer.richer(mechanism)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         found = _Study(rich, motion, end, plain).advice(mechanism, fixed)
     notes = (note, *found.notes) if note else found.notes
     if found.run_tol is not None:
