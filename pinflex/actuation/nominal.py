@@ -21,9 +21,8 @@ from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
 from pinflex.mechanics.mechanism import Mechanism
 
-# Of many instants every so manyth is reached by a march, the others from there; but of a motion at
-# least so many.
-_EVERY, _LEAST = 16, 25
+# Of many instants every so manyth is known before the others; of a motion at least so many.
+_EVERY, _LEAST = 16, 6
 _KEPT = 2
 _CORRECTIONS = 5  # from a quintic two are usual
 _NEAR = 0.1  # of the way between known instants: a prediction further off follows no branch
@@ -75,12 +74,15 @@ def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
 
 
 def _closed_loops(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
+    """A few instants by a march, then more between them, then all."""
     every = min(_EVERY, len(t) // _LEAST)
-    if every > 1:
-        path = Path(mechanism, motion)
-        known = np.unique(np.append(np.arange(0, len(t), every), len(t) - 1))
+    if every > 1 and not mechanism.rigid.closed.contacts:
+        some = np.unique(np.append(np.arange(0, len(t), every), len(t) - 1))
         try:
-            found = _filled(path, _march(path, t[known]), t)
+            known = _closed_loops(mechanism, motion, t[some])
+            path = Path(mechanism, motion)
+            path.start_from(known.q[0])
+            found = _filled(path, known, t)
         except (SceneError, np.linalg.LinAlgError):
             found = None  # so far apart instants lose the way, or it is blocked: look closely
         if found is not None:
@@ -139,38 +141,45 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
         return None
     p, v_in, a_in = path.imposed(t)
     left = np.clip(np.searchsorted(known.t, t, side="right") - 1, 0, len(known.t) - 2)
-    move = np.array([d.difference(*pair) for pair in itertools.pairwise(known.q)])
+    move = path.moved.between(known.q[left], known.q[left + 1])
     q = path.moved.poses(known.q[left], _quintic(known, move, left, t))
     if not path.platform:
         path.axes.write(q, p)
-    gone, most = np.zeros((len(t), len(unknown))), 0.0
-    for _ in range(_CORRECTIONS):
+    gone = np.zeros((len(t), len(unknown)))
+    for correction in itertools.count():
         error, J = path.equations(q, p)
-        most = float(np.max(np.abs(error), initial=0.0))
-        if most < 1e-2 * assembly.CLOSED or not np.isfinite(most):
+        most, own = float(np.max(np.abs(error), initial=0.0)), J[:, :, unknown]
+        if most < 1e-2 * assembly.CLOSED or correction == _CORRECTIONS or not np.isfinite(most):
             break
         step = np.zeros((len(t), d.system.nv))
-        step[:, unknown] = np.linalg.solve(J, -error[:, :, None])[:, :, 0]
+        step[:, unknown] = np.linalg.solve(own, -error[:, :, None])[:, :, 0]
         q, gone = path.moved.poses(q, step), gone + step[:, unknown]
-    far = np.max(np.abs(gone), axis=1) > _NEAR * np.max(np.abs(move), axis=1)[left] + 1e-9
+    far = np.max(np.abs(gone), axis=1) > _NEAR * np.max(np.abs(move), axis=1) + 1e-9
     if not most < 100 * assembly.CLOSED or np.any(far):
         return None
-    J = path.poses.at(q)[2]
-    own = J[:, :, unknown]
-    sigma = np.linalg.svd(own, compute_uv=False)
-    near_singular = sigma[:, -1] < assembly.SINGULAR * sigma[:, 0]
-    if np.any(near_singular) or np.any(np.linalg.slogdet(own)[0] != path.sign):
+    if _near_singular(own) or np.any(np.linalg.slogdet(own)[0] != path.sign):
         return None
     return Nominal(t, q, *path.rates_of(q, J, v_in, a_in))
 
 
+def _near_singular(J: Array) -> bool:
+    """Whether one of the matrices (n, k, k) is singular for the motors; raises if exactly so."""
+    # Frobenius norms bound the ratio of singular values from below, and are cheaper.
+    size, inverse = (np.linalg.norm(x, axis=(1, 2)) for x in (J, np.linalg.inv(J)))
+    doubtful = J[assembly.SINGULAR * size * inverse > 1.0]
+    return any(assembly.singular_ratio(x) < assembly.SINGULAR for x in doubtful)
+
+
 def _quintic(known: Nominal, move: Array, left: IntArray, t: Array) -> Array:
-    """Moves from the known instants `left` to times t: positions, rates and second rates met."""
+    """Moves from the known instants `left` to times t: positions, rates and second rates met.
+
+    `move` is the one to the next known instant, shape (len(t), nv).
+    """
     h = np.diff(known.t)[left]
     x = ((t - known.t[left]) / h)[:, None]
     h = h[:, None]
     v, a = known.v, known.a
-    ends = (10 - 15 * x + 6 * x**2) * move[left] + (-4 + 7 * x - 3 * x**2) * h * v[left + 1]
+    ends = (10 - 15 * x + 6 * x**2) * move + (-4 + 7 * x - 3 * x**2) * h * v[left + 1]
     ends += (0.5 - x + 0.5 * x**2) * h**2 * a[left + 1]
     start = (1 - 6 * x**2 + 8 * x**3 - 3 * x**4) * h * v[left]
     start += 0.5 * x * (1 - x) ** 3 * h**2 * a[left]

@@ -103,17 +103,17 @@ class Path:
         return pose
 
     def equations(self, poses: Array, target: Array) -> tuple[Array, Array]:
-        """What is open at poses (n, nq), shape (n, k), and its Jacobian, shape (n, k, k)."""
+        """What is open at poses (n, nq), shape (n, k), and its Jacobian, shape (n, k, nv)."""
         c, place, J = self.poses.at(poses)
         if not self.platform:
-            return c, J[:, :, self.unknown]
+            return c, J
         error, turns = place - target, self.poses.turns
         error[:, turns] = (error[:, turns] + np.pi) % (2 * np.pi) - np.pi
         return np.concatenate([c, error], axis=1), J
 
     def _equations(self, pose: Array, target: Array) -> tuple[Array, Array]:
         error, J = self.equations(pose[None], target)
-        return error[0], J[0]
+        return error[0], J[0][:, self.unknown]
 
     def solve(self, guess: Array, target: Array, time: float) -> Array:
         """Closed pose with the imposed coordinates; Newton with step halving.

@@ -28,6 +28,17 @@ class Pieces:
         a, b = self._ends[:-1, None] + self.beside, self._ends[1:, None] - self.beside
         return np.asarray(a + (b - a) * x)
 
+    def coarser(self, values: Array) -> Array:
+        """Values at the nodes, (pieces, n + 1, width), without the last two Chebyshev polynomials.
+
+        What a smooth function loses so is more than what its polynomial of degree n misses.
+        """
+        n = values.shape[1] - 1
+        T = np.cos(np.pi * np.outer(np.arange(n + 1), np.arange(n + 1)) / n)  # T[k, j]: T_k there
+        weight = np.where(np.arange(n + 1) % n, 1.0, 0.5)
+        last = T[-2:] * np.array([[1.0], [0.5]])
+        return np.asarray(values - last.T @ ((2.0 / n * weight * T[-2:]) @ values))
+
     def at_corner(self, t: Array) -> Array:
         """Which times are corners, ends included: there a piece may not have its value."""
         near = np.min(np.abs(t - self._ends[:, None]), axis=0) < 2.0 * self.beside

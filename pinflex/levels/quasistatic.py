@@ -22,6 +22,8 @@ from pinflex.threads import one_blas_thread
 BALANCED = 1e-11
 # Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
 _NEUTRAL = 1e-9
+_SPRINGS = 1e3  # of the closures, of a stiffness scaled to one
+STIFFNESS = (0.0, 0.0, 1.0)  # of the derivatives by acceleration, velocity and position
 LOOKS = 5  # instants of a run at which stability is looked at
 
 
@@ -101,7 +103,7 @@ def _newton(
     e = error(y, lam)
     previous = np.inf
     for iteration in range(1, 40):
-        _, _, K = dynamics.tangent(y, v, a, lam)
+        K = dynamics.iteration_matrix(y, v, a, lam, STIFFNESS, rates=True)
         J = dynamics.jacobian()[:, free] if rows else np.zeros((0, n))
         S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J.T, J
         if n + rows == 0:
@@ -168,17 +170,21 @@ def rest(mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
 def giving_way(dynamics: Dynamics, at: Equilibrium, free: IntArray) -> int:
     """Number of directions that the closures allow in which the tangent stiffness is negative."""
     still = np.zeros(dynamics.system.nv)
-    K = dynamics.tangent(at.y, still, still, at.lam)[2][np.ix_(free, free)]
+    K = dynamics.iteration_matrix(at.y, still, still, at.lam, STIFFNESS)[np.ix_(free, free)]
     if not len(K):
         return 0
     # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.
     size = np.abs(np.diag(K))
     scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size)), 1e-300)))
     K = 0.5 * (K + K.T) * scale * scale[:, None]
-    if dynamics.system.closed.n:
-        Z = null_space(dynamics.close(at.y)[1][:, free] * scale)
-        K = Z.T @ K @ Z
-    return int(np.sum(np.linalg.eigvalsh(K) < -_NEUTRAL)) if len(K) else 0
+    J = dynamics.jacobian()[:, free] * scale if dynamics.looped else K[:0]
+    try:
+        # What resists with the closures as springs too resists without; and this is cheap.
+        np.linalg.cholesky(K + _SPRINGS * J.T @ J)
+        return 0
+    except np.linalg.LinAlgError:
+        Z = null_space(J)
+        return int(np.sum(np.linalg.eigvalsh(Z.T @ K @ Z) < -_NEUTRAL))
 
 
 def null_space(J: Array) -> Array:

@@ -12,7 +12,7 @@ from pinflex.mechanics.dynamics import Dynamics
 
 
 class Moved:
-    """Poses y (+) move of a mechanism: joints that turn on a circle and plain ones side by side.
+    """Poses y (+) move of a mechanism: plain joints, circles and spheres each side by side.
 
     Attributes:
         turning: Whether some joint turns in space, so that its rates are not those of its move.
@@ -24,13 +24,17 @@ class Moved:
         joints = [j for j in dynamics.system.rigid.joints[1:] if j.nv]
         plain = [j for j in joints if j.nq == j.nv]
         circles = [j for j in joints if j.nq == 2 > j.nv]
-        self._easy = len(plain) + len(circles) == len(joints)
+        spheres = [j for j in joints if j.shortname() == "JointModelSpherical"]
+        self._easy = len(plain) + len(circles) + len(spheres) == len(joints)
+        self.turning = len(plain) + len(circles) < len(joints)
         circles = [j for j in circles if j.idx_v not in told]
-        self.turning = not self._easy
         self._q = np.array([j.idx_q + k for j in plain for k in range(j.nv)], dtype=np.intp)
         self._v = np.array([j.idx_v + k for j in plain for k in range(j.nv)], dtype=np.intp)
         self._circle_q = np.array([j.idx_q for j in circles], dtype=np.intp)
         self._circle_v = np.array([j.idx_v for j in circles], dtype=np.intp)
+        self._spheres = [
+            (slice(j.idx_q, j.idx_q + 4), slice(j.idx_v, j.idx_v + 3)) for j in spheres
+        ]
 
     def poses(self, y: Array, moves: Array) -> Array:
         """Shape (k, nq), for moves (k, nv) from one pose y (nq,) or from each of (k, nq)."""
@@ -49,8 +53,28 @@ class Moved:
             grown = 0.5 * (3.0 - c * c - s * s)  # keeps (cos, sin) on the circle
             c, s, cos, sin = grown * c, grown * s, np.cos(angle), np.sin(angle)
             out[:, at], out[:, at + 1] = c * cos - s * sin, s * cos + c * sin
+        for q, v in self._spheres:
+            out[:, q] = _normal(_product(y[..., q], _turned(moves[:, v])))
         out[:, n:] = y[..., n:] + moves[:, m:]
         return out
+
+    def between(self, y0: Array, y1: Array) -> Array:
+        """Moves (k, nv) that take poses y0 to y1, each (k, nq); zero in the rows told."""
+        d = self._dynamics
+        if d.vector_space:
+            return y1 - y0
+        if not self._easy:
+            one_by_one = [d.difference(*pair) for pair in zip(y0, y1, strict=True)]
+            return np.array(one_by_one).reshape(-1, d.system.nv)
+        moves, at = np.zeros((len(y0), d.system.nv)), self._circle_q
+        moves[:, self._v] = y1[:, self._q] - y0[:, self._q]
+        if len(at):
+            c, s, c1, s1 = y0[:, at], y0[:, at + 1], y1[:, at], y1[:, at + 1]
+            moves[:, self._circle_v] = np.arctan2(c * s1 - s * c1, c * c1 + s * s1)
+        for q, v in self._spheres:
+            moves[:, v] = _turn(_product(y0[:, q] * [-1.0, -1.0, -1.0, 1.0], y1[:, q]))
+        moves[:, d.n_rigid :] = y1[:, d.nq_rigid :] - y0[:, d.nq_rigid :]
+        return moves
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
         """What the rates of the exponential coordinates of moves differ from v by, (k, nv)."""
@@ -59,3 +83,32 @@ class Moved:
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
         turn[:, :n] = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
         return turn
+
+
+def _product(p: Array, q: Array) -> Array:
+    """Quaternions p q, shape (..., 4), scalar last."""
+    (a, b), (x, w) = ((r[..., :3], r[..., 3:]) for r in (p, q))
+    vector = b * x + w * a + np.cross(a, x)
+    return np.concatenate([vector, b * w - np.sum(a * x, axis=-1, keepdims=True)], axis=-1)
+
+
+def _turned(angle: Array) -> Array:
+    """Quaternions (..., 4) of rotation vectors (..., 3)."""
+    half = 0.5 * np.linalg.norm(angle, axis=-1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(half / np.pi) * angle, np.cos(half)], axis=-1)
+
+
+def _turn(q: Array) -> Array:
+    """The shorter rotation vectors (..., 3) of quaternions (..., 4)."""
+    q = np.where(q[..., 3:] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    # Below the smallest number whose square is one, sine and angle are the same.
+    ratio = np.where(
+        sine < 1e-150, 2.0, 2.0 * np.arctan2(sine, q[..., 3:]) / np.maximum(sine, 1e-150)
+    )
+    return np.asarray(ratio * q[..., :3])
+
+
+def _normal(q: Array) -> Array:
+    """Quaternions kept on the sphere."""
+    return np.asarray(q * (0.5 * (3.0 - np.sum(q * q, axis=-1, keepdims=True))))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -67,7 +68,7 @@ class System:
         """Number of elastic coordinates."""
         return self.expansion.n_eta
 
-    @property
+    @cached_property
     def free(self) -> IntArray:
         """Velocity rows that are not motors."""
         return np.setdiff1d(np.arange(self.nv), self.motors).astype(np.intp)

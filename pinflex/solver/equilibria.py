@@ -24,8 +24,8 @@ from pinflex.errors import ConvergenceError
 from pinflex.levels.pieces import Pieces
 from pinflex.levels.quasistatic import (
     LOOKS,
+    STIFFNESS,
     Equilibrium,
-    balance,
     give_way,
     giving_way,
     solve_quasistatic,
@@ -35,18 +35,18 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.stacked import Stacked, spans
-from pinflex.solver.tolerance import Outputs
+from pinflex.solver.tolerance import Outputs, relative
 
 _TOGETHER = 32  # states in one evaluation: numpy's price is spread, the workspace stays in cache
-_STIFFNESS = (0.0, 0.0, 1.0)  # of the derivatives by acceleration, velocity and position
-_NODES = 8  # intervals between the nodes of a piece to begin with
-_GAIN = 2.0  # what twice as many bring at least; where the motion is smooth, far more
+_NODES = 12  # intervals between the nodes of a piece to begin with
+_ASTRAY = 0.1  # of the largest nominal acceleration: nodes that miss so much are too few
+_APART = 6  # nodes from one with a tangent to the next
 _MOST = 15  # iterations
 _STRIDE = 0.3  # m or rad: of a first approach, as in pinflex.levels.quasistatic
 _FAR = 0.5  # of the largest deviation: where a prediction is so far off, it is not smooth
 _SLOW = 0.3  # contraction above which an instant gets a tangent of its own,
 _ROUND_OFF = 1e-11  # m or rad: unless it is round-off that does not contract
-_CLOSE = 1e-4  # of the tolerance: the forces that Newton may leave, of the largest one
+_CLOSE = 1e-4  # of the tolerance: forces and gaps that Newton may leave, of the largest ones
 _EXACT = 1e-13  # the same at samples without a tolerance: what round-off leaves
 _CLOSED = 1e-12  # m or rad, as in pinflex.mechanics.assembly
 
@@ -58,11 +58,12 @@ class _Unclear(Exception):
 class Equilibria:
     """The equilibria of one run, and what is known between them.
 
-    They are packed: deviation from the nominal pose (nv), multipliers (rows), torques (nm).
+    They are packed: deviation from the nominal pose (nv), multipliers (rows), torques (nm); then
+    the nominal accelerations, which tell whether the nodes follow the motion.
     """
 
     def __init__(self, mechanism: Mechanism, motion: Motion, t: Array, close: float) -> None:
-        """`close`: the forces that Newton may leave at nodes, of the largest one."""
+        """`close`: the forces and gaps that Newton may leave at nodes, of the largest ones."""
         from scipy.linalg import lapack  # dear to import: only runs pay for it
 
         self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
@@ -71,7 +72,9 @@ class Equilibria:
         self._moved = Moved(self.dynamics)
         corners = breaks(motion, self._system.loads)
         self._pieces, self._close = Pieces(float(t[0]), float(t[-1]), corners), close
-        width = self._system.nv + self._system.closed.n + len(self._system.motors)
+        widths = self._system.nv, self._system.closed.n, len(self._system.motors)
+        self._ends = np.cumsum(widths)
+        width = int(self._ends[-1] + self._system.rigid.nv)
         self._values = np.empty((len(self._pieces), 0, width))
         self._factors: list[tuple[float, Array, Array]] = []  # time, LU, pivots
         self._stacks: dict[int, Stacked] = {}
@@ -84,15 +87,17 @@ class Equilibria:
         return len(self._pieces) * self._values.shape[1]
 
     def begin(self) -> None:
-        """Balance the first nodes, from the equilibrium of the first sample."""
+        """Balance the first nodes, from straight links."""
         times = self._pieces.nodes(_NODES).ravel()
-        path, guess = self._nominal(times), np.tile(self._first(), (len(times), 1))
-        self._prepare(path, guess, slice(None, None, 2))
-        found = self._solve(path, guess, first=True)
+        path, guess = self._nominal(times), np.zeros((len(times), self._values.shape[2]))
+        self._prepare(path, guess)
+        guess = self._solve(path, guess, far=True, rounds=1)
+        self._factors = []  # now with what the loads stiffen
+        self._prepare(path, guess)
+        found = self._solve(path, guess, far=True)
         self._values = found.reshape(len(self._pieces), _NODES + 1, -1)
-        lam, torque = np.split(found[:, self._system.nv :], [self._system.closed.n], axis=1)
-        self._reach = _largest(found[:, : self._system.nv])
-        self._force = max(_largest(lam), _largest(torque))
+        moved, lam, torque, _ = np.split(found, self._ends, axis=1)
+        self._reach, self._force = _largest(moved), max(_largest(lam), _largest(torque))
 
     def refine(self) -> None:
         """Balance the middles between the nodes too."""
@@ -102,46 +107,43 @@ class Equilibria:
         self._values = np.empty((len(known), n + 1, known.shape[2]))
         self._values[:, ::2], self._values[:, 1::2] = known, found.reshape(len(known), n // 2, -1)
 
-    def interpolated(self) -> Run:
-        """The run off the polynomials; samples at corners are balanced themselves."""
-        path, values = self._path, self._pieces.between(self._values, self._path.t)
-        at = self._pieces.at_corner(path.t)
+    def interpolated(self) -> tuple[Run, Run, float]:
+        """The run off the polynomials; off coarser ones; by how much nominal accelerations are off.
+
+        Samples at corners are balanced themselves.
+        """
+        path, pieces = self._path, self._pieces
+        both = np.concatenate([self._values, pieces.coarser(self._values)], axis=2)
+        fine, coarse = np.split(pieces.between(both, path.t), 2, axis=1)
+        at = pieces.at_corner(path.t)
         some = Nominal(path.t[at], path.q[at], path.v[at], path.a[at])
-        values[at] = self._solve(some, values[at])
-        return self._run(values)
+        fine[at] = coarse[at] = self._solve(some, fine[at])
+        return self._run(fine), self._run(coarse), relative(fine[:, self._ends[-1] :], path.a)
 
     def exact(self) -> Run:
         """The run with every sample balanced, from the polynomials and with tangents there."""
         times = self._pieces.nodes(self._values.shape[1] - 1).ravel()
         self._factors = []
-        self._prepare(self._nominal(times), self._values.reshape(len(times), -1))
+        self._prepare(self._nominal(times), self._values.reshape(len(times), -1), 1)
         guess = self._pieces.between(self._values, self._path.t)
         return self._run(self._solve(self._path, guess, close=_EXACT))
 
-    def _prepare(self, path: Nominal, values: Array, some: slice = slice(None)) -> None:
-        """Tangents at some packed states."""
-        states = (x[some] for x in (*self._states(path, values), path.t))
+    def _prepare(self, path: Nominal, values: Array, every: int = _APART) -> None:
+        """Tangents at every so manyth of packed states."""
+        states = (x[::every] for x in (*self._states(path, values), path.t))
         for y, v, a, lam, t in zip(*states, strict=True):
             self._tangent(y, v, a, lam, float(t))
 
     def _nominal(self, t: Array) -> Nominal:
         return between(self._mechanism, self._motion, self._path, t)
 
-    def _first(self) -> Array:
-        """The equilibrium of the first sample."""
-        d, none = self.dynamics, np.zeros((1, self._values.shape[2]))
-        (y,), (v,), (a,), _ = self._states(self._path.at(slice(0, 1)), none)
-        d.loads.time = float(self._path.t[0])
-        found = balance(d, y, v, a, self._system.free)
-        torque = found.r[self._system.motors]
-        return np.concatenate([d.difference(y, found.y), found.lam, torque])
-
     def _states(self, path: Nominal, values: Array) -> tuple[Array, Array, Array, Array]:
         """y, v, a and lam of packed equilibria."""
         d, system, n = self.dynamics, self._system, len(path.t)
         v, a = np.zeros((n, system.nv)), np.zeros((n, system.nv))
         v[:, : d.n_rigid], a[:, : d.n_rigid] = path.v, path.a
-        moved, lam = values[:, : system.nv].copy(), values[:, system.nv :][:, : system.closed.n]
+        moved, lam, _, _ = np.split(values, self._ends, axis=1)
+        moved = moved.copy()
         moved[:, system.motors] = 0.0
         return self._moved.poses(self._straight(path), moved), v, a, lam
 
@@ -151,7 +153,7 @@ class Equilibria:
     def _run(self, values: Array) -> Run:
         system, t = self._system, self._path.t
         y, v, a, lam = self._states(self._path, values)
-        torque = values[:, system.nv + system.closed.n :]
+        torque = values[:, self._ends[1] : self._ends[2]]
         return Run(system, t, y, v, a, lam, torque, dict(self._counts))
 
     def looked_at(self, run: Run) -> Run:
@@ -167,25 +169,32 @@ class Equilibria:
     # Newton --------------------------------------------------------------------------------
 
     def _solve(
-        self, path: Nominal, guess: Array, first: bool = False, close: float | None = None
+        self,
+        path: Nominal,
+        guess: Array,
+        close: float | None = None,
+        far: bool = False,
+        rounds: int | None = None,
     ) -> Array:
         """Packed equilibria, shape (n, width).
 
         Args:
             path: Nominal motion at the instants. guess: Shape (n, width).
-            first: A guess from afar, which is approached in strides.
-            close: Forces that may be left, of the largest one, if not those of all nodes.
+            close: What may be left, if not that of all nodes.
+            far: A guess from afar: the equilibrium is approached in strides.
+            rounds: So many iterations, whatever they leave.
         Raises:
             _Unclear: An instant needs closer attention.
         """
-        d, system, n = self.dynamics, self._system, len(path.t)
-        free = system.free
+        system, n = self._system, len(path.t)
+        free, close = system.free, close or self._close
+        gap = max(_CLOSED, close * _largest(guess[:, : system.nv]))
         Y, V, A, lam = self._states(path, guess)
         use, previous = self._nearest(path.t), np.full(n, np.inf)
-        for _ in range(_MOST):
+        for _ in range(rounds or _MOST):
             R, C = self._residuals(Y, V, A, lam, path.t)
             force = max(self._force, _largest(R[:, system.motors]), _largest(lam))
-            if _largest(R[:, free]) <= (close or self._close) * force and _largest(C) < _CLOSED:
+            if _largest(R[:, free]) <= close * force and _largest(C) < gap:
                 break
             right, x = np.hstack([R[:, free], C]), np.empty((n, len(free) + system.closed.n))
             for one in np.unique(use):
@@ -194,7 +203,7 @@ class Equilibria:
             size = np.max(np.abs(x[:, : len(free)]), axis=1, initial=0.0)
             if not np.all(size <= _FAR * self._reach + _ROUND_OFF):
                 raise _Unclear
-            if first:
+            if far:
                 x *= np.minimum(1.0, _STRIDE / np.maximum(size, _STRIDE))[:, None]
             step = np.zeros((n, system.nv))
             step[:, free] = x[:, : len(free)]
@@ -204,11 +213,11 @@ class Equilibria:
                 use[k] = self._tangent(Y[k], V[k], A[k], lam[k], float(path.t[k]))
             previous = size
         else:
-            raise _Unclear
-        self._counts["steps"] += n
-        pairs = zip(self._straight(path), Y, strict=True)
-        moved = np.array([d.difference(*pair) for pair in pairs]).reshape(n, -1)
-        return np.hstack([moved, lam, R[:, system.motors]])
+            if rounds is None:
+                raise _Unclear
+        self._counts["steps"] += 0 if rounds else n
+        moved = self._moved.between(self._straight(path), Y)
+        return np.hstack([moved, lam, R[:, system.motors], path.a])
 
     def _residuals(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
         """Forces left (n, nv) and gaps of the closures (n, rows)."""
@@ -225,7 +234,7 @@ class Equilibria:
         """Factors of the tangent at a state; their number."""
         d, free = self.dynamics, self._system.free
         d.loads.time = t
-        K = d.iteration_matrix(y, v, a, lam, _STIFFNESS, rates=True)[np.ix_(free, free)]
+        K = d.iteration_matrix(y, v, a, lam, STIFFNESS, rates=True)[np.ix_(free, free)]
         J = d.jacobian()[:, free] if d.looped else np.zeros((0, len(free)))
         S = np.block([[K, -J.T], [J, np.zeros((len(J), len(J)))]])
         lu, pivots, info = self._lapack.dgetrf(S)
@@ -276,21 +285,20 @@ def solve_equilibria(
 def _smooth(
     mechanism: Mechanism, motion: Motion, t: Array, tol: float | None, asked: Sequence[str]
 ) -> Run:
-    """Refined until two runs in a row agree within tol, or balanced at every sample."""
+    """Refined until the last polynomials matter less than tol, or balanced at every sample."""
     found = Equilibria(mechanism, motion, t, _CLOSE * (1e-2 if tol is None else tol))
     found.begin()
     if tol is None:
         found.refine()
         return found.looked_at(found.exact())
     compare = Outputs(mechanism, motion, t, asked, found.dynamics)
-    coarse, error = found.interpolated(), dict[str, float]()
-    while 2 * found.nodes < len(t):
-        found.refine()
-        fine = found.interpolated()
-        error = {key: e / _GAIN for key, e in compare.differences(coarse, fine).items()}
-        if max(error.values(), default=0.0) <= 0.5 * tol:
+    while True:
+        fine, coarse, astray = found.interpolated()
+        error = compare.differences(coarse, fine)
+        if max(error.values(), default=0.0) <= 0.5 * tol and astray < _ASTRAY:
             break
-        coarse = fine
-    else:
-        fine, error = found.exact(), dict.fromkeys(error, 0.0)
+        if 2 * found.nodes >= len(t):
+            fine, error = found.exact(), dict.fromkeys(error, 0.0)
+            break
+        found.refine()
     return replace(found.looked_at(fine), settings={"tol": tol, "error": error})

@@ -22,6 +22,7 @@ from pinflex.errors import ConvergenceError, SceneError
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.stacked import Stacked
 from pinflex.solver.timed import Progress, Scene, default_step
 
 _SAMPLES = 51  # instants at which poses are compared: the samples, or every k-th of more
@@ -158,9 +159,9 @@ def platform_poses(mechanism: Mechanism, dynamics: Dynamics, y: Array) -> tuple[
     model, data = dynamics.model, dynamics.data
     frame = model.getFrameId(mechanism.description.platform, pin.FrameType.BODY)
     p, R = np.empty((len(y), 3)), np.empty((len(y), 3, 3))
-    for k, one in enumerate(y):
-        dynamics.place(one)
-        pin.forwardKinematics(model, data, dynamics.Q)
+    still = np.zeros((len(y), dynamics.system.nv))
+    for k, q in enumerate(Stacked(dynamics, len(y)).expanded(y, still, still)[0]):
+        pin.forwardKinematics(model, data, q)
         pose = pin.updateFramePlacement(model, data, frame)
         p[k], R[k] = pose.translation, pose.rotation
     return p, R

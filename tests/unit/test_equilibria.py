@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.description.motion import harmonic
 from pinflex.levels.pieces import Pieces
 from pinflex.levels.quasistatic import solve_quasistatic
 from pinflex.solver.equilibria import solve_equilibria
@@ -72,3 +73,27 @@ def test_pieces_interpolate_smooth_parts_to_round_off_and_keep_their_corner():
     assert np.sum(~away) == 3
     assert np.max(np.abs(found - f(t))[away]) < 1e-13
     assert np.all(pieces.nodes(32)[:, ::2] == nodes)
+
+
+def test_the_last_two_polynomials_are_left_out_of_the_coarser_values():
+    pieces, n = Pieces(0.0, 1.0, []), 8
+    x = 2.0 * pieces.nodes(n)[0] - 1.0
+    inside = (np.polynomial.Polynomial([1, -2, 0.5, 0, 0, 3, -1])(x))[None, :, None]
+    whole = inside + (np.cos(7 * np.arccos(x)) - 2 * np.cos(8 * np.arccos(x)))[None, :, None]
+    # The nodes end 1e-9 of the time inside the piece, which the steep last polynomials show.
+    np.testing.assert_allclose(pieces.coarser(whole), inside, atol=1e-6)
+
+
+@pytest.mark.parametrize("periods", [5, 6, 7, 12, 13])
+def test_a_motion_faster_than_the_nodes_is_noticed(periods):
+    """Few points of a fast swing look like a slow one."""
+    robot = pf.load("race_r2")
+    t = np.linspace(0.0, 1.0, 401)
+    motion = harmonic(
+        joints=dict(zip(robot.motors, (0.01, 0.02, -0.01), strict=True)),
+        frequency=float(periods),
+        duration=1.0,
+    )
+    few = solve_equilibria(robot, motion, t, 1e-2)
+    errors = Outputs(robot, motion, t).differences(few, solve_quasistatic(robot, motion, t))
+    assert max(errors.values()) <= 1e-2

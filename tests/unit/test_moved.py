@@ -22,7 +22,11 @@ flexible:
 
 @pytest.mark.parametrize(
     ("first", "second", "circles"),
-    [("revolute", "continuous", "arm"), ("continuous", "floating", "crank")],
+    [
+        ("revolute", "continuous", "arm"),
+        ("continuous", "fixed", "crank"),  # made spherical in the YAML
+        ("continuous", "floating", "crank"),
+    ],
 )
 def test_side_by_side_as_one_by_one(tmp_path: Path, first: str, second: str, circles: str) -> None:
     """Circles, plain joints and elastic coordinates together; a joint that turns in space."""
@@ -31,7 +35,8 @@ def test_side_by_side_as_one_by_one(tmp_path: Path, first: str, second: str, cir
         Body("arm", "crank", second, xyz=(0, 0, 1)),
         Body("tip", "arm", xyz=(1, 0, 0)),
     )
-    m = load(tmp_path, bodies, f"actuated: []\n{_BENDS}")
+    ball = "joints:\n  arm_joint: {type: spherical}\n" if second == "fixed" else ""
+    m = load(tmp_path, bodies, f"actuated: []\n{ball}{_BENDS}")
     d, rng = Dynamics(m.flexible), np.random.default_rng(7)
     moves = rng.normal(size=(5, m.flexible.nv))
     each = np.array([d.integrate(m.undeformed(), 0.3 * move) for move in moves])
@@ -40,6 +45,10 @@ def test_side_by_side_as_one_by_one(tmp_path: Path, first: str, second: str, cir
     np.testing.assert_allclose(Moved(d).poses(each, moves), one_by_one, atol=1e-14)
     from_one = np.array([d.integrate(each[0], move) for move in moves])
     np.testing.assert_allclose(Moved(d).poses(each[0], moves), from_one, atol=1e-14)
+    back = np.array([d.difference(y, y1) for y, y1 in zip(each, one_by_one, strict=True)])
+    np.testing.assert_allclose(Moved(d).between(each, one_by_one), back, atol=1e-14)
+    none = Moved(d).between(each, each)
+    np.testing.assert_allclose(none, np.zeros_like(moves), atol=1e-15)
     for _ in range(100):
         each = Moved(d).poses(each, moves)
     circle = m.flexible.rigid.joints[m.flexible.rigid.getJointId(f"{circles}_joint")].idx_q
