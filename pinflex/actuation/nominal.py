@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Nominal:
     v: Array
     a: Array
 
-    def at(self, k: slice) -> Nominal:
+    def at(self, k: Any) -> Nominal:
         """Some of the instants."""
         return Nominal(self.t[k], self.q[k], self.v[k], self.a[k])
 
@@ -58,36 +59,42 @@ def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
         MotionError: A pose that cannot be reached, with the time and the reason.
         SingularityError: The path meets a singular pose, with loop, motion and sigma_min.
     """
+    return nominal_and_more(mechanism, motion, t, np.empty(0))[0]
+
+
+def nominal_and_more(
+    mechanism: Mechanism, motion: Motion, t: Array, more: Array
+) -> tuple[Nominal, Nominal]:
+    """As `nominal`, and at other times `more` between the first and the last of t at once."""
     t = np.array(t, float)
-    system = mechanism.rigid
-    if motion.target == "joints" and system.closed.n == 0:
-        return _open_tree(mechanism, motion, t)
+    if motion.target == "joints" and mechanism.rigid.closed.n == 0:
+        return _open_tree(mechanism, motion, t), _open_tree(mechanism, motion, more)
     for recent in _recent:
         if recent[0] is mechanism and recent[1] is motion and np.array_equal(recent[2].t, t):
-            return recent[2]
-    found = _closed_loops(mechanism, motion, t)
+            found = recent[2]
+            return found, between(mechanism, motion, found, more) if len(more) else found.at([])
+    every = np.union1d(t, more)
+    both = _closed_loops(Path(mechanism, motion), every)
+    found, others = (both.at(np.searchsorted(every, at)) for at in (t, more))
     for x in (found.t, found.q, found.v, found.a):
         x.setflags(write=False)
     _recent.insert(0, (mechanism, motion, found))
     del _recent[_KEPT:]
-    return found
+    return found, others
 
 
-def _closed_loops(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
+def _closed_loops(path: Path, t: Array) -> Nominal:
     """A few instants by a march, then more between them, then all."""
     every = min(_EVERY, len(t) // _LEAST)
-    if every > 1 and not mechanism.rigid.closed.contacts:
+    if every > 1 and not path.dynamics.system.closed.contacts:
         some = np.unique(np.append(np.arange(0, len(t), every), len(t) - 1))
         try:
-            known = _closed_loops(mechanism, motion, t[some])
-            path = Path(mechanism, motion)
-            path.start_from(known.q[0])
-            found = _filled(path, known, t)
+            found = _filled(path, _closed_loops(path, t[some]), t)
         except (SceneError, np.linalg.LinAlgError):
             found = None  # so far apart instants lose the way, or it is blocked: look closely
         if found is not None:
             return found
-    return _march(Path(mechanism, motion), t)
+    return _march(path, t)
 
 
 def between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> Nominal:
@@ -102,8 +109,7 @@ def between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> N
         found = None
     if found is None:
         every = np.union1d(known.t, t)
-        whole, at = nominal(mechanism, motion, every), np.searchsorted(every, t)
-        found = Nominal(t, whole.q[at], whole.v[at], whole.a[at])
+        found = nominal(mechanism, motion, every).at(np.searchsorted(every, t))
     return found
 
 
@@ -113,7 +119,7 @@ def _march(path: Path, t: Array) -> Nominal:
     q = np.empty((n, system.nq))
     v, a = np.empty((n, system.nv)), np.empty((n, system.nv))
     imposed = path.imposed(t)
-    pose = path.start(imposed)
+    pose, path.sign = path.start(imposed), 0.0
     for k in range(n):
         if k:
             dt = t[k] - t[k - 1]

@@ -103,7 +103,7 @@ def _newton(
     e = error(y, lam)
     previous = np.inf
     for iteration in range(1, 40):
-        K = dynamics.iteration_matrix(y, v, a, lam, STIFFNESS, rates=True)
+        K = dynamics.iteration_matrix(y, v, a, lam, STIFFNESS)
         J = dynamics.jacobian()[:, free] if rows else np.zeros((0, n))
         S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J.T, J
         if n + rows == 0:
@@ -164,22 +164,25 @@ def rest(mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
     still = np.zeros(system.nv)
     where = f"{mechanism.name}: static equilibrium"
     found = balance(dynamics, mechanism.undeformed(q), still, still, free, None, where)
-    return replace(found, unstable=giving_way(dynamics, found, free))
+    return replace(found, unstable=giving_way(dynamics, found.y, still, still, found.lam, free))
 
 
-def giving_way(dynamics: Dynamics, at: Equilibrium, free: IntArray) -> int:
+def giving_way(dynamics: Dynamics, y: Array, v: Array, a: Array, lam: Array, free: IntArray) -> int:
     """Number of directions that the closures allow in which the tangent stiffness is negative."""
-    still = np.zeros(dynamics.system.nv)
-    K = dynamics.iteration_matrix(at.y, still, still, at.lam, STIFFNESS)[np.ix_(free, free)]
+    K = dynamics.iteration_matrix(y, v, a, lam, STIFFNESS)[np.ix_(free, free)]
+    return negative(K, dynamics.jacobian()[:, free] if dynamics.looped else K[:0])
+
+
+def negative(K: Array, J: Array) -> int:
+    """Number of directions that J allows in which a stiffness K is negative."""
     if not len(K):
         return 0
     # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.
     size = np.abs(np.diag(K))
     scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size)), 1e-300)))
-    K = 0.5 * (K + K.T) * scale * scale[:, None]
-    J = dynamics.jacobian()[:, free] * scale if dynamics.looped else K[:0]
+    K, J = 0.5 * (K + K.T) * scale * scale[:, None], J * scale
     try:
-        # What resists with the closures as springs too resists without; and this is cheap.
+        # What resists with springs in place of the closures resists with the closures; it is cheap.
         np.linalg.cholesky(K + _SPRINGS * J.T @ J)
         return 0
     except np.linalg.LinAlgError:
@@ -264,7 +267,7 @@ def solve_quasistatic(
         offset, force = dynamics.difference(flat, found.y), found.lam
         offset[system.motors] = 0.0
         newton += found.iterations
-        if k in looks and not said and giving_way(dynamics, found, free):
+        if k in looks and not said and giving_way(dynamics, y[k], v[k], a[k], lam[k], free):
             said.append(give_way(f"t = {t[k]:.6g} s: equilibrium"))
         if progress is not None and k % 16 == 0:
             progress(k, nt)

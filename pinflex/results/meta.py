@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib import metadata
 from typing import Any
@@ -14,6 +15,8 @@ from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results import validity
 from pinflex.results.result import UNITS
+
+JUDGED = ("energy_balance", "warnings", "limits", "monitors")  # the keys that `judge` knows
 
 
 def version() -> str:
@@ -29,13 +32,10 @@ def describe(
     run: Run,
     level: str,
     cost: dict[str, float],
-    arrays: dict[str, Array],
     stopped: str,
 ) -> dict[str, Any]:
-    """The meta mapping of a Result (plain JSON types)."""
+    """The meta mapping of a Result (plain JSON types), but for what `judge` says."""
     description = mechanism.description
-    monitors = validity.monitors(mechanism, run, arrays)
-    limits = validity.warnings(mechanism, run, monitors)
     frames = list(description.frames)
     if description.platform is not None and description.platform not in frames:
         frames.insert(0, description.platform)
@@ -57,13 +57,21 @@ def describe(
         "settings": {k: _plain(v) for k, v in run.settings.items()},
         "resume": None if run.s is None else run.s[-1].tolist(),
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
+        "units": _units(mechanism),
+        "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
+        "sources": dict(description.sources),
+    }
+
+
+def judge(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Any]:
+    """The rest of the meta mapping: how far a run can be trusted, from all of its arrays."""
+    monitors = validity.monitors(mechanism, run, arrays)
+    limits = validity.warnings(mechanism, run, monitors)
+    return {
         "energy_balance": _energy_balance(arrays),
         "warnings": [*run.warnings, *_redundant(mechanism, run), *limits],
         "limits": limits,
         "monitors": {name: asdict(found) for name, found in monitors.items()},
-        "units": _units(mechanism),
-        "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
-        "sources": dict(description.sources),
     }
 
 
@@ -150,7 +158,7 @@ def _bodies(mechanism: Mechanism) -> dict[str, Any]:
     return bodies
 
 
-def _energy_balance(arrays: dict[str, Array]) -> float:
+def _energy_balance(arrays: Mapping[str, Array]) -> float:
     """Largest |E - E0 - work + dissipated| over the largest energy in play."""
     stored = sum(arrays[f"energy/{k}"] for k in ("kinetic", "gravity", "elastic", "spring"))
     flow = arrays["energy/work"] - arrays["energy/dissipated"]

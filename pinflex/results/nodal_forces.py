@@ -21,10 +21,10 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results import stress
-from pinflex.results.recover import interface_load, pose_of
+from pinflex.results.moves import joint_poses, pose_of
 from pinflex.results.replay import samples_of
 from pinflex.results.result import Result
-from pinflex.results.samples import Samples, joint_poses
+from pinflex.results.samples import Samples
 
 # Entry of a nodal triple, sign, of value, slope and curvature of each bending direction.
 _BENDING = {"v": (1, 2, 1.0), "w": (2, 1, -1.0)}
@@ -114,7 +114,7 @@ def nodal_forces(
         poses = pose_of(joint_poses(mechanism, run.path), frame)
         rotation = poses[:, :, :3] @ part.placement.rotation
     else:
-        rotation = pose_of(samples.poses, slots[0].root)[:, :, :3]
+        rotation = pose_of(samples.moves.poses, slots[0].root)[:, :, :3]
     return NodalForces(run.t, link, x, force, moment, generalised, rotation)
 
 
@@ -141,7 +141,7 @@ def _body(
         where = body.xt if p else body.x
         rows = slot.twists if p else slot.stations[:, "uvw".index(direction)]
         P = _elements(
-            body, spec, direction, samples.g[:, rows], where, eta[:, at], rate[:, at],
+            body, spec, direction, samples.forces.g[:, rows], where, eta[:, at], rate[:, at],
             (stiffness[direction], inertia), rayleigh,
         )  # fmt: skip
         if direction in _BENDING:
@@ -165,10 +165,11 @@ def _balance(samples: Samples, slot: Slot, eta: Array, nodes: Array) -> tuple[Ar
     section = stress.cut(body, len(nodes))
     bent = stress.deflections(section, eta) * (not linear)
     loads = [
-        (i.x, *interface_load(samples, i.attachment.joint, i.force_rows)) for i in slot.interfaces
+        (i.x, *samples.interface_load(i.attachment.joint, i.force_rows)) for i in slot.interfaces
     ]
+    g = samples.forces.g
     R = stress.resultants(
-        section, body, bent, samples.g[:, slot.stations], samples.g[:, slot.twists], loads,
+        section, body, bent, g[:, slot.stations], g[:, slot.twists], loads,
         eta * (not linear),
     )  # fmt: skip
     # On its inner node an element receives minus what the section passes on, on its outer plus.

@@ -12,9 +12,10 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loads import Loads, LoadState
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import columns
+from pinflex.results.moves import joint_poses
 from pinflex.results.replay import run_of, samples_of
 from pinflex.results.result import Result
-from pinflex.results.samples import Samples, joint_poses
+from pinflex.results.samples import Samples
 
 
 def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
@@ -29,17 +30,17 @@ def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
     samples = samples_of(mechanism, result)
     out: dict[str, Array] = {}
     for name, (joint, R) in _rotations(mechanism, samples).items():
-        force = samples.f[:, joint].reshape(-1, 2, 3)
+        force = samples.forces.f[:, joint].reshape(-1, 2, 3)
         out[name] = np.einsum("tij,tkj->tki", R, force).reshape(-1, 6)
     for name in samples.run.system.closed.names:
-        out[name] = samples.out[f"loop/{name}/wrench"]
+        out[name] = samples.forces.arrays[f"loop/{name}/wrench"]
     return out
 
 
 def _rotations(mechanism: Mechanism, samples: Samples) -> dict[str, tuple[int, Array]]:
     """Joint number and world rotations (nt, 3, 3) of the tree joints, where forces were taken."""
-    run, expanded, rigid = samples.run, samples.dynamics.model, mechanism.rigid.rigid
-    poses = samples.poses
+    run, expanded, rigid = samples.run, samples.run.system.expansion.model, mechanism.rigid.rigid
+    poses = samples.moves.poses
     nominal = joint_poses(mechanism, run.path) if run.linear and run.path is not None else None
     found = {}
     for number, name in enumerate(rigid.names[1:], start=1):

@@ -43,6 +43,4 @@ def run_of(mechanism: Mechanism, result: Result) -> Run:
 
 def samples_of(mechanism: Mechanism, result: Result) -> Samples:
     """Forces at every station, section and joint over the run."""
-    samples = Samples(mechanism, run_of(mechanism, result))
-    samples.collect()
-    return samples
+    return Samples(mechanism, run_of(mechanism, result))

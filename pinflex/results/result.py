@@ -9,7 +9,7 @@ import os
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
+from pinflex.results.late import Late
 from pinflex.results.named import (
     Deviation,
     FrameView,
@@ -67,11 +68,13 @@ class Result:
         t: Instants [s], shape (nt,), increasing.
         arrays: Read-only arrays by flat key ("joint/q", "link/distal_1/x"), time first, SI units.
         meta: Names, settings, cost, warnings and source texts, as plain JSON values.
+
+    Of a run just solved, poses, forces, stresses and warnings are found when first asked for.
     """
 
     t: Array
-    arrays: dict[str, Array]
-    meta: dict[str, Any]
+    arrays: Mapping[str, Array]
+    meta: Mapping[str, Any]
 
     def __post_init__(self) -> None:
         t = _read_only(self.t, "t")
@@ -80,28 +83,15 @@ class Result:
                 f"result: t: shape {t.shape} is not a list of increasing instants. "
                 "Give times [s] as a non-empty, strictly increasing vector."
             )
-        arrays = {key: _read_only(value, key) for key, value in self.arrays.items()}
-        for key, value in arrays.items():
-            fixed = key.startswith("link/") and key.endswith(_WITHOUT_TIME)
-            if not fixed and value.shape[:1] != t.shape:
-                raise DescriptionError(
-                    f"result: {key}: shape {value.shape} does not start with the "
-                    f"{len(t)} instants of t. Arrays are time first.",
-                    key=key,
-                )
-        try:
-            meta = json.loads(json.dumps(self.meta, default=_plain))
-        except (TypeError, ValueError) as error:
-            raise DescriptionError(
-                f"result: meta: {error}. Use numbers, texts, lists and mappings only."
-            ) from None
-        if not isinstance(meta, dict):
-            raise DescriptionError(
-                f"result: meta: {meta!r} is not a mapping. Give names to values."
-            )
         object.__setattr__(self, "t", t)
-        object.__setattr__(self, "arrays", arrays)
-        object.__setattr__(self, "meta", meta)
+        if not isinstance(self.arrays, Late):
+            object.__setattr__(self, "arrays", {k: _timed(k, x, t) for k, x in self.arrays.items()})
+        if not isinstance(self.meta, Late):
+            object.__setattr__(self, "meta", plain(self.meta))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Whole into another process."""
+        return Result, (self.t, dict(self.arrays), dict(self.meta))
 
     def array(self, key: str) -> Array:
         """The read-only array of a flat key; an unknown key leads to the nearest one."""
@@ -125,7 +115,7 @@ class Result:
     @property
     def links(self) -> tuple[str, ...]:
         """Flexible links that this result has fields for; none at the rigid level."""
-        return tuple(k[5:-2] for k in self.arrays if k.startswith("link/") and k.endswith("/x"))
+        return tuple(self.meta.get("links", ()))
 
     @property
     def torque(self) -> Array:
@@ -180,7 +170,7 @@ class Result:
     def save(self, path: str | Path) -> Path:
         """Write one compressed .npz; a file already there is replaced only by a complete one."""
         path = Path(path)
-        header = {"program": "pinflex", "format": FORMAT, "meta": self.meta}
+        header = {"program": "pinflex", "format": FORMAT, "meta": dict(self.meta)}
         contents = {_HEADER: np.array(json.dumps(header)), "t": self.t, **self.arrays}
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
@@ -292,6 +282,31 @@ def same_grid(a: Result, b: Result) -> None:
             f"[{a.t[0]:g}, {a.t[-1]:g}] s against {len(b.t)} in [{b.t[0]:g}, {b.t[-1]:g}] s. "
             "Solve both with the same `until`, `dt` and `samples` (a stopped run is shorter)."
         )
+
+
+def plain(meta: Any) -> dict[str, Any]:
+    """A mapping as JSON has it."""
+    try:
+        found = json.loads(json.dumps(meta, default=_plain))
+    except (TypeError, ValueError) as error:
+        raise DescriptionError(
+            f"result: meta: {error}. Use numbers, texts, lists and mappings only."
+        ) from None
+    if not isinstance(found, dict):
+        raise DescriptionError(f"result: meta: {found!r} is not a mapping. Give names to values.")
+    return found
+
+
+def _timed(key: str, values: Any, t: Array) -> Array:
+    array = _read_only(values, key)
+    fixed = key.startswith("link/") and key.endswith(_WITHOUT_TIME)
+    if not fixed and array.shape[:1] != t.shape:
+        raise DescriptionError(
+            f"result: {key}: shape {array.shape} does not start with the "
+            f"{len(t)} instants of t. Arrays are time first.",
+            key=key,
+        )
+    return array
 
 
 def _read_only(values: Any, key: str) -> Array:

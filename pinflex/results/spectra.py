@@ -108,12 +108,10 @@ def modal_forces(mechanism: Mechanism, result: Result, link: str) -> ModalForces
     slot, body = slots[0], slots[0].body
     nq, nv = int(run.system.rigid.nq), int(run.system.rigid.nv)
     full = Samples(mechanism, run)
-    full.collect()
     y, v, a = run.y.copy(), run.v.copy(), run.a.copy()
     eta, rate, second = (x[:, n:][:, slot.eta] for x, n in ((run.y, nq), (run.v, nv), (run.a, nv)))
     y[:, nq:], v[:, nv:], a[:, nv:] = 0.0, 0.0, 0.0
     stiff = Samples(mechanism, replace(run, y=y, v=v, a=a, lam=0.0 * run.lam))
-    stiff.collect()
     inertia = -_stations(stiff, slot, 0.0 * eta)
     M = np.einsum("s,sdi,sdj->ij", body.mass, body.Phi, body.Phi)
     M += np.einsum("s,si,sj->ij", body.It, body.Phi_t, body.Phi_t)
@@ -128,7 +126,7 @@ def modal_forces(mechanism: Mechanism, result: Result, link: str) -> ModalForces
 def _stations(samples: Samples, slot: Slot, eta: Array) -> Array:
     """X' g over a link's own stations, shape (nt, n)."""
     body = slot.body
-    pull, twist = samples.g[:, slot.stations], samples.g[:, slot.twists]
+    pull, twist = samples.forces.g[:, slot.stations], samples.forces.g[:, slot.twists]
     force = np.einsum("tsd,sdn->tn", pull, body.Phi) + twist @ body.Phi_t
     if body.G is not None:
         force += np.einsum("tsd,sdnm,tm->tn", pull, body.G, eta, optimize=True)

@@ -6,6 +6,7 @@ stiffness that axial forces bring. Each monitor is a number without unit: small 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,7 @@ class Monitors:
     when: float | None
 
 
-def monitors(mechanism: Mechanism, run: Run, arrays: dict[str, Array]) -> dict[str, Monitors]:
+def monitors(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Monitors]:
     """Monitors of every flexible link of a run.
 
     Args:

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.actuation.drive import breaks
-from pinflex.actuation.nominal import Nominal, between, nominal
+from pinflex.actuation.nominal import Nominal, between, nominal_and_more
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.description.supplement import ASKED
@@ -25,9 +25,9 @@ from pinflex.levels.pieces import Pieces
 from pinflex.levels.quasistatic import (
     LOOKS,
     STIFFNESS,
-    Equilibrium,
     give_way,
     giving_way,
+    negative,
     solve_quasistatic,
 )
 from pinflex.levels.run import Run
@@ -67,11 +67,13 @@ class Equilibria:
         from scipy.linalg import lapack  # dear to import: only runs pay for it
 
         self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
-        self._system, self._path = mechanism.flexible, nominal(mechanism, motion, t)
+        self._system, self._close = mechanism.flexible, close
         self.dynamics = Dynamics(self._system)
         self._moved = Moved(self.dynamics)
         corners = breaks(motion, self._system.loads)
-        self._pieces, self._close = Pieces(float(t[0]), float(t[-1]), corners), close
+        self._pieces = Pieces(float(t[0]), float(t[-1]), corners)
+        first = self._pieces.nodes(_NODES).ravel()
+        self._path, self._first = nominal_and_more(mechanism, motion, t, first)
         widths = self._system.nv, self._system.closed.n, len(self._system.motors)
         self._ends = np.cumsum(widths)
         width = int(self._ends[-1] + self._system.rigid.nv)
@@ -79,6 +81,7 @@ class Equilibria:
         self._factors: list[tuple[float, Array, Array]] = []  # time, LU, pivots
         self._stacks: dict[int, Stacked] = {}
         self._reach, self._force = np.inf, 0.0  # largest deviation and force, once known
+        self._doubtful = False  # whether some tangent gives way
         self._counts = {"steps": 0.0, "newton": 0.0, "tangents": 0.0}
 
     @property
@@ -88,11 +91,10 @@ class Equilibria:
 
     def begin(self) -> None:
         """Balance the first nodes, from straight links."""
-        times = self._pieces.nodes(_NODES).ravel()
-        path, guess = self._nominal(times), np.zeros((len(times), self._values.shape[2]))
+        path, guess = self._first, np.zeros((len(self._first.t), self._values.shape[2]))
         self._prepare(path, guess)
         guess = self._solve(path, guess, far=True, rounds=1)
-        self._factors = []  # now with what the loads stiffen
+        self._factors, self._doubtful = [], False  # now with what the loads stiffen
         self._prepare(path, guess)
         found = self._solve(path, guess, far=True)
         self._values = found.reshape(len(self._pieces), _NODES + 1, -1)
@@ -116,8 +118,7 @@ class Equilibria:
         both = np.concatenate([self._values, pieces.coarser(self._values)], axis=2)
         fine, coarse = np.split(pieces.between(both, path.t), 2, axis=1)
         at = pieces.at_corner(path.t)
-        some = Nominal(path.t[at], path.q[at], path.v[at], path.a[at])
-        fine[at] = coarse[at] = self._solve(some, fine[at])
+        fine[at] = coarse[at] = self._solve(path.at(at), fine[at])
         return self._run(fine), self._run(coarse), relative(fine[:, self._ends[-1] :], path.a)
 
     def exact(self) -> Run:
@@ -158,13 +159,15 @@ class Equilibria:
 
     def looked_at(self, run: Run) -> Run:
         """The run with a warning where an equilibrium gives way."""
-        d, system, t, said = self.dynamics, run.system, run.t, list[str]()
-        for k in np.linspace(0, len(t) - 1, LOOKS).astype(int):
-            d.loads.time = float(t[k])
-            here = Equilibrium(run.y[k], run.lam[k], np.zeros(0), 0)
-            if not said and giving_way(d, here, system.free):
-                said.append(give_way(f"t = {t[k]:.6g} s: equilibrium"))
-        return replace(run, warnings=tuple(said))
+        if not self._doubtful:
+            return run
+        for k in np.linspace(0, len(run.t) - 1, LOOKS).astype(int):
+            self.dynamics.loads.time = float(run.t[k])
+            state = run.y[k], run.v[k], run.a[k], run.lam[k]
+            if giving_way(self.dynamics, *state, run.system.free):
+                said = give_way(f"t = {run.t[k]:.6g} s: equilibrium")
+                return replace(run, warnings=(said,))
+        return run
 
     # Newton --------------------------------------------------------------------------------
 
@@ -234,8 +237,9 @@ class Equilibria:
         """Factors of the tangent at a state; their number."""
         d, free = self.dynamics, self._system.free
         d.loads.time = t
-        K = d.iteration_matrix(y, v, a, lam, STIFFNESS, rates=True)[np.ix_(free, free)]
+        K = d.iteration_matrix(y, v, a, lam, STIFFNESS)[np.ix_(free, free)]
         J = d.jacobian()[:, free] if d.looped else np.zeros((0, len(free)))
+        self._doubtful |= negative(K, J) > 0
         S = np.block([[K, -J.T], [J, np.zeros((len(J), len(J)))]])
         lu, pivots, info = self._lapack.dgetrf(S)
         if info != 0 or not np.all(np.isfinite(lu)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy as np
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion, from_spec, hold
 from pinflex.description.supplement import ASKED, COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
@@ -28,9 +28,7 @@ from pinflex.levels.run import Run
 from pinflex.mechanics import workspace
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.deviation import frame_deviations
-from pinflex.results.meta import describe
-from pinflex.results.recover import recover
+from pinflex.results.recover import result_of
 from pinflex.results.result import Result
 from pinflex.solver.equilibria import solve_equilibria
 from pinflex.solver.resume import grid, join, stored
@@ -282,30 +280,7 @@ def _result(
     began: float,
     stopped: str = "",
 ) -> Result:
-    solved = time.perf_counter()
     run = replace(run, settings={**run.settings, "drive": spec.drive})
-    arrays = recover(mechanism, run, _rigid_reference(mechanism, motion, run))
-    arrays.update(_energy_flow(arrays, run))
-    if run.signals is not None:
-        arrays.update(run.signals.arrays())
-    if run.path is not None:
-        arrays.update(frame_deviations(mechanism, run))
-    recovered = time.perf_counter()
-    cost = {**run.cost, "seconds": solved - began, "recovery_seconds": recovered - solved}
-    meta = describe(mechanism, run, spec.level, cost, arrays, stopped)
-    return Result(run.t, arrays, meta)
-
-
-def _energy_flow(arrays: dict[str, Array], run: Run) -> dict[str, Array]:
-    """Work of the motors and energy taken by damping: of every step, or by the sampled power."""
-    if run.work is not None:
-        return {"energy/work": run.work[:, 0], "energy/dissipated": run.work[:, 1]}
-    speed = run.v[:, run.system.motors]
-    power = np.sum(run.torque * speed, axis=1)
-    loss = np.einsum("ti,ij,tj->t", run.v, run.system.D, run.v)
-    dt = np.diff(run.t)
-
-    def total(p: Array) -> Array:
-        return np.concatenate([[0.0], np.cumsum(0.5 * dt * (p[1:] + p[:-1]))])
-
-    return {"energy/work": total(power), "energy/dissipated": total(loss)}
+    cost = {**run.cost, "seconds": time.perf_counter() - began}
+    rigid_path = partial(_rigid_reference, mechanism, motion, run)
+    return result_of(mechanism, run, rigid_path, spec.level, cost, stopped)

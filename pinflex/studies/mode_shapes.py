@@ -63,9 +63,8 @@ def _run(
     q = np.tile(found.y[: int(system.rigid.nq)], (len(t), 1))
     empty = np.zeros((len(t), int(system.rigid.nv)))
     arrays = recover(mechanism, run, Nominal(t, q, empty, empty))
-    flow = {"energy/work": np.zeros(len(t)), "energy/dissipated": np.zeros(len(t))}
-    meta = describe(mechanism, run, "coupled", {}, {**arrays, **flow}, "")
-    meta |= {"warnings": [], "energy_balance": None}
+    meta = describe(mechanism, run, "coupled", {}, "")
+    meta |= {"warnings": [], "limits": [], "monitors": {}, "energy_balance": None}
     kept = {
         key: value
         for key, value in arrays.items()

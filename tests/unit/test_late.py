@@ -1,0 +1,110 @@
+"""What a result holds is found when asked for, once, and is the same as all of it at once."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from time import sleep
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.results import samples
+from pinflex.results.late import Late
+from pinflex.results.recover import recover
+from pinflex.results.replay import run_of
+
+
+def test_a_group_is_found_once_by_the_head_of_its_keys():
+    asked = []
+
+    def group(name):
+        asked.append(name)
+        return {f"{name}/x": 1, f"{name}/y": 2}
+
+    groups = {("a",): lambda: group("a"), ("b", "c"): lambda: group("b")}
+    late = Late({"now": 0}, groups)
+    assert late["now"] == 0 and not asked
+    assert late["a/x"] == 1 and late["a/y"] == 2 and "a/z" not in late and asked == ["a"]
+    with pytest.raises(KeyError):
+        late["c/x"]
+    assert asked == ["a", "b"]
+    assert list(late) == ["now", "a/x", "a/y", "b/x", "b/y"] and asked == ["a", "b"]
+    late = Late({"now": 0}, {**groups, (): lambda: {"other": 3}})
+    assert late["other"] == 3 and asked == ["a", "b"] and len(late) == 6
+
+
+def test_several_threads_find_a_group_once():
+    asked = []
+
+    def slow():
+        asked.append(1)
+        sleep(0.02)
+        return {"a/x": 1}
+
+    late = Late({}, {("a",): slow})
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(lambda _: late["a/x"], range(4))) == [1] * 4
+    assert asked == [1]
+
+
+def test_what_could_not_be_found_is_tried_again():
+    left = [RuntimeError("not yet")]
+
+    def group():
+        if left:
+            raise left.pop()
+        return {"a/x": 1}
+
+    late = Late({}, {("a",): group})
+    with pytest.raises(RuntimeError):
+        late["a/x"]
+    assert late["a/x"] == 1
+
+
+@pytest.fixture
+def passes(monkeypatch):
+    """The passes over the samples that were made, by name."""
+    made = []
+    for name in ("moves", "forces"):
+        done = getattr(samples, name)
+        monkeypatch.setattr(
+            samples, name, lambda *given, n=name, f=done: (made.append(n), f(*given))[1]
+        )
+    return made
+
+
+def test_torques_cost_no_pass_over_the_samples_and_poses_one(passes):
+    robot = pf.load("race_r2")
+    run = pf.solve(robot, level="quasistatic", tol=1e-2, samples=41)
+    assert run.torque.shape == (41, 3) and run.links and run.level == "quasistatic"
+    assert run.motors and run.array("eta").shape[0] == 41 and not passes
+    assert run.frame("platform").position.shape == (41, 3) and passes == ["moves"]
+    assert np.max(run.link(run.links[0]).von_mises) > 0 and passes == ["moves", "forces"]
+    assert run.meta["warnings"] == [] and run.worst_closure < 1e-6
+    assert passes == ["moves", "forces"]  # nothing is done twice
+
+
+@pytest.mark.parametrize(
+    ("level", "name"), [("coupled", "prprp"), ("ked", "race_r1"), ("rigid", "ur5")]
+)
+def test_found_late_is_found_at_once(level, name):
+    robot = pf.load(name)
+    run = pf.solve(robot, level=level, until=0.02, samples=5)
+    again = recover(robot, run_of(robot, run), None)
+    # Rigid poses need the motion, work of the motors every step.
+    shared = [key for key in again if not key.endswith("_rigid") and key[:8] != "energy/w"]
+    assert len(shared) > 10
+    for key in shared:
+        np.testing.assert_allclose(again[key], run.arrays[key], rtol=0, atol=1e-12, err_msg=key)
+    with pytest.raises(ValueError, match="read-only"):
+        run.arrays["frame/" + run.meta["frames"][0] + "/position"][0] = 0.0
+
+
+def test_a_result_travels_whole():
+    run = pf.solve(pf.load("spinning_beam"), level="quasistatic", until=0.1, samples=5)
+    for other in (pickle.loads(pickle.dumps(run)), copy.deepcopy(run)):
+        assert set(other.arrays) == set(run.arrays) and dict(other.meta) == dict(run.meta)
+        assert all(np.array_equal(other.arrays[key], x) for key, x in run.arrays.items())
