@@ -36,6 +36,12 @@ def short(name: str, width: int) -> str:
     return f"{name[: width - 2 - tail]}..{name[-tail:]}"
 
 
+def _distinct(names: list[str], width: int) -> list[str]:
+    """Shortened names, or whole ones where different names would look the same."""
+    brief = [short(name, width) for name in names]
+    return brief if len(set(brief)) == len(set(names)) else names
+
+
 def paragraph(text: str, indent: str = "", first: str | None = None) -> str:
     """Text broken into lines that fit, each indented."""
     start = indent if first is None else first
@@ -63,7 +69,8 @@ def table(
     if not rows:
         return ""
     names = len(widths)
-    named = [[short(c, w) for c, w in zip(r, widths, strict=False)] + [*r[names:]] for r in rows]
+    columns = [_distinct([r[k] for r in rows], width) for k, width in enumerate(widths)]
+    named = [[*cells, *r[names:]] for *cells, r in zip(*columns, rows, strict=True)]
     cells = [header.split("|"), *named]
     sizes = [max(map(len, column)) for column in zip(*cells, strict=True)]
     gap = "  " if sum(sizes) + 2 * len(sizes) <= COLUMNS else " "

@@ -77,7 +77,7 @@ def _torque_table(c: Comparison) -> str:
     for r in c.torques:
         if r.motor != motor:
             motor = r.motor
-            name = f"{short(motor, 10)} {r.unit}" if len(units) > 1 else motor
+            name = f"{short(motor, 15)} {r.unit}" if len(units) > 1 else motor
             if r.rigid_peak is not None and r.rigid_rms is not None:
                 rows.append([name, "rigid", number(r.rigid_peak), number(r.rigid_rms)])
                 rows[-1] += [""] * 4
