@@ -147,7 +147,8 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
         return None
     p, v_in, a_in = path.imposed(t)
     left = np.clip(np.searchsorted(known.t, t, side="right") - 1, 0, len(known.t) - 2)
-    move = path.moved.between(known.q[left], known.q[left + 1])
+    moves = path.moved.between(known.q[:-1], known.q[1:])
+    move, reach = moves[left], _with_neighbours(np.max(np.abs(moves), axis=1))[left]
     q = path.moved.poses(known.q[left], _quintic(known, move, left, t))
     if not path.platform:
         path.axes.write(q, p)
@@ -160,12 +161,18 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
         step = np.zeros((len(t), d.system.nv))
         step[:, unknown] = np.linalg.solve(own, -error[:, :, None])[:, :, 0]
         q, gone = path.moved.poses(q, step), gone + step[:, unknown]
-    far = np.max(np.abs(gone), axis=1) > _NEAR * np.max(np.abs(move), axis=1) + 1e-9
+    far = np.max(np.abs(gone), axis=1) > _NEAR * reach + 1e-9
     if not most < 100 * assembly.CLOSED or np.any(far):
         return None
     if _near_singular(own) or np.any(np.linalg.slogdet(own)[0] != path.sign):
         return None
     return Nominal(t, q, *path.rates_of(q, J, v_in, a_in))
+
+
+def _with_neighbours(sizes: Array) -> Array:
+    """The largest of each size and those beside it: where a motion stops, moves fade."""
+    beside = np.concatenate([[0.0], sizes, [0.0]])
+    return np.asarray(np.maximum(sizes, np.maximum(beside[:-2], beside[2:])))
 
 
 def _near_singular(J: Array) -> bool:

@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
+from pinflex.actuation import nominal as module
 from pinflex.actuation.nominal import Nominal, _filled, _march, nominal
 from pinflex.actuation.nominal_path import Path
 from pinflex.arrays import Array
@@ -234,3 +235,18 @@ def _started(robot, motion):
     path = Path(robot, motion)
     path.start_from(nominal(robot, motion, np.array([0.0])).q[0])
     return path
+
+
+@pytest.mark.parametrize("name", ["race_r1", "race_r2", "3rrr", "3rrs", "3tpt"])
+def test_of_many_instants_few_are_marched_to(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the motion ends before the run does (race_r1)."""
+    m, counted = mechanism(name), list[int]()
+    until = m.description.solve.until or own_motion(m).duration
+    march = module._march
+    monkeypatch.setattr(module, "_march", lambda p, t: (counted.append(len(t)), march(p, t))[1])
+    t = np.linspace(0.0, until, 401)
+    module._recent.clear()
+    many = nominal(m, own_motion(m), t)
+    assert sum(counted) < 10
+    one = march(Path(m, own_motion(m)), t[::20])
+    np.testing.assert_allclose(many.q[::20], one.q, atol=1e-11)
