@@ -36,6 +36,9 @@ class Late(Mapping[str, T]):
         self._find()
         return len(self._known)
 
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
     def _find(self, head: str | None = None) -> None:
         with self._lock:
             for heads, group in tuple(self._later.items()):

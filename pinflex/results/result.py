@@ -69,7 +69,8 @@ class Result:
         arrays: Read-only arrays by flat key ("joint/q", "link/distal_1/x"), time first, SI units.
         meta: Names, settings, cost, warnings and source texts, as plain JSON values.
 
-    Of a run just solved, poses, forces, stresses and warnings are found when first asked for.
+    Of a run just solved, poses, forces, stresses and warnings are found when first asked for; a
+    plain dictionary of all is dict(result.arrays), or dict(result.meta).
     """
 
     t: Array
