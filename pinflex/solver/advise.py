@@ -33,7 +33,7 @@ from pinflex.threads import one_blas_thread
 
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing
 _WINDOW = 8  # the coupled run that verifies covers this part of the time
-_STILL = 0.1  # of the tolerance: that of a quasistatic run
+_STILL = 0.03  # of the tolerance: that of a quasistatic run, which hardly costs more for it
 _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
 
 
