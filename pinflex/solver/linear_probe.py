@@ -27,13 +27,16 @@ from pinflex.levels.modes import modes
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.mechanics.system import System
 
 _KNOTS = 80  # intervals to begin with: cubics follow an eightieth of a cycloid to 1e-5
 _MOST_KNOTS = 640
 _ROUGH = 1e-2  # of the largest acceleration: where interpolation is off by more, more knots
 _PERIOD = 20  # steps for each period of the third mode: amplitudes within 1 %
+_TOGETHER = 32  # states in one evaluation: the workspace stays in cache
 _MOST = 640  # steps: more would cost as much as the run that is to be saved
 
 
@@ -90,6 +93,9 @@ class Probe:
             self.path = nominal(mechanism, motion, self.t)
             inside = [b for b in breaks(motion, self.system.loads) if b < end]
             self.corners = np.array([0.0, *inside, end]) / end * self.knots
+            around = [self._around(k) for k in range(self.steps)]
+            self._first = np.array([i for i, _ in around], dtype=np.intp)
+            self._weights = np.array([w for _, w in around])
             self.rough = self._roughness()
             if self.rough < _ROUGH or self.knots >= _MOST_KNOTS:
                 break
@@ -116,7 +122,11 @@ class Probe:
         return len(self.t)
 
     def weights(self, k: int) -> tuple[int, Array]:
-        """First of four knots around a step, and their weights: cubic interpolation.
+        """First of four knots around a step, and their weights."""
+        return int(self._first[k]), self._weights[k]
+
+    def _around(self, k: int) -> tuple[int, Array]:
+        """Those of cubic interpolation.
 
         Where a piece of the motion or of a load ends, the four are of one side of it.
         """
@@ -136,11 +146,11 @@ class Probe:
 
     def between(self, values: Array) -> Array:
         """Values at the knots (knots, ...), interpolated to every step."""
-        found = np.empty((self.steps, *values.shape[1:]))
-        for k in range(self.steps):
-            i, w = self.weights(k)
-            found[k] = np.tensordot(w, values[i : i + 4], 1)
-        return found
+        flat = values.reshape(len(values), -1)
+        found = np.zeros((self.steps, flat.shape[1]))
+        for j, weight in enumerate(self._weights.T):
+            found += weight[:, None] * flat[self._first + j]
+        return found.reshape(self.steps, *values.shape[1:])
 
     # Marches -------------------------------------------------------------------------------
 
@@ -247,16 +257,13 @@ class Probe:
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""
-        base, motors = self.between(self.base), self.system.motors
-        torque = np.empty((self.steps, len(motors)))
-        for k in range(self.steps):
-            self.dynamics.loads.time = float(self.t[k])
-            left = self.dynamics.residual(
-                self._pose(found, k), self.v0[k] + found.v[k], self.a0[k] + found.a[k],
-                base[k] + found.lam[k],
-            )  # fmt: skip
-            torque[k] = left[motors]
-        return self._run(found, torque)
+        lam, motors = self.between(self.base) + found.lam, self.system.motors
+        run = self._run(found, np.empty((self.steps, len(motors))))
+        stacked = Stacked(self.dynamics, min(self.steps, _TOGETHER))
+        for at in spans(self.steps, _TOGETHER):
+            left = stacked.residual(run.y[at], run.v[at], run.a[at], lam[at], self.t[at])
+            run.torque[at] = left[:, motors]
+        return run
 
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""
@@ -266,7 +273,8 @@ class Probe:
         return self._run(still, self.between(s["r"][:, motors]))
 
     def _run(self, found: Deviation, torque: Array) -> Run:
-        y = np.array([self._pose(found, k) for k in range(self.steps)])
+        straight = np.hstack([self.path.q, np.zeros((self.steps, self.system.n_eta))])
+        y = Moved(self.dynamics).poses(straight, found.d)
         v, a = self.v0 + found.v, self.a0 + found.a
         return Run(self.system, self.t, y, v, a, found.lam, torque, {})
 
@@ -298,7 +306,7 @@ def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
     """
     m = int(system.rigid.nv)
     columns = [np.eye(system.nv)[:, system.free[system.free < m]]]
-    seen: dict[str, int] = {}
+    seen, known = dict[str, int](), dict[tuple[int, int], Array]()
     for slot in system.expansion.slots:
         place = seen.setdefault(slot.link, 0)
         seen[slot.link] += 1
@@ -306,13 +314,16 @@ def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
             continue
         body = parts[slot.link].bodies[place]
         if body.solid is not None:
-            T: Array = np.eye(slot.body.n)
+            T = np.eye(slot.body.n)
         else:
-            x = np.linspace(0.0, body.length, 4 * slot.body.n + 2)[1:]
-            large, small = (
-                np.vstack([b.rows(float(at))[0] for at in x]) for b in (slot.body, body)
-            )
-            T = np.asarray(np.linalg.lstsq(large, small, rcond=None)[0])
+            pair = id(slot.body), id(body)  # links alike share theirs
+            if pair not in known:
+                x = np.linspace(0.0, body.length, 4 * slot.body.n + 2)[1:]
+                large, small = (
+                    b.fields(x)["deflection"].reshape(-1, b.n) for b in (slot.body, body)
+                )
+                known[pair] = np.asarray(np.linalg.lstsq(large, small, rcond=None)[0])
+            T = known[pair]
         part = np.zeros((system.nv, T.shape[1]))
         part[m:][slot.eta] = T
         columns.append(part)
