@@ -18,7 +18,8 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
-from pinflex.mechanics.stacked import Stacked
+from pinflex.mechanics.stacked import Stacked, spans
+from pinflex.results.moves import TOGETHER
 
 # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
 DEFLECTION = 0.1
@@ -141,14 +142,16 @@ def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
     every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
     dynamics = Dynamics(run.system)
     model, data = dynamics.model, dynamics.data
-    speeds = {s.root.joint: np.zeros(len(every)) for s in run.system.expansion.slots}
-    v = run.v[every]
-    Q, V, _, _ = Stacked(dynamics, len(every)).expanded(run.y[every], v, np.zeros_like(v))
-    for k in range(len(every)):
-        pin.forwardKinematics(model, data, Q[k], V[k])
-        for joint, speed in speeds.items():
-            speed[k] = float(np.linalg.norm(data.v[joint].angular))
-    return run.t[every], speeds
+    turning = {s.root.joint: np.zeros((len(every), 3)) for s in run.system.expansion.slots}
+    y, v = run.y[every], run.v[every]
+    stacked = Stacked(dynamics, min(len(every), TOGETHER))
+    for at in spans(len(every), TOGETHER):
+        Q, V, _, _ = stacked.expanded(y[at], v[at], np.zeros_like(v[at]))
+        for k in range(at.start, at.stop):
+            pin.forwardKinematics(model, data, Q[k - at.start], V[k - at.start])
+            for joint, rate in turning.items():
+                rate[k] = data.v[joint].angular
+    return run.t[every], {joint: np.linalg.norm(w, axis=1) for joint, w in turning.items()}
 
 
 def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:
