@@ -82,12 +82,12 @@ newton.Newton.step = step
     ),
     "consistent start off: accelerations and multipliers begin at zero": (
         """
-import pinflex.levels.start as start, pinflex.levels.coupled as coupled, numpy as np
+import pinflex.levels.start as start, pinflex.levels.alpha_step as step, numpy as np
 def nothing(dynamics, y, v, held, a_held, tau):
     a = np.zeros(dynamics.system.nv); a[held] = a_held
     return a, np.zeros(dynamics.system.closed.n)
 start.consistent_acceleration = nothing
-coupled.consistent_acceleration = nothing
+step.consistent_acceleration = nothing
 """,
         ["tests/hard/test_steps.py", "tests/hard/test_starts.py"],
     ),

@@ -100,6 +100,7 @@ class SolveSpec:
         samples: Number of instants to report; None: every step.
         integrator: generalized_alpha, newmark or hht; at level ked also central_difference,
             houbolt, wilson_theta and mode_superposition; at level coupled also radau, with tol.
+            None: radau where a tol is asked for and it can, else generalized_alpha.
         tol: Error that torques, platform and deflections may have, relative to their largest
             deviation; steps follow from it. None: steps of dt.
         asked: Which of torque, deflection and platform tol is about; empty: all.
@@ -121,7 +122,7 @@ class SolveSpec:
     samples: int | None = None
     tol: float | None = None
     asked: tuple[str, ...] = ()
-    integrator: str = "generalized_alpha"
+    integrator: str | None = None
     rho_inf: float | None = None
     newmark: tuple[float, float] | None = None
     ked: str = "full"
@@ -131,6 +132,11 @@ class SolveSpec:
     kp: float = 0.0
     kd: float = 0.0
     start: str = "straight"
+
+    @property
+    def by_steps(self) -> str:
+        """The integrator of equal steps."""
+        return self.integrator or "generalized_alpha"
 
 
 def read_joints(value: object, where: str, urdf: Urdf) -> dict[str, JointExtra]:
@@ -278,7 +284,7 @@ def read_solve(value: object, where: str) -> SolveSpec:
         fields["theta"] = schema.number(block["theta"], place["theta"], 1.37, 4)
     if "modes" in block:
         fields["modes"] = schema.integer(block["modes"], place["modes"], low=1)
-    integrator = fields.get("integrator", SolveSpec.integrator)
+    integrator = fields.get("integrator") or SolveSpec().by_steps
     owners = {"newmark": ("newmark",), "rho_inf": ("generalized_alpha", "hht")}
     owners |= {"theta": ("wilson_theta",), "modes": ("mode_superposition",)}
     if integrator in KED_ONLY and fields.get("level", SolveSpec.level) != "ked":

@@ -1,21 +1,18 @@
-"""A run of the coupled level by collocation: steps as long as the motion allows."""
+"""A run of the coupled level with steps as long as the motion allows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.drive import TorqueDrive
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, MotionError
-from pinflex.levels.collocation import Collocation, radau
-from pinflex.levels.radau import Path, Stages, Start, Step, StepFailed
 from pinflex.levels.run import Run
+from pinflex.levels.steps import StepFailed, Steps
 from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.mechanism import Mechanism
 
-STAGES = 6
 # First steps, of the run. A long one damps what begins to ring there, and nothing shows that it
 # did: two runs would agree without it. Only a run that knows no scale begins so.
 _LONG, _FIRST = 0.02, 1e-3
@@ -27,46 +24,35 @@ _SHORTEST = 1e-9  # of the run: a step that has to be shorter has met something 
 # A diverging iteration overflows before it is caught.
 @np.errstate(over="ignore", invalid="ignore")
 def integrate(
-    mechanism: Mechanism,
-    dynamics: Dynamics,
+    name: str,
+    stages: Steps,
     start: tuple[Array, Array],
-    path: Path,
     t: Array,
     breaks: Sequence[float],
     resolution: float,
     scale: float = 0.0,
     pilot: bool = False,
-    forces: bool = True,
-    method: Collocation | None = None,
-    drive: TorqueDrive | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Run:
     """March from t[0] to t[-1] and answer at the times t.
 
     Args:
-        mechanism: Mechanism. dynamics: Workspace of its flexible (or rigid) system.
+        name: Of the mechanism, for errors.
+        stages: The method, on a mechanism and its motion.
         start: y (nq,) and v (nv,) on the closures.
-        path: Motor motion at any times.
         t: Samples in s, increasing.
         breaks: Times in s at which motion or loads are not smooth; steps end there.
-        resolution: What the last Legendre coefficient of a step's displacement may be, relative
-            to the largest displacement so far. In a vibration the error that a step adds is about
-            half the square of it for each radian.
+        resolution: What a step's coarseness may be, relative to the largest displacement so far.
         scale: Largest displacement of the run, known from a coarser one (its `settings`): then it
             begins with short steps. Without it what rings faintly would hold the run up.
         pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
-        forces: Whether forces matter, or only displacements (see `Stages`).
-        method: Default: six stages.
-        drive: None prescribes the motors; else they get a torque.
         progress: Called with (samples done, samples).
     Returns:
         States, multipliers and torques at the samples.
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
-    method = method or radau(STAGES)
-    stages = Stages(mechanism, dynamics, path, resolution, method, drive, forces)
-    stages.scale = scale
+    stages.scale, dynamics = scale, stages.dynamics
     record = _Record(dynamics, t)
     span = float(t[-1] - t[0])
     stops = [b for b in sorted(set(breaks)) if t[0] < b < t[-1] - _SHORTEST * span] + [float(t[-1])]
@@ -77,16 +63,13 @@ def integrate(
     refused, ceiling, before = np.inf, np.inf, 0.0
 
     def run(stopped: str = "") -> Run:
-        newton = stages.newton
-        work = {"newton": stages.iterations, "tangents": newton.tangents}
-        cost = {**counts, **work, "factorisations": newton.factors}
         settings: dict[str, object] = {
-            "integrator": "radau",
-            "stages": method.s,
+            **stages.settings,
             "scale": stages.scale,
             "dt": (now.t - float(t[0])) / max(counts["steps"], 1),
         }
-        return record.run({k: float(n) for k, n in cost.items()}, settings, stopped)
+        cost = {k: float(n) for k, n in {**counts, **stages.counts}.items()}
+        return record.run(cost, settings, stopped)
 
     while stops:
         ahead = stops[0] - now.t
@@ -102,14 +85,15 @@ def integrate(
                 h = ceiling = 0.4 * size
             else:
                 h = size
-            stages.newton.stale, last = True, None
+            stages.expire()
+            last = None
             if h < _SHORTEST * span:
-                raise _stuck(mechanism, now, run) from None
+                raise _stuck(name, now.t, run) from None
             continue
-        # The coefficient falls with the power s of the step. It may cross zero in a vibration: a
-        # step grows only as far as the one before it allows too, or it would be refused.
+        # The coarseness may cross zero in a vibration: a step grows only as far as those before it
+        # allow too, or it would be refused.
         factor, grown = (
-            0.9 * (resolution / max(one, 1e-300)) ** (1.0 / method.s)
+            0.9 * (resolution / max(one, 1e-300)) ** (1.0 / stages.order)
             for one in (step.coarseness, _HELD * before)
         )
         factor = min(factor, max(grown, 1.0))
@@ -126,14 +110,14 @@ def integrate(
         counts["steps"] += 1
         record.take(stages, step)
         try:
-            dynamics.closed.require_on_beams(mechanism.name, now.t)
+            dynamics.closed.require_on_beams(name, now.t)
         except MotionError as error:
             error.result = run(str(error))
             raise
-        if not 1.0 < factor < 1.2:  # a change costs new factors
+        if not stages.idle[0] < factor < stages.idle[1]:
             h = size * min(max(factor, 0.5), 3.0)
         ceiling *= _GROWTH
-        h, before = min(h, ceiling), step.coarseness
+        h, before = min(h, ceiling), max(step.coarseness, stages.memory * before)
         if now.t >= stops[0] - _SHORTEST * span:
             now.t = stops.pop(0)
             if stops:
@@ -144,12 +128,12 @@ def integrate(
     return run()
 
 
-def _stuck(mechanism: Mechanism, now: Start, run: Callable[[str], Run]) -> ConvergenceError:
+def _stuck(name: str, t: float, run: Callable[[str], Run]) -> ConvergenceError:
     error = ConvergenceError(
-        f"{mechanism.name}: t = {now.t:.6g} s: no step converges, however short. The mechanism may "
+        f"{name}: t = {t:.6g} s: no step converges, however short. The mechanism may "
         "be singular there or the links far too soft: see level=quasistatic up to that time. "
         "error.result holds the run so far.",
-        time=now.t,
+        time=t,
     )
     error.result = run("no step converges")
     return error
@@ -166,11 +150,11 @@ class _Record:
         self.torque, self.work = np.empty((n, len(system.motors))), np.zeros((n, 2))
         self._total = np.zeros(2)
 
-    def start(self, now: Start) -> None:
+    def start(self, now: Any) -> None:
         self.y[0], self.v[0], self.a[0] = now.y, now.v, now.a
         self.lam[0], self.torque[0], self.count = now.lam, now.torque, 1
 
-    def take(self, stages: Stages, step: Step) -> None:
+    def take(self, stages: Steps, step: Any) -> None:
         """The samples that lie in a step."""
         end = step.start.t + step.h
         upto = int(np.searchsorted(self.t, end + 1e-9 * step.h, side="right"))
@@ -180,7 +164,7 @@ class _Record:
             self.y[k], self.v[k], self.a[k], self.lam[k] = y, v, a, lam
             self.torque[k], self.work[k] = torque, self._total + work
             self.count = upto
-        self._total = self._total + step.h * (stages.method.A[-1] @ step.power)
+        self._total = self._total + stages.work(step)
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
         k = slice(0, self.count)

@@ -49,7 +49,7 @@ def march_of(spec: SolveSpec) -> March:
     if spec.integrator == "mode_superposition":
         return partial(mode_superposition, modes=12 if spec.modes is None else spec.modes)
     rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
-    return partial(alpha, scheme(spec.integrator, rho_inf, spec.newmark))
+    return partial(alpha, scheme(spec.by_steps, rho_inf, spec.newmark))
 
 
 def solve_ked(

@@ -13,7 +13,6 @@ u is v seen in the exponential coordinates of the step (Munthe-Kaas 1999), else 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +23,13 @@ from pinflex.arrays import Array
 from pinflex.levels.collocation import Collocation
 from pinflex.levels.stage_newton import StageNewton
 from pinflex.levels.start import consistent_acceleration
+from pinflex.levels.steps import Path, StepFailed, largest
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.stacked import Stacked
 
+STAGES = 6
 _MAX_ITERATIONS = 10
 # Newton stops at this part of the resolution: its error then does not show in the estimate. A
 # resolution coarser than _COARSE does not loosen it further: predictions would run wild.
@@ -36,11 +37,6 @@ _NEWTON, _COARSE = 1e-2, 1e-3
 _OPEN = (
     1e-6  # m or rad the loops may be open by before the last correction, which leaves little of it
 )
-Path = Callable[[Array], MotorPath]
-
-
-class StepFailed(Exception):
-    """Newton did not converge in a step: a shorter one may."""
 
 
 @dataclass
@@ -64,7 +60,8 @@ class Step:
         move: Exponential coordinates from the start, shape (s, nv). turn: u - v, likewise.
         a: Shape (s, nv). lam: Shape (s, rows). torque: Shape (s, nm).
         power: Of the motors and of the damping, shape (s, 2), W.
-        coarseness: Last Legendre coefficient of the displacement over the largest one so far.
+        coarseness: Last Legendre coefficient of the displacement over the largest one so far. In a
+            vibration the error that a step adds is about half its square for each radian.
         path: Motion of the motors at the stages.
     """
 
@@ -82,6 +79,8 @@ class Step:
 
 class Stages:
     """Solves single steps of one run."""
+
+    idle, memory = (1.0, 1.2), 0.0  # a change of the step costs new factors
 
     def __init__(
         self,
@@ -223,9 +222,7 @@ class Stages:
         By their elastic energy where forces are asked for: stiff coordinates that hardly move may
         carry them. Else by the mass matrix: then such coordinates must not dictate the step.
         """
-        bent = moves[:, self.measured]
-        square = float(((bent @ self._weight) * bent).sum(axis=1).max(initial=0.0))
-        return math.sqrt(square) if square > 0.0 else abs(square)  # not a number stays one
+        return largest(moves[:, self.measured], self._weight)
 
     @property
     def _weight(self) -> Array:
@@ -238,6 +235,30 @@ class Stages:
         """Power of the motors and of the damping at states, shape (s, 2)."""
         lost = np.sum(v @ self.dynamics.system.D * v, axis=1)
         return np.column_stack([np.sum(torque * v[:, self.motors], axis=1), lost])
+
+    @property
+    def order(self) -> int:
+        """Power of the step that its coarseness falls with."""
+        return self.method.s
+
+    @property
+    def counts(self) -> dict[str, float]:
+        """What the run has cost so far."""
+        work, newton = {"newton": float(self.iterations)}, self.newton
+        return work | {"tangents": newton.tangents, "factorisations": newton.factors}
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """The method, for reports."""
+        return {"integrator": "radau", "stages": self.method.s}
+
+    def expire(self) -> None:
+        """Let the next step begin with a new tangent."""
+        self.newton.stale = True
+
+    def work(self, step: Step) -> Array:
+        """Work of the motors and of the damping in a step, J, shape (2,)."""
+        return np.asarray(step.h * (self.method.A[-1] @ step.power))
 
     def end(self, step: Step) -> Start:
         """The state after a step."""

@@ -146,7 +146,7 @@ def _spec(
         spec = (
             replace(spec, tol=spec.tol or 1e-3)
             if spec.level == "coupled"
-            else replace(spec, integrator="generalized_alpha")
+            else replace(spec, integrator=None)
         )
     if spec.tol is not None and spec.dt is not None:
         raise DescriptionError("solve: dt and tol: one follows from the other. Give one of them.")

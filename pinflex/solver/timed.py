@@ -17,12 +17,16 @@ from pinflex.description.motion import Motion
 from pinflex.description.supplement import SolveSpec
 from pinflex.errors import MotionError, RunInterrupted
 from pinflex.levels import adaptive, coupled
-from pinflex.levels.integrators import scheme
+from pinflex.levels.alpha_adaptive import AlphaSteps
+from pinflex.levels.collocation import radau
+from pinflex.levels.integrators import AlphaScheme, scheme
 from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.quasistatic import balance
+from pinflex.levels.radau import STAGES, Stages
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.run import Run
 from pinflex.levels.start import straight_start
+from pinflex.levels.steps import Steps
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.resume import state
@@ -62,11 +66,10 @@ class Scene:
                 self.mechanism, self.motion, fine, march_of(spec), static, structural, progress,
                 **close,
             )  # fmt: skip
-            run.settings["integrator"] = spec.integrator
+            run.settings["integrator"] = spec.by_steps
             return thin(run, every)
         dynamics, drive = Dynamics(self._system), self._drive(fine)
         path = motor_path(self.mechanism, self.motion, fine)
-        rho = 0.8 if spec.rho_inf is None else spec.rho_inf
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
             keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
@@ -78,8 +81,8 @@ class Scene:
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
         try:
             run = coupled.integrate(
-                self.mechanism, dynamics, start, path, scheme(spec.integrator, rho, spec.newmark),
-                drive, progress=progress, **keys,
+                self.mechanism, dynamics, start, path, self._scheme, drive, progress=progress,
+                **keys,
             )  # fmt: skip
         except RunInterrupted as stop:
             stop.result = thin(stop.result, every)
@@ -93,19 +96,33 @@ class Scene:
         progress: Progress | None = None,
         coarser: Run | None = None,
         pilot: bool = False,
+        alpha: bool = False,
     ) -> Run:
-        """The run at samples t by collocation (level coupled); see `adaptive.integrate`.
+        """The run at samples t in steps that follow the motion; see `adaptive.integrate`.
 
-        A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
+        By collocation, or `alpha`: by the alpha family. A coarser run tells how far the mechanism
+        moves in all; a pilot is the first of them.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
         dynamics, drive = Dynamics(self._system), self._drive(t)
-        path = self._path(t)
+        path, forces = self._path(t), not self.spec.asked or "torque" in self.spec.asked
+        steps: Steps
+        if alpha:
+            steps = AlphaSteps(
+                self.mechanism, dynamics, path, (t[0], t[-1]), self._scheme, resolution, drive,
+                forces, self.tolerance,
+            )  # fmt: skip
+        else:
+            steps = Stages(self.mechanism, dynamics, path, resolution, radau(STAGES), drive, forces)
         return adaptive.integrate(
-            self.mechanism, dynamics, self._start(dynamics, path(t[:1])), path, t,
-            breaks(self.motion, dynamics.system.loads), resolution, scale, pilot,
-            not self.spec.asked or "torque" in self.spec.asked, drive=drive, progress=progress,
+            self.mechanism.name, steps, self._start(dynamics, path(t[:1])), t,
+            breaks(self.motion, dynamics.system.loads), resolution, scale, pilot, progress,
         )  # fmt: skip
+
+    @property
+    def _scheme(self) -> AlphaScheme:
+        rho = 0.8 if self.spec.rho_inf is None else self.spec.rho_inf
+        return scheme(self.spec.by_steps, rho, self.spec.newmark)
 
     @property
     def _system(self) -> Any:

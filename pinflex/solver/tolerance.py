@@ -26,22 +26,24 @@ from pinflex.mechanics.stacked import Stacked
 from pinflex.solver.timed import Progress, Scene, default_step
 
 _SAMPLES = 51  # instants at which poses are compared: the samples, or every k-th of more
+_PILOT = 0.1  # resolution of a run that tells how far the mechanism moves, to a hundredth
+_LOCAL = 2.0  # resolution of the first run over tol^1.5: where it serves, the next one is the last
 _ROUNDS = 8
-_FAILURES = 2  # runs that may break off before the scene is to blame
+_FAILURES = 2  # runs that may break off, or change more than the last, before it is given up
 
 
 def within(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """The run at samples t (s) within a relative error tol.
 
-    Level coupled goes by Radau IIA collocation, a sixteenth of the resolution at a time; the
-    integrators newmark and hht, a control, and level ked halve their step instead (order 2).
+    Level coupled goes by Radau IIA collocation, a sixteenth of the resolution at a time, or by a
+    member of the alpha family that is asked for (`paced`); level ked and a control in equal steps
+    (`halved`).
     """
-    spec = scene.spec
-    by_steps = spec.level == "ked" or spec.integrator in ("newmark", "hht")
-    if by_steps or scene.control is not None:
-        # Errors of a step of 1/40 of a period are near 1e-3.
-        first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
-        return _refine(scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0)
+    # Level ked is linear: equal steps keep its matrices. A control has a sampling period.
+    if scene.spec.level == "ked" or scene.control is not None:
+        return halved(scene, t, tol, progress)
+    if scene.spec.integrator not in (None, "radau"):
+        return paced(scene, t, tol, progress)
 
     # The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six
     # tenths more steps, and two runs so far apart tell errors well. In a smooth motion it brings
@@ -51,6 +53,28 @@ def within(scene: Scene, t: Array, tol: float, progress: Progress | None = None)
         return scene.resolved(t, resolution, progress, coarser, pilot=coarser is None)
 
     return _refine(scene, t, tol, attempt, 8.0 * tol, 16.0, 3.0)
+
+
+def halved(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+    """By equal steps, half as long every time; methods of order 2."""
+    # Errors of a step of 1/40 of a period are near 1e-3.
+    first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
+    return _refine(scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0)
+
+
+def paced(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+    """By steps of the alpha family that follow the motion, with an eighth of the local error.
+
+    A local error falls with h^3, that of a run with h^2.
+    """
+
+    def attempt(resolution: float, coarser: Run | None) -> Run:
+        pilot = coarser or scene.resolved(t, _PILOT, progress, pilot=True, alpha=True)
+        run = scene.resolved(t, resolution, progress, pilot, alpha=True)
+        spent = {} if coarser else pilot.cost
+        return replace(run, cost={k: n + spent.get(k, 0.0) for k, n in run.cost.items()})
+
+    return _refine(scene, t, tol, attempt, _LOCAL * tol**1.5, 8.0, 3.0)
 
 
 def _refine(
@@ -64,9 +88,11 @@ def _refine(
 ) -> Run:
     """Runs at first, first/ratio, ... until the estimate is half of tol; gain: what one brings."""
     compare = Outputs(scene.mechanism, scene.motion, t, scene.spec.asked or ASKED)
-    size, cost, failures = first, dict[str, float](), 0
+    size, cost, failures, worse, worst = first, dict[str, float](), 0, 0, np.inf
     coarse: Run | None = None
-    for _ in range(_ROUNDS + 1):
+    runs = 0
+    while runs <= _ROUNDS:
+        runs += 1
         try:
             fine = attempt(size, coarse)
         except ConvergenceError:
@@ -83,13 +109,17 @@ def _refine(
             error = {key: e / gain for key, e in changes.items()}
             settings = {**fine.settings, "tol": tol, "error": error}
             fine = replace(fine, settings=settings, cost={**cost, "last_steps": fine.cost["steps"]})
-            if max(error.values(), default=0.0) <= 0.5 * tol:
+            before, worst = worst, max(error.values(), default=0.0)
+            if worst <= 0.5 * tol:
                 return fine
+            worse += worst > before
+            if worse > _FAILURES:
+                break
         size, coarse = size / ratio, fine
-    worst = max(error, key=lambda key: error[key])
+    where = max(error, key=lambda key: error[key])
     failed = ConvergenceError(
-        f"{scene.mechanism.name}: tol = {tol:g} not reached: {worst} still changes by "
-        f"{error[worst]:.2g} after {_ROUNDS + 1} runs. Give a larger tol, start=static, or damping "
+        f"{scene.mechanism.name}: tol = {tol:g} not reached: {where} still changes by "
+        f"{worst:.2g} after {runs} runs. Give a larger tol, start=static, or damping "
         "for what rings; error.result holds the last run."
     )
     failed.result = fine

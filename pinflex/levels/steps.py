@@ -1,0 +1,72 @@
+"""What a run whose steps follow the motion asks of the method that makes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from pinflex.actuation.drive import MotorPath
+from pinflex.arrays import Array
+from pinflex.mechanics.dynamics import Dynamics
+
+Path = Callable[[Array], MotorPath]
+
+
+class StepFailed(Exception):
+    """Newton did not converge in a step: a shorter one may."""
+
+
+class Steps(Protocol):
+    """Single steps of one run, by one method.
+
+    Its states have t, y, v, a, lam and torque; its steps start, h and coarseness, the error
+    estimate that the resolution of a run bounds.
+
+    Attributes:
+        dynamics: Workspace of the run.
+        idle: Factors on h between which a change does not pay.
+        memory: Part of the largest coarseness so far that is left of it one step later.
+        scale: Largest displacement of the run so far.
+    """
+
+    dynamics: Dynamics
+    idle: tuple[float, float]
+    memory: float
+    scale: float
+
+    @property
+    def order(self) -> int:
+        """Power of h that the coarseness falls with."""
+
+    @property
+    def counts(self) -> dict[str, float]:
+        """What the run has cost so far."""
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """The method, for reports."""
+
+    def first(self, t: float, y: Array, v: Array) -> Any:
+        """Consistent accelerations, multipliers and torques at (y, v)."""
+
+    def step(self, start: Any, h: float, last: Any) -> Any:
+        """The step of length h (s) from a state; the one before it, or None, predicts."""
+
+    def end(self, step: Any) -> Any:
+        """The state after a step."""
+
+    def dense(self, step: Any, t: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """y, v, a, lam, torque and work since the start of the step, at times within it."""
+
+    def work(self, step: Any) -> Array:
+        """Work of the motors and of the damping in a step, J, shape (2,)."""
+
+    def expire(self) -> None:
+        """Let the next step begin with a new tangent."""
+
+
+def largest(moves: Array, weight: Array) -> float:
+    """Largest norm of displacements (k, n) in a weight (n, n)."""
+    square = float(((moves @ weight) * moves).sum(axis=1).max(initial=0.0))
+    return math.sqrt(square) if square > 0.0 else abs(square)  # not a number stays one
