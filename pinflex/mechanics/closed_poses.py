@@ -97,7 +97,7 @@ class ClosedPoses:
         d, n = self._dynamics, len(poses)
         if n not in self._stacks:
             closed = stack(d.system.closed, n, int(d.model.njoints))
-            self._stacks[n] = ClosureState(closed, d.model, d.data)
+            self._stacks[n] = ClosureState(closed, d.model, d.data, d.closed.poses)
         self._stacks[n].rows_from(poses.reshape(-1, 12))
         return self._stacks[n]
 

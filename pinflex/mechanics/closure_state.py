@@ -19,9 +19,12 @@ from pinflex.mechanics.poses import SKEW, JointPoses, columns, skew
 class ClosureState:
     """Closures evaluated at one configuration: c, W and what their derivatives need."""
 
-    def __init__(self, closed: Closures, model: pin.Model, data: pin.Data) -> None:
+    def __init__(
+        self, closed: Closures, model: pin.Model, data: pin.Data, poses: JointPoses | None = None
+    ) -> None:
+        """`poses`: those of the data, where they are known."""
         self.closed = closed
-        self.poses = JointPoses(model, data)
+        self.poses = poses or JointPoses(model, data)
         self._model, self._data = model, data
         loops = len(closed.names)
         self._loops = loops

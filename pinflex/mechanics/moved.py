@@ -10,6 +10,17 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.dynamics import Dynamics
 
+# p @ _TIMES gives the 4x4 matrix of a product from the left by each quaternion p.
+_TIMES = np.array(
+    [
+        [[0, 0, 0, 1], [0, 0, -1, 0], [0, 1, 0, 0], [-1, 0, 0, 0]],
+        [[0, 0, 1, 0], [0, 0, 0, 1], [-1, 0, 0, 0], [0, -1, 0, 0]],
+        [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1], [0, 0, -1, 0]],
+        [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    ],
+    dtype=float,
+).reshape(4, 16)
+
 
 class Moved:
     """Poses y (+) move of a mechanism: plain joints, circles and spheres each side by side.
@@ -87,9 +98,8 @@ class Moved:
 
 def _product(p: Array, q: Array) -> Array:
     """Quaternions p q, shape (..., 4), scalar last."""
-    (a, b), (x, w) = ((r[..., :3], r[..., 3:]) for r in (p, q))
-    vector = b * x + w * a + np.cross(a, x)
-    return np.concatenate([vector, b * w - np.sum(a * x, axis=-1, keepdims=True)], axis=-1)
+    left = (p @ _TIMES).reshape(*p.shape[:-1], 4, 4)
+    return np.asarray((left @ q[..., None])[..., 0])
 
 
 def _turned(angle: Array) -> Array:

@@ -47,7 +47,9 @@ class Stacked:
             self._poses = np.empty((size, joints, 12))
             self._J = np.empty((size, 6, nV))
             stacked = stack(system.closed, size, joints)
-            self.closed = ClosureState(stacked, dynamics.model, dynamics.data)
+            self.closed = ClosureState(
+                stacked, dynamics.model, dynamics.data, dynamics.closed.poses
+            )
             self._of_loop = (np.arange(loops)[:, None] == system.closed.loop_of).astype(float)
             self._mask = system.closed.support_b - system.closed.support_a
 

@@ -46,7 +46,7 @@ _STRIDE = 0.3  # m or rad: of a first approach, as in pinflex.levels.quasistatic
 _FAR = 0.5  # of the largest deviation: where a prediction is so far off, it is not smooth
 _SLOW = 0.3  # contraction above which an instant gets a tangent of its own,
 _ROUND_OFF = 1e-11  # m or rad: unless it is round-off that does not contract
-_CLOSE = 1e-4  # of the tolerance: forces and gaps that Newton may leave, of the largest ones
+_CLOSE = 1e-3  # of the tolerance: forces and gaps that Newton may leave, of the largest ones
 _EXACT = 1e-13  # the same at samples without a tolerance: what round-off leaves
 _CLOSED = 1e-12  # m or rad, as in pinflex.mechanics.assembly
 
