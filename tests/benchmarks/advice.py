@@ -5,11 +5,10 @@ model refined (every plane, stretch and twist, one more mode, a fiftieth of the 
 time of the run that it proposes, and that of the run without advice: level coupled by `tol`, every
 link in every plane with stretch and twist, at the fewest internal modes (from two on) and then the
 loosest tolerance that reach the error of the advised run, within a quarter of it. "In steps" is the
-same model by generalized-alpha, with the longest of a row of ten halved steps that does (nan: none).
-What is timed
-is `pf.solve`, the shortest of five: states and torques at 401 instants. "All read" is the ratio
-with every pose, force, stress and warning asked for too, which costs the same at all levels with
-links that bend. Figures are printed and not asserted.
+same model by generalized-alpha, with the longest of ten halved steps that does (nan: none). What is
+timed is `pf.solve`, the shortest of five: states and torques at 401 instants. "All read" is the
+ratio with every pose, force, stress and warning asked for too, which costs the same at all levels
+with links that bend. Figures are printed and not asserted.
 """
 
 import os
