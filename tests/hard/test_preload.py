@@ -78,11 +78,15 @@ def test_an_equilibrium_is_called_unstable_from_the_buckling_load_on(tmp_path: P
         assert pf.static_equilibrium(column(tmp_path, 9.1 * CRITICAL)).unstable == 2
 
 
-def test_a_quasistatic_run_on_an_unstable_branch_says_so(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("samples", "tol"), [(3, None), (41, None), (41, 1e-2)])
+def test_a_quasistatic_run_on_an_unstable_branch_says_so(
+    samples: int, tol: float | None, tmp_path: Path
+) -> None:
+    """From instant to instant, and many at a time."""
     still = pf.hold(duration=1.0)
     for share, expected in ((0.9, False), (1.2, True)):
         m = column(tmp_path, share * CRITICAL, segments=4)
-        r = pf.solve(m, still, level="quasistatic", samples=3)
+        r = pf.solve(m, still, level="quasistatic", samples=samples, tol=tol)
         assert any("unstable" in w for w in r.meta["warnings"]) is expected
 
 
