@@ -42,6 +42,10 @@ class Nominal:
         """Some of the instants."""
         return Nominal(self.t[k], self.q[k], self.v[k], self.a[k])
 
+    def straight(self, n_eta: int) -> Array:
+        """Poses with links that do not deform, shape (nt, nq + n_eta)."""
+        return np.hstack([self.q, np.zeros((len(self.t), n_eta))])
+
 
 _recent: list[tuple[Mechanism, Motion, Nominal]] = []
 
@@ -67,12 +71,9 @@ def nominal_and_more(
 ) -> tuple[Nominal, Nominal]:
     """As `nominal`, and at other times `more` between the first and the last of t at once."""
     t = np.array(t, float)
-    if motion.target == "joints" and mechanism.rigid.closed.n == 0:
-        return _open_tree(mechanism, motion, t), _open_tree(mechanism, motion, more)
-    for recent in _recent:
-        if recent[0] is mechanism and recent[1] is motion and np.array_equal(recent[2].t, t):
-            found = recent[2]
-            return found, between(mechanism, motion, found, more) if len(more) else found.at([])
+    found = _known(mechanism, motion, t)
+    if found is not None:
+        return found, between(mechanism, motion, found, more) if len(more) else found.at([])
     every = np.union1d(t, more)
     both = _closed_loops(Path(mechanism, motion), every)
     found, others = (both.at(np.searchsorted(every, at)) for at in (t, more))
@@ -81,6 +82,16 @@ def nominal_and_more(
     _recent.insert(0, (mechanism, motion, found))
     del _recent[_KEPT:]
     return found, others
+
+
+def _known(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal | None:
+    """What needs no solving: open trees, and the last few motions."""
+    if motion.target == "joints" and mechanism.rigid.closed.n == 0:
+        return _open_tree(mechanism, motion, t)
+    for owner, moved, found in _recent:
+        if owner is mechanism and moved is motion and np.array_equal(found.t, t):
+            return found
+    return None
 
 
 def _closed_loops(path: Path, t: Array) -> Nominal:

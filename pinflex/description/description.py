@@ -110,6 +110,13 @@ class Description:
         """The texts this was read from, by file name."""
         return {self.urdf_name: self.urdf_text, f"{self.name}.yaml": self.yaml_text}
 
+    @property
+    def reported(self) -> tuple[str, ...]:
+        """Frames to report: the platform first, where it is not among the others."""
+        if self.platform is None or self.platform in self.frames:
+            return self.frames
+        return (self.platform, *self.frames)
+
     def replace(self, **changes: Any) -> Description:
         """A copy with other fields; nothing is checked, unlike in `with_overrides`."""
         return dataclasses.replace(self, **changes)

@@ -81,7 +81,7 @@ def solve_ked(
     line = Line(mechanism, path)
     d, v, a = np.zeros((nt, system.nv)), line.v, line.a
     lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
-    flat = np.hstack([path.q, np.zeros((nt, system.n_eta))])
+    flat = path.straight(system.n_eta)
     start = _static_deviation(at(0).free) if static else np.zeros(len(free))
     for k, state in enumerate(march(lambda k: at(k).free, nt, h, start)):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):

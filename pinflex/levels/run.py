@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from pinflex.actuation.nominal import Nominal
 from pinflex.actuation.signals import Signals
 from pinflex.arrays import Array
@@ -60,3 +62,10 @@ class Run:
     def linear(self) -> bool:
         """Whether forces are linear in the deviation: those of the undeformed mechanism."""
         return self.path is not None and self.settings.get("terms") == "structural"
+
+    def acting(self, k: int) -> tuple[Array, Array]:
+        """Pose and velocity at which forces are evaluated: the nominal ones of a linear run."""
+        if self.path is None or not self.linear:
+            return self.y[k], self.v[k]
+        elastic = np.zeros(self.system.n_eta)
+        return np.concatenate([self.path.q[k], elastic]), np.concatenate([self.path.v[k], elastic])

@@ -29,10 +29,7 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
         frame/NAME/deviation, deviation_rate, deviation_acceleration: (nt, 6), displacement of the
         origin (m) and rotation (rad) about the world axes, and their derivatives.
     """
-    path, description = run.path, mechanism.description
-    names = list(description.frames)
-    if description.platform is not None and description.platform not in names:
-        names.insert(0, description.platform)
+    path, names = run.path, mechanism.description.reported
     if path is None or not names:
         return {}
     dynamics, system = Dynamics(run.system), run.system

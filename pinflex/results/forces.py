@@ -120,7 +120,7 @@ class _Pass:
             dynamics.loads.time = float(run.t[k])
             if run.signals is not None:
                 dynamics.push = run.signals.B @ run.signals.u[k]
-            r = dynamics.joint_forces(*self._force_state(k), a, lam)
+            r = dynamics.joint_forces(*run.acting(k), a, lam)
             self.g[k] = dynamics.g
             for j in self._carrying:
                 self.f[k, j] = data.f[j].vector
@@ -136,18 +136,10 @@ class _Pass:
             if dynamics.looped:
                 self._gap[k] = np.max(np.abs(dynamics.closed.c))
 
-    def _force_state(self, k: int) -> tuple[Array, Array]:
-        """Pose and velocity at which forces are evaluated: the nominal ones of a linear run."""
-        run, path = self.run, self.run.path
-        if path is None or not run.linear:
-            return run.y[k], run.v[k]
-        elastic = np.zeros(run.system.n_eta)
-        return np.concatenate([path.q[k], elastic]), np.concatenate([path.v[k], elastic])
-
     def _linear_forces(self, k: int) -> Array:
         """Elastic and damping forces of the deviation of a linear run, shape (nv,)."""
         run, dynamics = self.run, self.dynamics
-        y, v = self._force_state(k)
+        y, v = run.acting(k)
         d, dv = dynamics.difference(y, run.y[k]), run.v[k] - v
         K = structural_stiffness(dynamics)
         alpha, beta = self.mechanism.description.system_damping

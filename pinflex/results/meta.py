@@ -36,9 +36,6 @@ def describe(
 ) -> dict[str, Any]:
     """The meta mapping of a Result (plain JSON types), but for what `judge` says."""
     description = mechanism.description
-    frames = list(description.frames)
-    if description.platform is not None and description.platform not in frames:
-        frames.insert(0, description.platform)
     return {
         "name": mechanism.name,
         "level": level,
@@ -48,7 +45,7 @@ def describe(
         "joint_index": _joint_index(mechanism.rigid.rigid),
         "coordinates": list(mechanism.coordinates),
         "actuated": list(mechanism.motors),
-        "frames": frames,
+        "frames": list(description.reported),
         "platform": description.platform,
         "loops": _loops(mechanism, run),
         "links": _links(mechanism) if run.system.n_eta else {},

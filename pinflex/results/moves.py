@@ -35,7 +35,8 @@ def moves(mechanism: Mechanism, run: Run) -> Moves:
     """Moves of a run: Pinocchio takes the samples one after the other, numpy many at once."""
     dynamics, nt = Dynamics(run.system), len(run.t)
     model, data, here = dynamics.model, dynamics.data, dynamics.closed.poses
-    frames = _reported(mechanism, run)
+    reported = mechanism.description.reported
+    frames = {name: run.system.expansion.frames[name] for name in reported}
     poses, energy = np.empty((nt, model.njoints, 3, 4)), np.zeros((nt, 4))
     rates = {frame.joint: np.empty((nt, 2, 6)) for frame in frames.values()}
     stacked = Stacked(dynamics, min(nt, TOGETHER))
@@ -67,14 +68,6 @@ def moves(mechanism: Mechanism, run: Run) -> Moves:
         keys = ("position", "rotation", "velocity", "acceleration")
         arrays |= {f"frame/{name}/{key}": x for key, x in zip(keys, found, strict=True)}
     return Moves(poses, arrays)
-
-
-def _reported(mechanism: Mechanism, run: Run) -> dict[str, Attachment]:
-    description = mechanism.description
-    names: list[str] = list(description.frames)
-    if description.platform is not None and description.platform not in names:
-        names.insert(0, description.platform)
-    return {name: run.system.expansion.frames[name] for name in names}
 
 
 def _frame(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:

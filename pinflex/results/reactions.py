@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
-from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loads import Loads, LoadState
 from pinflex.mechanics.mechanism import Mechanism
@@ -71,16 +70,9 @@ def shaking(mechanism: Mechanism, result: Result) -> Array:
     out = np.empty((len(run.t), 6))
     for k in range(len(run.t)):
         dynamics.loads.time = float(run.t[k])
-        y, v = _state(run, k)
+        y, v = run.acting(k)
         out[k] = -_from_ground(dynamics, y, v, run.a[k])
     return out
-
-
-def _state(run: Run, k: int) -> tuple[Array, Array]:
-    if not run.linear or run.path is None:
-        return run.y[k], run.v[k]
-    none = np.zeros(run.system.n_eta)
-    return np.concatenate([run.path.q[k], none]), np.concatenate([run.path.v[k], none])
 
 
 def _from_ground(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:

@@ -146,10 +146,7 @@ class Equilibria:
         moved, lam, _, _ = np.split(values, self._ends, axis=1)
         moved = moved.copy()
         moved[:, system.motors] = 0.0
-        return self._moved.poses(self._straight(path), moved), v, a, lam
-
-    def _straight(self, path: Nominal) -> Array:
-        return np.hstack([path.q, np.zeros((len(path.t), self._system.n_eta))])
+        return self._moved.poses(path.straight(system.n_eta), moved), v, a, lam
 
     def _run(self, values: Array) -> Run:
         system, t = self._system, self._path.t
@@ -219,7 +216,7 @@ class Equilibria:
             if rounds is None:
                 raise _Unclear
         self._counts["steps"] += 0 if rounds else n
-        moved = self._moved.between(self._straight(path), Y)
+        moved = self._moved.between(path.straight(system.n_eta), Y)
         return np.hstack([moved, lam, R[:, system.motors], path.a])
 
     def _residuals(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:

@@ -218,10 +218,10 @@ class Probe:
 
     def _defect(self, found: Deviation, close: Array) -> tuple[Array, Array]:
         """Forces left (nt, nv), and the p (3, nt, nv) with its rates that closes the loops."""
-        dynamics, base = self.dynamics, self.between(self.base)
+        dynamics, base, Y = self.dynamics, self.between(self.base), self._poses(found)
         left, p = np.empty((self.steps, self.system.nv)), np.zeros((3, *self.v0.shape))
         for k in range(self.steps):
-            y, v = self._pose(found, k), self.v0[k] + found.v[k]
+            y, v = Y[k], self.v0[k] + found.v[k]
             a = self.a0[k] + found.a[k]
             dynamics.loads.time = float(self.t[k])
             left[k] = dynamics.residual(y, v, a, base[k] + found.lam[k])
@@ -241,9 +241,9 @@ class Probe:
 
     # Runs ----------------------------------------------------------------------------------
 
-    def _pose(self, found: Deviation, k: int) -> Array:
-        flat = np.concatenate([self.path.q[k], np.zeros(self.system.n_eta)])
-        return self.dynamics.integrate(flat, found.d[k])
+    def _poses(self, found: Deviation) -> Array:
+        """Shape (nt, nq)."""
+        return Moved(self.dynamics).poses(self.path.straight(self.system.n_eta), found.d)
 
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""
@@ -273,10 +273,8 @@ class Probe:
         return self._run(still, self.between(s["r"][:, motors]))
 
     def _run(self, found: Deviation, torque: Array) -> Run:
-        straight = np.hstack([self.path.q, np.zeros((self.steps, self.system.n_eta))])
-        y = Moved(self.dynamics).poses(straight, found.d)
         v, a = self.v0 + found.v, self.a0 + found.a
-        return Run(self.system, self.t, y, v, a, found.lam, torque, {})
+        return Run(self.system, self.t, self._poses(found), v, a, found.lam, torque, {})
 
 
 def _steps(mechanism: Mechanism, end: float) -> tuple[int, float]:

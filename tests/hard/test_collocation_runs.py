@@ -24,6 +24,17 @@ flexible:
 TOL = 1e-3
 
 
+def top(folder: Path) -> pf.Mechanism:
+    """A hub on a ball joint with an elastic arm, free to fall and turn."""
+    bodies = (
+        Body("hub", "base", mass=1.0, inertia=(0.02, 0.03, 0.04)),
+        Body("beam", "hub", xyz=(0.1, 0, 0)),
+        Body("tip", "beam", xyz=(1, 0, 0), mass=0.5, inertia=(1e-3,) * 3),
+    )
+    yaml = "gravity: [0, 0, -9.81]\nactuated: []\njoints: {hub_joint: {type: spherical}}\n"
+    return load(folder, bodies, yaml + BEAM.replace("bending_z: false", "bending_z: true"))
+
+
 def apart(found: pf.Result, expected: pf.Result, key: str) -> float:
     a, b = found.arrays[key], expected.arrays[key]
     return float(np.abs(a - b).max() / np.abs(b).max())
@@ -67,13 +78,7 @@ def test_motors_that_push_instead_of_follow() -> None:
 
 def test_a_free_top_with_an_elastic_arm_keeps_its_energy(tmp_path: Path) -> None:
     """Spherical joint, 3 rad/s: exponential coordinates of every step."""
-    bodies = (
-        Body("hub", "base", mass=1.0, inertia=(0.02, 0.03, 0.04)),
-        Body("beam", "hub", xyz=(0.1, 0, 0)),
-        Body("tip", "beam", xyz=(1, 0, 0), mass=0.5, inertia=(1e-3,) * 3),
-    )
-    yaml = "gravity: [0, 0, -9.81]\nactuated: []\njoints: {hub_joint: {type: spherical}}\n"
-    m = load(tmp_path, bodies, yaml + BEAM.replace("bending_z: false", "bending_z: true"))
+    m = top(tmp_path)
     swing = pf.hold(duration=0.1)
     found = pf.solve(m, swing, level="coupled", tol=1e-4, samples=11)
     assert found.meta["energy_balance"] < 1e-9

@@ -26,8 +26,8 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import default_motion
 from pinflex.solver.tolerance import Outputs
 from tests.finite import slope
-from tests.hard.test_collocation_runs import ARM, BEAM
-from tests.scenes import Body, load
+from tests.hard.test_collocation_runs import ARM, BEAM, top
+from tests.scenes import load
 from tests.verification.test_radau import END, swing
 from tests.verification.test_tolerance import SCENES, mechanism, run
 
@@ -195,17 +195,10 @@ def test_samples_cost_no_steps() -> None:
 
 def test_a_sphere_that_turns_and_motors_that_push(tmp_path: Path) -> None:
     """Between states on a manifold: exponential coordinates; motors free, by a torque."""
-    bodies = (
-        Body("hub", "base", mass=1.0, inertia=(0.02, 0.03, 0.04)),
-        Body("beam", "hub", xyz=(0.1, 0, 0)),
-        Body("tip", "beam", xyz=(1, 0, 0), mass=0.5, inertia=(1e-3,) * 3),
-    )
-    yaml = "gravity: [0, 0, -9.81]\nactuated: []\njoints: {hub_joint: {type: spherical}}\n"
-    top = load(tmp_path, bodies, yaml + BEAM.replace("bending_z: false", "bending_z: true"))
-    arm = load(tmp_path, ARM, BEAM)
+    falling, arm = top(tmp_path), load(tmp_path, ARM, BEAM)
     move = pf.quintic(joints={"beam_joint": 0.5}, duration=0.1)
     push = {"drive": "torque", "kp": 500.0, "kd": 10.0}
-    for m, motion, keys in ((top, pf.hold(duration=0.1), {}), (arm, move, push)):
+    for m, motion, keys in ((falling, pf.hold(duration=0.1), {}), (arm, move, push)):
         found, fine = (
             pf.solve(m, motion, level="coupled", samples=41, integrator=integrator, tol=tol, **keys)
             for integrator, tol in (("hht", 1e-2), ("radau", 1e-4))
