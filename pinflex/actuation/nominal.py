@@ -175,7 +175,7 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
     far = np.max(np.abs(gone), axis=1) > _NEAR * reach + 1e-9
     if not most < 100 * assembly.CLOSED or np.any(far):
         return None
-    if _near_singular(own) or np.any(np.linalg.slogdet(own)[0] != path.sign):
+    if _near_singular(path.scaled(own)) or np.any(np.linalg.slogdet(own)[0] != path.sign):
         return None
     return Nominal(t, q, *path.rates_of(q, J, v_in, a_in))
 
@@ -187,7 +187,7 @@ def _with_neighbours(sizes: Array) -> Array:
 
 
 def _near_singular(J: Array) -> bool:
-    """Whether one of the matrices (n, k, k) is singular for the motors; raises if exactly so."""
+    """Whether one of J (n, k, k), without units, is singular; raises if exactly so."""
     # Frobenius norms bound the ratio of singular values from below, and are cheaper.
     size, inverse = (np.linalg.norm(x, axis=(1, 2)) for x in (J, np.linalg.inv(J)))
     doubtful = J[assembly.SINGULAR * size * inverse > 1.0]

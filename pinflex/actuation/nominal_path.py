@@ -42,11 +42,16 @@ class Path:
         self.rows = system.closed.n
         self.poses = ClosedPoses(self.dynamics)
         self.unknown, equations = self.passive, self.rows
+        units = assembly.units(self.dynamics, mechanism.home)
+        per_row = units.rows
         if self.platform:
             columns = tuple(COORDINATES.index(name) for name in motion.names)
             self.poses = ClosedPoses(self.dynamics, self._frame(), columns)
             self.unknown = np.arange(system.nv, dtype=np.intp)
             equations += len(columns)
+            imposed = np.where(self.poses.turns, 1.0, 1.0 / units.length)
+            per_row = np.concatenate([per_row, imposed])
+        self._factors = per_row[:, None] * units.columns[self.unknown]
         if equations != len(self.unknown):
             raise self._wrong_count(equations)
 
@@ -81,6 +86,11 @@ class Path:
                 f"{self.mechanism.name}: motion.platform needs `platform: FRAME` in the YAML."
             )
         return self.mechanism.rigid.expansion.frames[name]
+
+    def scaled(self, J: Array) -> Array:
+        """A Jacobian (..., rows, unknown) without units, as `assembly.Units` has it."""
+        pure: Array = J * self._factors
+        return pure
 
     # One instant ---------------------------------------------------------------------------
 
@@ -182,7 +192,7 @@ class Path:
     def _check(self, J: Array, which: str, time: float) -> None:
         """Singular here, or passed a singular pose since the last instant (determinant's sign)."""
         sign = float(np.linalg.slogdet(J)[0])
-        ratio = assembly.singular_ratio(J)
+        ratio = assembly.singular_ratio(self.scaled(J))
         if ratio < assembly.SINGULAR or (self.sign and sign != self.sign):
             raise self._singular(J, which, time)
         self.sign = sign
@@ -190,14 +200,16 @@ class Path:
     def _singular(self, J: Array, which: str, time: float) -> SceneError:
         columns = [self.names[k] for k in self.unknown]
         where = f"{self.mechanism.name}: t = {time:.6g} s"
-        if which == "motors":
-            return assembly.singularity(J, self.dynamics.system.closed, columns, where, time)
-        error = assembly.singularity(J, self.dynamics.system.closed, columns, where, time)
-        text = str(error).replace(
-            "the passive loop Jacobian", "the Jacobian of loops and imposed platform coordinates"
+        what = (
+            ("passive loop Jacobian", "all motors locked")
+            if which == "motors"
+            else (
+                "Jacobian of loops and imposed platform coordinates",
+                "the platform coordinates held",
+            )
         )
-        text = text.replace("with all motors locked", "with the platform coordinates held")
-        return type(error)(text, **error.data)
+        closed = self.dynamics.system.closed
+        return assembly.singularity(self.scaled(J), closed, columns, where, time, what)
 
     def locate(self, pose: Array, good: float, bad: float) -> None:
         """Bisect to the last reachable time and name the singular pose there, if it is one."""
@@ -214,7 +226,7 @@ class Path:
         which = "path" if self.platform else "motors"
         # At a fold the smallest singular value falls with the square root of the time left, so
         # after 24 halvings of one sample it is far below this.
-        if assembly.singular_ratio(J) < 1e-2:
+        if assembly.singular_ratio(self.scaled(J)) < 1e-2:
             raise self._singular(J, which, good)
 
 

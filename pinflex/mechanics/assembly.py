@@ -1,4 +1,4 @@
-"""Closing the loops: assembly from a guess, independent rows, mobility, singular poses by name."""
+"""Newton on the loops, their independent rows, singular poses by name."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.errors import AssemblyError, SingularityError
+from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures
+from pinflex.mechanics.closure_log import size_of, translations
 from pinflex.mechanics.dynamics import Dynamics
 
 # Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
@@ -30,7 +31,9 @@ class LoopReport:
         rows: All closure rows. rank: Independent ones. redundant: Names of the rest.
         mobility: Degrees of freedom of the closed rigid mechanism.
         sigma_min: Smallest singular value over the largest of the passive closure Jacobian
-            (motors locked): zero where the motors lose command (nan without loops).
+            (motors locked), without units (`Units`): zero where the motors lose command (nan
+            without loops).
+        starts: Poses tried to close the loops; 0 where Newton closed them from the home guess.
     """
 
     rows: int
@@ -38,6 +41,40 @@ class LoopReport:
     redundant: tuple[str, ...]
     mobility: int
     sigma_min: float
+    starts: int = 0
+
+
+@dataclass(frozen=True)
+class Units:
+    """What makes a closure Jacobian one of pure numbers: metres over the mechanism's size.
+
+    Attributes:
+        length: Size of the mechanism [m], the largest distance of two joints at home.
+        rows: Factor of each row, shape (rows,): 1 / length for what is open in m.
+        columns: Factor of each velocity row, shape (nv,): length for a joint that slides.
+    """
+
+    length: float
+    rows: Array
+    columns: Array
+
+    def of(self, J: Array) -> Array:
+        """J (..., rows, nv) without units."""
+        scaled: Array = J * (self.rows[:, None] * self.columns)
+        return scaled
+
+
+def units(dynamics: Dynamics, home: Array) -> Units:
+    """Units of the closure Jacobian of a rigid mechanism."""
+    dynamics.close(home)
+    closed, length = dynamics.system.closed, size_of(dynamics)
+    rows = np.full(closed.n, 1.0 / length)
+    rows[closed.dot_rows] = 1.0
+    for one in closed.contacts:
+        turns = [sort in ("tilt", "twist") for sort, _ in one.sleeve.sorts]
+        rows[one.rows[turns]] = 1.0
+    columns = np.where(translations(dynamics.system.rigid) > 0, length, 1.0)
+    return Units(length, rows, columns)
 
 
 def close_loops(
@@ -129,52 +166,6 @@ def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, 
     return loop, ", ".join(largest)
 
 
-def assemble(
-    dynamics: Dynamics, y: Array, held: IntArray, names: Sequence[str], where: str
-) -> Array:
-    """Close the loops from the home guess: first with the motors held, then with all free.
-
-    Raises:
-        AssemblyError: No closed pose near the guess, naming the loop that stays open.
-    """
-    every = np.arange(dynamics.n_rigid)
-    passive = np.setdiff1d(every, held)
-    best = None
-    for moving in (passive, every):
-        pose, size = close_loops(dynamics, y, moving.astype(np.intp))
-        if size < CLOSED * 10:
-            _no_flipped_frames(dynamics, where)
-            return pose
-        if best is None or size < best[1]:
-            best = (pose, size)
-    assert best is not None
-    c, _ = dynamics.close(best[0])
-    row = int(np.argmax(np.abs(c)))
-    closed = dynamics.system.closed
-    raise AssemblyError(
-        f'{where}: loop "{closed.names[closed.loop_of[row]]}" does not close from the home guess: '
-        f"{closed.labels[row]} stays open by {abs(c[row]):.3g} (m or rad) after Newton. "
-        "Give `home` values nearer to a closed pose, or check link lengths and loop frames.",
-        gap=float(abs(c[row])),
-        loop=closed.names[closed.loop_of[row]],
-        pose=best[0],
-    )
-
-
-def _no_flipped_frames(dynamics: Dynamics, where: str) -> None:
-    """Perpendicular axes also fit when two of them are reversed: refuse that false closure."""
-    state, closed = dynamics.closed, dynamics.system.closed
-    for k, (name, kind) in enumerate(zip(closed.names, closed.kinds, strict=True)):
-        if kind in ("weld", "prismatic"):
-            turn = state.frames_a[k, :, :3].T @ state.frames_b[k, :, :3]
-            if np.min(np.diag(turn)) < 0.5:
-                raise AssemblyError(
-                    f'{where}: loop "{name}" ({kind}) closes only with its frames turned by half '
-                    "a turn. Turn one of the two frames in the URDF, or give a nearer `home`.",
-                    loop=name,
-                )
-
-
 def require_regular(
     dynamics: Dynamics, y: Array, motors: IntArray, names: Sequence[str], where: str
 ) -> float:
@@ -185,7 +176,8 @@ def require_regular(
     """
     if not dynamics.looped:
         return float("nan")
-    _, J = dynamics.close(y)
+    scale = units(dynamics, y)
+    J = scale.of(dynamics.close(y)[1])
     passive = np.setdiff1d(np.arange(dynamics.n_rigid), motors)
     if len(passive) > len(J):
         return 0.0
@@ -196,19 +188,34 @@ def require_regular(
 
 
 def singularity(
-    J: Array, rows: Closures, columns: Sequence[str], where: str, time: float | None = None
+    J: Array,
+    rows: Closures,
+    columns: Sequence[str],
+    where: str,
+    time: float | None = None,
+    what: tuple[str, str] = ("passive loop Jacobian", "all motors locked"),
 ) -> SingularityError:
-    """The error that names a singular pose: which loop, which motion, sigma_min."""
+    """The error that names a singular pose: which loop, which motion, sigma_min.
+
+    Args:
+        J: Jacobian without units (`Units`) at, or next to, the singular pose.
+        rows, columns: Its loops, and the names of its columns.
+        where, time: Place and time [s] for the message.
+        what: Name of J, and what is held while the mechanism still moves.
+    """
     loop, motion = null_motion(J, rows, columns)
     sigma = np.linalg.svd(J, compute_uv=False)
-    smallest = float(sigma[-1]) if len(sigma) == J.shape[1] else 0.0
+    ratio = singular_ratio(J)
     rank = int(np.sum(sigma > SINGULAR * sigma[0]))
+    lost = rank < J.shape[1]
+    kind = "singular pose" if lost else "nearly singular pose"
+    measure = f"has rank {rank} of {J.shape[1]} (" if lost else "is losing rank ("
     return SingularityError(
-        f"{where}: singular pose: the passive loop Jacobian has rank {rank} of {J.shape[1]} "
-        f'(sigma_min = {smallest:.2g}); with all motors locked loop "{loop}" can still move: '
+        f"{where}: {kind}: the {what[0]} {measure}sigma_min = {ratio:.2g}, where 1 is best); "
+        f'with {what[1]} loop "{loop}" can still move{"" if lost else " almost freely"}: '
         f"{motion}. Choose a path that avoids this pose, or start from another branch.",
         loop=loop,
         motion=motion,
-        sigma_min=smallest,
+        sigma_min=ratio,
         time=time,
     )

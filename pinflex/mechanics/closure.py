@@ -40,6 +40,7 @@ _ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
     "slider": ((), ()),
 }
 _AXES = "xyz"
+LENGTHS = 1e-12  # [m] below which a length is none
 
 
 @dataclass(frozen=True)
@@ -136,10 +137,10 @@ def closures(
                 Attachment(here.joint, here.placement * beam),
                 Attachment(other.joint, along),
             )
-    turn_a = [_axes(loop.axis, None) for loop in loops]
+    turn_a = [axis_frame(loop.axis, None) for loop in loops]
     # A universal joint holds the axis of a (z) perpendicular to the axis of b (x here).
     turn_b = [
-        _axes(None, loop.axis_b) if loop.kind == "universal" else _axes(loop.axis, None)
+        axis_frame(None, loop.axis_b) if loop.kind == "universal" else axis_frame(loop.axis, None)
         for loop in loops
     ]
     labels: list[str] = []
@@ -195,7 +196,7 @@ def closures(
     )
 
 
-def _axes(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
+def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
     """A rotation whose z (or x) axis is the given one, the identity where it can be."""
     if z is None and x is None:
         return np.eye(3)

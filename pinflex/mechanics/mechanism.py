@@ -15,11 +15,13 @@ from pinflex.description.description import Description, read
 from pinflex.errors import DescriptionError, SingularityError, nearest
 from pinflex.mechanics import assembly
 from pinflex.mechanics.assembly import LoopReport
+from pinflex.mechanics.closing import Closed, Limits, assemble, limits_of
 from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
 from pinflex.mechanics.loads import loads
+from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.parts import FlexiblePart, resolve
 from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.system import Springs, System
@@ -120,7 +122,8 @@ def load(
     rigid_model = tree.model
     coordinates = _coordinates(rigid_model)
     motors = _motors(description, rigid_model)
-    rigid, home, report = _rigid_system(description, tree, parts, motors, coordinates)
+    limits = limits_of(model, rigid_model)
+    rigid, home, report = _rigid_system(description, tree, parts, motors, coordinates, limits)
     if not parts:
         return Mechanism(description, links, parts, rigid, rigid, home, coordinates, report, report)
     expansion = expand(links, parts, needed, rigid_model, gravity)
@@ -135,7 +138,12 @@ def load(
         home,
         coordinates,
         report,
-        replace(flexible_report, mobility=report.mobility, sigma_min=report.sigma_min),
+        replace(
+            flexible_report,
+            mobility=report.mobility,
+            sigma_min=report.sigma_min,
+            starts=report.starts,
+        ),
     )
 
 
@@ -234,6 +242,7 @@ def _rigid_system(
     parts: Mapping[str, FlexiblePart],
     motors: IntArray,
     names: Sequence[str],
+    limits: Limits,
 ) -> tuple[System, Array, LoopReport]:
     model = tree.model
     springs, dampers = _springs(description, model)
@@ -248,7 +257,11 @@ def _rigid_system(
     system = replace(system, closed=_with_lengths(system, guess))
     dynamics = Dynamics(system)
     where = f"{description.name}: home"
-    home = assembly.assemble(dynamics, guess, motors, names, where) if every.n else guess
+    closed = Closed(guess, 0)
+    if every.n:
+        given = _given(description, model)
+        closed = assemble(dynamics, guess, motors, where, limits, given, description.loops)
+    home = closed.pose
     _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
     kept, redundant = assembly.independent_rows(J, system.closed.labels)
     system = replace(system, closed=system.closed.select(kept))
@@ -261,8 +274,12 @@ def _rigid_system(
         if redundant:
             _refuse_singular_home(description, dynamics, home, redundant, every, kept)
         if len(motors) >= nv - len(kept):
-            sigma = assembly.require_regular(dynamics, home, motors, names, where)
-    report = LoopReport(every.n, len(kept), redundant, nv - len(kept), sigma)
+            try:
+                sigma = assembly.require_regular(dynamics, home, motors, names, where)
+            except SingularityError as error:
+                why = axis_hint(dynamics, description.loops, home)
+                raise SingularityError(f"{error}{why}", **error.data) from None
+    report = LoopReport(every.n, len(kept), redundant, nv - len(kept), sigma, closed.starts)
     return system, home, report
 
 
@@ -342,6 +359,13 @@ def _home_guess(description: Description, model: pin.Model) -> Array:
     return np.asarray(pin.normalize(model, q))
 
 
+def _given(description: Description, model: pin.Model) -> IntArray:
+    """Places in q of the coordinates that `home` names."""
+    joints = [model.joints[model.getJointId(name)] for name in description.home]
+    places = [k for joint in joints for k in range(joint.idx_q, joint.idx_q + joint.nq)]
+    return np.array(places, dtype=np.intp)
+
+
 def _refuse_singular_home(
     description: Description,
     dynamics: Dynamics,
@@ -366,7 +390,7 @@ def _refuse_singular_home(
             raise SingularityError(
                 f"{description.name}: home: singular pose: the closures have rank {len(kept)} here "
                 f"and {rank} beside it; dependent at home: {', '.join(redundant)}. "
-                "Give a `home` away from this pose.",
+                f"Give a `home` away from this pose.{axis_hint(full, description.loops, home)}",
                 redundant=tuple(redundant),
             )
 

@@ -1,0 +1,295 @@
+"""From a guess to a closed pose: Newton, then damped least squares inside the limits, then restarts.
+
+Newton from the guess closes what is nearly closed. Else the closure with angles instead of sines
+(`pinflex.mechanics.closure_log`) is minimised from the guess and from random poses inside the joint
+limits, always the same ones; of the poses found that nearest to the guess is taken, drawn towards
+the guess along the closures and closed by Newton to round-off.
+
+Source of the least squares: Branch, Coleman, Li (1999), as `scipy.optimize.least_squares`, trf.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.description.supplement import Loop
+from pinflex.errors import AssemblyError
+from pinflex.mechanics.assembly import CLOSED, close_loops
+from pinflex.mechanics.closure_log import LogClosure, size_of, translations
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.loop_axes import axis_hint
+
+_STARTS = 48  # poses to start from at most
+_MORE = 3  # further starts after the first closed pose, for one nearer to the guess
+_EVALUATIONS = 80  # of one least squares; from a good start 10 are enough
+_NEARLY = 1e-3  # residual over the size of the mechanism from which Newton is let go
+_MOTORS = 10.0  # weight of the motors' way from the guess beside that of passive joints
+_PULL = 1e-3  # weight of the way to the guess against the closure: moves the pose along it
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of the rigid coordinates q: -inf, inf where there is none, shape (nq,) each."""
+
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A closed pose q, and the poses that were tried for it: 0 where Newton found it at once."""
+
+    pose: Array
+    starts: int
+
+
+def limits_of(written: pin.Model, model: pin.Model) -> Limits:
+    """Limits of a URDF for a model with the same joints (one in which the beams are none).
+
+    Only joints of one coordinate have them; lower >= upper means that nobody wrote any.
+    """
+    lower, upper = np.full(int(model.nq), -np.inf), np.full(int(model.nq), np.inf)
+    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
+        if joint.nq != 1 or not written.existJointName(name):
+            continue
+        source = written.joints[written.getJointId(name)]
+        low, high = (float(x[source.idx_q]) for x in
+                     (written.lowerPositionLimit, written.upperPositionLimit))  # fmt: skip
+        if source.nq == 1 and low < high:
+            lower[joint.idx_q], upper[joint.idx_q] = low, high
+    return Limits(lower, upper)
+
+
+def assemble(
+    dynamics: Dynamics,
+    guess: Array,
+    held: IntArray,
+    where: str,
+    limits: Limits,
+    given: IntArray,
+    loops: Sequence[Loop],
+) -> Closed:
+    """A closed pose near the guess: with the motors held if that can be, else with all free.
+
+    Args:
+        dynamics: Workspace of the rigid mechanism.
+        guess: q, shape (nq,).
+        held: Velocity rows of the motors.
+        where: Place for messages.
+        limits: Bounds of q.
+        given: Coordinates of q that the user gave: they may be outside their limits.
+        loops: As described, for the message where nothing closes.
+    Raises:
+        AssemblyError: No closed pose was found, with the loop, how far it stays open in m (`gap`)
+            and rad (`turn`), and the best pose.
+    """
+    search = _Search(dynamics, guess, held, limits, given)
+    spare: Array | None = None
+    for moving in (search.passive, search.every):
+        pose, size = close_loops(dynamics, guess, moving)
+        if size < CLOSED * 10:
+            fits = not search.closure.flipped()
+            if fits and search.inside(pose):
+                return Closed(pose, 0)
+            if fits or not search.welded_wrong():
+                spare = pose if spare is None else spare
+    found = search.run()
+    if found is not None:
+        return found
+    if spare is not None:  # outside the limits, or axes against each other, but closed
+        return Closed(spare, 0)
+    raise search.failure(where, loops)
+
+
+class _Search:
+    """Least squares from one pose after the other, on the joints that take part in loops."""
+
+    def __init__(
+        self, dynamics: Dynamics, guess: Array, held: IntArray, limits: Limits, given: IntArray
+    ) -> None:
+        self.dynamics, self.guess = dynamics, guess
+        dynamics.close(guess)
+        self.length = size_of(dynamics)
+        self.closure = LogClosure(dynamics, self.length)
+        cosines = self.closure.axes()
+        rows, model = dynamics.n_rigid, dynamics.system.rigid
+        self.every = np.arange(rows, dtype=np.intp)
+        self.passive = np.setdiff1d(self.every, held).astype(np.intp)
+        looped = np.any(dynamics.system.closed.row_mask != 0, axis=0)
+        self.movable = self.every[looped]
+        self.moving = {True: self.passive[looped[self.passive]], False: self.movable}
+        # A Newton step keeps the side from which axes meet; a search wants them to point alike.
+        self.closure.signs = np.where(cosines < 0, -1.0, 1.0)
+        self.wanted = np.where(cosines < -1 + 1e-6, -1.0, 1.0)
+        self.unit = np.where(translations(model) > 0, self.length, 1.0)
+        self.weight = np.ones(rows)
+        self.weight[held] = _MOTORS
+        self.weight /= self.unit
+        self._bound(model, limits, given)
+        self.tried = 0
+        self.best: tuple[float, Array] | None = None
+
+    def _bound(self, model: pin.Model, limits: Limits, given: IntArray) -> None:
+        """Bounds of the way from the guess, and the reach of random starts, shape (nv,)."""
+        rows = self.dynamics.n_rigid
+        self.low, self.high = np.full(rows, -np.inf), np.full(rows, np.inf)
+        self.limited: list[tuple[int, float, float]] = []
+        for joint in model.joints[1:]:
+            if joint.nq != 1:
+                continue
+            q, low, high = joint.idx_q, limits.lower[joint.idx_q], limits.upper[joint.idx_q]
+            at = self.guess[q]
+            if q in given:  # a value that was given is a better witness than a limit
+                low, high = min(low, at), max(high, at)
+            self.low[joint.idx_v], self.high[joint.idx_v] = low - at, high - at
+            if np.isfinite(low) or np.isfinite(high):
+                self.limited.append((q, low - 1e-9, high + 1e-9))
+        reach = np.pi * self.unit
+        reach[self.unit != 1.0] = self.length
+        self.from_, self.to = np.maximum(self.low, -reach), np.minimum(self.high, reach)
+        narrow = self.from_ >= self.to  # the guess is far outside the limits
+        self.from_[narrow], self.to[narrow] = self.low[narrow], self.high[narrow]
+
+    def inside(self, pose: Array) -> bool:
+        """Whether a pose keeps the limits."""
+        return all(low <= pose[q] <= high for q, low, high in self.limited)
+
+    def welded_wrong(self) -> bool:
+        """Whether, as evaluated, more than the side of an axis is wrong."""
+        signs = self.closure.signs
+        self.closure.signs = np.sign(self.closure.axes())
+        wrong = self.closure.flipped()
+        self.closure.signs = signs
+        return wrong
+
+    def run(self) -> Closed | None:
+        """The nearest of the closed poses found."""
+        self.closure.signs = self.wanted
+        found: list[tuple[float, Array]] = []
+        left = _STARTS
+        for held, start in self._starts():
+            if not left:
+                break
+            left -= 1
+            self.tried += 1
+            pose = self._close(start, self.moving[held])
+            if pose is None:
+                continue
+            if not found:
+                left = min(left, 0 if self.tried <= 2 else _MORE)
+            pose = self._drawn(pose)
+            found.append((self._way(pose), pose))
+        if not found:
+            return None
+        return Closed(min(found, key=lambda x: x[0])[1], self.tried)
+
+    def _starts(self) -> Iterator[tuple[bool, Array]]:
+        """Whether the motors are held, and a way from the guess: none, then further and further."""
+        kinds = (True, False) if len(self.moving[True]) < len(self.movable) else (False,)
+        none = np.zeros(self.dynamics.n_rigid)
+        for held in kinds:
+            yield held, none
+        random = np.random.default_rng(0)  # a fixed seed: the same pose on every run
+        for k in range(_STARTS):
+            share = min(1.0, 0.25 * (1 + k // 4))
+            draw = share * random.uniform(self.from_, self.to)
+            held = kinds[k % len(kinds)]
+            start = none.copy()
+            rows = self.moving[held]
+            start[rows] = draw[rows]
+            yield held, start
+
+    def _close(self, start: Array, rows: IntArray) -> Array | None:
+        """A closed pose inside the limits by least squares from a start."""
+        if not len(rows):
+            return None
+        way = self._least_squares(start, rows, 0.0)
+        pose = self.dynamics.integrate(self.guess, way)
+        c, _ = self.closure.at(pose)
+        size = float(np.linalg.norm(c))
+        if self.best is None or size < self.best[0]:
+            self.best = (size, pose)
+        if size > _NEARLY * self.length:
+            return None
+        return self._polished(pose, rows)
+
+    def _polished(self, pose: Array, rows: IntArray) -> Array | None:
+        pose, size = close_loops(self.dynamics, pose, rows)
+        good = size < CLOSED * 10 and not self.closure.flipped() and self.inside(pose)
+        return pose if good else None
+
+    def _drawn(self, pose: Array) -> Array:
+        """The pose moved along the closures towards the guess."""
+        way = self.dynamics.difference(self.guess, pose)
+        back = self._least_squares(way, self.movable, _PULL)
+        nearer = self._polished(self.dynamics.integrate(self.guess, back), self.movable)
+        return pose if nearer is None or self._way(nearer) > self._way(pose) else nearer
+
+    def _way(self, pose: Array) -> float:
+        return float(np.linalg.norm(self.weight * self.dynamics.difference(self.guess, pose)))
+
+    def _least_squares(self, start: Array, rows: IntArray, pull: float) -> Array:
+        """The way from the guess that minimises the closure, and `pull` times itself."""
+        from scipy.optimize import least_squares
+
+        d, way = self.dynamics, start.copy()
+        pulled = pull * np.diag(self.weight * self.length)[rows][:, rows]
+        last: list[Array] = []
+
+        def evaluate(x: Array) -> tuple[Array, Array]:
+            if not last or not np.array_equal(last[0], x):
+                way[rows] = x
+                c, J = self.closure.at(d.integrate(self.guess, way))
+                if not d.vector_space:
+                    J = J @ pin.dIntegrate(d.system.rigid, self.guess, way)[1]
+                J = J[:, rows]
+                if pull:
+                    c, J = np.concatenate([c, pulled @ x]), np.vstack([J, pulled])
+                last[:] = [x.copy(), c, J]
+            return last[1], last[2]
+
+        low, high = self.low[rows], self.high[rows]
+        margin = 1e-10 * np.maximum(1.0, np.minimum(high - low, 1.0))
+        inside = np.clip(start[rows], low + margin, high - margin)
+        solved = least_squares(
+            lambda x: evaluate(x)[0],
+            inside,
+            jac=lambda x: evaluate(x)[1],
+            bounds=(low, high),
+            x_scale=self.unit[rows],
+            xtol=1e-9,
+            ftol=1e-9,
+            gtol=1e-12,
+            max_nfev=_EVALUATIONS,
+        )
+        way[rows] = solved.x
+        return way
+
+    def failure(self, where: str, loops: Sequence[Loop]) -> AssemblyError:
+        """What stays open at the best pose found."""
+        pose = self.guess if self.best is None else self.best[1]
+        c, _ = self.closure.at(pose)
+        apart, turned = self.closure.gaps(c)
+        k = int(np.argmax(apart + self.length * turned))
+        closed = self.dynamics.system.closed
+        name = closed.names[k]
+        words = [f"{apart[k]:.3g} m"] if np.any(closed.loop_of[closed.point_rows] == k) else []
+        words += [f"{turned[k]:.3g} rad"] if np.any(closed.loop_of[closed.dot_rows] == k) else []
+        words = words or [f"{apart[k]:.3g} m"]
+        hint = axis_hint(self.dynamics, loops, pose)
+        tried = f"{self.tried} start{'' if self.tried == 1 else 's'}"
+        return AssemblyError(
+            f'{where}: loop "{name}" does not close: at the best pose of {tried} this '
+            f"{closed.kinds[k]} stays open by {' and '.join(words)}.{hint} Check link lengths, "
+            "loop frames and joint limits, or give `home` values nearer to a closed pose.",
+            gap=float(apart[k]),
+            turn=float(turned[k]),
+            loop=name,
+            starts=self.tried,
+            pose=pose,
+        )

@@ -1,0 +1,71 @@
+"""An axis of a loop that does not fit the joints around it: a wrong `axis` in an otherwise flat loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.supplement import Loop
+from pinflex.mechanics.closure import axis_frame
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.poses import columns
+
+_PARALLEL = 1e-6  # sine of the angle of two axes below which they are parallel
+_TURNED = 1e-2  # sine of the angle from which a loop's axis is another one
+_SHOWN = 4  # joints listed before "..."
+
+
+def axis_hint(dynamics: Dynamics, loops: Sequence[Loop], pose: Array) -> str:
+    """A sentence for each hinge of a loop whose axis crosses those of all its hinged neighbours.
+
+    Args:
+        dynamics: Workspace of the rigid mechanism. loops: As described. pose: q, shape (nq,).
+    Returns:
+        Text with a space before it, or "".
+    """
+    dynamics.close(pose)
+    system, state = dynamics.system, dynamics.closed
+    closed, model = system.closed, system.rigid
+    turning = columns(dynamics.data.J)[3:]
+    hinged = {
+        joint.idx_v: name
+        for joint, name in zip(model.joints[1:], model.names[1:], strict=True)
+        if joint.nv == 1 and np.linalg.norm(turning[:, joint.idx_v]) > 0.5
+    }
+    found = []
+    for k, loop in enumerate(loops):
+        if loop.kind not in ("revolute", "cylindrical"):
+            continue
+        moves = (closed.support_b[k] != closed.support_a[k]).nonzero()[0]
+        beside = [int(v) for v in moves if int(v) in hinged]
+        if len(beside) < 2:
+            continue
+        normal = turning[:, beside[0]]
+        bent = [float(np.linalg.norm(np.cross(normal, turning[:, v]))) for v in beside]
+        axis = state.frames_a[k, :, 2]
+        if max(bent) > _PARALLEL or np.linalg.norm(np.cross(normal, axis)) < _TURNED:
+            continue
+        angle = np.degrees(np.arccos(min(1.0, abs(float(normal @ axis)))))
+        names = ", ".join(hinged[v] for v in beside[:_SHOWN])
+        turn = axis_frame(loop.axis, None)
+        own = [
+            turn @ frames[k, :, :3].T @ normal for frames in (state.frames_a, state.frames_b)
+        ]
+        advice = "Turn one of the frames in the URDF"
+        if np.linalg.norm(np.cross(*own)) < _PARALLEL:
+            advice = f"Write loops.{loop.name}.axis: {_written(own[0])}"
+        found.append(
+            f' The axis of loop "{loop.name}" is {angle:.3g} deg off the axes of its neighbours '
+            f"({names}{', ...' if len(beside) > _SHOWN else ''}), which are all parallel. {advice}."
+        )
+    return "".join(found)
+
+
+def _written(axis: Array) -> str:
+    """An axis as the YAML takes it; its sense does not matter."""
+    largest = int(np.argmax(np.abs(axis)))
+    if abs(axis[largest]) > 1 - _PARALLEL:
+        return "xyz"[largest]
+    return "[" + ", ".join(f"{x:.4g}" for x in axis) + "]"
