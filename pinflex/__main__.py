@@ -100,6 +100,11 @@ and warnings.""",
         "pinflex check 3rrs\n  pinflex check arm/arm.yaml --set gravity.2=-1.62",
     )
     p.add_argument("--count", type=_count, default=6, metavar="N", help="frequencies (default 6)")
+    p.add_argument(
+        "--write-home",
+        action="store_true",
+        help="write the closed pose into the YAML as `home`; all other lines stay",
+    )
 
     p = _command(
         commands,

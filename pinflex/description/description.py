@@ -16,6 +16,7 @@ from pinflex.description import flexible, schema, urdf
 from pinflex.description.control import Control, read_control
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.description.flexible import Basis, EndMass, FlexibleLink
+from pinflex.description.frames import by_joint, frame, frames
 from pinflex.description.material import Material
 from pinflex.description.schema import Vec3
 from pinflex.description.section import Section
@@ -77,6 +78,7 @@ class Description:
             are NAME.1 and NAME.2. Do not change it.
         platform: Frame whose motion matters, if any.
         frames: Further frames to report.
+        by_joint: Link of each joint that the YAML names for a frame; do not change it.
         flexible: Links that deform.
         system_damping: Rayleigh (alpha [1/s], beta [s]) of the whole linear system of level ked.
         motion: The checked YAML block of the motion, for `motion.from_spec`.
@@ -100,6 +102,7 @@ class Description:
     home: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
     platform: str | None = None
     frames: tuple[str, ...] = ()
+    by_joint: dict[str, str] = field(default_factory=dict)
     flexible: tuple[FlexibleLink, ...] = ()
     system_damping: tuple[float, float] = (0.0, 0.0)
     motion: dict[str, Any] | None = None
@@ -210,11 +213,10 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
     if base == "free_flyer":
         types["root_joint"] = "floating"
     loops = read_loops(block.get("loops", {}), place["loops"], tree)
-    what = f"link in {tree.file}"
     if "platform" in block:
-        fields["platform"] = schema.known(block["platform"], place["platform"], tree.links, what)
+        fields["platform"] = frame(block["platform"], place["platform"], tree)
     if "frames" in block:
-        fields["frames"] = schema.names(block["frames"], place["frames"], tree.links, what)
+        fields["frames"] = frames(block["frames"], place["frames"], tree)
     actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
     damping = ((0.0, 0.0), 0.0)
     if "damping" in block:
@@ -247,6 +249,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
         springs=read_springs(block.get("springs", {}), place["springs"], tree),
         home=_home(block.get("home", {}), place["home"], types),
         flexible=bending,
+        by_joint=by_joint(block, tree),
         solve=read_solve(block.get("solve", {}), place["solve"]),
         **fields,
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pinflex.description import schema
+from pinflex.description.frames import frame, frames
 from pinflex.description.schema import Vec3
 from pinflex.description.urdf import Urdf
 from pinflex.errors import DescriptionError
@@ -70,7 +71,7 @@ def read_forces(value: object, where: str, urdf: Urdf) -> tuple[FrameForce, ...]
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
         block = schema.mapping(item, here, keys, ("at",))
-        frame = schema.known(block["at"], schema.at(here, "at"), urdf.links, "link")
+        at = frame(block["at"], schema.at(here, "at"), urdf)
         fields: dict[str, Any] = {}
         for key in block.keys() & {"force", "moment"}:
             fields[key] = schema.vector(block[key], schema.at(here, key))
@@ -80,7 +81,7 @@ def read_forces(value: object, where: str, urdf: Urdf) -> tuple[FrameForce, ...]
             fields["follower"] = schema.boolean(block["follower"], schema.at(here, "follower"))
         for key in block.keys() & {"start", "until", "ramp"}:
             fields[key] = schema.number(block[key], schema.at(here, key), low=0)
-        found.append(FrameForce(name, frame, **fields))
+        found.append(FrameForce(name, at, **fields))
     return tuple(found)
 
 
@@ -92,7 +93,7 @@ def read_springs(value: object, where: str, urdf: Urdf) -> tuple[FrameSpring, ..
         here = schema.at(where, name)
         block = schema.mapping(item, here, keys, ("between", "stiffness"))
         schema.items(block["between"], schema.at(here, "between"), 2)
-        a, b = schema.names(block["between"], schema.at(here, "between"), urdf.links, "link")
+        a, b = frames(block["between"], schema.at(here, "between"), urdf)
         values = {
             key: schema.number(block[key], schema.at(here, key), low=0)
             for key in ("stiffness", "damper", "length")

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 from pinflex.description import material, schema, section, solid_keys
+from pinflex.description.frames import frame
 from pinflex.description.material import Material
 from pinflex.description.patch import Patch, read_patches
 from pinflex.description.schema import Vec3
@@ -203,8 +204,7 @@ def from_spec(
     if "basis" in block:
         fields["basis"] = basis_from_spec(block["basis"], place["basis"])
     for key in block.keys() & {"start", "end"}:
-        what = f"link in {urdf.file}"
-        fields[key] = schema.known(block[key], place[key], urdf.links, what)
+        fields[key] = frame(block[key], place[key], urdf)
     if "length" in block:
         fields["length"] = schema.number(block["length"], place["length"], above=0)
     if "up" in block:

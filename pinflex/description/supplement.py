@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pinflex.description import schema
+from pinflex.description.frames import frames
 from pinflex.description.schema import Vec3
 from pinflex.description.urdf import Urdf
 from pinflex.errors import DescriptionError
@@ -207,8 +208,7 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
     place = {key: schema.at(where, key) for key in keys}
     kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
     schema.items(block["between"], place["between"], 2)
-    what = f"link in {urdf.file}"
-    a, b = schema.names(block["between"], place["between"], urdf.links, what)
+    a, b = frames(block["between"], place["between"], urdf)
     used = {"axis": _WITH_AXIS, "axis_b": ("universal",), "length": ("distance",)}
     used |= dict.fromkeys(("sleeve", "pivoting", "turning"), ("slider",))
     for key, kinds in used.items():

@@ -182,7 +182,7 @@ class _Search:
                 continue
             if not found:
                 left = min(left, 0 if self.tried <= 2 else _MORE)
-            pose = self._drawn(pose)
+            pose = self._drawn(pose, self.moving[held])
             found.append((self._way(pose), pose))
         if not found:
             return None
@@ -223,11 +223,11 @@ class _Search:
         good = size < CLOSED * 10 and not self.closure.flipped() and self.inside(pose)
         return pose if good else None
 
-    def _drawn(self, pose: Array) -> Array:
+    def _drawn(self, pose: Array, rows: IntArray) -> Array:
         """The pose moved along the closures towards the guess."""
         way = self.dynamics.difference(self.guess, pose)
-        back = self._least_squares(way, self.movable, _PULL)
-        nearer = self._polished(self.dynamics.integrate(self.guess, back), self.movable)
+        back = self._least_squares(way, rows, _PULL)
+        nearer = self._polished(self.dynamics.integrate(self.guess, back), rows)
         return pose if nearer is None or self._way(nearer) > self._way(pose) else nearer
 
     def _way(self, pose: Array) -> float:

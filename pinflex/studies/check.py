@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -84,6 +85,7 @@ class Check:
         motion: What the motion asks, and whether the rigid mechanism can follow it.
         warnings: Sentences.
         summaries: Modal summary of each solid body, as text.
+        by_joint: Links of the frames that the YAML names by their joint.
     """
 
     name: str
@@ -104,6 +106,7 @@ class Check:
     motion: str
     warnings: tuple[str, ...] = field(default=())
     summaries: tuple[str, ...] = field(default=())
+    by_joint: Mapping[str, str] = field(default_factory=dict)
 
 
 @one_blas_thread()
@@ -139,6 +142,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         loops=_loops(mechanism),
         links=links,
         platform=description.platform,
+        by_joint=dict(description.by_joint),
         statics=rest,
         frequencies=frequencies,
         frequency_note=note,

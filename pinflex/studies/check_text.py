@@ -10,7 +10,7 @@ from pinflex.text import angle, length, number, paragraph, table
 
 _PLANES = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
 # sigma_min of a well-placed machine is 0.05 to 0.5; below this a motor must push hard
-_NEAR = 0.02
+_NEAR = 0.01
 
 
 def write(c: Check) -> str:
@@ -47,6 +47,9 @@ def _head(c: Check) -> str:
         ("platform", c.platform or "none named: no deviation can be reported"),
         ("motion", c.motion),
     ]
+    if c.by_joint:
+        named = ", ".join(f"{joint} (link {link})" for joint, link in c.by_joint.items())
+        rows.append(("frames", f"named by the joint that carries them: {named}"))
     lines = [paragraph(text, " " * 12, f"  {name:<10}") for name, text in rows]
     return "\n".join([c.name, *lines])
 
@@ -61,6 +64,13 @@ def _loop_table(c: Check) -> str:
     text = table("Loops", "loop|kind|between|rows|redundant", rows, (18, 12, 44))
     lines = [text, f"{c.report.rows} rows, rank {c.report.rank}"]
     lines += [f"redundant: {row}" for row in c.report.redundant]
+    if c.report.starts:
+        tried = f"{c.report.starts} start{'s'[: c.report.starts != 1]}"
+        words = (
+            f"home: found by a search ({tried}), as the loops are far from closed at the values "
+            "given, zero for the others. `pinflex check MODEL --write-home` keeps it in the YAML"
+        )
+        lines.append(paragraph(words, "    ", ""))
     sigma = c.report.sigma_min
     if not math.isnan(sigma):
         state = "close to a singular pose" if sigma < _NEAR else "well away from a singular pose"
