@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import reprlib
 import textwrap
 from collections.abc import Sequence
 
+import numpy as np
+
 COLUMNS = 100  # width that every block of text fits
+_BRIEF = 180  # characters of a record in one line
 
 
 def number(x: float) -> str:
@@ -26,6 +31,24 @@ def angle(x: float) -> str:
     if x == 0:
         return "0"
     return f"{number(1e3 * x)} mrad" if abs(x) >= 1e-5 else f"{number(1e6 * x)} urad"
+
+
+def brief(record: object) -> str:
+    """One line for a dataclass of large parts: its small fields, and the shapes of its arrays."""
+    words = []
+    for item in dataclasses.fields(record):  # type: ignore[arg-type]
+        value = getattr(record, item.name, None)
+        if isinstance(value, str | int | float | None):
+            shown = reprlib.repr(value)
+        elif isinstance(value, np.ndarray):
+            shown = f"array{value.shape}"
+        elif isinstance(value, tuple | list | dict):
+            shown = f"{len(value)} of {type(value).__name__}" if len(value) else "()"
+        else:
+            continue
+        words.append(f"{item.name}={shown}")
+    text = f"{type(record).__name__}({', '.join(words)})"
+    return text if len(text) < _BRIEF else f"{text[: _BRIEF - 5]}...)"
 
 
 def short(name: str, width: int) -> str:

@@ -11,6 +11,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class MotorAxes:
         q_at, v_at: First coordinate and row of each. plain: Numbers of those with one coordinate.
         paired: Numbers of those that keep (cos, sin).
     """
+
+    __repr__ = brief
 
     q_at: IntArray
     v_at: IntArray

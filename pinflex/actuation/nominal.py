@@ -21,6 +21,7 @@ from pinflex.description.motion import Motion
 from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import brief
 
 # Of many instants every so manyth is known before the others; of a motion at least so many.
 _EVERY, _LEAST = 16, 6
@@ -32,6 +33,8 @@ _NEAR = 0.1  # of the way between known instants: a prediction further off follo
 @dataclass(frozen=True)
 class Nominal:
     """Rigid motion at given times: t (nt,), q (nt, nq), v and a (nt, nv)."""
+
+    __repr__ = brief
 
     t: Array
     q: Array

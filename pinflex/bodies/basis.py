@@ -32,6 +32,7 @@ from pinflex.bodies.family import (
 )
 from pinflex.bodies.ritz8 import ritz8
 from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.bodies.superelement import Superelement
@@ -66,6 +67,8 @@ class FlexibleBody:
         root_moves: Whether the section at x = 0 moves in the frame of the beam.
         solid: What a reduced solid has beside; None for a beam.
     """
+
+    __repr__ = brief
 
     n: int
     length: float

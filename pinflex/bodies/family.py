@@ -18,6 +18,7 @@ from numpy.polynomial import legendre
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies import beam_modes
 from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
 
 BENDING = ("v", "w")
 # Hermite order of a bending field -> order of the torsion and the axial field that go with it.
@@ -55,6 +56,8 @@ class Functions:
         curv: Curvature rot' (1/m).
     """
 
+    __repr__ = brief
+
     f: Array
     df: Array
     rot: Array
@@ -75,6 +78,8 @@ class Family:
         function: x (nx,) -> Functions.
         shear: Whether df and rot differ.
     """
+
+    __repr__ = brief
 
     n: int
     length: float

@@ -15,6 +15,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
 
 Region = str | tuple[float, ...]  # a named group of faces, or a box x0 y0 z0 x1 y1 z1 [m]
 
@@ -33,6 +34,8 @@ class Mesh:
         element: Its scalar, quadratic scikit-fem element.
         regions: Node numbers of each interface, in the order in which they were asked for.
     """
+
+    __repr__ = brief
 
     cells: Any
     element: Any

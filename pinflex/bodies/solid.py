@@ -17,6 +17,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.bodies.mesh import Mesh, scikit_fem
 from pinflex.description.material import Material
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 _SYMMETRIC = 1e-8  # asymmetry of a matrix, as a share of its largest entry, that round-off explains
 _FREE = 1e-6  # the same for the forces with which K resists a motion of the rigid body
@@ -34,6 +35,8 @@ class Solid:
         regions: Nodes of each interface; the first is held in the frame of the body.
         field: The finite elements behind it; None for given matrices.
     """
+
+    __repr__ = brief
 
     nodes: Array
     K: Any

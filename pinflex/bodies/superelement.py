@@ -26,6 +26,7 @@ from pinflex.bodies.moments import CROSS, mass_points, outer_mass, section_fits
 from pinflex.bodies.second_order import second_order_shapes
 from pinflex.bodies.solid import Solid
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 _DIRECTIONS = ("u", "v", "w", "rx", "ry", "rz")
 SECTIONS = 21
@@ -66,6 +67,8 @@ class Superelement:
             (each along x, y, z) and unit forces and moments that the interfaces need, shape
             (nc, 6, 3 ns + 6 interfaces); None without mesh.
     """
+
+    __repr__ = brief
 
     points: Array
     nodes: tuple[Node, ...]

@@ -30,6 +30,7 @@ from pinflex.description.supplement import (
 )
 from pinflex.description.urdf import HOME_SIZES, Urdf
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
+from pinflex.text import brief
 
 __all__ = [
     "Basis",
@@ -84,6 +85,8 @@ class Description:
         motion: The checked YAML block of the motion, for `motion.from_spec`.
         solve: What to compute.
     """
+
+    __repr__ = brief
 
     name: str
     path: Path | None

@@ -15,6 +15,7 @@ from pinflex.description.schema import Vec3
 from pinflex.description.section import Section
 from pinflex.description.urdf import Urdf
 from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
 
 Switch = bool | Literal["auto"]
 _BASIS_KEYS: dict[str, tuple[str, ...]] = {
@@ -73,6 +74,8 @@ class Basis:
         nodes: matrices: text or .csv file of their places, x y z [m] a line.
     """
 
+    __repr__ = brief
+
     kind: str = "craig_bampton"
     internal: int = 2
     elements: int = 4
@@ -117,6 +120,8 @@ class FlexibleLink:
         modal_damping: Damping ratio of every mode [-].
         patches: Piezoelectric patches that bend it along beam y.
     """
+
+    __repr__ = brief
 
     link: str
     material: Material

@@ -15,6 +15,7 @@ import numpy as np
 
 from pinflex.description import schema
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 Points = tuple[tuple[float, float], ...]
 _NU = 0.3  # Poisson's ratio in the shear factors of round sections; they change by 3 % over 0..0.5
@@ -45,6 +46,8 @@ class Section:
         dimensions: What it was built from, (name, value) pairs.
         my, mz: Second moments of the mass over rho [m^4]; None: Iy, Iz (not so in a composite).
     """
+
+    __repr__ = brief
 
     shape: str
     A: float

@@ -12,6 +12,7 @@ from pinflex.description.frames import frames
 from pinflex.description.schema import Vec3
 from pinflex.description.urdf import Urdf
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 INTEGRATORS = (
@@ -116,6 +117,8 @@ class SolveSpec:
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
         start: straight (undeformed) or static (in equilibrium).
     """
+
+    __repr__ = brief
 
     level: str = "coupled"
     until: float | None = None

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
+from pinflex.text import brief
 
 # Configuration sizes of the joint types: what a value of `home` may hold.
 HOME_SIZES: dict[str, tuple[int, ...]] = {
@@ -49,6 +50,8 @@ class Urdf:
         links: Link names in file order.
         joints: Joints by name.
     """
+
+    __repr__ = brief
 
     file: str
     text: str

@@ -15,6 +15,7 @@ from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.quasistatic import null_space, rest, structural_stiffness
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
 
@@ -30,6 +31,8 @@ class Modes:
         links: Names for `share`.
         preload: "gravity" or "none". free_motors: Whether motors were free.
     """
+
+    __repr__ = brief
 
     frequencies: Array
     shapes: Array

@@ -15,6 +15,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
 # Newton on a balance of forces ends quadratically; its last correction, relative to the largest
@@ -30,6 +31,8 @@ LOOKS = 5  # instants of a run at which stability is looked at
 @dataclass(frozen=True)
 class Equilibrium:
     """A balanced pose: y (nq,), multipliers lam (rows,), forces r (nv,) left to the motors."""
+
+    __repr__ = brief
 
     y: Array
     lam: Array

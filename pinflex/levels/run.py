@@ -10,6 +10,7 @@ from pinflex.actuation.nominal import Nominal
 from pinflex.actuation.signals import Signals
 from pinflex.arrays import Array
 from pinflex.mechanics.system import System
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class Run:
         path: The nominal motion that a linear run deviates from, or None.
         s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
+
+    __repr__ = brief
 
     system: System
     t: Array

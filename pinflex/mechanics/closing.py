@@ -1,4 +1,4 @@
-"""From a guess to a closed pose: Newton, then damped least squares inside the limits, then restarts.
+"""From a guess to a closed pose: Newton, then least squares inside the limits, then restarts.
 
 Newton from the guess closes what is nearly closed. Else the closure with angles instead of sines
 (`pinflex.mechanics.closure_log`) is minimised from the guess and from random poses inside the joint

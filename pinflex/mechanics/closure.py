@@ -26,6 +26,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.supplement import Loop
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.slider import Contact, Sleeve
+from pinflex.text import brief
 
 # Points held along these axes of a, and pairs (axis of a, axis of b) held perpendicular.
 _ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
@@ -60,6 +61,8 @@ class Closures:
         support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
         row_mask: support_b - support_a of each row's loop, shape (rows, nV).
     """
+
+    __repr__ = brief
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]

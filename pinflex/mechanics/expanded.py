@@ -11,6 +11,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.flexible import EndMass
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class Attachment:
 class Interface:
     """A section that carries something: its place x [m], its joint and its velocity rows."""
 
+    __repr__ = brief
+
     x: float
     attachment: Attachment
     force_rows: IntArray
@@ -35,6 +38,8 @@ class Interface:
 @dataclass(frozen=True)
 class Slot:
     """One flexible body in the expanded model: its eta slice, stations and interfaces."""
+
+    __repr__ = brief
 
     link: str
     offset: float
@@ -60,6 +65,8 @@ class Block:
         eta: Slice of eta that covers the stacked bodies.
     """
 
+    __repr__ = brief
+
     rows: IntArray
     q_rows: IntArray
     Phi: Array
@@ -79,6 +86,8 @@ class Expansion:
         slots: The flexible bodies.
         n_eta: Number of elastic coordinates.
     """
+
+    __repr__ = brief
 
     model: pin.Model
     q_at: IntArray

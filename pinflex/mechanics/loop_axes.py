@@ -1,4 +1,4 @@
-"""An axis of a loop that does not fit the joints around it: a wrong `axis` in an otherwise flat loop."""
+"""A loop whose axis does not fit the joints around it: a wrong `axis` in a flat mechanism."""
 
 from __future__ import annotations
 
@@ -50,11 +50,9 @@ def axis_hint(dynamics: Dynamics, loops: Sequence[Loop], pose: Array) -> str:
         angle = np.degrees(np.arccos(min(1.0, abs(float(normal @ axis)))))
         names = ", ".join(hinged[v] for v in beside[:_SHOWN])
         turn = axis_frame(loop.axis, None)
-        own = [
-            turn @ frames[k, :, :3].T @ normal for frames in (state.frames_a, state.frames_b)
-        ]
+        own = [turn @ frames[k, :, :3].T @ normal for frames in (state.frames_a, state.frames_b)]
         advice = "Turn one of the frames in the URDF"
-        if np.linalg.norm(np.cross(*own)) < _PARALLEL:
+        if np.linalg.norm(np.cross(own[0], own[1])) < _PARALLEL:
             advice = f"Write loops.{loop.name}.axis: {_written(own[0])}"
         found.append(
             f' The axis of loop "{loop.name}" is {angle:.3g} deg off the axes of its neighbours '

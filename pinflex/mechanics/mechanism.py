@@ -26,6 +26,7 @@ from pinflex.mechanics.parts import FlexiblePart, resolve
 from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.system import Springs, System
 from pinflex.mechanics.tree import Link, link_tree
+from pinflex.text import short
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,13 @@ class Mechanism:
     def motors(self) -> tuple[str, ...]:
         """Names of the motor coordinates, in torque order."""
         return tuple(self.coordinates[k] for k in self.rigid.motors)
+
+    def __repr__(self) -> str:
+        name = short(self.name, 60)
+        return (
+            f"Mechanism({name}, {self.rigid.nv} joint coordinates, mobility "
+            f"{self.report.mobility}, {len(self.motors)} motors, {len(self.parts)} flexible links)"
+        )
 
     def undeformed(self, q: Array | None = None) -> Array:
         """y of the flexible mechanism at a rigid pose, eta = 0."""

@@ -19,6 +19,7 @@ from pinflex.description.description import Description
 from pinflex.description.flexible import EndMass, FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.tree import Link
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class FlexiblePart:
         root, tip: Concentrated inertias at the ends.
         spec: The description, with its material's density resolved.
     """
+
+    __repr__ = brief
 
     link: str
     placement: pin.SE3

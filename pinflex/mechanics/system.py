@@ -12,6 +12,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.loads import Loads
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class Springs:
         v_at: Velocity rows. q_at: Position of the coordinate in q (its cosine if it has two).
         paired: True where q holds (cos, sin). stiffness: N m/rad | N/m. rest: rad | m.
     """
+
+    __repr__ = brief
 
     v_at: IntArray
     q_at: IntArray
@@ -43,6 +46,8 @@ class System:
         motors: Velocity rows of the actuated joints.
         loads: Forces and springs between frames.
     """
+
+    __repr__ = brief
 
     rigid: pin.Model
     expansion: Expansion

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.description.supplement import JointExtra
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class Link:
         steps: The moving joints, empty for a fixed joint.
         inertia: The link's own inertia in its own frame.
     """
+
+    __repr__ = brief
 
     name: str
     parent: int

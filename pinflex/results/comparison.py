@@ -12,6 +12,7 @@ import numpy as np
 from pinflex.errors import DescriptionError
 from pinflex.results import comparison_text
 from pinflex.results.result import Result, peak, rms, same_grid
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,8 @@ class Comparison:
         notes: What a reader should know before trusting the numbers, one sentence each.
         unsolved: Why a level is missing, by level.
     """
+
+    __repr__ = brief
 
     name: str
     torques: tuple[TorqueRow, ...]

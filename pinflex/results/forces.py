@@ -18,6 +18,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.slider import Contact
 from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.results.moves import TOGETHER
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ class Forces:
         sleeves: Sleeves, each with its contact forces, shape (nt, 3, 7).
         arrays: Those of a Result, by flat key: loops, reactions and what the equations leave.
     """
+
+    __repr__ = brief
 
     g: Array
     f: Array

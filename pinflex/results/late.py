@@ -37,7 +37,7 @@ class Late(Mapping[str, T]):
         return len(self._known)
 
     def __repr__(self) -> str:
-        return repr(dict(self))
+        return f"Late({len(self._known)} found, {len(self._later)} groups not yet asked for)"
 
     def _find(self, head: str | None = None) -> None:
         with self._lock:

@@ -14,6 +14,7 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.stacked import Stacked, spans
+from pinflex.text import brief
 
 TOGETHER = 64  # samples at a time: numpy's price for a call is spread, little memory is needed
 
@@ -26,6 +27,8 @@ class Moves:
         poses: Of the joints of the expanded model, shape (nt, joints, 3, 4).
         arrays: Those of a Result, by flat key: reported frames and energies.
     """
+
+    __repr__ = brief
 
     poses: Array
     arrays: dict[str, Array]

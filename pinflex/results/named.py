@@ -9,6 +9,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.results.result import Result
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class JointView:
     """One joint of a result: coordinates, motor torque, reaction."""
+
+    __repr__ = brief
 
     result: Result
     name: str
@@ -68,6 +71,8 @@ class JointView:
 class FrameView:
     """One output frame of a result, in the world frame."""
 
+    __repr__ = brief
+
     result: Result
     name: str
 
@@ -95,6 +100,8 @@ class FrameView:
 @dataclass(frozen=True)
 class LinkView:
     """Fields along one flexible link, in its beam frame unless said."""
+
+    __repr__ = brief
 
     result: Result
     name: str
@@ -151,6 +158,8 @@ class LinkView:
 class LoopView:
     """What one loop joint carries: the action on the body of its frame b, in the world frame."""
 
+    __repr__ = brief
+
     result: Result
     name: str
 
@@ -174,6 +183,8 @@ class Deviation:
         position: Difference of the origins [m], shape (nt, 3).
         rotation: Rotation vector from the other run to this one [rad], shape (nt, 3).
     """
+
+    __repr__ = brief
 
     t: Array
     position: Array

@@ -25,6 +25,7 @@ from pinflex.results.moves import joint_poses, pose_of
 from pinflex.results.replay import samples_of
 from pinflex.results.result import Result
 from pinflex.results.samples import Samples
+from pinflex.text import brief
 
 # Entry of a nodal triple, sign, of value, slope and curvature of each bending direction.
 _BENDING = {"v": (1, 2, 1.0), "w": (2, 1, -1.0)}
@@ -44,6 +45,8 @@ class NodalForces:
             for cubic elements.
         rotation: Element frame to world, shape (nt, 3, 3).
     """
+
+    __repr__ = brief
 
     t: Array
     link: str

@@ -10,6 +10,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.named import rotation_vector
 from pinflex.results.result import Result, same_grid
+from pinflex.text import brief
 
 AXES = ("X", "Y", "Z")
 
@@ -27,6 +28,8 @@ class PlatformErrors:
         velocity, angular_velocity: Their rates (m/s, rad/s), each (nt, 3).
         acceleration, angular_acceleration: (m/s^2, rad/s^2), each (nt, 3).
     """
+
+    __repr__ = brief
 
     t: Array
     frame: str
@@ -122,6 +125,8 @@ def signed_peak(values: Array) -> Array:
 @dataclass(frozen=True)
 class Statistics:
     """One curve in numbers: largest, smallest, mean of the magnitude (the papers' table 1)."""
+
+    __repr__ = brief
 
     name: str
     max: float

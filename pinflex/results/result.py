@@ -29,6 +29,7 @@ from pinflex.results.named import (
     rms,
     rotation_vector,
 )
+from pinflex.text import short
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
@@ -273,6 +274,10 @@ class Result:
         )
 
     __str__ = summary
+
+    def __repr__(self) -> str:
+        name = self.meta.get("name", "no name")
+        return f"Result({short(str(name), 60)}, {self.level}, {len(self.t)} instants)"
 
 
 def same_grid(a: Result, b: Result) -> None:

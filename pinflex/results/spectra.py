@@ -13,6 +13,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.replay import run_of
 from pinflex.results.result import Result
 from pinflex.results.samples import Samples
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class Spectrum:
         frequency: k / (n dt), shape (n // 2 + 1,), Hz: the last sample counts as one of n.
         amplitude: Amplitudes, shape (n // 2 + 1,), in the unit of the record.
     """
+
+    __repr__ = brief
 
     frequency: Array
     amplitude: Array
@@ -74,6 +77,8 @@ class ModalForces:
         ends: Of what hangs on the link's ends: joint forces and end masses, (nt, n).
         own: M eta_a + D eta_v + K eta, (nt, n): their sum.
     """
+
+    __repr__ = brief
 
     t: Array
     labels: tuple[str, ...]

@@ -22,6 +22,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.replay import run_of
 from pinflex.results.result import Result
+from pinflex.text import brief
 
 THEORIES = ("first", "second", "third", "fourth")
 
@@ -35,6 +36,8 @@ class PointStress:
         sigma: Normal stress, Pa, shape (nt, nx). tau_xy, tau_xz: Shear stress, Pa, (nt, nx).
         nu: Poisson's ratio, for the second theory.
     """
+
+    __repr__ = brief
 
     t: Array
     x: Array

@@ -20,6 +20,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.results.moves import TOGETHER
+from pinflex.text import brief
 
 # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
 DEFLECTION = 0.1
@@ -46,6 +47,8 @@ class Monitors:
             elastic kinetic energy of the run, in the worse plane: does the basis suffice?
         when: Time of the first instant with speed above 1 (s), or None.
     """
+
+    __repr__ = brief
 
     deflection: float
     rotation: float

@@ -29,6 +29,7 @@ from pinflex.solver.fewer import SAFETY, Errors, LeftOut, worst
 from pinflex.solver.linear_probe import Probe
 from pinflex.solver.timed import Scene
 from pinflex.solver.tolerance import Outputs
+from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing
@@ -55,6 +56,8 @@ class Advice:
         notes: What weakens the advice.
         seconds: What it cost.
     """
+
+    __repr__ = brief
 
     name: str
     tol: float

@@ -19,6 +19,7 @@ from pinflex.mechanics.parts import FlexiblePart
 from pinflex.studies import check_urdf
 from pinflex.studies.check_statics import Statics, statics
 from pinflex.studies.mode_shapes import first_modes
+from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
@@ -51,6 +52,8 @@ class LinkCheck:
         centre_shift: Distance of the two centres of mass [m], None likewise.
         inertia_difference: The same ratio for the trace of the inertia about the link's frame.
     """
+
+    __repr__ = brief
 
     name: str
     length: float
@@ -87,6 +90,8 @@ class Check:
         summaries: Modal summary of each solid body, as text.
         by_joint: Links of the frames that the YAML names by their joint.
     """
+
+    __repr__ = brief
 
     name: str
     urdf: str

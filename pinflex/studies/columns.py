@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
 
 Column = npt.NDArray[Any]
 SUFFIXES = (".csv", ".parquet")
@@ -27,6 +28,8 @@ class Columns:
             1 and 0) or texts ("" where there is none).
         units: Of the columns that have one.
     """
+
+    __repr__ = brief
 
     arrays: Mapping[str, Column]
     units: Mapping[str, str] = field(default_factory=dict)

@@ -17,6 +17,7 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import default_motion
 from pinflex.studies.tracking import matched
+from pinflex.text import brief
 from pinflex.viewer.plot import COLOURS, DPI, HEIGHT, panels, title
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class FrequencyMap:
         preload: "gravity" or "none".
         missing: What there is to say about instants without frequencies; "" if there are none.
     """
+
+    __repr__ = brief
 
     name: str
     t: Array

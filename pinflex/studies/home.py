@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from pinflex.arrays import Array
 from pinflex.description.home_text import with_home
 from pinflex.description.urdf import read_text
-from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -31,8 +31,8 @@ def home_values(mechanism: Mechanism) -> dict[str, float | list[float]]:
         elif joint.nv == 3 and joint.nq == 4 and joint.shortname() == "JointModelPlanar":
             part = np.array([*part[:2], np.arctan2(part[3], part[2])])
         values = [float(f"{x:.9g}") for x in part]
-        stem, dot, axis = name.rpartition(".")
-        if dot and mechanism.description.joints.get(stem) is not None:
+        stem = name.rpartition(".")[0]
+        if stem and mechanism.description.joints.get(stem) is not None:
             both = found.setdefault(stem, [])  # NAME.1 and NAME.2 are the axes of a universal joint
             assert isinstance(both, list)
             both.append(values[0])
@@ -42,7 +42,8 @@ def home_values(mechanism: Mechanism) -> dict[str, float | list[float]]:
     return {
         name: value
         for name, value in found.items()
-        if name in mechanism.description.home or not _at_rest(model, neutral, name, value)
+        if {name, f"{name}.1"} & {*mechanism.description.home}
+        or not _at_rest(model, neutral, name, value)
     }
 
 

@@ -20,6 +20,7 @@ from pinflex.levels.modes import modes
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import columns
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class ModalTest:
         frf: H1 estimates, acceleration over force, shape (nh, np, nf), 1/kg.
         exact: Frequencies (Hz) and damping ratios of the model that was tested, (modes, 2).
     """
+
+    __repr__ = brief
 
     link: str
     x: Array

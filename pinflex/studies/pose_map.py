@@ -28,6 +28,7 @@ from pinflex.studies.pose import moved
 from pinflex.studies.stiffness import AXES, platform_compliance, stiffness_of
 from pinflex.studies.sweep import described
 from pinflex.studies.tracking import tracked
+from pinflex.text import brief
 
 _SPARE = 4  # modes followed beside those shown: one of them may come down among the shown
 
@@ -48,6 +49,8 @@ class PoseMap:
         errors: Why a pose has no numbers, "" where it has, shape G.
         preload: "gravity" or "none". free_motors: Whether frequencies are those with free motors.
     """
+
+    __repr__ = brief
 
     name: str
     grid: Mapping[str, Array]

@@ -16,6 +16,7 @@ from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.result import Result, peak
 from pinflex.solver.solve import LEVELS, Progress, solve
 from pinflex.studies.check import first_frequencies
+from pinflex.text import brief
 from pinflex.viewer.curves import with_rigid_torque
 
 # ked and quasistatic are linear in, or blind to, something: a loop left open by this share of the
@@ -37,6 +38,8 @@ class Study:
         unsolved: The error that stopped a level.
         table: The comparison.
     """
+
+    __repr__ = brief
 
     mechanism: Mechanism
     runs: Mapping[str, Result]

@@ -24,6 +24,7 @@ from typing import Any
 
 from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.results.result import Result
+from pinflex.text import brief
 from pinflex.viewer.bent import FIELDS
 from pinflex.viewer.packing import deflated, pack
 from pinflex.viewer.scene import build_scene
@@ -122,6 +123,8 @@ def write_modes_html(
 @dataclass(frozen=True)
 class Page:
     """A page that was written: a path for programs, and shown in place by a notebook."""
+
+    __repr__ = brief
 
     path: Path
 
