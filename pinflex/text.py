@@ -38,7 +38,9 @@ def brief(record: object) -> str:
     words = []
     for item in dataclasses.fields(record):  # type: ignore[arg-type]
         value = getattr(record, item.name, None)
-        if isinstance(value, str | int | float | None):
+        if isinstance(value, float):
+            shown = f"{value:.6g}"
+        elif isinstance(value, str | int | None):
             shown = reprlib.repr(value)
         elif isinstance(value, np.ndarray):
             shown = f"array{value.shape}"

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from pinflex.description import schema
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class Material:
         yield_strength: Stress at which it yields or breaks [Pa], None if not known; colours the
             stress in pictures and enters no equation.
     """
+
+    __repr__ = brief
 
     E: float
     G: float

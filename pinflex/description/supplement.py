@@ -52,6 +52,8 @@ class JointExtra:
         damper: Viscous damping [N m s/rad | N s/m].
     """
 
+    __repr__ = brief
+
     name: str
     type: str | None = None
     axes: tuple[Vec3, Vec3] | None = None
@@ -78,6 +80,8 @@ class Loop:
             beam's tangent at its middle.
         turning: slider: the sleeve may turn against frame b; else it is fixed to it.
     """
+
+    __repr__ = brief
 
     name: str
     kind: str

@@ -12,6 +12,7 @@ from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.closure_log import size_of, translations
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.text import brief
 
 # Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
 # mechanism is 1e-16, and Newton squares the error, so the last step ends far below this.
@@ -36,6 +37,8 @@ class LoopReport:
         starts: Poses tried to close the loops; 0 where Newton closed them from the home guess.
     """
 
+    __repr__ = brief
+
     rows: int
     rank: int
     redundant: tuple[str, ...]
@@ -53,6 +56,8 @@ class Units:
         rows: Factor of each row, shape (rows,): 1 / length for what is open in m.
         columns: Factor of each velocity row, shape (nv,): length for a joint that slides.
     """
+
+    __repr__ = brief
 
     length: float
     rows: Array

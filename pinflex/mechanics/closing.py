@@ -23,11 +23,13 @@ from pinflex.mechanics.assembly import CLOSED, close_loops
 from pinflex.mechanics.closure_log import LogClosure, size_of, translations
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loop_axes import axis_hint
+from pinflex.text import brief
 
 _STARTS = 48  # poses to start from at most
 _MORE = 3  # further starts after the first closed pose, for one nearer to the guess
 _EVALUATIONS = 80  # of one least squares; from a good start 10 are enough
 _NEARLY = 1e-3  # residual over the size of the mechanism from which Newton is let go
+_TOUCH = 1e-9  # [rad | m] by which a pose on a limit may be beyond it
 _MOTORS = 10.0  # weight of the motors' way from the guess beside that of passive joints
 _PULL = 1e-3  # weight of the way to the guess against the closure: moves the pose along it
 
@@ -36,6 +38,8 @@ _PULL = 1e-3  # weight of the way to the guess against the closure: moves the po
 class Limits:
     """Bounds of the rigid coordinates q: -inf, inf where there is none, shape (nq,) each."""
 
+    __repr__ = brief
+
     lower: Array
     upper: Array
 
@@ -43,6 +47,8 @@ class Limits:
 @dataclass(frozen=True)
 class Closed:
     """A closed pose q, and the poses that were tried for it: 0 where Newton found it at once."""
+
+    __repr__ = brief
 
     pose: Array
     starts: int
@@ -94,7 +100,7 @@ def assemble(
         pose, size = close_loops(dynamics, guess, moving)
         if size < CLOSED * 10:
             fits = not search.closure.flipped()
-            if fits and search.inside(pose):
+            if fits and search.inside(pose, free=True):
                 return Closed(pose, 0)
             if fits or not search.welded_wrong():
                 spare = pose if spare is None else spare
@@ -138,26 +144,28 @@ class _Search:
         """Bounds of the way from the guess, and the reach of random starts, shape (nv,)."""
         rows = self.dynamics.n_rigid
         self.low, self.high = np.full(rows, -np.inf), np.full(rows, np.inf)
-        self.limited: list[tuple[int, float, float]] = []
+        self.limited: list[tuple[int, float, float, bool]] = []
         for joint in model.joints[1:]:
             if joint.nq != 1:
                 continue
             q, low, high = joint.idx_q, limits.lower[joint.idx_q], limits.upper[joint.idx_q]
             at = self.guess[q]
             if q in given:  # a value that was given is a better witness than a limit
-                low, high = min(low, at), max(high, at)
+                low, high = low if low <= at else -np.inf, high if high >= at else np.inf
             self.low[joint.idx_v], self.high[joint.idx_v] = low - at, high - at
             if np.isfinite(low) or np.isfinite(high):
-                self.limited.append((q, low - 1e-9, high + 1e-9))
+                self.limited.append((q, low - _TOUCH, high + _TOUCH, q in given))
         reach = np.pi * self.unit
         reach[self.unit != 1.0] = self.length
         self.from_, self.to = np.maximum(self.low, -reach), np.minimum(self.high, reach)
         narrow = self.from_ >= self.to  # the guess is far outside the limits
         self.from_[narrow], self.to[narrow] = self.low[narrow], self.high[narrow]
 
-    def inside(self, pose: Array) -> bool:
-        """Whether a pose keeps the limits."""
-        return all(low <= pose[q] <= high for q, low, high in self.limited)
+    def inside(self, pose: Array, free: bool = False) -> bool:
+        """Whether a pose keeps the limits; `free`: of the joints that were not given."""
+        return all(
+            low <= pose[q] <= high for q, low, high, given in self.limited if not (free and given)
+        )
 
     def welded_wrong(self) -> bool:
         """Whether, as evaluated, more than the side of an axis is wrong."""

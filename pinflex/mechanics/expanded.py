@@ -18,6 +18,8 @@ from pinflex.text import brief
 class Attachment:
     """Where a frame sits in the expanded model: a joint and the pose in that joint's frame."""
 
+    __repr__ = brief
+
     joint: int
     placement: pin.SE3
 

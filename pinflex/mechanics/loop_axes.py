@@ -40,7 +40,8 @@ def axis_hint(dynamics: Dynamics, loops: Sequence[Loop], pose: Array) -> str:
             continue
         moves = (closed.support_b[k] != closed.support_a[k]).nonzero()[0]
         beside = [int(v) for v in moves if int(v) in hinged]
-        if len(beside) < 2:
+        turned = [v for v in moves if np.linalg.norm(turning[:, v]) > 0.5]
+        if len(beside) < 2 or len(turned) > len(beside):  # a ball or a universal joint turns too
             continue
         normal = turning[:, beside[0]]
         bent = [float(np.linalg.norm(np.cross(normal, turning[:, v]))) for v in beside]

@@ -21,6 +21,8 @@ from pinflex.text import brief
 class JointStep:
     """One Pinocchio joint of a link's parent joint (a universal joint has two)."""
 
+    __repr__ = brief
+
     name: str
     model: pin.JointModel
 

@@ -22,6 +22,8 @@ class TorqueRow:
     Without a rigid run, or where its torque is zero, what cannot be said is None.
     """
 
+    __repr__ = brief
+
     motor: str
     unit: str
     level: str
@@ -39,6 +41,8 @@ class TorqueRow:
 class PlatformRow:
     """Largest distance [m] and angle [rad] of the platform from the rigid run, with times [s]."""
 
+    __repr__ = brief
+
     level: str
     frame: str
     position: float
@@ -54,6 +58,8 @@ class StressRow:
     `yield_share` is that stress over the material's strength, None where that is not known.
     """
 
+    __repr__ = brief
+
     level: str
     link: str
     von_mises: float
@@ -66,6 +72,8 @@ class StressRow:
 @dataclass(frozen=True)
 class CostRow:
     """What a level cost: wall time [s], steps, Newton iterations; None where not recorded."""
+
+    __repr__ = brief
 
     level: str
     seconds: float | None

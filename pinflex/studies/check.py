@@ -14,6 +14,8 @@ from pinflex.description.motion import from_spec
 from pinflex.errors import ConvergenceError, SceneError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.studies import check_urdf
@@ -30,6 +32,8 @@ _ALONG_MOTION = 101  # poses at which the motion is tried
 @dataclass(frozen=True)
 class LoopCheck:
     """One loop: its kind, the frames it joins, its closure rows and those left out as dependent."""
+
+    __repr__ = brief
 
     name: str
     kind: str
@@ -281,6 +285,9 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
             f"{count}: redundantly actuated. "
             "Their motions must agree; prescribe the platform's motion instead."
         )
+    if mechanism.description.loops:
+        crossed = axis_hint(Dynamics(mechanism.rigid), mechanism.description.loops, mechanism.home)
+        warnings += [crossed.strip()] if crossed else []
     every = dict.fromkeys((*report.redundant, *mechanism.flexible_report.redundant))
     if every:
         flexible = mechanism.flexible_report.redundant

@@ -16,6 +16,7 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.named import rotation_vector
+from pinflex.text import brief
 
 _ROUND_OFF = 1e-12  # [m | rad], and the same share of the largest torque: shown as zero
 
@@ -38,6 +39,8 @@ class Statics:
         holding_rigid, holding_linear, holding_full: Motor torques (N m | N) that hold it.
         linear_reason, full_reason: Why there is none, "" when there is.
     """
+
+    __repr__ = brief
 
     linear: Sag | None = None
     full: Sag | None = None

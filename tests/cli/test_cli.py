@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pinflex as pf
 from pinflex import __main__
 from pinflex.cli import check
 from pinflex.cli.console import Progress
@@ -104,6 +105,51 @@ def test_check_gives_the_published_sag_and_moment_of_the_3rrs(capsys):
     assert np.allclose(rest["linear"]["position"][:2] + rest["linear"]["rotation"], 0, atol=1e-9)
     # under its own weight the full equilibrium sags more
     assert rest["full"]["position"][2] < rest["linear"]["position"][2]
+
+
+def test_check_writes_home_and_leaves_every_other_byte(capsys, tmp_path):
+    guess = "home: {motor: 1.2, elbow: -0.9, pivot: 1.9}"
+    model = Path(write_model(tmp_path, "fourbar", [(guess, f"# branch\n{guess}  # rough")]))
+    model.chmod(0o640)
+    before = model.read_text()
+    closed = pf.load(model)
+    answer = call(capsys, "check", model, "--write-home")
+    assert (answer.code, answer.err) == (0, "")
+    assert f"home written to {model}" in answer.out
+    after = model.read_text()
+    own, other = ([x for x in t.splitlines() if "home" not in x] for t in (after, before))
+    assert own == other
+    assert "  # rough\n" in after
+    assert model.stat().st_mode & 0o777 == 0o640
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+    again = pf.load(model)
+    assert again.description.home["motor"] == 1.2
+    # continuous joints: cosine and sine; nine digits are written
+    np.testing.assert_allclose(again.home, closed.home, atol=1e-9)
+    call(capsys, "check", model, "--write-home")
+    assert model.read_text() == after
+
+
+def test_check_writes_no_home_for_a_changed_or_an_installed_model(capsys, fourbar, monkeypatch):
+    answer = call(capsys, "check", fourbar, "--write-home", "--set", "home.motor=1.3")
+    assert (answer.code, answer.out) == (2, "")
+    assert "not that of the file" in answer.err
+    monkeypatch.setattr("pinflex.studies.home._PACKAGE", Path(fourbar).resolve().parent)
+    answer = call(capsys, "check", fourbar, "--write-home")
+    assert (answer.code, answer.out) == (2, "")
+    assert "came with an installed package" in answer.err
+
+
+def test_check_says_that_home_was_searched_and_which_frames_joints_name(capsys, tmp_path):
+    changes = [
+        ("home: {motor: 1.2, elbow: -0.9, pivot: 1.9}\n", ""),
+        ("[coupler_tip, rocker_tip]", "[tip, rocker_end]"),
+    ]
+    model = write_model(tmp_path, "fourbar", changes)
+    text = " ".join(call(capsys, "check", model).out.split())
+    assert "tip (link coupler_tip)" in text
+    assert "rocker_end (link rocker_tip)" in text
+    assert ("home: found by a search" in text) == (pf.load(model).report.starts > 0)
 
 
 def test_check_names_loops_planes_masses_and_what_the_urdf_says_in_vain(capsys, fourbar):

@@ -261,6 +261,29 @@ def test_a_bad_override_is_refused(scene: Description, override: str, text: str)
     assert text in str(caught.value)
 
 
+def test_a_joint_stands_for_the_frame_that_it_carries(tmp_path: Path) -> None:
+    """Wherever a frame is asked for; the URDF's `tip` carries rod_tip, `cross` carries plate."""
+    text = YAML.replace("[rod_tip, plate]", "[tip, cross]").replace(
+        "platform: plate", "platform: cross"
+    )
+    text = text.replace("frames: [rod_tip]", "frames: [tip]")
+    text += "forces: {push: {at: tip, force: [1, 0, 0]}}\n"
+    text += "springs: {coil: {between: [cross, base], stiffness: 1}}\n"
+    found = read(write(tmp_path, text))
+    assert (found.platform, found.frames, found.forces[0].frame) == (
+        "plate",
+        ("rod_tip",),
+        "rod_tip",
+    )
+    assert (found.loops[0].frame_a, found.loops[0].frame_b) == ("rod_tip", "plate")
+    assert found.springs[0].frame_a == "plate"
+    assert found.by_joint == {"cross": "plate", "tip": "rod_tip"}
+    both = URDF.replace('name="tip"', 'name="plate"')  # a joint called as another link
+    assert read(write(tmp_path, YAML, both)).loops[0].frame_b == "plate"
+    with pytest.raises(DescriptionError, match=r'"rod_tip" is listed twice \(.tip. is the joint'):
+        read(write(tmp_path, YAML.replace("[rod_tip, plate]", "[rod_tip, tip]")))
+
+
 # Bad YAML: (what is replaced, by what, text of the error)
 
 BAD_VALUES = [
