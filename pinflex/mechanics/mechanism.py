@@ -20,6 +20,7 @@ from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
+from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.loads import loads
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.parts import FlexiblePart, resolve
@@ -261,14 +262,14 @@ def _rigid_system(
     system = System(
         model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed
     )  # fmt: skip
-    guess = _home_guess(description, model)
+    guess = home_guess(description, model)
     system = replace(system, closed=_with_lengths(system, guess))
     dynamics = Dynamics(system)
     where = f"{description.name}: home"
     closed = Closed(guess, 0)
     if every.n:
-        given = _given(description, model)
-        closed = assemble(dynamics, guess, motors, where, limits, given, description.loops)
+        named = given(description, model)
+        closed = assemble(dynamics, guess, motors, where, limits, named, description.loops)
     home = closed.pose
     _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
     kept, redundant = assembly.independent_rows(J, system.closed.labels)
@@ -344,34 +345,6 @@ def _with_lengths(system: System, guess: Array) -> Closures:
     if np.any(lengths < 1e-12):
         raise DescriptionError("loops: a distance of zero. Use kind: spherical for a common point.")
     return replace(closed, lengths=lengths)
-
-
-def _home_guess(description: Description, model: pin.Model) -> Array:
-    q = pin.neutral(model)
-    for name, value in description.home.items():
-        if not model.existJointName(name):
-            raise DescriptionError(
-                f"{description.name}: home.{name}: not a moving joint."
-                f"{nearest(name, list(model.names)[1:])}"
-            )
-        joint = model.joints[model.getJointId(name)]
-        values = np.atleast_1d(np.array(value, float))
-        if joint.nv == 1 and joint.nq == 2 and len(values) == 1:
-            values = np.array([np.cos(values[0]), np.sin(values[0])])
-        if len(values) != joint.nq:
-            raise DescriptionError(
-                f"{description.name}: home.{name}: {len(values)} values, the joint has {joint.nq} "
-                "coordinates (a spherical joint takes a quaternion x, y, z, w)."
-            )
-        q[joint.idx_q : joint.idx_q + joint.nq] = values
-    return np.asarray(pin.normalize(model, q))
-
-
-def _given(description: Description, model: pin.Model) -> IntArray:
-    """Places in q of the coordinates that `home` names."""
-    joints = [model.joints[model.getJointId(name)] for name in description.home]
-    places = [k for joint in joints for k in range(joint.idx_q, joint.idx_q + joint.nq)]
-    return np.array(places, dtype=np.intp)
 
 
 def _refuse_singular_home(
