@@ -94,6 +94,11 @@ def assemble(
         AssemblyError: No closed pose was found, with the loop, how far it stays open in m (`gap`)
             and rad (`turn`), and the best pose.
     """
+    if not np.all(np.isfinite(dynamics.close(guess)[0])):
+        raise AssemblyError(
+            f"{where}: the places of the loops' frames are not finite numbers. Check the origins "
+            "in the URDF for numbers that are far too large."
+        )
     search = _Search(dynamics, guess, held, limits, given)
     spare: Array | None = None
     for moving in (search.passive, search.every):
@@ -262,7 +267,7 @@ class _Search:
             return last[1], last[2]
 
         low, high = self.low[rows], self.high[rows]
-        margin = 1e-10 * np.maximum(1.0, np.minimum(high - low, 1.0))
+        margin = 1e-10 * np.minimum(high - low, 1.0)  # a start has to be inside, not on a bound
         inside = np.clip(start[rows], low + margin, high - margin)
         solved = least_squares(
             lambda x: evaluate(x)[0],

@@ -11,6 +11,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.benchmarks.scene import urdf
+from pinflex.mechanics import assembly
 from pinflex.mechanics.closure_log import LogClosure
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.studies.check import check
@@ -218,6 +219,21 @@ def test_the_measure_of_singular_poses_has_no_unit(tmp_path: Path) -> None:
     # round-off of assembly, 1e-14 relative, times a condition number of about ten
     np.testing.assert_allclose(sizes, sizes[1], rtol=1e-9)
     assert 0.02 < sizes[1] < 0.5
+
+
+def test_a_jacobian_of_full_rank_is_never_called_singular(tmp_path: Path) -> None:
+    m = five_bar(tmp_path, 1.0)
+    names = ("rod_1_joint", "pin_joint", "rod_2_joint")
+    for ratio, words in (
+        (1e-9, r"home: singular pose: .* has rank 2 of 3 \(sigma_min = 1e-09"),
+        (1e-4, r"home: nearly singular pose: .* is losing rank \(sigma_min = 0\.0001"),
+    ):
+        J = np.diag([1.0, ratio, 0.5])
+        error = assembly.singularity(J, m.rigid.closed, names, "home")
+        assert re.search(words, str(error)), error
+        assert "rank 3 of 3" not in str(error)
+        assert error.motion == "pin_joint"
+        assert error.sigma_min == pytest.approx(ratio)
 
 
 def test_a_wrong_axis_of_a_loop_is_compared_with_its_neighbours(tmp_path: Path) -> None:
