@@ -81,6 +81,7 @@ class Mechanism:
     def frame(self, name: str) -> Attachment:
         """Attachment of a link frame in the flexible model."""
         frames = self.flexible.expansion.frames
+        name = self.description.by_joint.get(name, name)
         if name not in frames:
             raise DescriptionError(
                 f"{self.name}: {name}: no such frame in the model.{nearest(name, frames)}"
