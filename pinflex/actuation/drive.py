@@ -150,3 +150,13 @@ def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:
         if force.until is not None:
             times.add(force.until)
     return tuple(sorted(time for time in times if time > 0.0))
+
+
+def sample_times(motion: Motion, end: float) -> tuple[float, ...]:
+    """Times in s up to `end` of the samples of a motion: its pieces are polynomials between them.
+
+    A periodic one comes round until then.
+    """
+    times = np.asarray(motion.spec["t"], float)
+    rounds = range(int(np.ceil(end / times[-1])) if motion.spec["periodic"] else 1)
+    return tuple(t for k in rounds for t in (times + k * times[-1]).tolist() if t <= end)

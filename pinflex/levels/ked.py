@@ -77,8 +77,8 @@ def solve_ked(
     path, system = nominal(mechanism, motion, t), mechanism.flexible
     nt, free, rows = len(path.t), system.free, system.closed.n
     h = float(t[-1] - t[0]) / (nt - 1)
-    at = along(mechanism, motion, path, structural, close)
     line = Line(mechanism, path)
+    at = along(mechanism, motion, path, structural, close, line.dynamics)
     d, v, a = np.zeros((nt, system.nv)), line.v, line.a
     lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
     flat = path.straight(system.n_eta)

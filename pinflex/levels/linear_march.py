@@ -66,6 +66,31 @@ def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array
     return x[:n], -x[n:]
 
 
+class _Factored:
+    """`saddle` at instants in turn: one that stays the same object keeps its factors."""
+
+    def __init__(self) -> None:
+        from scipy.linalg.lapack import dgetrf, dgetrs
+
+        self._factor, self._solve = dgetrf, dgetrs
+        self._now: Instant | None = None
+
+    def __call__(
+        self, now: Instant, A: Callable[[Instant], Array], b: Array, c: Array
+    ) -> tuple[Array, Array]:
+        """x and lam for A(now) on the closures of now."""
+        if now is not self._now:
+            n, rows = len(now.M), len(now.J)
+            S = np.zeros((n + rows, n + rows), order="F")
+            S[:n, :n], S[:n, n:], S[n:, :n] = A(now), now.J.T, now.J
+            self._lu, self._pivots, self._info = self._factor(S, overwrite_a=True)
+            self._now = now
+        if self._info > 0:
+            return saddle(A(now), now.J, now.J, b, c)
+        x, _ = self._solve(self._lu, self._pivots, np.concatenate([b, c]), overwrite_b=True)
+        return x[: len(b)], -x[len(b) :]
+
+
 def _start(now: Instant, d: Array) -> State:
     """State at rest in d: the acceleration that balances the first instant."""
     none = np.zeros(len(now.J))
@@ -76,6 +101,11 @@ def _start(now: Instant, d: Array) -> State:
 def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterator[State]:
     """Newmark, or another member of the alpha family (pinflex.levels.integrators)."""
     factor, beta, gamma = scheme.mass_factor, scheme.beta, scheme.gamma
+    solve = _Factored()
+
+    def full(now: Instant) -> Array:
+        return factor * now.M + gamma * h * now.C + beta * h * h * now.K
+
     state = _start(at(0), d)
     yield state
     v, a, s = state.v, state.a, state.a
@@ -86,8 +116,7 @@ def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterat
         s = (-scheme.alpha_m * s + scheme.alpha_f * a) / (1 - scheme.alpha_m)
         d, v = d + h * h * beta * s, v + h * gamma * s
         load, gap = now.r + now.C @ v + now.K @ d, now.J @ d
-        full = factor * now.M + gamma * h * now.C + beta * h * h * now.K
-        ds, lam = saddle(full, now.J, now.J, -load, -gap / (beta * h * h))
+        ds, lam = solve(now, full, -load, -gap / (beta * h * h))
         s, a = s + ds, factor * ds
         d, v = d + h * h * beta * ds, v + h * gamma * ds
         yield State(d, v, a, lam)

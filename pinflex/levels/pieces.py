@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 
 _BESIDE = 1e-9  # of the whole: a piece ends just before its corner, where the motion may jump
 
@@ -21,6 +21,10 @@ class Pieces:
 
     def __len__(self) -> int:
         return len(self._ends) - 1
+
+    def of(self, t: Array) -> IntArray:
+        """Numbers of the pieces that times lie in."""
+        return np.asarray(np.searchsorted(self._ends[1:-1], t))
 
     def nodes(self, n: int) -> Array:
         """The n + 1 points of each piece, shape (pieces, n + 1); those of 2 n have them too."""
@@ -53,7 +57,7 @@ class Pieces:
         sign = np.where(np.arange(n + 1) % 2, -1.0, 1.0)
         sign[[0, -1]] *= 0.5
         found = np.empty((len(t), values.shape[2]))
-        piece = np.searchsorted(self._ends[1:-1], t)
+        piece = self.of(t)
         for k, at in enumerate(self.nodes(n)):
             here = piece == k
             away = t[here, None] - at

@@ -45,3 +45,21 @@ def test_few_steps_are_evaluated_each():
     at, every = along(robot, motion, path, False, 1e-9), Line(robot, path)
     assert not isinstance(at.__self__, _Between)
     assert np.array_equal(at(9).free.K, every.at(9).free.K)
+
+
+def test_a_sampled_motion_is_cut_at_its_samples_and_rests_after_them():
+    """Smooth only between its samples: over all of them no number of nodes would do."""
+    robot = pf.load("race_r1")
+    t = np.linspace(0.0, 0.1, 11)
+    moves = {"motor_1": 0.2 * np.sin(0.5 * np.pi * t / 0.1) ** 2}
+    motion = pf.sampled(t=t, joints=moves, absolute=False)
+    path = nominal(robot, motion, np.linspace(0.0, 0.2, 1001))
+    at, every = along(robot, motion, path, False, 1e-9), Line(robot, path)
+    assert isinstance(at.__self__, _Between)
+    for k in (1, 49, 50, 51, 320, 499, 500, 501, 600):
+        a, b = at(k).free, every.at(k).free
+        for x in "MCKrJ":
+            gap = np.max(np.abs(getattr(a, x) - getattr(b, x)))
+            assert gap <= 1e-8 * np.max(np.abs(getattr(b, x)), initial=1.0), (k, x)
+    # One object: a march keeps its factors while the robot rests.
+    assert at(600).free is at(700).free is not at(300).free
