@@ -19,6 +19,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.bodies import beam
 from pinflex.bodies.beam_modes import BOUNDARIES
+from pinflex.bodies.curvature import Curvature, curvature
 from pinflex.bodies.family import (
     BENDING,
     ORDERS,
@@ -66,6 +67,7 @@ class FlexibleBody:
         D: Damping.
         root_moves: Whether the section at x = 0 moves in the frame of the beam.
         solid: What a reduced solid has beside; None for a beam.
+        curvature: Its energy of fourth order, where `third_order` asks for it.
     """
 
     __repr__ = brief
@@ -93,6 +95,7 @@ class FlexibleBody:
     D: Array
     root_moves: bool
     solid: Superelement | None = None
+    curvature: Curvature | None = None
 
     @property
     def points(self) -> Array:
@@ -211,7 +214,28 @@ def flexible_body(
         D=D,
         # Against the largest along the beam, entry by entry: each has its own unit.
         root_moves=bool(np.any(sections[0] > 1e-9 * sections.max(axis=0))),
+        curvature=_curvature(link, families, slices, n),
     )
+
+
+def _curvature(
+    link: FlexibleLink, families: Mapping[str, Family], slices: Mapping[str, slice], n: int
+) -> Curvature | None:
+    """The energy of fourth order of a link with `third_order`; other links have none."""
+    second = {"v": link.section.Iz, "w": link.section.Iy}
+    bending = [second[d] for d in BENDING if d in families]
+    if not link.third_order or not bending:
+        return None
+    what = "without second_order" if not link.second_order else "with shear" if link.shear else ""
+    if max(bending) > (1.0 + 1e-6) * min(bending):
+        what = f"in two planes of unlike stiffness (Iy {link.section.Iy:g}, Iz {link.section.Iz:g})"
+    if what:
+        raise DescriptionError(
+            f"flexible.{link.link}.third_order: not for a beam that bends {what}. Leave it out, "
+            "and raise segments where the deflection is large.",
+            link=link.link,
+        )
+    return curvature(families, slices, n, link.material.E * bending[0])
 
 
 def _labels(families: Mapping[str, Family]) -> tuple[str, ...]:

@@ -112,6 +112,7 @@ class FlexibleLink:
         axial: Stretches.
         rotary_inertia: Sections have rotary inertia in bending.
         second_order: Foreshortening and bending-torsion coupling to second order.
+        third_order: Curvature to third order: the stiffness of bends that are not small.
         shear: Timoshenko shear flexibility.
         segments: Number of flexible bodies the link is cut into.
         root: Rigid mass at the start.
@@ -137,6 +138,7 @@ class FlexibleLink:
     axial: Switch = "auto"
     rotary_inertia: bool = False
     second_order: bool = True
+    third_order: bool = False
     shear: bool = False
     segments: int = 1
     root: EndMass | None = None
@@ -150,7 +152,7 @@ _SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
 _KEYS = (
     *("material", "section", "basis", "start", "end", "length", "up", *_SWITCHES),
     *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
-    "patches",
+    *("patches", "third_order"),
 )  # fmt: skip
 
 
@@ -224,7 +226,7 @@ def from_spec(
             f"{where}: {', '.join(_SWITCHES)} are all false, so nothing deforms. Leave one of them "
             "on, or remove the link from `flexible`."
         )
-    for key in block.keys() & {"rotary_inertia", "second_order", "shear"}:
+    for key in block.keys() & {"rotary_inertia", "second_order", "third_order", "shear"}:
         fields[key] = schema.boolean(block[key], place[key])
     if "segments" in block:
         fields["segments"] = schema.integer(block["segments"], place["segments"], low=1)

@@ -44,6 +44,8 @@ class Dynamics:
         nV = int(self.model.nv)
         self.Q = pin.neutral(self.model)
         self._maps = [CoordinateMap(block) for block in expansion.blocks]
+        bodies = [(slot.eta, slot.body.curvature) for slot in expansion.slots]
+        self._curved = [(at, bent) for at, bent in bodies if bent is not None]
         self.stiffness = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
         self._V, self._A = np.zeros(nV), np.zeros(nV)
@@ -180,7 +182,7 @@ class Dynamics:
 
     def _add_elastic(self, r: Array, y: Array, v: Array, lam: Array) -> Array:
         if self.flexible:
-            r[self.n_rigid :] += self.stiffness @ y[self.nq_rigid :]
+            r[self.n_rigid :] += self.elastic_forces(y[self.nq_rigid :])
         if self.damped:
             r += self.system.D @ v
         if self.sprung:
@@ -191,6 +193,20 @@ class Dynamics:
         if self.push is not None:
             r -= self.push
         return r
+
+    def elastic_forces(self, eta: Array) -> Array:
+        """What deformed links resist with, for elastic coordinates (..., n_eta), the same shape."""
+        force = eta @ self.stiffness
+        for at, bent in self._curved:
+            force[..., at] += bent.force(eta[..., at])
+        return np.asarray(force)
+
+    def elastic_energy(self, eta: Array) -> Array:
+        """Strain energy of the links (J) for elastic coordinates (..., n_eta), shape (...)."""
+        energy = 0.5 * np.sum(eta @ self.stiffness * eta, axis=-1)
+        for at, bent in self._curved:
+            energy = energy + bent.energy(eta[..., at])
+        return np.asarray(energy)
 
     def spring_angles(self, y: Array) -> Array:
         """Positions (rad | m) of the joints with springs."""
@@ -304,6 +320,10 @@ class Dynamics:
         S += w_v * self.system.D + w_y * self.system.K
         s = self.system.springs
         S[s.v_at, s.v_at] += w_y * s.stiffness
+        if w_y:
+            for at, bent in self._curved:
+                rows = slice(self.n_rigid + at.start, self.n_rigid + at.stop)
+                S[rows, rows] += w_y * bent.stiffness(self.closed.eta[at])
         return S
 
     def _both_sides(self, D: Array) -> Array:
@@ -392,7 +412,7 @@ class Dynamics:
         kinetic = 0.5 * float(V @ pin.crba(self.model, self.data, self.Q) @ V)
         gravity = float(pin.computePotentialEnergy(self.model, self.data, self.Q))
         eta = y[self.nq_rigid :]
-        elastic = 0.5 * float(eta @ self.stiffness @ eta)
+        elastic = float(self.elastic_energy(eta))
         s = self.system.springs
         stretch = self.spring_angles(y) - s.rest
         spring = 0.5 * float(stretch @ (s.stiffness * stretch))

@@ -102,7 +102,7 @@ class Stacked:
                 bodies, rows, _ = block.Phi.shape
                 force = g[:, block.rows.reshape(-1)].reshape(-1, bodies, 1, rows)
                 R[:, nv:][:, block.eta] = np.matmul(force, X).reshape(self.size, -1)
-            R[:, nv:] += Y[:, nq:] @ d.stiffness
+            R[:, nv:] += d.elastic_forces(Y[:, nq:])
         if d.damped:
             R += V @ d.system.D
         if d.sprung:

@@ -57,7 +57,7 @@ def moves(mechanism: Mechanism, run: Run) -> Moves:
                 dynamics.loads.time = float(run.t[k])
                 energy[k, 3] = dynamics.loads.energy()
     eta = run.y[:, dynamics.nq_rigid :]
-    energy[:, 2] = 0.5 * np.sum(eta @ dynamics.stiffness * eta, axis=1)
+    energy[:, 2] = dynamics.elastic_energy(eta)
     if dynamics.sprung:
         s = run.system.springs
         stretch = np.array([dynamics.spring_angles(y) for y in run.y]) - s.rest

@@ -1,0 +1,114 @@
+"""Bends that are not small, with `third_order`: frequency against amplitude, and the elastica.
+
+Every beam has L = rho A = E I = 1, as in test_beams.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+
+import pinflex as pf
+from pinflex.arrays import Array
+from pinflex.bodies.family import assumed, quadrature
+from pinflex.levels.quasistatic import balance
+from pinflex.mechanics.dynamics import Dynamics
+from tests import analytical
+from tests.finite import slope
+from tests.scenes import load
+from tests.verification.test_beams import BEAM, scene
+
+FEW = "{kind: assumed, boundary: clamped_free, modes: 1}"  # others answer in fifth order
+
+
+def beam(folder: Path, extra: str, head: str = "", basis: str = FEW) -> pf.Mechanism:
+    return load(folder, BEAM, scene(basis, head, extra))
+
+
+def shifts() -> tuple[float, float]:
+    """d(omega)/omega over (tip amplitude)^2 of a cantilever's first mode: by curvature, by inertia.
+
+    First-order averaging of V4 = 1/2 int (v' v'')^2 and T4 = 1/2 int (du/dt)^2, u = -1/2 int v'^2:
+    3/4 V4/V2 and -1/4 T4/T2 at unit amplitude (Crespo da Silva and Glynn 1978; 4.597 is T4/T2 for
+    modes of unit mean square).
+    """
+    family = assumed(1.0, "clamped_free", 1)
+    x, w = (a.ravel() for a in quadrature(np.linspace(0.0, 1.0, 101), 4))
+    F, tip = family.evaluate(x), family.evaluate(np.ones(1)).f[0, 0]
+    f, df, curv = (a[:, 0] / tip for a in (F.f, F.df, F.curv))
+    shortening = np.cumsum(w * df**2) - 0.5 * w * df**2
+    mass = w @ f**2
+    ratio = (w @ shortening**2) / mass
+    assert ratio * mass == pytest.approx(4.597 / 16, rel=1e-3)  # modes with tip 2
+    return 0.75 * (w @ (curv * df) ** 2) / (w @ curv**2), -0.25 * ratio
+
+
+def frequency_shift(m: pf.Mechanism, amplitude: float) -> float:
+    """(omega / omega_0 - 1) / amplitude^2 over five periods of the first mode."""
+    d, n = Dynamics(m.flexible), m.flexible.n_eta
+    none = np.zeros(0)
+    square, shapes = eigh(d.stiffness, d.mass(np.zeros(n)))
+    row = m.parts["beam"].bodies[0].rows(1.0)[0][1]
+    shape = shapes[:, 0] / (row @ shapes[:, 0])
+
+    def rate(_: float, z: Array) -> Array:
+        y, v = z[:n], z[n:]
+        return np.concatenate([v, np.linalg.solve(d.mass(y), -d.residual(y, v, 0 * v, none))])
+
+    def crossing(_: float, z: Array) -> float:
+        return float(row @ z[:n])
+
+    period = 2 * np.pi / np.sqrt(square[0])
+    start = np.concatenate([amplitude * shape, np.zeros(n)])
+    run = solve_ivp(
+        rate, (0.0, 5.3 * period), start, "DOP853", rtol=1e-9, atol=1e-11, events=crossing
+    )
+    passed = run.t_events[0]
+    own = 2 * np.polyfit(np.arange(len(passed)), passed, 1)[0]
+    return float((period / own - 1) / amplitude**2)
+
+
+def test_the_frequency_of_a_large_vibration_moves_as_in_closed_form(tmp_path: Path) -> None:
+    """0.307 - 0.287: up by two hundredths of the square of the tip; without the term, down."""
+    curvature, inertia = shifts()
+    assert (curvature, inertia) == pytest.approx((0.3067, -0.2873), abs=1e-4)
+    amplitude = 0.1
+    with_it, without = (
+        frequency_shift(beam(tmp_path, f"third_order: {on}"), amplitude) for on in ("true", "false")
+    )
+    # Terms of higher order: amplitude^2 of each coefficient.
+    assert with_it == pytest.approx(curvature + inertia, abs=5e-3)
+    assert without == pytest.approx(inertia, abs=5e-3)
+
+
+def test_the_elastica_is_met_to_the_fifth_power_of_the_load(tmp_path: Path) -> None:
+    """A force across the tip, against the exact rod; the third power without the term."""
+    loads = np.array([0.3, 0.45, 0.6])  # tip at 0.10 to 0.19
+    stiff = 1e8  # the exact rod stretches and shears too: 1e-8 here
+    exact = [
+        analytical.cosserat_tip(1.0, np.array([0, P, 0]), np.array([stiff, stiff, stiff, 1, 1, 1]))
+        for P in loads
+    ]
+    for on, power in (("true", 5.0), ("false", 3.0)):
+        gaps = []
+        for P, (place, _) in zip(loads, exact, strict=True):
+            head = f"forces: {{load: {{at: tip, force: [0, {float(P)!r}, 0]}}}}"
+            basis = "{kind: craig_bampton, internal: 3}"
+            m = beam(tmp_path, f"third_order: {on}", head, basis)
+            d, zero = Dynamics(m.flexible), np.zeros(m.flexible.nv)
+            y = balance(d, m.undeformed(), zero, zero, m.flexible.free).y
+            gaps.append(abs(m.parts["beam"].bodies[0].rows(1.0)[0][1] @ y - place[1]))
+        assert slope(loads, gaps) == pytest.approx(power, abs=0.4)
+
+
+def test_a_beam_that_it_is_not_for_is_refused(tmp_path: Path) -> None:
+    for extra, what in (
+        ("third_order: true\n    second_order: false", "without second_order"),
+        ("third_order: true\n    shear: true", "with shear"),
+    ):
+        with pytest.raises(pf.DescriptionError, match=rf"beam\.third_order: .*{what}.*segments"):
+            beam(tmp_path, extra, basis="{kind: craig_bampton, internal: 1}")
