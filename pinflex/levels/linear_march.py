@@ -79,6 +79,8 @@ class _Factored:
         self, now: Instant, A: Callable[[Instant], Array], b: Array, c: Array
     ) -> tuple[Array, Array]:
         """x and lam for A(now) on the closures of now."""
+        if not len(b):  # every coordinate is a motor
+            return b, c
         if now is not self._now:
             n, rows = len(now.M), len(now.J)
             S = np.zeros((n + rows, n + rows), order="F")
