@@ -168,13 +168,10 @@ def flexible_body(
         families[direction], blocks[direction] = family, (K, M)
         slices[direction], n = slice(n, n + family.n), n + family.n
 
-    alpha, beta = link.rayleigh
-    K, M, D = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    K, M = np.zeros((n, n)), np.zeros((n, n))
     for direction, at in slices.items():
         K[at, at], M[at, at] = blocks[direction]
-        D[at, at] = alpha * M[at, at] + beta * K[at, at]
-        if link.modal_damping:
-            D[at, at] += _modal_damping(*blocks[direction], link.modal_damping)
+    D = damping(link, slices, K, M)
 
     section, rotary = link.section, link.rotary_inertia
     # Two points at least: a rigid rotation of the beam is of first degree in x.
@@ -236,6 +233,17 @@ def _curvature(
             link=link.link,
         )
     return curvature(families, slices, n, link.material.E * bending[0])
+
+
+def damping(link: FlexibleLink, slices: Mapping[str, slice], K: Array, M: Array) -> Array:
+    """Damping matrix of a body, direction by direction, from its stiffness and mass, (n, n)."""
+    alpha, beta = link.rayleigh
+    D = np.zeros_like(K)
+    for at in slices.values():
+        D[at, at] = alpha * M[at, at] + beta * K[at, at]
+        if link.modal_damping:
+            D[at, at] += _modal_damping(K[at, at], M[at, at], link.modal_damping)
+    return D
 
 
 def _labels(families: Mapping[str, Family]) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ _BASIS_KEYS: dict[str, tuple[str, ...]] = {
     "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
     "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
 }
+INERTIAS = ("urdf", "beam")
 ORDERS = ("cubic", "quintic")
 STRETCHES = ("sines", "polynomials")
 BOUNDARIES = (
@@ -102,6 +103,8 @@ class FlexibleLink:
         material: Elastic constants and density.
         section: Cross-section.
         basis: Shapes.
+        inertia: "urdf": mass, centre and inertia of the URDF link stay, shared between the beam
+            and riders on it; "beam": the beam's own take their place.
         start: Frame where the span begins; None: the link's own joint.
         end: Frame where it ends; None: the joint of the child link.
         length: Span [m], if not the distance of start and end.
@@ -128,6 +131,7 @@ class FlexibleLink:
     material: Material
     section: Section
     basis: Basis = Basis()
+    inertia: Literal["urdf", "beam"] = "urdf"
     start: str | None = None
     end: str | None = None
     length: float | None = None
@@ -150,7 +154,7 @@ class FlexibleLink:
 
 _SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
 _KEYS = (
-    *("material", "section", "basis", "start", "end", "length", "up", *_SWITCHES),
+    *("material", "section", "basis", "inertia", "start", "end", "length", "up", *_SWITCHES),
     *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
     *("patches", "third_order"),
 )  # fmt: skip
@@ -210,6 +214,8 @@ def from_spec(
     fields: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
     if "basis" in block:
         fields["basis"] = basis_from_spec(block["basis"], place["basis"])
+    if "inertia" in block:
+        fields["inertia"] = schema.choice(block["inertia"], place["inertia"], INERTIAS)
     for key in block.keys() & {"start", "end"}:
         fields[key] = frame(block[key], place[key], urdf)
     if "length" in block:

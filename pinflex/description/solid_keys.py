@@ -10,7 +10,7 @@ from pinflex.errors import DescriptionError
 KINDS = ("mesh", "matrices")
 BEAM_KEYS = (
     *("bending_y", "bending_z", "torsion", "axial", "rotary_inertia", "third_order", "shear"),
-    *("root", "tip", "section", "patches"),
+    *("root", "tip", "section", "patches", "inertia"),
 )
 
 

@@ -10,7 +10,6 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.description.flexible import EndMass
 from pinflex.text import brief
 
 
@@ -98,11 +97,6 @@ class Expansion:
     frames: Mapping[str, Attachment]
     slots: tuple[Slot, ...]
     n_eta: int
-
-
-def end_inertia(end: EndMass) -> pin.Inertia:
-    """Inertia of a rigid mass at the end of a beam."""
-    return pin.Inertia(end.mass, np.zeros(3), np.diag(np.array(end.inertia, float)))
 
 
 def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:

@@ -27,7 +27,6 @@ from pinflex.mechanics.expanded import (
     Expansion,
     Interface,
     Slot,
-    end_inertia,
     rigid_indices,
 )
 from pinflex.mechanics.parts import FlexiblePart
@@ -108,8 +107,9 @@ class _Assembler:
             if self._matters(child):
                 x = part.section_of(self.links[child].placement.translation)
                 at_section.setdefault(x, []).append(child)
-        if part.tip is not None:
-            at_section.setdefault(part.length, [])
+        for rider in part.riders:
+            if rider.x > 0:
+                at_section.setdefault(rider.x, [])
         root = Attachment(here.joint, here.placement * part.placement)
         if part.bodies[0].solid is not None:
             self._solid(number, root, part, part.bodies[0].solid)
@@ -147,8 +147,8 @@ class _Assembler:
         sections = dict(inside)
         if body.root_moves and k == 0:
             sections.setdefault(0.0, [])
-        elif k == 0 and part.root is not None:
-            self._append(root, end_inertia(part.root))
+        elif k == 0:
+            self._ride(root, part, 0.0)
         for x, children in sorted(sections.items()):
             local = x - offset
             if local <= 0 and not body.root_moves:
@@ -156,10 +156,8 @@ class _Assembler:
             else:
                 interfaces.append(self._interface(body, root, slot_number, local))
                 carrier, section = interfaces[-1].attachment, pin.SE3.Identity()
-            if x <= 0 and body.root_moves and part.root is not None:
-                self._append(carrier, end_inertia(part.root))
-            if x >= part.length * (1 - 1e-9) and part.tip is not None:
-                self._append(carrier, end_inertia(part.tip))
+            if x > 0 or body.root_moves:
+                self._ride(Attachment(carrier.joint, section), part, x)
             to_section = part.placement * pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
             for child in children:
                 placement = to_section.actInv(self.links[child].placement)
@@ -272,6 +270,11 @@ class _Assembler:
         for k, row in enumerate(rows):
             curve = G[k] if G is not None and np.any(G[k]) else None
             self.maps[slot].append((int(row), Phi[k], curve))
+
+    def _ride(self, section: Attachment, part: FlexiblePart, x: float) -> None:
+        for rider in part.riders:
+            if rider.x == x:
+                self._append(section, rider.inertia)
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
         if here.joint:

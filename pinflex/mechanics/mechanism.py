@@ -24,6 +24,7 @@ from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.loads import loads
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.parts import FlexiblePart, resolve
+from pinflex.mechanics.ride import end_riders
 from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.system import Springs, System
 from pinflex.mechanics.tree import Link, link_tree
@@ -100,7 +101,7 @@ def load(
         source: Path of a YAML file or folder, the name of a shipped model, or a Description.
         overrides: "key.path=value" changes of the YAML, applied before validation.
         bodies: Stations, stiffness and damping of flexible links by name, from anywhere, in place
-            of those that the description makes.
+            of those that the description makes, with their own mass in place of the URDF's.
     Returns:
         The mechanism with its loops closed at home.
     Raises:
@@ -117,7 +118,10 @@ def load(
         if name not in parts:
             known = nearest(name, parts)
             raise DescriptionError(f"{description.name}: bodies: {name} is not flexible.{known}")
-        parts[name] = replace(parts[name], bodies=(body,) * len(parts[name].bodies))
+        part = parts[name]
+        given = (body,) * len(part.bodies)
+        ends = end_riders(part.spec, part.length)
+        parts[name] = replace(part, bodies=given, riders=ends, share=None)
     for part in parts.values():
         for patch in part.spec.patches:
             patch.require_on_beam(f"{description.name}: flexible.{part.link}", part.length)

@@ -16,8 +16,10 @@ from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody, flexible_body
 from pinflex.description import solid_keys
 from pinflex.description.description import Description
-from pinflex.description.flexible import EndMass, FlexibleLink
+from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
+from pinflex.mechanics import ride
+from pinflex.mechanics.ride import Rider
 from pinflex.mechanics.tree import Link
 from pinflex.text import brief
 
@@ -33,8 +35,11 @@ class FlexiblePart:
         planes: Active directions among u, v, w, p.
         reason: Why these planes.
         bodies: One flexible body per segment, root to tip.
-        root, tip: Concentrated inertias at the ends.
-        spec: The description, with its material's density resolved.
+        riders: Rigid inertias on it: what the beam does not carry of the URDF's inertia, and the
+            end masses of the description.
+        spec: The description, with the density that its stations have.
+        share: Share of the described density that they have, so that the URDF's inertia stays;
+            None where the beam's inertia takes the place of the URDF's.
     """
 
     __repr__ = brief
@@ -45,9 +50,9 @@ class FlexiblePart:
     planes: tuple[str, ...]
     reason: str
     bodies: tuple[FlexibleBody, ...]
-    root: EndMass | None
-    tip: EndMass | None
+    riders: tuple[Rider, ...]
     spec: FlexibleLink
+    share: float | None = None
 
     def section_of(self, point: Array) -> float:
         """Section x (m) that carries a point given in the link's frame, shape (3,)."""
@@ -67,15 +72,14 @@ class FlexiblePart:
                 inertias.append(pin.Inertia(float(mass), point, tensor))
             for twist in body.It:
                 inertias.append(pin.Inertia(0.0, np.zeros(3), np.diag([float(twist), 0.0, 0.0])))
-        for x, end in ((0.0, self.root), (self.length, self.tip)):
-            if end is not None:
-                tensor = np.diag(np.array(end.inertia, float))
-                inertias.append(pin.Inertia(end.mass, np.array([x, 0.0, 0.0]), tensor))
+        for rider in self.riders:
+            place = pin.SE3(np.eye(3), np.array([rider.x, 0.0, 0.0]))
+            inertias.append(place.act(rider.inertia))
         return tuple(self.placement.act(i) for i in inertias)
 
     @property
     def mass(self) -> float:
-        """Mass of the beam without its end masses, kg."""
+        """Mass of the beam without its riders, kg."""
         return float(sum(body.mass.sum() for body in self.bodies))
 
 
@@ -119,25 +123,63 @@ def _part(
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
     planes, reason = _planes(where, spec, poses[number] * placement, normal)
+    mass = links[number].inertia.mass
     if spec.material.rho is None:
-        mass = links[number].inertia.mass
         if mass <= 0:
             raise DescriptionError(
                 f"{where}.material.rho: urdf, but the link has no mass in the URDF. "
                 "Give a density in kg/m^3."
             )
-        rho = mass / (spec.section.A * length)
-        spec = replace(spec, material=replace(spec.material, rho=rho))
-    for other in made:  # equal links are one body: what follows from it is worked out once
-        if (other.length, other.planes) == (length, planes) and other.spec == replace(
-            spec, link=other.link
-        ):
-            bodies = other.bodies
-            break
-    else:
-        bodies = (flexible_body(spec, planes, length / spec.segments),) * spec.segments
-    return FlexiblePart(
-        spec.link, placement, length, planes, reason, bodies, spec.root, spec.tip, spec
+        spec = _with_density(spec, mass / (spec.section.A * length))
+    unit = _bodies(spec, planes, length, made)
+    part = FlexiblePart(
+        spec.link, placement, length, planes, reason, unit, ride.end_riders(spec, length), spec
+    )
+    keeps = spec.inertia == "urdf" and mass > 0
+    return _ridden(where, part, links[number].inertia) if keeps else part
+
+
+def _bodies(
+    spec: FlexibleLink, planes: tuple[str, ...], length: float, made: Sequence[FlexiblePart]
+) -> tuple[FlexibleBody, ...]:
+    """Bodies of the described density; equal links share what follows from it."""
+    for other in made:
+        same = (other.length, other.planes, other.share) == (length, planes, None)
+        if same and other.spec == replace(spec, link=other.link):
+            return other.bodies
+    return (flexible_body(spec, planes, length / spec.segments),) * spec.segments
+
+
+def _with_density(spec: FlexibleLink, rho: float | None) -> FlexibleLink:
+    return replace(spec, material=replace(spec.material, rho=rho))
+
+
+def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
+    """The part with the URDF's inertia, shared between its beam and riders."""
+    spec, rho = part.spec, part.spec.material.rho or 0.0
+    shares = ride.split(part.placement.actInv(urdf), part.bodies, part.length)
+    if shares.share < ride.LEAST:
+        lighter = rho * shares.share / ride.LEAST
+        advice = f", or material.rho up to {lighter:.3g} kg/m^3" if lighter > 1 else ""
+        raise DescriptionError(
+            f"{where}.inertia: a beam of {part.mass:.3g} kg does not fit into the URDF's inertia "
+            f"of {part.link} ({urdf.mass:.3g} kg, {100 * shares.share:.2g} % of the beam fit). "
+            f"Write inertia: beam, so that the beam's own inertia takes its place{advice}."
+        )
+    if "p" in part.planes and shares.turning < ride.LEAST * shares.share:
+        raise DescriptionError(
+            f"{where}.inertia: the URDF gives {part.link} no moment of inertia about its span, so "
+            "its beam cannot twist. Write torsion: false, or inertia: beam to have the beam's own "
+            "inertia in place of the URDF's."
+        )
+    riders = (*shares.riders, *part.riders)
+    body = ride.weighed(part.bodies[0], spec, shares, riders)
+    return replace(
+        part,
+        bodies=(body,) * spec.segments,
+        riders=riders,
+        spec=_with_density(spec, shares.share * rho),
+        share=shares.share,
     )
 
 
@@ -158,7 +200,7 @@ def _solid_part(
     spec = replace(spec, section=equivalent_section(body, spec.material.rho))
     reason = "a solid deforms in every direction"
     directions = ("u", "v", "w", "p")
-    return FlexiblePart(spec.link, placement, length, directions, reason, (body,), None, None, spec)
+    return FlexiblePart(spec.link, placement, length, directions, reason, (body,), (), spec)
 
 
 def _span(
