@@ -20,6 +20,7 @@ from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics import ride
 from pinflex.mechanics.ride import Rider
+from pinflex.mechanics.span import require_carrying, span
 from pinflex.mechanics.tree import Link
 from pinflex.text import brief
 
@@ -118,7 +119,8 @@ def _part(
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
     number = index[spec.link]
-    start, end = _span(where, spec, number, links, index)
+    start, end = span(where, spec, number, links, index)
+    require_carrying(where, description, spec, number, links, index)
     placement, length = _beam_frame(where, spec, links[number], start, end)
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
@@ -201,44 +203,6 @@ def _solid_part(
     reason = "a solid deforms in every direction"
     directions = ("u", "v", "w", "p")
     return FlexiblePart(spec.link, placement, length, directions, reason, (body,), (), spec)
-
-
-def _span(
-    where: str, spec: FlexibleLink, number: int, links: Sequence[Link], index: Mapping[str, int]
-) -> tuple[Array, Array]:
-    """Both ends of the span in the link's frame: joint to next joint unless told otherwise."""
-    start = np.zeros(3) if spec.start is None else _point(where, spec.start, number, links, index)
-    if spec.end is not None:
-        return start, _point(where, spec.end, number, links, index)
-    children = [k for k, link in enumerate(links) if link.parent == number]
-    moving = [k for k in children if links[k].steps] or children
-    points = {tuple(np.round(links[k].placement.translation, 9)): k for k in moving}
-    ends = [k for p, k in points.items() if np.linalg.norm(np.array(p) - start) > 1e-9]
-    if len(ends) == 1:
-        return start, np.array(links[ends[0]].placement.translation)
-    if spec.length is not None:
-        return start, start + np.array([spec.length, 0.0, 0.0])
-    names = ", ".join(links[k].name for k in moving) or "no child"
-    raise DescriptionError(
-        f"{where}: the span is not clear: {spec.link} leads to {names}. "
-        "Give `end: FRAME` (a frame fixed to the link) or `length` in m along the link's x axis."
-    )
-
-
-def _point(
-    where: str, name: str, number: int, links: Sequence[Link], index: Mapping[str, int]
-) -> Array:
-    """Origin of a frame that hangs on a link, in the link's frame at zero joint angles."""
-    placement, k = pin.SE3.Identity(), index[name]
-    while k != number:
-        if k < 0:
-            raise DescriptionError(
-                f"{where}: frame {name} does not hang on the link {links[number].name}. "
-                "Start and end are frames of the link itself or the next joint's link."
-            )
-        placement = links[k].placement * placement
-        k = links[k].parent
-    return np.array(placement.translation)
 
 
 def _beam_frame(

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.actuation.nominal import nominal
 from pinflex.bodies.summary import summary
@@ -51,8 +50,11 @@ class LinkCheck:
         coordinates: Elastic coordinates. segments: Bodies it is cut into.
         planes: Active directions among u (axial), v, w (bending along beam y, z), p (torsion).
         reason: Why these planes.
-        mass, end_masses, urdf_mass: [kg].
-        mass_difference: (beam and end masses - URDF) / URDF, None where the URDF has no mass.
+        mass: Of the beam [kg]. end_masses: Of all that rides rigidly on it. urdf_mass: [kg].
+        riders: Place along the span [m] and mass of each.
+        share: Share of its described density that the beam carries; None where the beam's inertia
+            takes the place of the URDF's.
+        mass_difference: (beam and riders - URDF) / URDF, None where the URDF has no mass.
         centre_shift: Distance of the two centres of mass [m], None likewise.
         inertia_difference: The same ratio for the trace of the inertia about the link's frame.
     """
@@ -71,6 +73,8 @@ class LinkCheck:
     mass: float
     end_masses: float
     urdf_mass: float
+    riders: tuple[tuple[float, float], ...]
+    share: float | None
     mass_difference: float | None
     centre_shift: float | None
     inertia_difference: float | None
@@ -134,6 +138,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
     warnings = (
         *_freedom_warnings(mechanism),
         *(text for link in links for text in _link_warnings(link)),
+        *(text for p in mechanism.parts.values() for text in _carries_nothing(mechanism, p)),
         *check_urdf.ignored(description),
         *check_urdf.beyond_limits(description, mechanism, rest.holding_full),
         *motion_warning,
@@ -220,12 +225,13 @@ def _loops(mechanism: Mechanism) -> tuple[LoopCheck, ...]:
 def _link(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
     spec, section = part.spec, part.spec.section
     urdf = next(link.inertia for link in mechanism.links if link.name == part.link)
-    beam = pin.Inertia.Zero()
+    beam = np.zeros((6, 6))  # about the link's frame
     for inertia in part.rigid_inertias():
-        beam = beam + inertia if inertia.mass > 0 else beam
-    ends = sum(end.mass for end in (part.root, part.tip) if end is not None)
+        beam += inertia.matrix()
+    mass, centre = beam[0, 0], np.array([beam[5, 1], beam[3, 2], beam[4, 0]]) / beam[0, 0]
     known = urdf.mass > 0
-    trace = [float(np.trace(i.matrix()[3:, 3:])) for i in (beam, urdf)]  # about the link's frame
+    trace = [float(np.trace(i[3:, 3:])) for i in (beam, urdf.matrix())]
+    riders = tuple((rider.x, float(rider.inertia.mass)) for rider in part.riders)
     sizes = " x ".join(f"{1e3 * value:.4g}" for _, value in section.dimensions)
     return LinkCheck(
         name=part.link,
@@ -238,19 +244,23 @@ def _link(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
         planes=part.planes,
         reason=part.reason,
         mass=part.mass,
-        end_masses=float(ends),
+        end_masses=sum(kg for _, kg in riders),
         urdf_mass=float(urdf.mass),
-        mass_difference=float(beam.mass / urdf.mass - 1) if known else None,
-        centre_shift=float(np.linalg.norm(beam.lever - urdf.lever)) if known else None,
+        riders=riders,
+        share=part.share,
+        mass_difference=float(mass / urdf.mass - 1) if known else None,
+        centre_shift=float(np.linalg.norm(centre - urdf.lever)) if known else None,
         inertia_difference=trace[0] / trace[1] - 1 if known and trace[1] > 0 else None,
     )
 
 
 def _link_warnings(link: LinkCheck) -> list[str]:
     """The beam's inertia takes the place of the URDF's: said where that changes the robot."""
+    if link.share is not None:
+        return []
     if link.mass_difference is None or link.centre_shift is None:
         mass = link.mass + link.end_masses
-        return [f"{link.name}: the URDF gives no mass; the beam has {mass:.4g} kg."]
+        return [f"{link.name}: the URDF gives no mass; the beam has its own, {mass:.4g} kg."]
     words = []
     if abs(link.mass_difference) > MASS_OFF:
         words.append(
@@ -261,12 +271,29 @@ def _link_warnings(link: LinkCheck) -> list[str]:
         words.append(f"its centre of mass moves by {1e3 * link.centre_shift:.3g} mm")
     if not words:
         return []
-    advice = "add what the beam does not have as root or tip mass."
-    if abs(link.mass_difference) > MASS_OFF:
-        advice = f"write material.rho: urdf to keep the mass, or {advice}"
     return [
         f"{link.name}: the beam replaces the URDF's inertia: {' and '.join(words)}. "
-        f"If that matters, {advice}"
+        "Write inertia: urdf to keep it."
+    ]
+
+
+def _carries_nothing(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
+    """A beam beside the load path: everything that hangs on its link sits at its root."""
+    links = mechanism.links
+    number = next(k for k, link in enumerate(links) if link.name == part.link)
+    sections: dict[str, float] = {}
+    for link in links:
+        if link.parent == number and (link.steps or link.inertia.mass > 0):
+            sections[link.name] = part.section_of(link.placement.translation)
+    loops = {f for loop in mechanism.description.loops for f in (loop.frame_a, loop.frame_b)}
+    for link in links:
+        if link.parent == number and link.name in loops:
+            sections[link.name] = part.length
+    if not sections or any(sections.values()) or part.bodies[0].solid is not None:
+        return []
+    return [
+        f"{part.link}: nothing hangs on its beam beyond the root, where {', '.join(sections)} "
+        f"{'sits' if len(sections) == 1 else 'sit'}: it bends under its own mass alone."
     ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pinflex.studies.check import Check
+from pinflex.studies.check import Check, LinkCheck
 from pinflex.studies.check_statics import Sag, Statics
 from pinflex.text import angle, length, number, paragraph, table
 
@@ -19,6 +19,7 @@ def write(c: Check) -> str:
         _head(c),
         _loop_table(c),
         _link_table(c),
+        _inertia(c),
         _planes(c),
         *c.summaries,
         _statics(c),
@@ -86,11 +87,37 @@ def _link_table(c: Check) -> str:
         rows[-1] += [number(x.mass + x.end_masses), number(x.urdf_mass)]
         rows[-1] += ["-" if d is None else _percent(d) for d in off]
     return table(
-        "Flexible links (beam + end masses against the URDF)",
-        "link|section|material|L [mm]|eta|beam [kg]|URDF [kg]|mass|inertia",
+        "Flexible links (beam and what rides on it, against the URDF)",
+        "link|section|material|L [mm]|eta|kg|URDF [kg]|mass|inertia",
         rows,
         (16, 24, 14),
     )
+
+
+def _inertia(c: Check) -> str:
+    """Who carries what of the URDF's inertia; links that say the same are named together."""
+    groups: dict[str, list[str]] = {}
+    for link in c.links:
+        if link.share is not None:
+            groups.setdefault(_carried(link), []).append(link.name)
+    lines = [
+        paragraph(f"{', '.join(names)}: {text}", "    ", "  ") for text, names in groups.items()
+    ]
+    return "\n".join(["Mass, centre and inertia of the URDF are kept", *lines]) if lines else ""
+
+
+def _carried(link: LinkCheck) -> str:
+    text = f"the beam carries {100 * link.mass / link.urdf_mass:.3g} % of the link's mass"
+    if link.share is not None and link.share < 1 - 1e-6:
+        text += f" ({100 * link.share:.3g} % of its density: more does not fit into the inertia)"
+    riders = [(x, kg) for x, kg in link.riders if kg > 1e-6 * link.urdf_mass]
+    if not riders:
+        return text
+    places = []
+    for x, kg in riders:
+        at = "at the root" if x == 0 else f"at {length(x)}" if x < link.length else "at the tip"
+        places.append(f"{number(kg)} kg {at}")
+    return f"{text}; the rest, motors and covers, rides rigidly: {', '.join(places)}"
 
 
 def _percent(share: float) -> str:

@@ -1,0 +1,115 @@
+"""Where the beam of a flexible link begins and ends, and whether anything rides on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.description.description import Description
+from pinflex.description.flexible import FlexibleLink
+from pinflex.errors import DescriptionError
+from pinflex.mechanics.tree import Link
+
+_HERE = 1e-9  # m
+
+
+def span(
+    where: str, spec: FlexibleLink, number: int, links: Sequence[Link], index: Mapping[str, int]
+) -> tuple[Array, Array]:
+    """Both ends of the span in the link's frame: joint to next joint unless told otherwise."""
+    start = np.zeros(3) if spec.start is None else _point(where, spec.start, number, links, index)
+    if spec.end is not None:
+        return start, _point(where, spec.end, number, links, index)
+    children = [k for k, link in enumerate(links) if link.parent == number]
+    moving = [k for k in children if links[k].steps]
+    # A fixed child may carry the next joint: the load path leaves the link there.
+    moving = moving or [k for k in children if _next_joint(k, links) is not None] or children
+    points = {tuple(np.round(links[k].placement.translation, 9)): k for k in moving}
+    ends = [k for p, k in points.items() if np.linalg.norm(np.array(p) - start) > _HERE]
+    if len(ends) == 1:
+        return start, np.array(links[ends[0]].placement.translation)
+    if spec.length is not None:
+        return start, start + np.array([spec.length, 0.0, 0.0])
+    joint = _next_joint(moving[0], links) if len(moving) == 1 and not ends else None
+    if joint is not None and joint != moving[0]:
+        raise _leaves_at_the_root(where, spec.link, links[moving[0]].name, links[joint].name)
+    names = ", ".join(links[k].name for k in moving) or "no child"
+    raise DescriptionError(
+        f"{where}: the span is not clear: {spec.link} leads to {names}. "
+        "Give `end: FRAME` (a frame fixed to the link) or `length` in m along the link's x axis."
+    )
+
+
+def require_carrying(
+    where: str,
+    description: Description,
+    spec: FlexibleLink,
+    number: int,
+    links: Sequence[Link],
+    index: Mapping[str, int],
+) -> None:
+    """Refuse a beam to an `end` whose load is fixed to the link at the root, beside the beam.
+
+    URDFs often split one arm into two links fixed to each other; the second carries the elbow.
+    """
+    if spec.end is None or spec.end == spec.link:
+        return
+    start = np.zeros(3) if spec.start is None else _point(where, spec.start, number, links, index)
+    first = index[spec.end]
+    while links[first].parent != number:
+        first = links[first].parent
+    named = {f for loop in description.loops for f in (loop.frame_a, loop.frame_b)}
+    named |= {force.frame for force in description.forces}
+    named |= {f for spring in description.springs for f in (spring.frame_a, spring.frame_b)}
+    beyond = [
+        k
+        for k, link in enumerate(links)
+        if link.parent == number and np.linalg.norm(link.placement.translation - start) > _HERE
+    ]
+    carries = any(_next_joint(k, links) is not None or _has(k, links, named) for k in beyond)
+    if not (carries or first in beyond or first == index[spec.end]):
+        raise _leaves_at_the_root(where, spec.link, links[first].name, spec.end)
+
+
+def _leaves_at_the_root(where: str, link: str, child: str, end: str) -> DescriptionError:
+    return DescriptionError(
+        f"{where}: this beam would carry nothing: {child}, which leads to {end}, is fixed to "
+        f"{link} at the beam's root. Make {child} flexible instead, or give `length` in m (along "
+        "the link's x axis, without `end`) to have the beam beside it.",
+        link=link,
+    )
+
+
+def _next_joint(number: int, links: Sequence[Link]) -> int | None:
+    """The first link of a subtree that hangs on a moving joint."""
+    if links[number].steps:
+        return number
+    below = (_next_joint(k, links) for k, link in enumerate(links) if link.parent == number)
+    return next((k for k in below if k is not None), None)
+
+
+def _has(number: int, links: Sequence[Link], names: set[str]) -> bool:
+    """Whether a subtree has mass, or one of these frames."""
+    link = links[number]
+    if link.inertia.mass > 0 or link.name in names:
+        return True
+    return any(_has(k, links, names) for k, below in enumerate(links) if below.parent == number)
+
+
+def _point(
+    where: str, name: str, number: int, links: Sequence[Link], index: Mapping[str, int]
+) -> Array:
+    """Origin of a frame that hangs on a link, in the link's frame at zero joint angles."""
+    placement, k = pin.SE3.Identity(), index[name]
+    while k != number:
+        if k < 0:
+            raise DescriptionError(
+                f"{where}: frame {name} does not hang on the link {links[number].name}. "
+                "Start and end are frames of the link itself or the next joint's link."
+            )
+        placement = links[k].placement * placement
+        k = links[k].parent
+    return np.array(placement.translation)
