@@ -32,10 +32,9 @@ def load(
     """Write scene.urdf and scene.yaml, and load them as a user would.
 
     The references that scenes are held against (closed forms, published numbers) know nothing but
-    the beam, so here the default is `inertia: beam`; solids have their own.
+    the beam, so here the default is `inertia: beam`.
     """
-    solid = "kind: mesh" in yaml or "kind: matrices" in yaml
-    if "flexible:" in yaml and not solid:
+    if "flexible:" in yaml:
         overrides = (f"flexible.*.inertia={inertia}", *overrides)
     (folder / "scene.urdf").write_text(urdf(bodies))
     (folder / "scene.yaml").write_text("urdf: scene.urdf\n" + yaml)

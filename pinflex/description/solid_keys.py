@@ -10,7 +10,7 @@ from pinflex.errors import DescriptionError
 KINDS = ("mesh", "matrices")
 BEAM_KEYS = (
     *("bending_y", "bending_z", "torsion", "axial", "rotary_inertia", "third_order", "shear"),
-    *("root", "tip", "section", "patches", "inertia"),
+    *("root", "tip", "section", "patches"),
 )
 
 
@@ -27,6 +27,10 @@ def refuse_beam_keys(block: dict[str, Any], place: dict[str, str]) -> None:
                 f"{place[key]}: a solid deforms in every direction and has its own inertia, so "
                 "this has no meaning for it. Remove it."
             )
+    if block.get("inertia", "beam") == "urdf":
+        raise DescriptionError(
+            f"{place['inertia']}: a solid has the mass of its mesh or matrices. Remove it."
+        )
     if block.get("segments", 1) != 1:
         raise DescriptionError(f"{place['segments']}: a solid is one body. Remove it.")
 

@@ -87,7 +87,7 @@ class _Assembler:
     def _matters(self, number: int) -> bool:
         """A massless, fixed frame that nothing refers to needs no section of its own."""
         link = self.links[number]
-        if link.steps or link.inertia.mass > 0 or link.name in self.needed:
+        if link.steps or link.weighs or link.name in self.needed:
             return True
         return any(self._matters(child) for child in self.children[number])
 

@@ -168,12 +168,6 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
             f"of {part.link} ({urdf.mass:.3g} kg, {100 * shares.share:.2g} % of the beam fit). "
             f"Write inertia: beam, so that the beam's own inertia takes its place{advice}."
         )
-    if "p" in part.planes and shares.turning < ride.LEAST * shares.share:
-        raise DescriptionError(
-            f"{where}.inertia: the URDF gives {part.link} no moment of inertia about its span, so "
-            "its beam cannot twist. Write torsion: false, or inertia: beam to have the beam's own "
-            "inertia in place of the URDF's."
-        )
     riders = (*shares.riders, *part.riders)
     body = ride.weighed(part.bodies[0], spec, shares, riders)
     return replace(

@@ -94,7 +94,7 @@ def _next_joint(number: int, links: Sequence[Link]) -> int | None:
 def _has(number: int, links: Sequence[Link], names: set[str]) -> bool:
     """Whether a subtree has mass, or one of these frames."""
     link = links[number]
-    if link.inertia.mass > 0 or link.name in names:
+    if link.weighs or link.name in names:
         return True
     return any(_has(k, links, names) for k, below in enumerate(links) if below.parent == number)
 

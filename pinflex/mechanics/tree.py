@@ -49,6 +49,11 @@ class Link:
     steps: tuple[JointStep, ...]
     inertia: pin.Inertia
 
+    @property
+    def weighs(self) -> bool:
+        """Whether it has mass, or moments of inertia alone."""
+        return _weighs(self.inertia)
+
 
 def link_tree(model: pin.Model, extras: Mapping[str, JointExtra]) -> tuple[Link, ...]:
     """Undo Pinocchio's merging of fixed joints: one record per link, parents first.
@@ -123,9 +128,13 @@ def _own_inertias(model: pin.Model) -> dict[int, pin.Inertia]:
             for f in frames
             if f.type == pin.FrameType.FIXED_JOINT
             and f.parentJoint == frame.parentJoint
-            and f.inertia.mass > 0
+            and _weighs(f.inertia)
         ]
         for part in merged:
             inertia = inertia - part
         own[number] = frame.placement.actInv(inertia) if frame.parentJoint else pin.Inertia.Zero()
     return own
+
+
+def _weighs(inertia: pin.Inertia) -> bool:
+    return inertia.mass > 0 or bool(np.any(inertia.inertia))

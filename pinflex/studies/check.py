@@ -283,7 +283,7 @@ def _carries_nothing(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
     number = next(k for k, link in enumerate(links) if link.name == part.link)
     sections: dict[str, float] = {}
     for link in links:
-        if link.parent == number and (link.steps or link.inertia.mass > 0):
+        if link.parent == number and (link.steps or link.weighs):
             sections[link.name] = part.section_of(link.placement.translation)
     loops = {f for loop in mechanism.description.loops for f in (loop.frame_a, loop.frame_b)}
     for link in links:

@@ -10,6 +10,7 @@ import pytest
 
 from pinflex.__main__ import main
 
+# The moments are small for these lengths: no beam fits into them, hence `inertia: beam` below.
 _LINK = """\
   <link name="{name}"><inertial><origin xyz="{half} 0 0"/><mass value="{mass}"/>
     <inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>
@@ -54,6 +55,7 @@ flexible:
   coupler:
     material: {like: aluminium_7075, rho: 2700}
     section: {shape: rectangle, width: 0.02, thickness: 0.005}
+    inertia: beam
 motion: {kind: cycloid, joints: {motor: 0.5}, duration: 0.1}
 solve: {level: coupled, samples: 41, dt: 2.5e-4}
 """
@@ -74,6 +76,7 @@ flexible:
   upper:
     material: {like: steel, rho: urdf}
     section: {shape: rectangle, width: 0.03, thickness: 0.004}
+    inertia: beam
 motion: {kind: cycloid, joints: {shoulder: 1.0}, duration: 0.2}
 solve: {level: coupled, samples: 41, dt: 2.5e-4}
 """

@@ -181,9 +181,8 @@ def test_slender_beams_weigh_what_the_urdf_says(name: str) -> None:
         model.armature[model.joints[model.getJointId(joint)].idx_v] = extra.rotor_inertia
     M = pin.crba(model, model.createData(), m.home)
     ours = Dynamics(m.rigid).mass(m.home)
-    # The links in the URDFs are rods as well, written to nine digits. Those of the ur5 are thicker
-    # and heavier at one end than its tubes, worth 17 % of the inertia about the shoulder.
-    tolerance = 0.2 if name == "ur5" else 1e-8
+    # The ur5 keeps the URDF's inertia; the other URDFs have rods, written to nine digits.
+    tolerance = 1e-12 if name == "ur5" else 1e-8
     np.testing.assert_allclose(np.diag(ours), np.diag(M), rtol=tolerance)
 
 

@@ -128,13 +128,17 @@ def test_stations_give_the_mass_and_damping_matrix_of_the_beam() -> None:
             np.testing.assert_allclose(found.D, body.D, atol=1e-9 * np.abs(body.D).max())
 
 
-def arm(folder: Path, *, inertia: str = "urdf", link: Body | None = None, more: str = "",
-        overrides: tuple[str, ...] = ()) -> pf.Mechanism:  # fmt: skip
-    """A tube on a motor, with a hand of 0.5 kg on a second motor at 0.5 m."""
+def arm_bodies(link: Body | None = None) -> tuple[Body, Body]:
     link = link or Body("link", "base", "revolute", axis=(0, 1, 0), mass=2.0, com=(0.3, 0.01, 0.02),
                         inertia=(4e-3, 3.1e-2, 3e-2))  # fmt: skip
     hand = Body("hand", "link", "revolute", xyz=(0.5, 0, 0), mass=0.5, com=(0.05, 0, 0),
                 inertia=(1e-3, 1e-3, 1e-3))  # fmt: skip
+    return link, hand
+
+
+def arm(folder: Path, *, inertia: str = "urdf", link: Body | None = None, more: str = "",
+        overrides: tuple[str, ...] = ()) -> pf.Mechanism:  # fmt: skip
+    """A tube on a motor, with a hand of 0.5 kg on a second motor at 0.5 m."""
     yaml = f"""
 platform: hand
 flexible:
@@ -143,7 +147,7 @@ flexible:
     section: {{shape: tube, diameter: 0.05, wall: 0.003}}
     {more}
 """
-    return load(folder, (link, hand), yaml, overrides, inertia)
+    return load(folder, arm_bodies(link), yaml, overrides, inertia)
 
 
 def torque_difference(m: pf.Mechanism, seed: int = 3) -> float:
@@ -255,6 +259,25 @@ def test_an_inertia_that_no_beam_fits_into_is_refused_with_what_to_write(tmp_pat
     assert arm(tmp_path, link=lump, inertia="beam").parts["link"].mass > 0.5
 
 
+def test_moments_without_mass_on_a_fixed_link_are_counted_once(tmp_path: Path) -> None:
+    """As the feet of Bolt: 0 kg, but a moment of inertia."""
+    foot = Body("foot", "hand", xyz=(0.1, 0, 0), inertia=(1e-3, 2e-3, 3e-3))
+    yaml = "flexible:\n  link: {material: aluminium, section: {shape: circle, diameter: 0.02}}\n"
+    bodies = (*arm_bodies(), foot)
+    m = load(tmp_path, bodies, yaml, inertia="urdf")
+    assert torque_difference(m) < 1e-12
+
+
+def test_a_rod_without_moment_about_its_span_twists_without_inertia(tmp_path: Path) -> None:
+    rod = Body("link", "base", "revolute", axis=(0, 1, 0), mass=2.0, com=(0.25, 0, 0),
+               inertia=(0.0, 2 * 0.5**2 / 12, 2 * 0.5**2 / 12))  # fmt: skip
+    m = arm(tmp_path, link=rod)
+    assert m.parts["link"].share == pytest.approx(1.0)
+    assert m.parts["link"].bodies[0].It.sum() == 0.0
+    assert torque_difference(m) < 1e-12
+    assert check(m).frequencies[0] > 10  # [Hz]
+
+
 SPLIT_ARM = (  # as in the PR2: what turns and what carries the elbow are fixed to each other
     Body("roll", "base", "revolute", axis=(1, 0, 0), mass=2.0, com=(0.2, 0, 0),
          inertia=(1e-2, 5e-2, 5e-2)),
@@ -297,3 +320,6 @@ def test_the_key_has_two_values() -> None:
     assert {link.inertia for link in description.flexible} == {"urdf"}
     with pytest.raises(pf.DescriptionError, match="inertia.*urdf, beam"):
         description.with_overrides(["flexible.*.inertia=rigid"])
+    solid = "flexible.forearm_link={material: steel, basis: {kind: mesh, rod: {diameters: [0.1]}}"
+    with pytest.raises(pf.DescriptionError, match="a solid has the mass of its mesh"):
+        description.with_overrides([f"{solid}, inertia: urdf}}"])

@@ -33,7 +33,7 @@ def test_balanced_torques_and_poses_tend_to_the_rigid_ones_like_one_over_stiffne
         pose.append(balanced.deviation_from(rigid, "tool0").max())
     assert slope(FACTORS, torque) == pytest.approx(-1.0, abs=0.03)
     assert slope(FACTORS, pose) == pytest.approx(-1.0, abs=0.01)
-    assert torque[-1] < 1e-4  # [N m] of 52
+    assert torque[-1] < 1e-4  # [N m] of 58
 
 
 def test_vibrating_torques_tend_to_the_rigid_ones_too() -> None:
@@ -49,7 +49,8 @@ def test_vibrating_torques_tend_to_the_rigid_ones_too() -> None:
     # The amplitude of the ringing falls with the ratio of a period to the motion, 1/sqrt(E), and
     # faster where damping (stiffness-proportional) ends it.
     assert slope(FACTORS, torque) < -0.5
-    assert torque[-1] < 2e-3 * 52  # [N m]
+    # 2.0e-3 of the peak; 1.7e-3 with links of evenly spread mass, whose modes lie 4 % higher
+    assert torque[-1] < 2.2e-3 * 58  # [N m]
 
 
 def test_frequencies_fall_with_the_payload() -> None:
@@ -63,6 +64,11 @@ def test_frequencies_fall_with_the_payload() -> None:
 
 
 def test_the_links_weigh_what_the_urdf_says() -> None:
+    """Mass, centre and moments: the beams carry what a tube weighs, the rest rides on them."""
     m = stiffened(1.0)
-    assert m.parts["upper_arm_link"].mass == pytest.approx(8.393, rel=1e-9)
-    assert m.parts["forearm_link"].mass == pytest.approx(2.275, rel=1e-9)
+    for name, tube in (("upper_arm_link", 1.438), ("forearm_link", 0.7187)):  # [kg] rho A L
+        part = m.parts[name]
+        assert part.mass == pytest.approx((part.share or 0) * tube, rel=1e-3)
+        urdf = next(link.inertia.matrix() for link in m.links if link.name == name)
+        every = sum((i.matrix() for i in part.rigid_inertias()), np.zeros((6, 6)))
+        np.testing.assert_allclose(every, urdf, atol=1e-12 * np.abs(urdf).max())
