@@ -91,6 +91,22 @@ step.consistent_acceleration = nothing
 """,
         ["tests/hard/test_steps.py", "tests/hard/test_starts.py"],
     ),
+    "riders off: what the beam cannot carry of a link's inertia is lost": (
+        """
+import pinflex.mechanics.ride as ride
+from dataclasses import replace
+plain = ride.split
+ride.split = lambda *link: replace(plain(*link), riders=())
+""",
+        ["tests/unit/test_ride.py", "tests/validation/test_ur5.py"],
+    ),
+    "riders at the root: none of them loads the beam": (
+        """
+import pinflex.mechanics.ride as ride
+ride._beside_the_centre = lambda rest: 0.0
+""",
+        ["tests/unit/test_ride.py"],
+    ),
 }
 _LONG = "tests/hard/test_steps.py::test_a_hundred_thousand_steps_do_not_drift_off_the_loop"
 _RUN = """

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
+from pinflex.bodies.basis import FlexibleBody
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Slot
@@ -119,12 +120,23 @@ def _fastest(run: Run, slot: Slot, M: Array) -> float:
 
 def first_frequency(part: FlexiblePart) -> float:
     """Lowest bending frequency of a link clamped at its root, rad/s (inf if it does not bend)."""
+    if part.share is not None and len(part.bodies) == 1:  # much of the link may ride on the beam
+        return _ridden_frequency(part.bodies[0])
     stiffness = _stiffness(part)
     rho = part.spec.material.rho or 0.0
     if stiffness is None or rho <= 0:
         return float("inf")
     per_length = rho * part.spec.section.A
     return float(1.8751040687**2 * np.sqrt(stiffness / (per_length * part.length**4)))
+
+
+def _ridden_frequency(body: FlexibleBody) -> float:
+    """The same of a body whose mass matrix has what rides on it, plane by plane."""
+    from scipy.linalg import eigh
+
+    planes = [body.slices[d] for d in ("v", "w") if d in body.slices]
+    lowest = [eigh(body.K[p, p], body.M[p, p], eigvals_only=True)[0] for p in planes]
+    return float(np.sqrt(min(lowest, default=np.inf)))
 
 
 def euler_load(part: FlexiblePart) -> float:

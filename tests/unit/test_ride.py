@@ -17,6 +17,7 @@ from pinflex.description.material import named
 from pinflex.description.section import from_spec
 from pinflex.mechanics import ride
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.results.validity import first_frequency
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
 from tests.finite import slope
@@ -226,6 +227,20 @@ flexible:
     expected = m * g * a**2 * (3 * L - a) / (6 * EI) + beam * g * L**3 / (8 * EI)
     # 1e-3: a kink at the ball, from smooth shapes with two internal modes
     assert np.linalg.norm(sag) == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_first_frequency_of_a_link_is_that_with_what_rides_on_it(tmp_path: Path) -> None:
+    """A tip mass M on a beam without mass: 3 EI / M L^3 (Rayleigh's 33/140 of the beam added)."""
+    section, L = from_spec(TUBE), 0.5
+    beam, M = 2700 * section.A * L, 20.0
+    com, twist = M * L / (beam + M) + beam * L / 2 / (beam + M), 2700 * section.Ip * L
+    across = M * L**2 + beam * L**2 / 3 - (beam + M) * com**2 + 1e-3 + twist
+    link = Body("link", "base", "revolute", axis=(0, 1, 0), mass=beam + M, com=(com, 0, 0),
+                inertia=(1e-3 + twist, across, across))  # fmt: skip
+    part = arm(tmp_path, link=link).parts["link"]
+    expected = np.sqrt(3 * 7e10 * section.Iy / (L**3 * (M + 33 / 140 * beam)))
+    # 1 %: the ball of 1e-3 kg m^2 turns with the tip too
+    assert first_frequency(part) == pytest.approx(expected, rel=0.01)
 
 
 def test_check_says_who_carries_what(tmp_path: Path) -> None:
