@@ -39,7 +39,7 @@ class Mechanism:
         description: What was read.
         links: Link tree.
         parts: Flexible links by name.
-        rigid: The rigid mechanism (flexible links undeformed, with their beams' mass).
+        rigid: The rigid mechanism (flexible links undeformed).
         flexible: The flexible mechanism; the same object as `rigid` without flexible links.
         home: Closed rigid pose q, shape (nq_rigid,).
         coordinates: Name of every rigid velocity row.

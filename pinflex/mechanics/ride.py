@@ -16,6 +16,9 @@ which is positive semidefinite exactly if some positive mass distribution has it
    that leaves the kinetic energy of the remainder positive semidefinite;
 4. the remainder rides on the section beside its own centre of mass, so that weight and inertia load
    the beam with the right moment.
+
+Moments that were estimated often violate the triangle inequality, or nearly: then 1. and 2. would
+leave the beam next to nothing, and ask, as 3. does, for the kinetic energy alone.
 """
 
 from __future__ import annotations

@@ -96,6 +96,11 @@ def nodal_forces(
             f"nodal_forces: {link}: needs basis: {{kind: finite_element}} without rotary inertia "
             "or shear. Section forces of any basis are in result.link(name).resultant."
         )
+    if any(0 < rider.x < part.length for rider in part.riders):
+        raise DescriptionError(
+            f"nodal_forces: {link}: part of the URDF's inertia rides between its nodes. Write "
+            f"flexible.{link}.inertia: beam. Section forces are in result.link(name).resultant."
+        )
     samples = samples_of(mechanism, result)
     run = samples.run
     slots = [s for s in run.system.expansion.slots if s.link == link]
@@ -137,10 +142,9 @@ def _body(
     force, moment, generalised = _balance(samples, slot, eta, nodes)
     E, G, S = spec.material.E, spec.material.G, spec.section
     stiffness = {"u": E * S.A, "v": E * S.Iz, "w": E * S.Iy, "p": G * S.J}
-    density = rho_A / S.A
     for direction, at in body.slices.items():
         p = direction == "p"
-        inertia = density * S.Ip if p else rho_A
+        inertia = float(body.It.sum()) / body.length if p else rho_A
         where = body.xt if p else body.x
         rows = slot.twists if p else slot.stations[:, "uvw".index(direction)]
         P = _elements(
