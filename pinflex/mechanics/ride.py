@@ -32,6 +32,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody, damping
 from pinflex.description.flexible import EndMass, FlexibleLink
+from pinflex.text import brief
 
 # Smallest share of its density that a beam may carry. Below it the modes of the beam alone lie
 # seven times higher than those of the beam as described, and the section was not of this link.
@@ -44,6 +45,8 @@ _AT_END = 0.05  # of the span: a remainder so near an end rides on the end itsel
 @dataclass(frozen=True)
 class Rider:
     """A rigid inertia on the section at x [m], in the section's frame (axes of the beam)."""
+
+    __repr__ = brief
 
     x: float
     inertia: pin.Inertia
