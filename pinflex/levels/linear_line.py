@@ -18,10 +18,10 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.levels.linear_march import Instant
 from pinflex.levels.pieces import Pieces
-from pinflex.levels.quasistatic import structural_stiffness
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.structure import structural_stiffness
 
 _NODES = 8  # intervals between the nodes of a piece to begin with
 _FEW = 4  # the same where a piece is one polynomial of the motion
@@ -69,7 +69,6 @@ class Line:
         self.v, self.a = (np.zeros((len(path.t), system.nv)) for _ in range(2))
         self.v[:, :m], self.a[:, :m] = path.v, path.a
         self._damping, self._structural = mechanism.description.system_damping, structural
-        self._structure = structural_stiffness(self.dynamics)
 
     def flat(self, k: int) -> Array:
         """The undeformed pose of an instant."""
@@ -83,12 +82,13 @@ class Line:
         base = _rigid_multipliers(dynamics, y, v, a)
         r = dynamics.residual(y, v, a, base)
         M, C, K = dynamics.tangent(y, v, a, base)
-        if self._structural:
-            C, K = system.D, self._structure
         alpha, beta = self._damping
-        if alpha or beta:
-            C = C + alpha * M + beta * self._structure
         J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
+        if self._structural or alpha or beta:
+            structure = structural_stiffness(dynamics, y)
+            if self._structural:
+                C, K = system.D, structure
+            C = C + alpha * M + beta * structure
         return Here(Instant(M, C, K, r, J), base)
 
     def at(self, k: int) -> Linear:

@@ -12,9 +12,10 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError, SingularityError
-from pinflex.levels.quasistatic import null_space, rest, structural_stiffness
+from pinflex.levels.quasistatic import rest
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.structure import null_space, structural_stiffness
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
@@ -94,7 +95,8 @@ def linearised(
     if preload not in ("gravity", "none"):
         raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
     if preload == "none":
-        return mechanism.undeformed(q), structural_stiffness(dynamics)
+        y = mechanism.undeformed(q)
+        return y, structural_stiffness(dynamics, y)
     found, still = rest(mechanism, q), np.zeros(dynamics.system.nv)
     return found.y, dynamics.tangent(found.y, still, still, found.lam)[2]
 

@@ -15,6 +15,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.structure import null_space, structural_stiffness
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
@@ -193,22 +194,13 @@ def negative(K: Array, J: Array) -> int:
         return int(np.sum(np.linalg.eigvalsh(Z.T @ K @ Z) < -_NEUTRAL))
 
 
-def null_space(J: Array) -> Array:
-    """Orthonormal basis of the motions that J allows, shape (n, n - rank)."""
-    if not len(J):
-        return np.eye(J.shape[1])
-    _, sigma, Vt = np.linalg.svd(J)
-    rank = int(np.sum(sigma > 1e-10 * sigma[0]))
-    return np.asarray(Vt[rank:].T)
-
-
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness."""
     dynamics, system = Dynamics(mechanism.flexible), mechanism.flexible
     y0, still, free = mechanism.undeformed(q), np.zeros(system.nv), system.free
     r0 = dynamics.residual(y0, still, still, np.zeros(system.closed.n))
     J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
-    K = structural_stiffness(dynamics)
+    K = structural_stiffness(dynamics, y0)
     n, rows = len(free), len(J)
     S = np.zeros((n + rows, n + rows))
     S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J[:, free].T, J[:, free]
@@ -217,14 +209,6 @@ def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     dy[free] = x[:n]
     r = r0 + K @ dy - J.T @ x[n:]
     return Equilibrium(dynamics.integrate(y0, dy), x[n:], r, 1)
-
-
-def structural_stiffness(dynamics: Dynamics) -> Array:
-    """K of links and springs alone, without the stiffness that loads bring."""
-    K = dynamics.system.K.copy()
-    springs = dynamics.system.springs
-    K[springs.v_at, springs.v_at] += springs.stiffness
-    return K
 
 
 def solve_quasistatic(

@@ -128,6 +128,19 @@ class LoadState:
             out -= self._spring_tangent(spring, a, b, lifted, w_v, w_y)
         return out
 
+    def stiffness(self, times_map: Times) -> Array:
+        """Stiffness of the springs along their lines, shape (nv, nv)."""
+        J = columns(self._data.J)
+        rows = []
+        for spring, a, b in self._given.springs:
+            p_a, p_b = self._point(a), self._point(b)
+            u = (p_b - p_a) / max(float(np.linalg.norm(p_b - p_a)), 1e-300)
+            apart = np.concatenate([u, np.cross(p_b, u)]) @ (J * self._support[b.joint])
+            apart -= np.concatenate([u, np.cross(p_a, u)]) @ (J * self._support[a.joint])
+            rows.append(np.sqrt(spring.stiffness) * apart)
+        stretch = times_map(np.array(rows))
+        return np.asarray(stretch.T @ stretch)
+
     def _spring_tangent(
         self,
         spring: FrameSpring,

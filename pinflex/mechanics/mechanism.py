@@ -12,8 +12,9 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.description import Description, read
+from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError, SingularityError, nearest
-from pinflex.mechanics import assembly
+from pinflex.mechanics import assembly, relevance
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble, limits_of
 from pinflex.mechanics.closure import Closures, closures
@@ -23,12 +24,16 @@ from pinflex.mechanics.expansion import expand, of_model
 from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.loads import loads
 from pinflex.mechanics.loop_axes import axis_hint
-from pinflex.mechanics.parts import FlexiblePart, resolve
+from pinflex.mechanics.parts import FlexiblePart, LeftOut, any_undecided, resolve
 from pinflex.mechanics.ride import end_riders
 from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.system import Springs, System
 from pinflex.mechanics.tree import Link, link_tree
 from pinflex.text import short
+
+
+# Elastic coordinates above which `auto` is decided with a coarse model: it need not be exact.
+_LOOK = 100
 
 
 @dataclass(frozen=True)
@@ -113,18 +118,10 @@ def load(
         description = description.with_overrides(list(overrides))
     model = _pinocchio_model(description)
     links = link_tree(model, description.joints)
-    parts = resolve(description, links)
-    for name, body in (bodies or {}).items():
-        if name not in parts:
-            known = nearest(name, parts)
-            raise DescriptionError(f"{description.name}: bodies: {name} is not flexible.{known}")
-        part = parts[name]
-        given = (body,) * len(part.bodies)
-        ends = end_riders(part.spec, part.length)
-        parts[name] = replace(part, bodies=given, riders=ends, share=None)
-    for part in parts.values():
-        for patch in part.spec.patches:
-            patch.require_on_beam(f"{description.name}: flexible.{part.link}", part.length)
+    own = bodies or {}
+    look = any_undecided(description, links, own)
+    coarse = look and sum(_size(spec) for spec in description.flexible) > _LOOK
+    parts = _parts(description, links, own, coarse=coarse)
     needed = _needed_frames(description)
     gravity = np.array(description.gravity, float)
     changed = any(extra.type for extra in description.joints.values())
@@ -133,16 +130,32 @@ def load(
     else:
         tree = of_model(model, links)
     _add_rotors(tree.model, description)
-    rigid_model = tree.model
-    coordinates = _coordinates(rigid_model)
-    motors = _motors(description, rigid_model)
-    limits = limits_of(model, rigid_model)
+    coordinates = _coordinates(tree.model)
+    motors = _motors(description, tree.model)
+    limits = limits_of(model, tree.model)
     rigid, home, report = _rigid_system(description, tree, parts, motors, coordinates, limits)
     if not parts:
         return Mechanism(description, links, parts, rigid, rigid, home, coordinates, report, report)
-    expansion = expand(links, parts, needed, rigid_model, gravity)
-    expansion.model.armature[expansion.v_at] = rigid_model.armature
-    flexible, flexible_report = _flexible_system(description, expansion, parts, rigid, home)
+
+    def with_elasticity() -> tuple[System, LoopReport]:
+        expansion = expand(links, parts, needed, rigid.rigid, gravity)
+        expansion.model.armature[expansion.v_at] = rigid.rigid.armature
+        return _flexible_system(description, expansion, parts, rigid, home)
+
+    flexible, flexible_report = with_elasticity()
+    if look:
+        out = relevance.left_out(description, links, parts, flexible, home, tuple(own))
+        if coarse or any(out.values()):
+            parts = _parts(description, links, own, out)
+            tree = expand(links, parts, needed, None, gravity)
+            _add_rotors(tree.model, description)
+            if rigid.closed.contacts:  # a sleeve knows the beam that it is on
+                rigid, home, report = _rigid_system(
+                    description, tree, parts, motors, coordinates, limits
+                )
+            else:  # the same joints, other masses at most
+                rigid = replace(rigid, rigid=tree.model, expansion=tree)
+            flexible, flexible_report = with_elasticity()
     return Mechanism(
         description,
         links,
@@ -159,6 +172,35 @@ def load(
             starts=report.starts,
         ),
     )
+
+
+def _parts(
+    description: Description,
+    links: Sequence[Link],
+    own: Mapping[str, FlexibleBody],
+    without: Mapping[str, Sequence[LeftOut]] | None = None,
+    coarse: bool = False,
+) -> dict[str, FlexiblePart]:
+    """Flexible links with their bodies, some of them given."""
+    parts = resolve(description, links, without, coarse)
+    for name, body in own.items():
+        if name not in parts:
+            known = nearest(name, parts)
+            raise DescriptionError(f"{description.name}: bodies: {name} is not flexible.{known}")
+        part = parts[name]
+        ends = end_riders(part.spec, part.length)
+        parts[name] = replace(part, bodies=(body,) * len(part.bodies), riders=ends, share=None)
+    for part in parts.values():
+        for patch in part.spec.patches:
+            patch.require_on_beam(f"{description.name}: flexible.{part.link}", part.length)
+    return parts
+
+
+def _size(spec: FlexibleLink) -> int:
+    """How many coordinates a beam has with every direction on, roughly."""
+    basis = spec.basis
+    most = {"craig_bampton": basis.internal + 2, "finite_element": 2 * basis.elements}
+    return 4 * spec.segments * most.get(basis.kind, basis.modes)
 
 
 def _pinocchio_model(description: Description) -> pin.Model:

@@ -5,7 +5,7 @@ Model only what the scene needs: a mechanism that moves in one plane bends in th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,6 +26,19 @@ from pinflex.text import brief
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A deformation that `auto` leaves out: its largest share of anything, and of what.
+
+    Attributes:
+        direction: u, v, w or p. share: Largest share. of: Of what, in words.
+    """
+
+    direction: str
+    share: float
+    of: str
+
+
+@dataclass(frozen=True)
 class FlexiblePart:
     """A flexible link, resolved.
 
@@ -41,6 +54,7 @@ class FlexiblePart:
         spec: The description, with the density that its stations have.
         share: Share of the described density that they have, so that the URDF's inertia stays;
             None where the beam's inertia takes the place of the URDF's.
+        left_out: What `auto` left out, though the scene may excite it.
     """
 
     __repr__ = brief
@@ -54,6 +68,7 @@ class FlexiblePart:
     riders: tuple[Rider, ...]
     spec: FlexibleLink
     share: float | None = None
+    left_out: tuple[LeftOut, ...] = ()
 
     def section_of(self, point: Array) -> float:
         """Section x (m) that carries a point given in the link's frame, shape (3,)."""
@@ -84,28 +99,52 @@ class FlexiblePart:
         return float(sum(body.mass.sum() for body in self.bodies))
 
 
-def resolve(description: Description, links: Sequence[Link]) -> dict[str, FlexiblePart]:
+def resolve(
+    description: Description,
+    links: Sequence[Link],
+    without: Mapping[str, Sequence[LeftOut]] | None = None,
+    coarse: bool = False,
+) -> dict[str, FlexiblePart]:
     """Turn the description of flexible links into bodies.
 
     Args:
         description: The scene (its gravity and joint axes decide which planes are excited).
         links: Link tree.
+        without: What `auto` leaves out, by link (see `pinflex.mechanics.relevance`).
+        coarse: Bodies with few coordinates, for a look at what deforms.
     Returns:
         Parts by link name.
     Raises:
         DescriptionError: A span that cannot be found, a mass that is not there.
     """
     index = {link.name: number for number, link in enumerate(links)}
+    poses, normal = plane_of(links, np.array(description.gravity, float))
+    slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
+    parts: dict[str, FlexiblePart] = {}
+    for spec in description.flexible:
+        made, out = tuple(parts.values()), tuple((without or {}).get(spec.link, ()))
+        spec = _coarse(spec) if coarse and spec.link not in slides else spec
+        parts[spec.link] = _part(description, spec, links, index, poses, normal, made, out)
+    return parts
+
+
+def plane_of(links: Sequence[Link], gravity: Array) -> tuple[list[pin.SE3], Array | None]:
+    """Poses of the links at zero joint angles, and the normal of the plane all motion stays in."""
     poses: list[pin.SE3] = []
     for link in links:
         above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
         poses.append(above * link.placement)
-    normal = _plane_normal(links, poses, np.array(description.gravity, float))
-    parts: dict[str, FlexiblePart] = {}
-    for spec in description.flexible:
-        made = tuple(parts.values())
-        parts[spec.link] = _part(description, spec, links, index, poses, normal, made)
-    return parts
+    return poses, _plane_normal(links, poses, gravity)
+
+
+def _coarse(spec: FlexibleLink) -> FlexibleLink:
+    """The link with static end shapes alone, which are exact for loads at its ends."""
+    if spec.basis.kind in solid_keys.KINDS:
+        return spec
+    basis = spec.basis
+    if basis.kind == "craig_bampton":
+        basis = replace(basis, internal=0)
+    return replace(spec, segments=1, basis=basis, second_order=False)
 
 
 def _part(
@@ -116,6 +155,7 @@ def _part(
     poses: Sequence[pin.SE3],
     normal: Array | None,
     made: Sequence[FlexiblePart],
+    out: tuple[LeftOut, ...],
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
     number = index[spec.link]
@@ -124,7 +164,7 @@ def _part(
     placement, length = _beam_frame(where, spec, links[number], start, end)
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
-    planes, reason = _planes(where, spec, poses[number] * placement, normal)
+    planes, reason = _planes(where, spec, poses[number] * placement, normal, out)
     mass = links[number].inertia.mass
     if spec.material.rho is None:
         if mass <= 0:
@@ -135,7 +175,15 @@ def _part(
         spec = _with_density(spec, mass / (spec.section.A * length))
     unit = _bodies(spec, planes, length, made)
     part = FlexiblePart(
-        spec.link, placement, length, planes, reason, unit, ride.end_riders(spec, length), spec
+        spec.link,
+        placement,
+        length,
+        planes,
+        reason,
+        unit,
+        ride.end_riders(spec, length),
+        spec,
+        left_out=out,
     )
     keeps = spec.inertia == "urdf" and mass > 0
     return _ridden(where, part, links[number].inertia) if keeps else part
@@ -177,6 +225,15 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
         spec=_with_density(spec, shares.share * rho),
         share=shares.share,
     )
+
+
+def _placed(
+    where: str, spec: FlexibleLink, links: Sequence[Link], index: Mapping[str, int]
+) -> tuple[pin.SE3, float]:
+    """Beam frame in the link's frame, and the span."""
+    number = index[spec.link]
+    start, end = span(where, spec, number, links, index)
+    return _beam_frame(where, spec, links[number], start, end)
 
 
 def _solid_part(
@@ -270,21 +327,56 @@ def _plane_normal(links: Sequence[Link], poses: Sequence[pin.SE3], gravity: Arra
     return normal if not heights or np.ptp(heights) <= 1e-6 * max(reach, 1e-9) else None
 
 
+def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
+    """Those of a beam's planes about which the description says `auto`; one always stays."""
+    if spec.basis.kind in solid_keys.KINDS or len(planes) < 2:
+        return ()
+    asked = _asked(spec)
+    return tuple(d for d in planes if asked[d] == "auto")
+
+
+def any_undecided(
+    description: Description, links: Sequence[Link], given: Collection[str] = ()
+) -> bool:
+    """Whether `auto` asks for a look at what deforms, in any link but those of given bodies."""
+    index = {link.name: number for number, link in enumerate(links)}
+    poses, normal = plane_of(links, np.array(description.gravity, float))
+    for spec in description.flexible:
+        if spec.basis.kind in solid_keys.KINDS or spec.link in given:
+            continue
+        where = f"{description.name}: flexible.{spec.link}"
+        placement, _ = _placed(where, spec, links, index)
+        planes, _ = _planes(where, spec, poses[index[spec.link]] * placement, normal, ())
+        if undecided(spec, planes):
+            return True
+    return False
+
+
+def _asked(spec: FlexibleLink) -> dict[str, bool | str]:
+    return {"u": spec.axial, "v": spec.bending_y, "w": spec.bending_z, "p": spec.torsion}
+
+
 def _planes(
-    where: str, spec: FlexibleLink, world: pin.SE3, normal: Array | None
+    where: str,
+    spec: FlexibleLink,
+    world: pin.SE3,
+    normal: Array | None,
+    out: Sequence[LeftOut],
 ) -> tuple[tuple[str, ...], str]:
-    """Active directions: what was asked, and otherwise what the scene can excite."""
+    """Active directions: what was asked, and otherwise what the scene excites enough to matter."""
     if normal is None:
-        auto = {"u": False, "v": True, "w": True, "p": True}
-        reason = "spatial scene: both bending planes and torsion"
+        auto = dict.fromkeys("uvwp", True)
+        reason = "spatial scene"
     else:
         along = abs(float(world.rotation[:, 2] @ normal))
-        auto = {"u": False, "v": along > 1e-6, "w": along < 1 - 1e-6, "p": False}
-        reason = "planar scene: bending in the plane only"
-    asked = {"u": spec.axial, "v": spec.bending_y, "w": spec.bending_z, "p": spec.torsion}
+        auto = {"u": True, "v": along > 1e-6, "w": along < 1 - 1e-6, "p": False}
+        reason = "planar scene: nothing bends out of the plane or twists"
+    for left in out:
+        auto[left.direction] = False
+    asked = _asked(spec)
     chosen = {d: auto[d] if asked[d] == "auto" else bool(asked[d]) for d in "uvwp"}
-    if asked["p"] == "auto":
-        chosen["p"] = chosen["p"] and chosen["v"] and chosen["w"]
+    if asked["p"] == "auto" and False in (asked["v"], asked["w"]):
+        chosen["p"] = False  # the user has made the scene plane
     if not any(chosen.values()):
         raise DescriptionError(
             f"{where}: every direction is off. Leave at least one of axial, bending_y, bending_z, "
@@ -292,6 +384,4 @@ def _planes(
         )
     if any(value != "auto" for value in asked.values()):
         reason = "as asked; otherwise " + reason
-    if asked["u"] == "auto":
-        reason += "; axial stretch left out (far above the bending band)"
     return tuple(d for d in "uvwp" if chosen[d]), reason

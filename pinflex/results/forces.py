@@ -11,12 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.levels.quasistatic import structural_stiffness
 from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.slider import Contact
 from pinflex.mechanics.stacked import Stacked, spans
+from pinflex.mechanics.structure import structural_stiffness
 from pinflex.results.moves import TOGETHER
 from pinflex.text import brief
 
@@ -144,7 +144,7 @@ class _Pass:
         run, dynamics = self.run, self.dynamics
         y, v = run.acting(k)
         d, dv = dynamics.difference(y, run.y[k]), run.v[k] - v
-        K = structural_stiffness(dynamics)
+        K = structural_stiffness(dynamics, y)
         alpha, beta = self.mechanism.description.system_damping
         force = K @ (d + beta * dv) + run.system.D @ dv
         return np.asarray(force + alpha * dynamics.mass(y) @ dv) if alpha else force

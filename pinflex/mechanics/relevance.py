@@ -1,0 +1,315 @@
+"""Which deformations matter: `auto` is decided by what a deformation does in linear statics.
+
+All that a scene may excite is first put into a coarse model (static end shapes alone). At home, its
+motors locked, that model bears a unit force and moment at the platform along each axis, its own
+weight and loads, the inertia forces of each motor's unit acceleration, and those of the nominal
+motion at a few instants (as they are at home). With linear elasticity the share of a deformation in the energy of a case is d ln C / d ln (1/k), how
+much of the compliance C it makes; between two cases, as the platform's wrench and the weight, the
+mutual energy is its part of the sag, and with a unit move of a motor its part of the holding
+torque. What has less than `NEGLIGIBLE` of all of these is left out. Bending has to be as small
+under the weight of the links in any direction too: a rod between two balls bends by nothing else.
+
+A truss determines the forces in its members, so that these shares are exact there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.description.description import Description
+from pinflex.description.motion import Motion, from_spec
+from pinflex.errors import PinflexError
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.parts import FlexiblePart, LeftOut, undecided
+from pinflex.mechanics.structure import null_space, structural_stiffness
+from pinflex.mechanics.system import System
+from pinflex.mechanics.tree import Link
+
+NEGLIGIBLE = 1e-3
+_HELD = 1e-9  # of the stretch of a single beam: a compliance below is round-off
+_NO_LOAD = 1e-20  # of the squared load, its elastic rows scaled to unit stiffness: round-off
+_NO_SAG = 1e-6  # of what the energies of both cases would allow: zero by symmetry
+_LOOSE = 1e-11  # of the largest scaled stiffness: free to move, and held
+_AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
+_BENDING = ("v", "w")
+_INSTANTS = 4
+Key = tuple[str, str]  # link, direction
+
+
+@dataclass
+class _Shares:
+    """The largest share of every deformation so far, and of what."""
+
+    best: dict[Key, tuple[float, str]] = field(default_factory=dict)
+
+    def add(self, parts: Mapping[Key, float], of: str) -> None:
+        for key, share in parts.items():
+            if share >= self.best.get(key, (-1.0, ""))[0]:
+                self.best[key] = (share, of)
+
+
+def left_out(
+    description: Description,
+    links: Sequence[Link],
+    parts: Mapping[str, FlexiblePart],
+    system: System,
+    home: Array,
+    given: Sequence[str] = (),
+) -> dict[str, tuple[LeftOut, ...]]:
+    """What `auto` leaves out, by link.
+
+    Args:
+        description: The scene. links: Link tree.
+        parts: Coarse bodies with every direction that the scene may excite.
+        system: The flexible mechanism made of them.
+        home: Closed rigid pose.
+        given: Links whose bodies come from elsewhere: nothing of them is left out.
+    """
+    best = shares(description, links, parts, system, home)
+    groups: dict[str, list[FlexiblePart]] = {}
+    for name, part in parts.items():
+        if name not in given:  # equal links stay equal, wherever they are
+            groups.setdefault(f"{part.length:.9g} {replace(part.spec, link='')}", []).append(part)
+    found: dict[str, tuple[LeftOut, ...]] = {}
+    for equal in groups.values():
+        directions = undecided(equal[0].spec, equal[0].planes)
+        worst = {d: max(best.get((p.link, d), (0.0, ""))[0] for p in equal) for d in directions}
+        out = [d for d in directions if worst[d] < NEGLIGIBLE]
+        if len(out) == len(equal[0].planes):  # a link that is described deforms somehow
+            out.remove(max(out, key=lambda d: worst[d]))
+        for part in equal:
+            left = (LeftOut(d, *best.get((part.link, d), (0.0, ""))) for d in out)
+            found[part.link] = tuple(left)
+    return found
+
+
+def shares(
+    description: Description,
+    links: Sequence[Link],
+    parts: Mapping[str, FlexiblePart],
+    system: System,
+    home: Array,
+) -> dict[Key, tuple[float, str]]:
+    """Largest share of each deformation in compliance, sag, holding torques and inertia loads."""
+    look = _Look(system, home)
+    found = _Shares()
+    stretch = min(p.length / (p.spec.material.E * p.spec.section.A) for p in parts.values())
+    reach = sum(p.length for p in parts.values())
+    floor = _HELD * stretch * np.array([1.0] * 3 + [1.0 / reach**2] * 3)
+    rest, load_cases = look.at_rest(), list(_load_cases(description, look))
+    weight = look.solve(rest[:, None])[:, 0]
+    loaded = look.energy(weight) > _NO_LOAD * look.size(rest)
+    for name, place in _frames(description, links, system):
+        J = look.jacobian(place)
+        x = look.solve(J.T)
+        C = np.einsum("ij,ik,kj->j", x, look.K, x)
+        for k in np.flatnonzero(floor < C):
+            parts_of = look.mutual(x[:, k], x[:, k])
+            found.add(_of(parts_of, C[k]), f"compliance of {name} {_AXES[k]}")
+        if loaded:
+            for rows in (slice(0, 3), slice(3, 6)):
+                _add_sag(found, look, x[:, rows], C[rows], weight, name)
+    if loaded:
+        load_cases.append(("load at rest", rest, ""))
+        _add_torques(found, look, rest, weight)
+    for words, force, directions in load_cases:
+        x = look.solve(force[:, None])[:, 0]
+        total = look.energy(x)
+        if total > _NO_LOAD * look.size(force):
+            every = _of(look.mutual(x, x), total)
+            wanted = {k: v for k, v in every.items() if not directions or k[1] in directions}
+            found.add(wanted, words)
+    return found.best
+
+
+class _Look:
+    """A system at home in linear statics, motors locked; what is free to move is held."""
+
+    def __init__(self, system: System, home: Array) -> None:
+        self.dynamics = dynamics = Dynamics(system)
+        self.system, self.n = system, int(system.rigid.nv)
+        self.y = np.concatenate([home, np.zeros(system.n_eta)])
+        self.K = structural_stiffness(dynamics, self.y)
+        looped = dynamics.looped
+        self.J = dynamics.close(self.y)[1] if looped else np.zeros((0, system.nv))
+        # Rows of unit stiffness: stretch is 1e6 times stiffer than bending.
+        self.scale = np.ones(system.nv)
+        stiff = np.flatnonzero(np.diag(self.K)[self.n :] > 0) + self.n
+        self.scale[stiff] = 1.0 / np.sqrt(np.diag(self.K)[stiff])
+        s, free = self.scale[system.free], system.free
+        self._Z = s[:, None] * null_space(self.J[:, free] * s)
+        w, V = np.linalg.eigh(self._Z.T @ self.K[np.ix_(free, free)] @ self._Z)
+        firm = w > _LOOSE * max(float(w[-1]), 0.0) if len(w) else np.zeros(0, bool)
+        self._V = self._Z @ V[:, firm] / np.sqrt(w[firm])
+
+    def solve(self, force: Array) -> Array:
+        """Displacements under generalised forces, both of shape (nv, cases)."""
+        x = np.zeros_like(force)
+        free = self.system.free
+        x[free] = self._V @ (self._V.T @ force[free])
+        return x
+
+    def imposed(self, row: int) -> Array:
+        """Displacement when one coordinate moves by one and the other motors stay, shape (nv,)."""
+        x, free = np.zeros(self.system.nv), self.system.free
+        x[row] = 1.0
+        if len(self.J):
+            s = self.scale[free]
+            x[free] = s * np.linalg.lstsq(self.J[:, free] * s, -self.J[:, row], rcond=1e-10)[0]
+        return np.asarray(x + self.solve(-(self.K @ x)[:, None])[:, 0])
+
+    def energy(self, x: Array) -> float:
+        """Twice the elastic energy."""
+        return float(x @ self.K @ x)
+
+    def size(self, force: Array) -> float:
+        """Squared size of a load, elastic rows scaled to unit stiffness."""
+        return float(np.sum((self.scale * force) ** 2))
+
+    def mutual(self, one: Array, other: Array) -> dict[Key, float]:
+        """What each deformation has in one' K other."""
+        found: dict[Key, float] = {}
+        for slot in self.system.expansion.slots:
+            start = self.n + slot.eta.start
+            for direction, at in slot.body.slices.items():
+                rows = slice(start + at.start, start + at.stop)
+                key = (slot.link, direction)
+                part = float(one[rows] @ self.K[rows, rows] @ other[rows])
+                found[key] = found.get(key, 0.0) + part
+        return found
+
+    def jacobian(self, place: Attachment) -> Array:
+        """Of a frame's origin and its rotation, world axes, shape (6, nv)."""
+        d = self.dynamics
+        d.place(self.y)
+        pin.computeJointJacobians(d.model, d.data, d.Q)
+        J: Array = pin.getFrameJacobian(
+            d.model, d.data, place.joint, place.placement, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        return d.times_map(J.reshape(6, -1))
+
+    def at_rest(self) -> Array:
+        """Generalised forces of gravity, loads and tensioned springs, shape (nv,)."""
+        return self.moving(np.zeros(self.system.nv))
+
+    def moving(self, v: Array) -> Array:
+        """The same, with the inertia forces of speeds v (dampers left out)."""
+        no_lam, still = np.zeros(self.system.closed.n), np.zeros(self.system.nv)
+        r = self.dynamics.residual(self.y, v, still, no_lam)
+        return np.asarray(self.system.D @ v - r)
+
+    def falling(self) -> Array:
+        """Generalised forces of a unit gravity along x, y and z, shape (nv, 3)."""
+        d = self.dynamics
+        d.place(self.y)
+        J = pin.jacobianCenterOfMass(d.model, d.data, d.Q)
+        mass = sum(inertia.mass for inertia in d.model.inertias)
+        return np.asarray(mass * d.times_map(np.array(J)).T)
+
+
+def _frames(
+    description: Description, links: Sequence[Link], system: System
+) -> Iterator[tuple[str, Attachment]]:
+    """The platform; without one the frames to report; without those the ends of the tree."""
+    names: Sequence[str] = tuple(description.frames)
+    if description.platform is not None:
+        names = (description.platform,)
+    if not names:
+        above = {link.parent for link in links}
+        names = tuple(link.name for k, link in enumerate(links) if k not in above)
+    for name in names:
+        if name in system.expansion.frames:
+            yield name, system.expansion.frames[name]
+
+
+def _load_cases(description: Description, look: _Look) -> Iterator[tuple[str, Array, str]]:
+    """Words, generalised forces and the directions that they are to judge ("": all)."""
+    system, n = look.system, look.n
+    for force, place in system.loads.forces:
+        if force.timed:
+            W = np.concatenate([force.force, force.moment])
+            J = look.jacobian(place)
+            if force.follower:
+                pose = look.dynamics.data.oMi[place.joint] * place.placement
+                W = np.kron(np.eye(2), pose.rotation) @ W
+            yield f"load {force.name}", J.T @ W, ""
+    M, J = look.dynamics.mass(look.y)[:, :n], look.J[:, :n]
+    unit = np.eye(n)[system.motors]
+    for k in range(len(unit)):
+        name = description.actuated[min(k, len(description.actuated) - 1)]
+        yield f"acceleration of {name}", -M @ _follow(J, unit, np.eye(len(unit))[k]), ""
+    yield from _nominal_cases(description, look, M, J)
+    for axis, force in zip("xyz", look.falling().T, strict=True):
+        yield f"own weight along {axis}", force, "".join(_BENDING)
+
+
+def _follow(J: Array, rows: Array, rates: Array) -> Array:
+    """Rates of the rigid joints, loops closed, at which `rows` have given rates, shape (n,)."""
+    rates = np.concatenate([np.zeros(len(J)), rates])
+    return np.asarray(np.linalg.lstsq(np.vstack([J, rows]), rates, rcond=1e-10)[0])
+
+
+def _nominal_cases(
+    description: Description, look: _Look, M: Array, J: Array
+) -> Iterator[tuple[str, Array, str]]:
+    """What the motion asks at a few instants, with its speeds and accelerations put at home."""
+    try:
+        folder = None if description.path is None else description.path.parent
+        motion = from_spec(description.motion, "motion", folder) if description.motion else None
+        t = description.solve.until or (motion.duration if motion else 0.0)
+        if motion is None or not motion.names or not 0.0 < t < np.inf:
+            return
+        instants = t * (np.arange(_INSTANTS) + 0.5) / _INSTANTS
+        _, speeds, accelerations = motion.evaluate(instants)
+        rows = _imposed(description, look, motion)
+    except PinflexError:
+        return  # a motion that cannot be read says so where it is used
+    for t, v, a in zip(instants, speeds, accelerations, strict=True):
+        move = np.zeros(look.system.nv)
+        move[: look.n] = _follow(J, rows, v)
+        yield f"motion at {t:.3g} s", look.moving(move) - M @ _follow(J, rows, a), ""
+
+
+def _imposed(description: Description, look: _Look, motion: Motion) -> Array:
+    """Rows of rigid velocities that a motion names; rz, ry, rx as turns about the world's axes."""
+    n = look.n
+    if motion.target == "platform":
+        place = look.system.expansion.frames[str(description.platform)]
+        at = ["x", "y", "z", "rx", "ry", "rz"]
+        return look.jacobian(place)[[at.index(name) for name in motion.names], :n]
+    model = look.system.rigid
+    return np.eye(n)[[model.joints[model.getJointId(name)].idx_v for name in motion.names]]
+
+
+def _add_sag(
+    found: _Shares, look: _Look, x: Array, C: Array, weight: Array, name: str
+) -> None:
+    """Of the displacement of a frame under the load at rest; zero by symmetry is none."""
+    sag = x.T @ look.K @ weight
+    size = float(np.linalg.norm(sag))
+    if size > _NO_SAG * np.sqrt(float(np.max(C)) * look.energy(weight)):
+        each = [look.mutual(column, weight) for column in x.T]
+        parts = {key: float(np.linalg.norm([e[key] for e in each])) for key in each[0]}
+        found.add(_of(parts, size), f"sag of {name}")
+
+
+def _add_torques(found: _Shares, look: _Look, rest: Array, weight: Array) -> None:
+    """Of the holding torques, against the largest of those motors."""
+    motors = look.system.motors
+    moves = [look.imposed(int(row)) for row in motors]
+    torques = [abs(float(x @ (look.K @ weight - rest))) for x in moves]
+    most = max(torques, default=0.0)
+    for x in moves:
+        if most > 0:
+            parts = {key: abs(value) for key, value in look.mutual(x, weight).items()}
+            found.add(_of(parts, most), "holding torque")
+
+
+def _of(parts: Mapping[Key, float], total: float) -> dict[Key, float]:
+    return {key: value / total for key, value in parts.items()}
