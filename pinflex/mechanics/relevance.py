@@ -34,7 +34,7 @@ from pinflex.mechanics.tree import Link
 NEGLIGIBLE = 1e-3
 _HELD = 1e-9  # of the stretch of a single beam: a compliance below is round-off
 _NO_LOAD = 1e-20  # of the squared load, its elastic rows scaled to unit stiffness: round-off
-_NO_SAG = 1e-6  # of what the energies of both cases would allow: zero by symmetry
+_SMALL_SAG = 0.1  # of what the energies of both cases allow: legs cancel each other by symmetry
 _LOOSE = 1e-11  # of the largest scaled stiffness: free to move, and held
 _AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 _BENDING = ("v", "w")
@@ -290,10 +290,10 @@ def _imposed(description: Description, look: _Look, motion: Motion) -> Array:
 def _add_sag(
     found: _Shares, look: _Look, x: Array, C: Array, weight: Array, name: str
 ) -> None:
-    """Of the displacement of a frame under the load at rest; zero by symmetry is none."""
-    sag = x.T @ look.K @ weight
-    size = float(np.linalg.norm(sag))
-    if size > _NO_SAG * np.sqrt(float(np.max(C)) * look.energy(weight)):
+    """Of the displacement of a frame under the load at rest."""
+    allowed = np.sqrt(float(np.max(C)) * look.energy(weight))  # Cauchy, Schwarz
+    size = max(float(np.linalg.norm(x.T @ look.K @ weight)), _SMALL_SAG * allowed)
+    if size > 0:
         each = [look.mutual(column, weight) for column in x.T]
         parts = {key: float(np.linalg.norm([e[key] for e in each])) for key in each[0]}
         found.add(_of(parts, size), f"sag of {name}")

@@ -14,7 +14,9 @@ from pinflex.mechanics.mechanism import Mechanism
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 _LOOSE = 1e-13  # smallest over largest eigenvalue of a stiffness scaled to a unit diagonal
 _HELD = 1e-13  # of the largest entry of a Jacobian: round-off of a product
-_RIGID = 1e-9  # of the largest compliance, with the lengths scaled out: round-off
+_RIGID = 1e-9  # of the stiffest member's own compliance: what gives way less is round-off
+_ROUND_OFF = 1e-10  # of the largest compliance, rows scaled to one size
+_ACROSS = 1e-3  # share of an axis in rigid directions, above which a move along it alone is none
 
 
 def platform_compliance(
@@ -33,7 +35,9 @@ def platform_compliance(
 
     Returns:
         C, shape (6, 6), symmetric: translation of the platform's origin (m) and small rotation
-        (rad), by force at that origin (N) and moment (N m), all along the world axes.
+        (rad), by force at that origin (N) and moment (N m), all along the world axes. Rows and
+        columns of an axis that does not give way are exactly 0: what is below 1e-9 of the
+        stiffest member's own compliance is round-off.
 
     Raises:
         DescriptionError: No platform.
@@ -64,15 +68,29 @@ def platform_compliance(
             "are locked. Actuate or spring the joints that are free."
         )
     C = J @ np.linalg.solve(S, J.T)
+    rigid = np.abs(np.diag(C)) <= _RIGID * _stiffest(mechanism, every)
+    C[rigid], C[:, rigid] = 0.0, 0.0
     return np.asarray(0.5 * (C + C.T))
 
 
-def stiffness_of(compliance: Array) -> tuple[Array, int]:
-    """Stiffness matrix of a compliance, and in how many directions it gives way.
+def _stiffest(mechanism: Mechanism, J: Array) -> Array:
+    """Compliance of the stiffest beam or spring alone along each axis, shape (6,)."""
+    reach = float(np.max(np.abs(J[:3]), initial=0.0)) or 1.0  # levers of the machine, m
+    alone = [p.length / (p.spec.material.E * p.spec.section.A) for p in mechanism.parts.values()]
+    alone += [1.0 / s.stiffness for s in mechanism.description.springs if s.stiffness]
+    k = mechanism.flexible.springs.stiffness
+    alone += (min(reach, 1.0) ** 2 / k[k > 0]).tolist()
+    return min(alone, default=0.0) * np.array([1.0] * 3 + [1.0 / reach**2] * 3)
 
-    Where the platform gives way in fewer than six directions (a plane mechanism whose links bend
-    in the plane), force = K displacement holds for the displacements that there are; the diagonal
-    of an axis that does not give way at all is inf, and its other entries are zero.
+
+def stiffness_of(compliance: Array) -> tuple[Array, int]:
+    """Stiffness of a compliance, others held, and in how many directions the platform gives way.
+
+    K_xx (others held) is the force for a displacement along x while the others are zero; 1/C_xx
+    (others free) is that while the platform is free to give way in the others. Where it gives way
+    in fewer than six directions (a plane mechanism whose links bend in the plane), force =
+    K displacement holds for the displacements that there are; the diagonal of an axis along which
+    it cannot move alone is inf (rigid), and its other entries are zero.
 
     Args:
         compliance: Shape (6, 6), as from `platform_compliance`.
@@ -81,15 +99,13 @@ def stiffness_of(compliance: Array) -> tuple[Array, int]:
         K (N/m, N, N m/rad), shape (6, 6); and the number of directions.
     """
     C = np.asarray(compliance, float)
-    # lengths in units in which turning and shifting are alike, so that round-off can be told
-    turning, shifting = np.trace(C[3:, 3:]), np.trace(C[:3, :3])
-    length = np.sqrt(shifting / turning) if turning > 0 and shifting > 0 else 1.0
-    unit = np.array([1.0, 1.0, 1.0, length, length, length])
-    scaled = C * np.outer(unit, unit)
-    values, V = np.linalg.eigh(scaled)
-    least = _RIGID * max(values[-1], 0.0)
-    gives, rigid = values > least, np.diag(scaled) <= least
-    K = (V[:, gives] / values[gives]) @ V[:, gives].T * np.outer(unit, unit)
+    # rows of one size: bending is 1e6 times softer than stretch
+    size = np.sqrt(np.maximum(np.diag(C), 0.0))
+    size = np.where(size > 0, size, 1.0)
+    values, V = np.linalg.eigh(C / np.outer(size, size))
+    gives = values > _ROUND_OFF * max(float(values[-1]), 0.0)
+    K = (V[:, gives] / values[gives]) @ V[:, gives].T / np.outer(size, size)
+    rigid = np.linalg.norm(V[:, ~gives], axis=1) > _ACROSS
     K[rigid], K[:, rigid] = 0.0, 0.0
     K[rigid, rigid] = np.inf
     return K, int(np.sum(gives))
