@@ -19,6 +19,7 @@ UNIT_BEAM = """
     bending_y: true
     bending_z: false
     torsion: false
+    axial: false
 """
 
 

@@ -41,9 +41,9 @@ class Race:
 
 
 def _links(axial: bool, internal: int, segments: int = 1) -> Overrides:
-    stretch = ("flexible.*.axial=true",) if axial else ()
+    stretch = f"flexible.*.axial={str(axial).lower()}"
     cut = (f"flexible.*.segments={segments}",) if segments > 1 else ()
-    return (*stretch, *cut, f"flexible.*.basis.internal={internal}")
+    return (stretch, *cut, f"flexible.*.basis.internal={internal}")
 
 
 def _rod(segments: int, internal: int) -> Overrides:

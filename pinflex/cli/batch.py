@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,16 +32,24 @@ def options(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
     }
 
 
-def answer(args: argparse.Namespace, found: Columns, out: Path | None, figures: list[Path]) -> int:
+def answer(
+    args: argparse.Namespace,
+    found: Columns,
+    out: Path | None,
+    figures: list[Path],
+    notes: Sequence[str] = (),
+) -> int:
     """Write the table and say what is in it; an error where no case has an answer."""
     files = [*([] if out is None else [found.save(out)]), *figures]
     failed = np.flatnonzero(found["status"] == "failed")
     errors = {int(k) + 1: str(found["error"][k]) for k in failed}
     if args.json:
         columns = {name: values.tolist() for name, values in found.arrays.items()}
-        print_json({"columns": columns, "units": found.units, "files": files})
+        print_json({"columns": columns, "units": found.units, "files": files, "notes": notes})
     else:
         print(_ranges(found))
+        for note in notes:
+            print(paragraph(note, "  ", "\n  "))
         cases = "1 case" if len(found) == 1 else f"{len(found)} cases"
         print(f"\n{cases}, {len(found) - len(failed)} done, {len(failed)} failed")
         for row, why in [*errors.items()][:_SHOWN]:
@@ -57,12 +66,10 @@ def _ranges(found: Columns) -> str:
     """Least and largest value of every column that has any but zero, and their rows."""
     rows = []
     for name, values in found.arrays.items():
-        if values.dtype.kind != "f" or not np.any(values[np.isfinite(values)]):
+        if values.dtype.kind != "f" or not np.any(values[~np.isnan(values)]):
             continue
-        finite = np.where(np.isfinite(values), values, np.nan)
-        low, high = int(np.nanargmin(finite)), int(np.nanargmax(finite))
-        rows.append([
-            name, found.units.get(name, ""), number(float(values[low])), str(low + 1),
-            number(float(values[high])), str(high + 1),
-        ])  # fmt: skip
+        low, high = int(np.nanargmin(values)), int(np.nanargmax(values))
+        ends = ["rigid" if np.isinf(x) else number(float(x)) for x in values[[low, high]]]
+        unit = found.units.get(name, "")
+        rows.append([name, unit, ends[0], str(low + 1), ends[1], str(high + 1)])
     return table("Range of every number", "column|unit|least|in row|largest|in row", rows, (44, 8))

@@ -51,7 +51,8 @@ kept as it ends, in FILE.journal: stopped or killed, the same command goes on fr
         """
 Grids are displacements from home: of the platform's x, y, z [m], rz, ry, rx [rad], or of motors.
 Coordinates that are not named stay as at home. A frequency's column follows one mode shape from
-pose to pose. The 6x6 stiffness is that of the platform in world axes, motors locked.""",
+pose to pose. The 6x6 stiffness is that of the platform in world axes, motors
+locked: K_xx (others held) and 1/C_xx (others free); rigid where nothing gives way.""",
         "pinflex map 3rrr --grid x=-.05:.05:9 --grid y=-.05:.05:9 --out map.csv --plot map.png",
     )
     p.add_argument(

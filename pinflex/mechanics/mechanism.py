@@ -31,7 +31,6 @@ from pinflex.mechanics.system import Springs, System
 from pinflex.mechanics.tree import Link, link_tree
 from pinflex.text import short
 
-
 # Elastic coordinates above which `auto` is decided with a coarse model: it need not be exact.
 _LOOK = 100
 

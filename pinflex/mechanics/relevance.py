@@ -287,9 +287,7 @@ def _imposed(description: Description, look: _Look, motion: Motion) -> Array:
     return np.eye(n)[[model.joints[model.getJointId(name)].idx_v for name in motion.names]]
 
 
-def _add_sag(
-    found: _Shares, look: _Look, x: Array, C: Array, weight: Array, name: str
-) -> None:
+def _add_sag(found: _Shares, look: _Look, x: Array, C: Array, weight: Array, name: str) -> None:
     """Of the displacement of a frame under the load at rest."""
     allowed = np.sqrt(float(np.max(C)) * look.energy(weight))  # Cauchy, Schwarz
     size = max(float(np.linalg.norm(x.T @ look.K @ weight)), _SMALL_SAG * allowed)

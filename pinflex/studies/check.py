@@ -16,7 +16,7 @@ from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.parts import FlexiblePart, LeftOut
 from pinflex.studies import check_urdf
 from pinflex.studies.check_statics import Statics, statics
 from pinflex.studies.mode_shapes import first_modes
@@ -50,6 +50,8 @@ class LinkCheck:
         coordinates: Elastic coordinates. segments: Bodies it is cut into.
         planes: Active directions among u (axial), v, w (bending along beam y, z), p (torsion).
         reason: Why these planes.
+        left_out: What `auto` left out, with its largest share of compliance, sag, holding torques
+            and inertia loads.
         mass: Of the beam [kg]. end_masses: Of all that rides rigidly on it. urdf_mass: [kg].
         riders: Place along the span [m] and mass of each.
         share: Share of its described density that the beam carries; None where the beam's inertia
@@ -70,6 +72,7 @@ class LinkCheck:
     segments: int
     planes: tuple[str, ...]
     reason: str
+    left_out: tuple[LeftOut, ...]
     mass: float
     end_masses: float
     urdf_mass: float
@@ -243,6 +246,7 @@ def _link(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
         segments=len(part.bodies),
         planes=part.planes,
         reason=part.reason,
+        left_out=part.left_out,
         mass=part.mass,
         end_masses=sum(kg for _, kg in riders),
         urdf_mass=float(urdf.mass),

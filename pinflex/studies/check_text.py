@@ -11,6 +11,7 @@ from pinflex.text import angle, length, number, paragraph, table
 _PLANES = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
 # sigma_min of a well-placed machine is 0.05 to 0.5; below this a motor must push hard
 _NEAR = 0.01
+_NOTHING = 1e-12  # a share that is round-off
 
 
 def write(c: Check) -> str:
@@ -125,14 +126,22 @@ def _percent(share: float) -> str:
 
 
 def _planes(c: Check) -> str:
-    """Links that share their planes and the reason are named together."""
-    groups: dict[tuple[tuple[str, ...], str], list[str]] = {}
+    """Links that share their planes, the reason and what is left out are named together."""
+    groups: dict[tuple[tuple[str, ...], str, str], list[LinkCheck]] = {}
     for link in c.links:
-        groups.setdefault((link.planes, link.reason), []).append(link.name)
+        out = "".join(x.direction for x in link.left_out)
+        groups.setdefault((link.planes, link.reason, out), []).append(link)
     lines = []
-    for (planes, reason), names in groups.items():
-        active = ", ".join(_PLANES[p] for p in planes)
-        lines.append(paragraph(f"{', '.join(names)}: {active} ({reason})", "    ", "  "))
+    for (planes, reason, out), links in groups.items():
+        names, active = ", ".join(x.name for x in links), ", ".join(_PLANES[p] for p in planes)
+        lines.append(paragraph(f"{names}: {active} ({reason})", "    ", "  "))
+        for direction in out:
+            every = (x for link in links for x in link.left_out if x.direction == direction)
+            most = max(every, key=lambda x: x.share)
+            share = f"{most.share:.0e}" if most.share > _NOTHING else "nothing"
+            of = f" ({most.of})" if most.share > _NOTHING else ""
+            words = f"{_PLANES[direction]} left out: at most {share} of compliance, sag, torques"
+            lines.append(paragraph(f"{words} and inertia loads{of}", "      ", "    "))
     return "\n".join(["Planes chosen", *lines]) if lines else ""
 
 

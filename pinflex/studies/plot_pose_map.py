@@ -11,7 +11,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.studies.frequency_map import check_figure, draw_frequencies
 from pinflex.studies.pose_map import PoseMap
-from pinflex.studies.stiffness import AXES
+from pinflex.studies.stiffness import free, free_stiffness
 from pinflex.viewer.plot import COLOURS, DPI, WIDTH, panels, title
 
 if TYPE_CHECKING:
@@ -25,7 +25,8 @@ _FLAT = 0.02  # of the largest value: what varies less needs no lines of equal h
 def plot_pose_map(found: PoseMap) -> Figure:
     """Frequencies, and below them how stiff the platform is along each axis that gives way.
 
-    Stiffness is here the force per displacement along its own axis, nothing else held: 1 / C_ii.
+    Stiffness is here 1/C_xx (others free), the force per displacement along its own axis. Axes
+    along which the platform is rigid are named in the title.
     Of a grid with more than two coordinates, the others are drawn at their middle.
     """
     sizes = [len(values) for values in found.grid.values()]
@@ -50,7 +51,8 @@ def plot_pose_map(found: PoseMap) -> Figure:
         for k, (name, values) in enumerate(found.grid.items())
         if k not in drawn
     ]
-    text = ", ".join([f"{found.name}: motors {motors}", about, *rest])
+    rigid = [f"platform rigid along {', '.join(found.rigid)}"] if found.rigid else []
+    text = ", ".join([f"{found.name}: motors {motors}", about, *rest, *rigid])
     figure.suptitle(text, x=0.01, ha="left", fontsize=10)
     return figure
 
@@ -87,7 +89,7 @@ def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], label
             f"mode {k + 1} [Hz]": frequencies[..., k]
             for k in range(min(_PANELS, frequencies.shape[-1]))
         },
-        {f"stiffness {name}": values for name, values in [*stiffness.items()][:_PANELS]},
+        dict([*stiffness.items()][:_PANELS]),
     ]
     rows = [row for row in rows if row]
     columns = max(map(len, rows))
@@ -95,8 +97,14 @@ def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], label
     figure, axes = panels(len(rows), columns, height, sharex=True, sharey=True)
     for row, line in zip(rows, axes, strict=True):
         for ax, (name, values) in zip(line, row.items(), strict=False):
-            image = ax.pcolormesh(*x, values.T, cmap="viridis", shading="gouraud", rasterized=True)
-            if np.ptp(values[np.isfinite(values)]) > _FLAT * np.nanmax(np.abs(values)):
+            flat = np.ptp(values[np.isfinite(values)]) <= _FLAT * np.nanmax(np.abs(values))
+            # a scale that resolves a thousandth: ticks of few digits, and no colours of round-off
+            middle, spread = float(np.nanmean(values)), _FLAT * float(np.nanmax(np.abs(values)))
+            scale = {"vmin": middle - spread, "vmax": middle + spread} if flat else {}
+            image = ax.pcolormesh(
+                *x, values.T, cmap="viridis", shading="gouraud", rasterized=True, **scale
+            )
+            if not flat:
                 lines = ax.contour(*x, values.T, 6, colors="white", linewidths=0.6)
                 ax.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.4g}")
             bar = figure.colorbar(
@@ -114,13 +122,13 @@ def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], label
 
 
 def _stiffness(compliance: Array) -> dict[str, Array]:
-    """1 / C_ii of the axes that give way at every pose that has numbers."""
+    """1/C_ii (others free) of the axes that give way at every pose that has numbers."""
     found = {}
-    for i, axis in enumerate(AXES):
-        values = compliance[..., i, i]
-        if np.isfinite(values).any() and np.all(values[np.isfinite(values)] > 0):
-            size = float(np.nanmin(values))
-            prefix, factor = next((p, f) for p, f in _PREFIXES if 1.0 / size > f or not p)
-            word = f"along {axis} [{prefix}N/m]" if i < 3 else f"about {axis[1]} [{prefix}N m/rad]"
-            found[word] = 1.0 / values / factor
+    for i, values in enumerate(np.moveaxis(free_stiffness(compliance), -1, 0)):
+        known = np.isfinite(compliance[..., i, i])
+        if known.any() and np.all((values[known] > 0) & (values[known] < np.inf)):
+            size = float(np.max(values[known]))
+            prefix, factor = next((p, f) for p, f in _PREFIXES if size > f or not p)
+            unit = "N/m" if i < 3 else "N m/rad"
+            found[f"{free(i)} [{prefix}{unit}]"] = values / factor
     return found

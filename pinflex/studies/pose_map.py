@@ -25,7 +25,14 @@ from pinflex.studies.check import is_loaded
 from pinflex.studies.columns import Columns, column
 from pinflex.studies.mode_shapes import first_modes
 from pinflex.studies.pose import moved
-from pinflex.studies.stiffness import AXES, platform_compliance, stiffness_of
+from pinflex.studies.stiffness import (
+    AXES,
+    free,
+    free_stiffness,
+    held,
+    platform_compliance,
+    stiffness_of,
+)
 from pinflex.studies.sweep import described
 from pinflex.studies.tracking import tracked
 from pinflex.text import brief
@@ -66,8 +73,9 @@ class PoseMap:
     def table(self) -> Columns:
         """A row for each pose: grid, status, error, frequencies, stiffness and compliance.
 
-        stiffness.A.B is the force (N) or moment (N m) along A per displacement (m, rad) along B,
-        the other displacements zero: inf on the diagonal of an axis that does not give way.
+        "K_AB (others held)" is the force (N) or moment (N m) along A per displacement (m, rad)
+        along B, the other displacements zero; "1/C_AA (others free)" the force per displacement
+        along its own axis, nothing else held. inf where the platform is rigid.
         """
         places = np.meshgrid(*self.grid.values(), indexing="ij")
         errors = self.errors.reshape(-1)
@@ -80,11 +88,20 @@ class PoseMap:
         arrays["agreement"] = column(self.agreement.reshape(-1).tolist())
         C = self.compliance.reshape(-1, 6, 6)
         K = [stiffness_of(c)[0] if np.isfinite(c).all() else c for c in C]
+        for i, values in enumerate(free_stiffness(C).T):
+            arrays[free(i)], units[free(i)] = column(values.tolist()), _unit("stiffness", i, i)
         for what, values in (("stiffness", np.array(K)), ("compliance", C)):
             for i, j in combinations_with_replacement(range(6), 2):
-                name = f"{what}.{AXES[i]}.{AXES[j]}"
+                name = held(i, j) if what == "stiffness" else f"compliance.{AXES[i]}.{AXES[j]}"
                 arrays[name], units[name] = column(values[:, i, j].tolist()), _unit(what, i, j)
         return Columns(arrays, units)
+
+    @property
+    def rigid(self) -> tuple[str, ...]:
+        """Axes along which the platform does not give way at any pose, as x or rz."""
+        every = np.diagonal(self.compliance, axis1=-2, axis2=-1).reshape(-1, 6)
+        every = every[np.isfinite(every).all(axis=1)]
+        return tuple(a for a, C in zip(AXES, every.T, strict=True) if len(C) and not C.any())
 
 
 def pose_map(

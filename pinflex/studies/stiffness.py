@@ -12,6 +12,7 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+HELD, FREE = "others held", "others free"  # the two stiffnesses along an axis: K_xx and 1/C_xx
 _LOOSE = 1e-13  # smallest over largest eigenvalue of a stiffness scaled to a unit diagonal
 _HELD = 1e-13  # of the largest entry of a Jacobian: round-off of a product
 _RIGID = 1e-9  # of the stiffest member's own compliance: what gives way less is round-off
@@ -81,6 +82,22 @@ def _stiffest(mechanism: Mechanism, J: Array) -> Array:
     k = mechanism.flexible.springs.stiffness
     alone += (min(reach, 1.0) ** 2 / k[k > 0]).tolist()
     return min(alone, default=0.0) * np.array([1.0] * 3 + [1.0 / reach**2] * 3)
+
+
+def held(i: int, j: int) -> str:
+    """Name of an entry of K: the force along i for a displacement along j, the others held."""
+    return f"K_{AXES[i]}{AXES[j]} ({HELD})"
+
+
+def free(i: int) -> str:
+    """Name of the stiffness along an axis while the platform is free in the others."""
+    return f"1/C_{AXES[i]}{AXES[i]} ({FREE})"
+
+
+def free_stiffness(compliance: Array) -> Array:
+    """1/C_ii (others free), shape (..., 6), N/m | N m/rad, of (..., 6, 6); inf where rigid."""
+    C = np.diagonal(np.asarray(compliance, float), axis1=-2, axis2=-1)
+    return np.asarray(np.divide(1.0, C, out=np.full(C.shape, np.inf), where=C != 0))
 
 
 def stiffness_of(compliance: Array) -> tuple[Array, int]:
