@@ -8,7 +8,7 @@ from pathlib import Path
 import pinflex as pf
 from pinflex.benchmarks.scene import Body, urdf
 
-__all__ = ["UNIT_BEAM", "Body", "load"]
+__all__ = ["UNIT_BEAM", "Body", "load", "published"]
 
 # Below "flexible:", a plane beam of L = rho A = E I = 1 from its joint to the frame `tip`.
 UNIT_BEAM = """
@@ -21,6 +21,11 @@ UNIT_BEAM = """
     torsion: false
     axial: false
 """
+
+
+def published(name: str) -> str:
+    """The variant of a shipped model that has what its source has."""
+    return str(Path(__file__).parents[1] / "models" / name / "published.yaml")
 
 
 def load(

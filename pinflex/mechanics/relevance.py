@@ -1,11 +1,11 @@
 """Which deformations matter: `auto` is decided by what a deformation does in linear statics.
 
-All that a scene may excite is first put into a coarse model (static end shapes alone). At home, its
-motors locked, that model bears a unit force and moment at the platform along each axis, its own
-weight and loads, the inertia forces of each motor's unit acceleration, and those of the nominal
-motion at a few instants (as they are at home). With linear elasticity the share of a deformation in the energy of a case is d ln C / d ln (1/k), how
-much of the compliance C it makes; between two cases, as the platform's wrench and the weight, the
-mutual energy is its part of the sag, and with a unit move of a motor its part of the holding
+All that a scene may excite is first on. At home, its motors locked, that model bears a unit force
+and moment at the platform along each axis, its own weight and loads, the inertia forces of each
+motor's unit acceleration, and those of the nominal motion at a few instants (as they are at home).
+With linear elasticity the share of a deformation in the energy of a case is d ln C / d ln (1/k),
+how much of the compliance C it makes; between two cases, as the platform's wrench and the weight,
+the mutual energy is its part of the sag, and with a unit move of a motor its part of the holding
 torque. What has less than `NEGLIGIBLE` of all of these is left out. Bending has to be as small
 under the weight of the links in any direction too: a rod between two balls bends by nothing else.
 
@@ -15,7 +15,7 @@ A truss determines the forces in its members, so that these shares are exact the
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -34,24 +34,11 @@ from pinflex.mechanics.tree import Link
 NEGLIGIBLE = 1e-3
 _HELD = 1e-9  # of the stretch of a single beam: a compliance below is round-off
 _NO_LOAD = 1e-20  # of the squared load, its elastic rows scaled to unit stiffness: round-off
-_SMALL_SAG = 0.1  # of what the energies of both cases allow: legs cancel each other by symmetry
 _LOOSE = 1e-11  # of the largest scaled stiffness: free to move, and held
 _AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 _BENDING = ("v", "w")
 _INSTANTS = 4
 Key = tuple[str, str]  # link, direction
-
-
-@dataclass
-class _Shares:
-    """The largest share of every deformation so far, and of what."""
-
-    best: dict[Key, tuple[float, str]] = field(default_factory=dict)
-
-    def add(self, parts: Mapping[Key, float], of: str) -> None:
-        for key, share in parts.items():
-            if share >= self.best.get(key, (-1.0, ""))[0]:
-                self.best[key] = (share, of)
 
 
 def left_out(
@@ -71,7 +58,10 @@ def left_out(
         home: Closed rigid pose.
         given: Links whose bodies come from elsewhere: nothing of them is left out.
     """
-    best = shares(description, links, parts, system, home)
+    best: dict[Key, tuple[float, str]] = {}
+    for of, every in shares(description, links, parts, system, home).items():
+        for key, share in every.items():
+            best[key] = max(best.get(key, (0.0, "")), (share, of))
     groups: dict[str, list[FlexiblePart]] = {}
     for name, part in parts.items():
         if name not in given:  # equal links stay equal, wherever they are
@@ -95,10 +85,10 @@ def shares(
     parts: Mapping[str, FlexiblePart],
     system: System,
     home: Array,
-) -> dict[Key, tuple[float, str]]:
-    """Largest share of each deformation in compliance, sag, holding torques and inertia loads."""
+) -> dict[str, dict[Key, float]]:
+    """Shares of each deformation in compliance, sag, holding torques and inertia loads, by case."""
     look = _Look(system, home)
-    found = _Shares()
+    found: dict[str, dict[Key, float]] = {}
     stretch = min(p.length / (p.spec.material.E * p.spec.section.A) for p in parts.values())
     reach = sum(p.length for p in parts.values())
     floor = _HELD * stretch * np.array([1.0] * 3 + [1.0 / reach**2] * 3)
@@ -110,22 +100,22 @@ def shares(
         x = look.solve(J.T)
         C = np.einsum("ij,ik,kj->j", x, look.K, x)
         for k in np.flatnonzero(floor < C):
-            parts_of = look.mutual(x[:, k], x[:, k])
-            found.add(_of(parts_of, C[k]), f"compliance of {name} {_AXES[k]}")
+            found[f"compliance of {name} {_AXES[k]}"] = _of(look.mutual(x[:, k], x[:, k]), C[k])
         if loaded:
-            for rows in (slice(0, 3), slice(3, 6)):
-                _add_sag(found, look, x[:, rows], C[rows], weight, name)
+            for rows, words in ((slice(0, 3), "sag of"), (slice(3, 6), "turn at rest of")):
+                sag = _sag(look, x[:, rows], weight)
+                if sag:
+                    found[f"{words} {name}"] = sag
     if loaded:
         load_cases.append(("load at rest", rest, ""))
-        _add_torques(found, look, rest, weight)
+        found |= _torques(description, look, rest, weight)
     for words, force, directions in load_cases:
         x = look.solve(force[:, None])[:, 0]
         total = look.energy(x)
         if total > _NO_LOAD * look.size(force):
             every = _of(look.mutual(x, x), total)
-            wanted = {k: v for k, v in every.items() if not directions or k[1] in directions}
-            found.add(wanted, words)
-    return found.best
+            found[words] = {k: v for k, v in every.items() if not directions or k[1] in directions}
+    return found
 
 
 class _Look:
@@ -242,8 +232,11 @@ def _load_cases(description: Description, look: _Look) -> Iterator[tuple[str, Ar
     M, J = look.dynamics.mass(look.y)[:, :n], look.J[:, :n]
     unit = np.eye(n)[system.motors]
     for k in range(len(unit)):
-        name = description.actuated[min(k, len(description.actuated) - 1)]
-        yield f"acceleration of {name}", -M @ _follow(J, unit, np.eye(len(unit))[k]), ""
+        yield (
+            f"acceleration of {_motor(description, k)}",
+            -M @ _follow(J, unit, np.eye(len(unit))[k]),
+            "",
+        )
     yield from _nominal_cases(description, look, M, J)
     for axis, force in zip("xyz", look.falling().T, strict=True):
         yield f"own weight along {axis}", force, "".join(_BENDING)
@@ -287,26 +280,34 @@ def _imposed(description: Description, look: _Look, motion: Motion) -> Array:
     return np.eye(n)[[model.joints[model.getJointId(name)].idx_v for name in motion.names]]
 
 
-def _add_sag(found: _Shares, look: _Look, x: Array, C: Array, weight: Array, name: str) -> None:
-    """Of the displacement of a frame under the load at rest."""
-    allowed = np.sqrt(float(np.max(C)) * look.energy(weight))  # Cauchy, Schwarz
-    size = max(float(np.linalg.norm(x.T @ look.K @ weight)), _SMALL_SAG * allowed)
-    if size > 0:
-        each = [look.mutual(column, weight) for column in x.T]
-        parts = {key: float(np.linalg.norm([e[key] for e in each])) for key in each[0]}
-        found.add(_of(parts, size), f"sag of {name}")
+def _sag(look: _Look, x: Array, weight: Array) -> dict[Key, float]:
+    """Of the displacement of a frame under the load at rest.
+
+    Legs may cancel each other by symmetry: then against what they do one by one.
+    """
+    each = [look.mutual(column, weight) for column in x.T]
+    parts = {key: float(np.linalg.norm([e[key] for e in each])) for key in each[0]}
+    whole = float(np.linalg.norm(x.T @ look.K @ weight))
+    size = max(whole, float(np.linalg.norm(list(parts.values()))))
+    return _of(parts, size) if size > 0 else {}
 
 
-def _add_torques(found: _Shares, look: _Look, rest: Array, weight: Array) -> None:
-    """Of the holding torques, against the largest of those motors."""
-    motors = look.system.motors
-    moves = [look.imposed(int(row)) for row in motors]
+def _torques(
+    description: Description, look: _Look, rest: Array, weight: Array
+) -> dict[str, dict[Key, float]]:
+    """Of the holding torques, against the largest of them."""
+    moves = [look.imposed(int(row)) for row in look.system.motors]
     torques = [abs(float(x @ (look.K @ weight - rest))) for x in moves]
-    most = max(torques, default=0.0)
-    for x in moves:
+    most, found = max(torques, default=0.0), {}
+    for k, x in enumerate(moves):
         if most > 0:
             parts = {key: abs(value) for key, value in look.mutual(x, weight).items()}
-            found.add(_of(parts, most), "holding torque")
+            found[f"holding torque of {_motor(description, k)}"] = _of(parts, most)
+    return found
+
+
+def _motor(description: Description, k: int) -> str:
+    return description.actuated[min(k, len(description.actuated) - 1)]
 
 
 def _of(parts: Mapping[Key, float], total: float) -> dict[Key, float]:

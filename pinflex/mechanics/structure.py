@@ -1,4 +1,4 @@
-"""The structure by itself: its stiffness without what loads bring, and the motions that are left."""
+"""The structure by itself: its stiffness without what loads bring, and what it lets move."""
 
 from __future__ import annotations
 

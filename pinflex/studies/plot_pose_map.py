@@ -89,7 +89,7 @@ def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], label
             f"mode {k + 1} [Hz]": frequencies[..., k]
             for k in range(min(_PANELS, frequencies.shape[-1]))
         },
-        dict([*stiffness.items()][:_PANELS]),
+        {name.replace(" [", "\n["): v for name, v in [*stiffness.items()][:_PANELS]},
     ]
     rows = [row for row in rows if row]
     columns = max(map(len, rows))

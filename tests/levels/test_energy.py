@@ -106,7 +106,7 @@ def test_the_balance_holds_with_damping(name: str) -> None:
 
 
 def test_with_the_motors_held_again_r1_rings_on_without_loss() -> None:
-    m = pf.load("race_r1")
+    m = pf.load("race_r1", ["flexible.*.axial=false"])  # stretch rings too fast for this step
     r = pf.solve(m, level="coupled", until=0.2, dt=1e-4, samples=201, rho_inf=1.0)
     a = r.arrays
     after = r.t > 0.1 + 1e-9

@@ -19,6 +19,7 @@ import pytest
 import pinflex as pf
 from pinflex.description.motion import Motion
 from tests.finite import slope
+from tests.scenes import published
 
 STIFFNESS = (1.0, 2.0, 4.0)  # of Young's modulus
 DURATIONS = (0.10, 0.14, 0.20)  # [s]
@@ -40,7 +41,7 @@ def smooth(duration: float) -> Motion:
 
 @cache
 def run(level: str, stiffness: float, duration: float) -> pf.Result:
-    m = pf.load("race_r1", [f"flexible.*.material.E={7.1e10 * stiffness!r}"])
+    m = pf.load(published("race_r1"), [f"flexible.*.material.E={7.1e10 * stiffness!r}"])
     keys: dict[str, Any] = {"dt": duration / STEPS} if level in ("ked", "coupled") else {}
     if level == "ked":
         keys |= {"integrator": "newmark", "newmark": (0.5, 0.25)}  # ked's default is of first order

@@ -10,6 +10,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from tests.finite import slope
+from tests.scenes import published
 
 UNTIL = 0.04  # [s] of 0.2: the acceleration phase, where torques are largest
 TIGHT = 1e-10  # Newton's tolerance: only the step or the modes are to be seen
@@ -17,13 +18,15 @@ TIGHT = 1e-10  # Newton's tolerance: only the step or the modes are to be seen
 
 @cache
 def run(internal: int, dt: float, until: float = UNTIL) -> pf.Result:
-    m = pf.load("race_r1", [f"flexible.*.basis.internal={internal}"])
+    m = pf.load(published("race_r1"), [f"flexible.*.basis.internal={internal}"])
     return pf.solve(m, level="coupled", until=until, dt=dt, samples=101, tolerance=TIGHT)
 
 
 def outputs(r: pf.Result) -> dict[str, Array]:
     """What the race compares: torques, mid-point deflection from the chord, platform deviation."""
-    rigid = pf.solve(pf.load("race_r1"), level="rigid", until=float(r.t[-1]), samples=101)
+    rigid = pf.solve(
+        pf.load(published("race_r1")), level="rigid", until=float(r.t[-1]), samples=101
+    )
     middle = []
     for name in r.links:
         link = r.link(name)
@@ -66,7 +69,7 @@ def test_every_output_converges_with_the_modes_of_a_link() -> None:
 
 
 def test_the_whole_scene_runs_and_its_default_step_is_good_to_a_thousandth() -> None:
-    m = pf.load("race_r1")
+    m = pf.load(published("race_r1"))
     default = pf.solve(m)
     fine = pf.solve(m, dt=2.5e-5)
     scale = np.abs(fine.torque).max()
@@ -80,7 +83,7 @@ def test_the_whole_scene_runs_and_its_default_step_is_good_to_a_thousandth() -> 
 
 def test_newton_needs_few_iterations_and_fewer_factorizations() -> None:
     """Effort: a broken tangent cannot hide behind a converged answer."""
-    cost = pf.solve(pf.load("race_r1"), dt=1e-4, until=0.1, samples=101).meta["cost"]
+    cost = pf.solve(pf.load(published("race_r1")), dt=1e-4, until=0.1, samples=101).meta["cost"]
     assert cost["steps"] == 1000
     assert cost["newton"] < 4.0 * cost["steps"]
     assert cost["tangents"] < 0.25 * cost["steps"]

@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 
 import pinflex as pf
 from pinflex.arrays import Array
+from tests.scenes import published
 
 BASE = np.array([[0.0, 0.0], [0.5, 0.0], [0.25, 0.4330127018922193]])  # [m]
 CORNER = 0.068 * np.exp(1j * np.radians([210.0, 330.0, 90.0]))  # platform pins
@@ -45,7 +46,7 @@ def robot(pieces: int) -> tuple[Chain, list[int]]:
     """All bodies; body -1 in a pin is the ground."""
     chain, cranks = Chain(), []
     platform = chain.add(*PLATFORM, 0.25, 0.25 / np.sqrt(3), 0.0)
-    r1 = pf.load("race_r1")
+    r1 = pf.load(published("race_r1"))
     angles = {n: float(q) for n, q in zip(r1.coordinates, r1.home, strict=True)}
     for leg in range(3):
         a = angles.get(f"motor_{leg + 1}")
@@ -161,7 +162,7 @@ Runs = tuple[pf.Result, pf.Result, Array, Array, Array]
 @pytest.fixture(scope="module")
 def runs() -> Runs:
     until, samples = 0.05, 51
-    m = pf.load("race_r1")
+    m = pf.load(published("race_r1"))
     r = pf.solve(m, level="coupled", until=until, samples=samples, dt=5e-5)
     rigid = pf.solve(m, level="rigid", until=until, samples=samples)
     # Chains of 4 and 8 pieces, extrapolated: a lumped chain errs with 1/n^2.

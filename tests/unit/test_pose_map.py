@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex import __main__
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.studies.plot_pose_map import plot_pose_map
 from pinflex.studies.pose import moved, pose
 from pinflex.studies.pose_map import pose_map
 from pinflex.studies.stiffness import platform_compliance
 from pinflex.studies.tracking import tracked
-from tests.scenes import Body, load
+from tests.scenes import Body, load, published
 
 # Two arms that share nothing but the ground. Gravity stiffens a hanging arm and softens a standing
 # one, so each has frequencies that depend on its own motor alone, and the two sets cross.
@@ -77,7 +79,7 @@ def test_the_map_has_the_numbers_of_each_pose() -> None:
 
 
 def test_poses_out_of_reach_say_so_and_leave_a_gap(tmp_path: Path) -> None:
-    robot = pf.load("3rrr")
+    robot = pf.load(published("3rrr"))
     found = pose_map(robot, {"x": [-0.1, 0.0, 0.1, 0.3]}, journal=tmp_path / "journal")
     assert [bool(error) for error in found.errors] == [False, False, False, True]
     assert "singular pose" in found.errors[3] and np.isnan(found.frequencies[3]).all()
@@ -86,8 +88,10 @@ def test_poses_out_of_reach_say_so_and_leave_a_gap(tmp_path: Path) -> None:
     assert len((tmp_path / "journal").read_text().splitlines()) == 4
     table = found.table
     assert table["status"].tolist() == ["done"] * 3 + ["failed"]
-    assert table.units["x"] == "m" and table.units["stiffness.x.rz"] == "N"
-    assert np.isinf(table["stiffness.x.x"][:3]).all()  # legs that only bend
+    assert table.units["x"] == "m" and table.units["K_xrz (others held)"] == "N"
+    for name in ("K_xx (others held)", "1/C_xx (others free)"):
+        assert np.isinf(table[name][:3]).all()  # legs that only bend
+    assert found.rigid == ("x", "y", "z", "rx", "ry", "rz")
     with pytest.raises(ConvergenceError, match="not one pose"):
         pose_map(robot, {"x": [0.3]})
 
@@ -118,13 +122,13 @@ def test_a_grid_is_increasing_numbers(arms: pf.Mechanism, wrong: list[object]) -
 def test_the_figure_has_a_panel_for_each_frequency_and_axis() -> None:
     line = pose_map("3rrs", {"z": "-.01:.01:3"}, preload="none")
     names = [t.get_text() for t in plot_pose_map(line).axes[1].get_legend().get_texts()]
-    assert names[0] == "along x [N/m]" and len(names) == 6
+    assert names[0] == "1/C_xx (others free) [N/m]" and len(names) == 6
     plane = pose_map("ur5", {"z": "-.1:.1:3", "x": "0:.1:2", "y": "0:.1:2"}, count=2)
     titles = [ax.get_title(loc="left") for ax in plot_pose_map(plane).axes]
     assert [t for t in titles if t][:3] == [
         "mode 1 [Hz]",
         "mode 2 [Hz]",
-        "stiffness along x [MN/m]",
+        "1/C_xx (others free)\n[MN/m]",
     ]
     with pytest.raises(DescriptionError, match="one pose makes no plot"):
         plot_pose_map(pose_map("cantilever", {}))
@@ -137,3 +141,27 @@ def test_modes_are_followed_over_a_gap() -> None:
     assert len({tuple(perms[p][order]) for p, (order, _) in found.items()}) == 1
     assert all(agreement == 1.0 for _, agreement in found.values())
     assert tracked({}, lambda p: np.eye(5), 5) == {}
+
+
+def test_what_is_rigid_is_said_in_figure_table_and_json(capsys: pytest.CaptureFixture[str]) -> None:
+    grid = {"x": "-.02:.02:2", "y": "-.02:.02:2"}
+    held = pose_map(published("3rrr"), grid, count=2)
+    figure = plot_pose_map(held)
+    assert "rigid along x, y, z, rx, ry, rz" in figure.get_suptitle()
+    assert not any("1/C" in ax.get_title(loc="left") for ax in figure.axes)
+    figure.canvas.draw()
+    for found in (held, pose_map("3rrr", grid, count=2)):
+        figure = plot_pose_map(found)
+        figure.canvas.draw()
+        ticks = [t.get_text() for ax in figure.axes for t in ax.get_yticklabels()]
+        assert (
+            max(map(len, ticks)) < 8
+        )  # equal to 1e-9: no ticks of 13 digits
+    assert __main__.main(["map", "3rrr", "--grid", "x=0:.01:2", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["columns"]["K_zz (others held)"] == [None, None]
+    assert answer["columns"]["1/C_xx (others free)"][0] == pytest.approx(1 / 3.944e-8, rel=1e-3)
+    assert "rigid along z, rx, ry" in answer["notes"][1]
+    assert __main__.main(["map", "3rrr", "--grid", "x=0:.01:2"]) == 0
+    text = capsys.readouterr().out
+    assert "K_zz (others held)" in text and "rigid" in text and "e+26" not in text

@@ -9,6 +9,7 @@ import pinflex as pf
 from pinflex.errors import DescriptionError
 from pinflex.results.spectra import spectrum
 from pinflex.studies.modal_test import identify, modal_test
+from tests.scenes import published
 
 ROBOT = "flexible.*.basis={kind: craig_bampton, internal: 4}"
 DAMPING = {103.1: 0.056, 286.3: 0.032}
@@ -32,7 +33,7 @@ def test_unequal_steps_and_scraps_are_refused() -> None:
 
 
 def test_without_noise_a_hammer_finds_what_was_put_in() -> None:
-    test = modal_test(pf.load("3rrr", [ROBOT]), "distal_1", DAMPING)
+    test = modal_test(pf.load(published("3rrr"), [ROBOT]), "distal_1", DAMPING)
     first, second = identify(test, 2)
     # 1e-3: the first mode's window has the tail of the second beside it.
     assert first.frequency == pytest.approx(test.exact[0, 0], rel=1e-3)
@@ -48,7 +49,7 @@ def test_without_noise_a_hammer_finds_what_was_put_in() -> None:
 
 def test_the_response_functions_are_symmetric_and_those_of_the_modes() -> None:
     """Hit at a measured point, measure at a hit point: the same (Maxwell), and the modal sum."""
-    robot = pf.load("3rrr", [ROBOT])
+    robot = pf.load(published("3rrr"), [ROBOT])
     test = modal_test(robot, "distal_1", 0.05, hits=(0.3, 0.6), rate=8192.0)
     i, j = 3, 6  # of 11 points: 0.3 and 0.6 of the length
     np.testing.assert_allclose(test.frf[0, j, 1:], test.frf[1, i, 1:], rtol=1e-9)
@@ -64,7 +65,7 @@ def test_the_response_functions_are_symmetric_and_those_of_the_modes() -> None:
 
 
 def test_noise_is_averaged_away() -> None:
-    test = modal_test(pf.load("3rrr", [ROBOT]), "distal_1", DAMPING, noise=0.02)
+    test = modal_test(pf.load(published("3rrr"), [ROBOT]), "distal_1", DAMPING, noise=0.02)
     first, second = identify(test, 2)
     assert first.frequency == pytest.approx(103.37, rel=2e-3)
     assert first.damping == pytest.approx(0.056, rel=0.02)
@@ -73,7 +74,7 @@ def test_noise_is_averaged_away() -> None:
 
 def test_the_library_of_the_trade_agrees() -> None:
     pytest.importorskip("sdypy.EMA", reason="pinflex[ema] is not installed")
-    test = modal_test(pf.load("3rrr", [ROBOT]), "distal_1", DAMPING)
+    test = modal_test(pf.load(published("3rrr"), [ROBOT]), "distal_1", DAMPING)
     first, second = identify(test, 2, method="lscf")
     assert first.frequency == pytest.approx(test.exact[0, 0], rel=1e-4)
     assert second.frequency == pytest.approx(test.exact[3, 0], rel=1e-4)
@@ -89,4 +90,4 @@ def test_the_library_of_the_trade_agrees() -> None:
 )
 def test_wrong_arguments_are_named(changes: dict[str, str], message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
-        modal_test(pf.load("3rrr", [ROBOT]), **{"link": "distal_1", **changes})  # type: ignore[arg-type]
+        modal_test(pf.load(published("3rrr"), [ROBOT]), **{"link": "distal_1", **changes})  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from tests import analytical
-from tests.scenes import Body, load
+from tests.scenes import Body, load, published
 
 # The link of the article, pinned-pinned: b^2 sqrt(EI/(rho A L^4)) [Hz].
 UNIT = np.sqrt(7.1e10 * 0.025 * 0.002**3 / 12 / (2810 * 0.025 * 0.002 * 0.21**4)) / (2 * np.pi)
@@ -23,7 +23,7 @@ UNIT = np.sqrt(7.1e10 * 0.025 * 0.002**3 / 12 / (2810 * 0.025 * 0.002 * 0.21**4)
 
 def locked(basis: str, *changes: str) -> Array:
     """Frequencies with locked motors at the centre [Hz]."""
-    m = pf.load("3rrr", [f"flexible.*.basis={basis}", *changes])
+    m = pf.load(published("3rrr"), [f"flexible.*.basis={basis}", *changes])
     return pf.modes(m, preload="none").frequencies
 
 
@@ -33,14 +33,14 @@ def locked(basis: str, *changes: str) -> Array:
 def test_the_rigid_torque_peaks_are_those_of_newton_euler(
     speed: float, peaks: tuple[float, ...]
 ) -> None:
-    m = pf.load("3rrr", [f"motion.omega={speed!r}"])
+    m = pf.load(published("3rrr"), [f"motion.omega={speed!r}"])
     r = pf.solve(m, level="rigid", until=2 * np.pi / speed, samples=801)  # one turn
     # The printed peaks have an elbow inertia of 2.2e-5 kg m^2 besides, worth 0.1 %.
     np.testing.assert_allclose(np.abs(r.torque).max(axis=0), peaks, rtol=5e-3)
 
 
 def test_with_that_elbow_inertia_the_peaks_agree_to_their_last_digit() -> None:
-    m = pf.load("3rrr", ["flexible.*.root={inertia: [0, 0, 2.2e-5]}"])
+    m = pf.load(published("3rrr"), ["flexible.*.root={inertia: [0, 0, 2.2e-5]}"])
     r = pf.solve(m, level="rigid", until=0.2, samples=2001)
     np.testing.assert_allclose(np.abs(r.torque).max(axis=0), (7.90, 10.83, 8.26), atol=6e-3)
 
@@ -63,7 +63,7 @@ def test_locked_motors_leave_three_pinned_pinned_links(basis: str) -> None:
 
 
 def test_the_model_as_it_ships_meets_both_frequencies() -> None:
-    found = pf.modes(pf.load("3rrr"), preload="none").frequencies
+    found = pf.modes(pf.load(published("3rrr")), preload="none").frequencies
     np.testing.assert_allclose(found[:6], [103.37] * 3 + [413.5] * 3, rtol=3e-3)
 
 
@@ -82,7 +82,7 @@ def test_refined_links_have_the_exact_frequencies(basis: str) -> None:
 @pytest.mark.parametrize("mass", [0.1, 1.0])
 def test_the_mass_of_the_platform_does_not_matter(mass: float, tmp_path: Path) -> None:
     """With rigid cranks and locked motors the platform is held by the three chords."""
-    source = pf.load("3rrr").description
+    source = pf.load(published("3rrr")).description
     text = source.urdf_text.replace('<mass value="0.3"/>', f'<mass value="{mass}"/>')
     assert text != source.urdf_text
     (tmp_path / "3rrr.urdf").write_text(text)
@@ -175,7 +175,7 @@ def test_the_measured_first_frequency_is_met() -> None:
 
 def test_the_links_ring_about_the_rigid_torque() -> None:
     """The flexible torque on the circle: its mean over a turn stays near the rigid one."""
-    m = pf.load("3rrr", ["damping={modal: 0.056}"])
+    m = pf.load(published("3rrr"), ["damping={modal: 0.056}"])
     rigid = pf.solve(m, level="rigid", until=0.2, samples=401)
     flexible = pf.solve(m, level="coupled", until=0.2, samples=401)
     difference = flexible.torque - rigid.torque

@@ -16,6 +16,7 @@ import pinflex as pf
 from pinflex.errors import DescriptionError
 from pinflex.results.spectra import ModalForces, modal_forces, spectrum
 from pinflex.studies.modal_test import identify, modal_test
+from tests.scenes import published
 
 FAMILY = "flexible.*.basis={{kind: assumed, boundary: {}, modes: {}}}"
 PRINTED = (24.88, 49.75, 104.48)  # [Hz]
@@ -24,7 +25,7 @@ LOW = 31.41592653589793  # [rad/s] 10 pi
 
 @cache
 def robot(modes: int = 2, boundary: str = "pinned_free", omega: float = 5 * LOW) -> pf.Mechanism:
-    return pf.load("3rrr", [f"motion.omega={omega!r}", FAMILY.format(boundary, modes)])
+    return pf.load(published("3rrr"), [f"motion.omega={omega!r}", FAMILY.format(boundary, modes)])
 
 
 @cache
@@ -148,14 +149,17 @@ def test_motors_locked_prescribed_and_driven_by_torque() -> None:
 
 def test_the_elbow_mass_loads_the_motors_but_not_the_frequencies() -> None:
     """m_B sits on the drive rod: with locked motors it stands still."""
-    heavy = pf.load("3rrr").description
+    heavy = pf.load(published("3rrr")).description
     text = heavy.urdf_text.replace('<mass value="0.05"/>', '<mass value="0.5"/>')
     assert text != heavy.urdf_text
     m = pf.load(heavy.replace(urdf_text=text))
-    found, light = (pf.modes(x, preload="none").frequencies[:3] for x in (m, pf.load("3rrr")))
+    found, light = (
+        pf.modes(x, preload="none").frequencies[:3] for x in (m, pf.load(published("3rrr")))
+    )
     np.testing.assert_allclose(found, light, rtol=1e-9)
     torque = [
-        np.abs(pf.solve(x, level="rigid", samples=51).torque).max() for x in (m, pf.load("3rrr"))
+        np.abs(pf.solve(x, level="rigid", samples=51).torque).max()
+        for x in (m, pf.load(published("3rrr")))
     ]
     assert torque[0] > 1.5 * torque[1]
 
@@ -166,7 +170,7 @@ def test_torques_at_50_pi_exceed_the_printed_limit_tenfold() -> None:
 
 
 def test_the_simulated_test_finds_the_first_frequency_and_damping_of_the_article() -> None:
-    m = pf.load("3rrr", ["flexible.*.basis={kind: craig_bampton, internal: 4}"])
+    m = pf.load(published("3rrr"), ["flexible.*.basis={kind: craig_bampton, internal: 4}"])
     found = identify(modal_test(m, "distal_1", {103.1: 0.056, 286.3: 0.032}), 2)
     assert found[0].frequency == pytest.approx(103.1, abs=0.5)  # scenes 7, row 9
     assert found[0].damping == pytest.approx(0.056, rel=0.01)
