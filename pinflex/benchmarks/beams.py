@@ -57,6 +57,7 @@ flexible:
     basis: {{kind: craig_bampton, internal: 12}}
     end: tip
     torsion: false
+    axial: false
     {extra}
 """
     return scene("beam", bodies, yaml)

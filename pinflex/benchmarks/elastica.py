@@ -214,6 +214,7 @@ flexible:
     bending_y: true
     bending_z: true
     torsion: true
+    axial: false
     segments: {segments}
 """
     return scene("frame", bodies, yaml)

@@ -6,8 +6,9 @@ motor's unit acceleration, and those of the nominal motion at a few instants (as
 With linear elasticity the share of a deformation in the energy of a case is d ln C / d ln (1/k),
 how much of the compliance C it makes; between two cases, as the platform's wrench and the weight,
 the mutual energy is its part of the sag, and with a unit move of a motor its part of the holding
-torque. What has less than `NEGLIGIBLE` of all of these is left out. Bending has to be as small
-under the weight of the links in any direction too: a rod between two balls bends by nothing else.
+torque. What makes together less than `NEGLIGIBLE` of each of these is left out. Bending has to be
+as small under the weight of the links in any direction too: a rod between two balls bends by
+nothing else.
 
 A truss determines the forces in its members, so that these shares are exact there.
 """
@@ -58,25 +59,35 @@ def left_out(
         home: Closed rigid pose.
         given: Links whose bodies come from elsewhere: nothing of them is left out.
     """
-    best: dict[Key, tuple[float, str]] = {}
-    for of, every in shares(description, links, parts, system, home).items():
-        for key, share in every.items():
-            best[key] = max(best.get(key, (0.0, "")), (share, of))
+    cases = shares(description, links, parts, system, home)
     groups: dict[str, list[FlexiblePart]] = {}
     for name, part in parts.items():
         if name not in given:  # equal links stay equal, wherever they are
             groups.setdefault(f"{part.length:.9g} {replace(part.spec, link='')}", []).append(part)
-    found: dict[str, tuple[LeftOut, ...]] = {}
-    for equal in groups.values():
-        directions = undecided(equal[0].spec, equal[0].planes)
-        worst = {d: max(best.get((p.link, d), (0.0, ""))[0] for p in equal) for d in directions}
-        out = [d for d in directions if worst[d] < NEGLIGIBLE]
-        if len(out) == len(equal[0].planes):  # a link that is described deforms somehow
-            out.remove(max(out, key=lambda d: worst[d]))
-        for part in equal:
-            left = (LeftOut(d, *best.get((part.link, d), (0.0, ""))) for d in out)
-            found[part.link] = tuple(left)
-    return found
+    doubtful: list[tuple[Array, str, str]] = []
+    for group, equal in groups.items():
+        for d in undecided(equal[0].spec, equal[0].planes):
+            each = [sum(case.get((p.link, d), 0.0) for p in equal) for case in cases.values()]
+            doubtful.append((np.array(each), group, d))
+    spent, out = np.zeros(len(cases)), dict[str, list[str]]()
+    for cost, group, d in sorted(doubtful, key=lambda x: float(np.max(x[0], initial=0.0))):
+        already = out.setdefault(group, [])
+        # a link that is described deforms somehow
+        last = len(already) + 1 == len(groups[group][0].planes)
+        if not last and np.all(spent + cost < NEGLIGIBLE):
+            spent += cost
+            already.append(d)
+    return {
+        part.link: tuple(_worst(cases, part.link, d) for d in "uvwp" if d in out.get(group, ()))
+        for group, equal in groups.items()
+        for part in equal
+    }
+
+
+def _worst(cases: Mapping[str, Mapping[Key, float]], link: str, direction: str) -> LeftOut:
+    """The largest share of a deformation, and of what."""
+    every = [(float(case.get((link, direction), 0.0)), of) for of, case in cases.items()]
+    return LeftOut(direction, *max(every, default=(0.0, "")))
 
 
 def shares(

@@ -20,6 +20,7 @@ flexible:
     end: tip
     bending_z: false
     torsion: false
+    axial: false
 """
 TOL = 1e-3
 

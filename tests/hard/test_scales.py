@@ -30,6 +30,7 @@ flexible:
     bending_y: true
     bending_z: false
     torsion: false
+    axial: false
     {extra}
 """
     return load(folder, bodies, yaml)
@@ -168,6 +169,7 @@ flexible:
     bending_y: {y}
     bending_z: {z}
     torsion: false
+    axial: false
 """
 
 

@@ -37,6 +37,7 @@ YAML = "gravity: [0, -9.81, 0]\nflexible:\n" + "".join(
     bending_y: true
     bending_z: false
     torsion: false
+    axial: false
     end: end_{name}
     tip: {{mass: 1}}
 """
@@ -154,9 +155,7 @@ def test_what_is_rigid_is_said_in_figure_table_and_json(capsys: pytest.CaptureFi
         figure = plot_pose_map(found)
         figure.canvas.draw()
         ticks = [t.get_text() for ax in figure.axes for t in ax.get_yticklabels()]
-        assert (
-            max(map(len, ticks)) < 8
-        )  # equal to 1e-9: no ticks of 13 digits
+        assert max(map(len, ticks)) < 8  # equal to 1e-9: no ticks of 13 digits
     assert __main__.main(["map", "3rrr", "--grid", "x=0:.01:2", "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["columns"]["K_zz (others held)"] == [None, None]

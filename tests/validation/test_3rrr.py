@@ -134,6 +134,7 @@ flexible:
     section: {shape: rectangle, width: 0.025, thickness: 0.002}
     basis: {kind: craig_bampton, internal: 6}
     end: tip
+    axial: false
     root: {inertia: [0, 0, INERTIA]}
 """
 
