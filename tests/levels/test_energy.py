@@ -73,8 +73,9 @@ MODELS = {
 @pytest.mark.parametrize("name", MODELS)
 def test_the_work_of_the_motors_is_all_accounted_for_without_damping(name: str) -> None:
     until, steps = MODELS[name]
+    bent = ["flexible.*.axial=false"]  # stretch is not resolved by these steps
     damping = [] if name in ("cantilever", "spinning_beam", "3rrr", "race_r1") else ["damping=null"]
-    m = pf.load(name, damping)
+    m = pf.load(name, [*bent, *damping])
     assert not np.any(m.flexible.D)
     error = []
     for dt in steps:
@@ -92,7 +93,7 @@ def test_the_work_of_the_motors_is_all_accounted_for_without_damping(name: str) 
 @pytest.mark.parametrize("name", ["race_r2", "ur5"])
 def test_the_balance_holds_with_damping(name: str) -> None:
     until, steps = MODELS[name]
-    m = pf.load(name)
+    m = pf.load(name, ["flexible.*.axial=false"])
     assert np.any(m.flexible.D)
     error = []
     for dt in steps:

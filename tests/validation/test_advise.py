@@ -16,6 +16,7 @@ import pinflex as pf
 from pinflex.solver.advise import advise
 from pinflex.solver.fewer import richer
 from tests.cli.small import call
+from tests.scenes import published
 
 ALL = ("torque", "deflection", "platform")
 SLOW = ("motion.duration=4", "solve.until=4", "solve.start=static")
@@ -96,8 +97,9 @@ def test_error_bars_cover_the_measured_errors(scene):
 
 def test_stretch_is_what_moves_the_platform_of_race_r1():
     """Links pinned at both ends bend without moving it: without stretch 14 nm, with it 0.7 um."""
-    found = advise(pf.load("race_r1"), tol=0.02)
+    found = advise(pf.load(published("race_r1")), tol=0.02)
     assert "flexible.*.axial=true" in found.overrides
+    assert all("u" in part.planes for part in pf.load("race_r1").parts.values())  # by itself
     stretch = next(x for x in found.left_out if "axial" in x.what)
     assert not stretch.out and stretch.error["platform position"] > 0.9  # 1 - 14 nm / 0.7 um
     flat = next(x for x in found.left_out if "bending_z" in x.what)

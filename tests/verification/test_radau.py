@@ -136,7 +136,8 @@ def test_loops_are_shut_at_the_ends_of_steps_and_between_to_the_order_of_the_sta
 @pytest.mark.parametrize("name", ["race_r1", "race_r2"])
 def test_equal_steps_agree_with_generalized_alpha_refined(name: str) -> None:
     """Nothing in common but the residual: order 2 at 10 and 25 us against order 9 at 1 ms."""
-    m = pf.load(name, ["flexible.*.basis.internal=0"])
+    # stretch rings faster than the steps of generalized-alpha resolve
+    m = pf.load(name, ["flexible.*.basis.internal=0", "flexible.*.axial=false"])
     motion, end = from_spec(m.description.motion, name), 0.02
     t = np.linspace(0.0, end, 21)
     path = motor_path(m, motion, t[:1])

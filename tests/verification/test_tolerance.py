@@ -15,16 +15,18 @@ from pinflex.solver.tolerance import Outputs
 SAMPLES = 51
 TORQUE, ALL = ("torque",), ("torque", "deflection", "platform")
 STATIC = "flexible.*.basis.internal=0"  # shapes whose frequencies the reference resolves
+BENT = "flexible.*.axial=false"  # likewise
+FIRST = "flexible.*.second_order=false"  # the published 3rrr
 # Model: overrides, what is asked, end in s, step in s of the reference, which is then good to
 # 3e-5 (measured between its step and half of it; less where deflections are slow).
 SCENES = {
-    "race_r1": ((STATIC,), TORQUE, 0.05, 5e-6),
+    "race_r1": ((STATIC, BENT), TORQUE, 0.05, 5e-6),
     "race_r2": ((), ALL, 0.1, 5e-5),
     "race_r3": (("solve.start=static",), ALL, 0.03, 2.5e-6),
     "spinning_beam": ((), ALL, 20.0, 2e-3),
     "3rrs": ((), ALL, 0.1, 1e-4),
-    "3rrr": ((STATIC,), ALL, 0.02, 4e-6),
-    "ur5": ((), ALL, 0.1, 2e-5),
+    "3rrr": ((STATIC, BENT, FIRST), ALL, 0.02, 4e-6),
+    "ur5": ((BENT,), ALL, 0.1, 2e-5),
 }
 
 
