@@ -155,7 +155,7 @@ def test_check_says_that_home_was_searched_and_which_frames_joints_name(capsys, 
 def test_check_names_loops_planes_masses_and_what_the_urdf_says_in_vain(capsys, fourbar):
     text = call(capsys, "check", fourbar).out
     assert "mobility  1 = 3 joint coordinates - 2 independent closure rows" in text
-    assert "coupler: bending y (planar scene" in text
+    assert "coupler: axial, bending y (planar scene" in text
     assert "damping in the URDF is not used (elbow)" in text
     assert max(map(len, text.splitlines())) <= 100
 
