@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -15,8 +14,8 @@ from functools import partial
 from importlib import import_module
 from typing import Any, NoReturn
 
-from pinflex.cli import advise, batch_arguments, bench_arguments
-from pinflex.errors import DescriptionError, PinflexError
+from pinflex.cli import advise, batch_arguments, bench_arguments, process
+from pinflex.errors import DescriptionError, PinflexError, quoted
 
 _ISSUES = "please report it with the model and the output of --debug"
 _MOST_SAMPLES = 1_000_000  # of a run: 100 MB for each hundred columns
@@ -41,14 +40,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in arguments
+    process.speakable()
     try:
-        args = _parser().parse_args(arguments)
-        return _run(args)
+        with process.ending() as end:
+            args = _parser().parse_args(arguments)
+            return _run(args)
     except KeyboardInterrupt as stop:
-        return _complain(str(stop) or "interrupted", 130)
+        return _complain(str(stop) or "interrupted", end.code)
     except BrokenPipeError:
-        # the reader has gone; a second complaint at interpreter exit would be noise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        process.drop_stdout()
         return 141
     except PinflexError as error:
         if debug:
@@ -59,12 +59,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         if debug:
             raise
+        process.drop_stdout()
         name = f"{error.filename}: " if error.filename else ""
         return _complain(f"{name}{error.strerror or error}. Check the path and the disk", 2)
     except Exception as error:
         if debug:
             raise
-        text = " ".join(str(error).split())[:300]
+        text = quoted(" ".join(str(error).split()))[:300]
         return _complain(f"internal error, {type(error).__name__}: {text}; {_ISSUES}", 1)
 
 
@@ -72,6 +73,8 @@ def _run(args: argparse.Namespace) -> int:
     if not args.debug:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")
+    if getattr(args, "limit", None) is not None and hasattr(args, "set"):
+        args.set.append(f"limit={args.limit!r}")
     code: int = import_module(f"pinflex.cli.{args.command}").run(args)
     sys.stdout.flush()
     return code
@@ -156,6 +159,12 @@ run that stops early is saved up to its last good step.""",
         "--resume", metavar="RUN.npz", help="go on with a stopped or shorter run, to --until"
     )
     p.add_argument("-o", "--output", metavar="RUN.npz", help="save the run")
+    p.add_argument(
+        "--checkpoint",
+        type=_positive,
+        metavar="S",
+        help="save the run to -o every S seconds; --resume goes on with it",
+    )
     p.add_argument("--csv", metavar="FILE.csv", help="save the main columns as a table")
 
     p = _command(
@@ -197,6 +206,7 @@ Writes one page that plays in any browser, offline, and opens it.""",
         help="colour: von_mises, bending, axial, shear or displacement",
     )
     p.add_argument("--scale", default="auto", metavar="X", help="magnification (default auto)")
+    p.add_argument("--limit", type=_positive, metavar="X", help="read runs of up to X times 2 GB")
     p.add_argument("--rigid", metavar="RUN.npz", help="rigid run to compare with")
     p.add_argument(
         "--meshes",
@@ -260,6 +270,12 @@ def _command(
             metavar="KEY=VALUE",
             help="change the YAML, such as solve.dt=1e-4; may be repeated",
         )
+        parser.add_argument(
+            "--limit",
+            type=_positive,
+            metavar="X",
+            help="take X times the memory and steps that are taken without asking",
+        )
     parser.add_argument("--json", action="store_true", help="print one JSON object, SI units")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     return parser
@@ -309,19 +325,19 @@ def _number(text: str) -> float:
 
 
 def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above zero")
+    if not text.isdecimal() or len(text) > 5 or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, 1 to 99999")
     return int(text)
 
 
 def _port(text: str) -> int:
-    if not text.isdecimal() or int(text) > 65535:
+    if not text.isdecimal() or len(text) > 5 or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text!r} is not a port, 0 to 65535")
     return int(text)
 
 
 def _samples(text: str) -> int:
-    if not text.isdecimal() or not 2 <= int(text) <= _MOST_SAMPLES:
+    if not text.isdecimal() or len(text) > 9 or not 2 <= int(text) <= _MOST_SAMPLES:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, 2 to {_MOST_SAMPLES}")
     return int(text)
 

@@ -6,22 +6,27 @@ Messages read: where: what is wrong, with the value. What is allowed or nearest.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from typing import Any
+
+_LONGEST_WORD, _LONGEST = 240, 2000  # [characters] of a word (a path), of a message
+_WORD = re.compile(rf"\S{{{_LONGEST_WORD},}}")
 
 
 class PinflexError(Exception):
     """Base of every error pinflex raises on purpose.
 
     Args:
-        message: One clear text for the user.
+        message: One clear text for the user. What a file brought into it stays on its line:
+            line breaks become blanks, control characters are shown as such, endless words cut.
         **data: What the message talks about; each becomes an attribute.
     """
 
     exit_code = 1
 
     def __init__(self, message: str, **data: Any) -> None:
-        super().__init__(message)
+        super().__init__(quoted(message))
         self.data = data
         for key, value in data.items():
             setattr(self, key, value)
@@ -67,10 +72,21 @@ class RunInterrupted(KeyboardInterrupt):
         self.result = result
 
 
+def quoted(text: str) -> str:
+    """Text of somebody else's on one line of bounded length, with nothing that acts on a screen."""
+    if not text.isprintable():
+        text = " ".join(text.split())
+        text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    if len(text) > _LONGEST_WORD:
+        text = _WORD.sub(lambda found: found.group()[: _LONGEST_WORD - 3] + "...", text)
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
+
+
 def nearest(name: str, names: Iterable[str], limit: int = 12) -> str:
     """Text that leads from a wrong name to the right one: the closest, then the list."""
     known = list(dict.fromkeys(str(n) for n in names))
-    close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(str(name)[:80], [n for n in known if len(n) < 200], 1, 0.5)
     hint = f' Did you mean "{close[0]}"?' if close else ""
-    shown = ", ".join(known[:limit]) + (", ..." if len(known) > limit else "")
+    shown = ", ".join(n[:80] for n in known[:limit]) + (", ..." if len(known) > limit else "")
     return f"{hint} Allowed: {shown or 'none'}."

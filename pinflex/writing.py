@@ -1,9 +1,13 @@
-"""What is settled before anything is written: a path that takes a file, values that JSON knows."""
+"""Writing files whole or not at all, to regular files only, and of values that JSON knows."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +20,66 @@ def writable(path: str | Path | None) -> None:
     """Find out before a long run, not after it, that its file cannot be written."""
     if path is None:
         return
-    path = Path(path)
+    try:
+        target = _target(Path(path))
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise _unwritable(Path(path), error) from error
+
+
+@contextmanager
+def replaced(path: str | Path) -> Iterator[Path]:
+    """A file beside `path` to write; it takes the place of `path` once it is complete.
+
+    What was there before stays where writing fails. A link is followed; what is no regular file (a
+    device, a pipe) is refused, as the new file would take its place.
+    """
+    try:
+        target = _target(Path(path))
+        part = target.with_name(f".{target.stem[:100]}.{os.getpid()}.part{target.suffix[:20]}")
+    except OSError as error:
+        raise _unwritable(Path(path), error) from error
+    try:
+        yield part
+        if target.exists():
+            os.chmod(part, stat.S_IMODE(target.stat().st_mode))
+        part.replace(target)
+    except OSError as error:
+        raise _unwritable(Path(path), error) from error
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str) -> Path:
+    """Write a text whole, in UTF-8 and with the line ends that it has."""
+    with replaced(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+    return Path(path)
+
+
+def _target(path: Path) -> Path:
+    """Where a path leads, in a folder that exists; only a regular file may be there already."""
     if path.is_dir():
         raise DescriptionError(f"{path}: is a folder. Give the name of a file in it.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
+        target = path.resolve()
+    except RuntimeError:  # a link that leads to itself
+        target = path
+    if (target.exists() or target.is_symlink()) and not target.is_file():
         raise DescriptionError(
-            f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
-        ) from error
+            f"{path}: is no regular file (a device, a pipe or a link to nowhere) and would be "
+            "replaced by one. Give another name."
+        )
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return target
+
+
+def _unwritable(path: Path, error: OSError) -> DescriptionError:
+    return DescriptionError(
+        f"{path}: cannot be written ({error.strerror or error}). Choose a folder you may write to."
+    )
 
 
 def plain(value: Any) -> Any:

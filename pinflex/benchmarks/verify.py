@@ -15,6 +15,7 @@ from pinflex.benchmarks.record import Case, Outcome, Picture
 from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.text import paragraph, table
 from pinflex.threads import one_blas_thread
+from pinflex.writing import write_text
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ def verify(
     names: Sequence[str] = (),
     progress: Callable[[str, int, int], None] | None = None,
     slow: bool = False,
+    ended: Callable[[str], None] | None = None,
 ) -> Verification:
     """Run benchmarks.
 
@@ -86,6 +88,7 @@ def verify(
         names: Parts of case names ("A02", "Princeton"); none means all.
         progress: Called with (case, number, count) before each case.
         slow: Also cases that take minutes; without, only if the names fit no other.
+        ended: Called with the table of each case when it has ended.
     Returns:
         One record per checked quantity; a case that raises gives one record that did not pass.
     Raises:
@@ -108,6 +111,8 @@ def verify(
             progress(case.name, k, len(chosen))
         found, picture = _run(case)
         records += found
+        if ended is not None:
+            ended(case_text(case.name, found))
         pictures += [picture] if picture is not None else []
     return Verification(tuple(records), tuple(pictures))
 
@@ -138,28 +143,33 @@ def _records(case: Case, outcome: Outcome, seconds: float) -> list[Record]:
 
 def text(found: Verification) -> str:
     """One table per case, and a last line that counts."""
-    blocks = []
-    for name, records in _by_case(found.records):
-        first = records[0]
-        rows = [[r.mark, r.quantity, *_figures(r)] for r in records]
-        head = f"{name}   [{first.source}; {first.seconds:.1f} s]"
-        header = "|quantity|measured|reference|error|limit"
-        blocks.append(table(head, header, rows, (6, 46)))
-        notes: dict[str, list[str]] = {}
-        for r in records:
-            if r.note and not r.passed:
-                notes.setdefault(r.note, []).append(r.quantity)
-        blocks += [paragraph(f"{', '.join(who)}: {note}", "  ") for note, who in notes.items()]
+    blocks = [case_text(name, records) for name, records in _by_case(found.records)]
+    return "\n\n".join([*blocks, verdict(found)]) + "\n"
+
+
+def case_text(name: str, records: Sequence[Record]) -> str:
+    """The table of one case, and what there is to say about what did not pass."""
+    first = records[0]
+    rows = [[r.mark, r.quantity, *_figures(r)] for r in records]
+    head = f"{name}   [{first.source}; {first.seconds:.1f} s]"
+    header = "|quantity|measured|reference|error|limit"
+    notes: dict[str, list[str]] = {}
+    for r in records:
+        if r.note and not r.passed:
+            notes.setdefault(r.note, []).append(r.quantity)
+    said = [paragraph(f"{', '.join(who)}: {note}", "  ") for note, who in notes.items()]
+    return "\n\n".join([table(head, header, rows, (6, 46)), *said])
+
+
+def verdict(found: Verification) -> str:
+    """The last line: how many passed, in what time."""
     good = sum(r.passed for r in found.records)
     seconds = sum(records[0].seconds for _, records in _by_case(found.records))
     off = sum(r.mark == "off" for r in found.records)
-    verdict = "all within their limits" if found.passed else "SOME ARE OUTSIDE THEIR LIMITS"
+    words = "all within their limits" if found.passed else "SOME ARE OUTSIDE THEIR LIMITS"
     if off and found.passed:
-        verdict = f"the other {off} are known to be outside their limits, as noted"
-    blocks.append(
-        f"{good} of {len(found.records)} quantities passed in {seconds:.0f} s: {verdict}."
-    )
-    return "\n\n".join(blocks) + "\n"
+        words = f"the other {off} are known to be outside their limits, as noted"
+    return f"{good} of {len(found.records)} quantities passed in {seconds:.0f} s: {words}."
 
 
 def _figures(r: Record) -> list[str]:
@@ -214,8 +224,7 @@ def write_page(found: Verification, path: str | Path) -> Path:
         parts += [_row(r) for r in records]
         parts.append("</table>")
     parts += [_figure(picture) for picture in found.pictures]
-    path.write_text("\n".join(parts) + "</html>\n", encoding="utf-8")
-    return path
+    return write_text(path, "\n".join(parts) + "</html>\n")
 
 
 def _row(r: Record) -> str:

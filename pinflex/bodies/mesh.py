@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.description.files import MOST_DATA, require_regular
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
@@ -73,6 +74,7 @@ def read(path: Path, interfaces: Mapping[str, Region], scale: float, where: str)
             f"{where}.file: {path.name}: no such file.{nearest(path.name, beside)} "
             "Give it relative to the YAML."
         )
+    require_regular(path, MOST_DATA, f"{where}.file: {path.name}")
     try:
         data = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio raises what its many readers raise

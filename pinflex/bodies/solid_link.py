@@ -16,6 +16,7 @@ from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.mesh import Region
 from pinflex.bodies.solid import Solid, of_matrices, of_mesh
 from pinflex.bodies.superelement import reduce
+from pinflex.description.files import MOST_DATA, require_regular
 from pinflex.description.flexible import Basis, FlexibleLink
 from pinflex.description.material import Material
 from pinflex.description.section import Section
@@ -204,6 +205,7 @@ def _existing(path: Path, where: str) -> Path:
     if not path.is_file():
         beside = [p.name for p in sorted(path.parent.glob("*.*"))] if path.parent.is_dir() else []
         raise DescriptionError(f"{where}: {path.name}: no such file.{nearest(path.name, beside)}")
+    require_regular(path, MOST_DATA, f"{where}: {path.name}")
     return path
 
 

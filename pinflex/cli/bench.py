@@ -12,7 +12,7 @@ from pinflex.benchmarks.bench import Bench, Point, bench
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import DescriptionError
 from pinflex.text import number, paragraph, table
-from pinflex.writing import plain, writable
+from pinflex.writing import plain, writable, write_text
 
 _ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
 
@@ -106,8 +106,8 @@ def _save(found: Bench, folder: Path, text: str, data: dict[str, object]) -> lis
 
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"bench.{kind}" for kind in ("txt", "json", "png")]
-    paths[0].write_text(text)
-    paths[1].write_text(json.dumps(plain(data), indent=2))
+    write_text(paths[0], text)
+    write_text(paths[1], json.dumps(plain(data), indent=2))
     figure(found).savefig(paths[2])
     return paths
 
@@ -122,7 +122,7 @@ def _race(args: argparse.Namespace) -> int:
     outcomes = run(names, lambda text: print(text, file=sys.stderr))
     text = write_report(outcomes)
     if args.report is not None:
-        Path(args.report).write_text(text)
+        write_text(args.report, text)
     if args.json:
         print_json(as_json(outcomes))
     else:

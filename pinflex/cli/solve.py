@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pinflex.cli.checkpoint import saved_meanwhile
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import RunInterrupted, SceneError
 from pinflex.results.result import Result, peak, rms
@@ -23,17 +24,13 @@ def run(args: argparse.Namespace) -> int:
         writable(path)
     level = args.level or mechanism.description.solve.level
     bar = Progress(level)
+    options = {key: getattr(args, key) for key in ("level", "until", "dt", "tol", "samples")}
+    options |= {"progress": bar, "resume": args.resume}
     try:
-        result = solve(
-            mechanism,
-            level=args.level,
-            until=args.until,
-            dt=args.dt,
-            tol=args.tol,
-            samples=args.samples,
-            progress=bar,
-            resume=args.resume,
-        )
+        if args.checkpoint is None:
+            result = solve(mechanism, **options)
+        else:
+            result = saved_meanwhile(mechanism, args.output, args.checkpoint, options)
     except RunInterrupted as stop:
         if args.output is None or not isinstance(stop.result, Result):
             raise

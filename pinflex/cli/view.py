@@ -6,15 +6,32 @@ import argparse
 from pathlib import Path
 
 from pinflex.cli.console import print_json
+from pinflex.errors import DescriptionError
+from pinflex.results import checked
 from pinflex.results.result import Result
 from pinflex.viewer import pictures, serve
 from pinflex.viewer.view import view
 
+_AMISS = (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError)
+
 
 def run(args: argparse.Namespace) -> int:
     """Write the page that plays a run, and what else was asked for."""
-    result = Result.load(args.run)
-    rigid = None if args.rigid is None else Result.load(args.rigid)
+    try:
+        return _run(args)
+    except _AMISS as error:
+        if args.debug:
+            raise
+        raise DescriptionError(
+            f"{args.run}: what it holds does not fit together ({type(error).__name__}: {error}). "
+            "The file was changed, or an older pinflex wrote it: repeat the run."
+        ) from error
+
+
+def _run(args: argparse.Namespace) -> int:
+    most = checked.MOST * (args.limit or 1.0)
+    result = Result.load(args.run, most)
+    rigid = None if args.rigid is None else Result.load(args.rigid, most)
     path = Path(args.output) if args.output is not None else Path(args.run).with_suffix(".html")
     at = None if args.png is None else pictures.instant(result, args.png)
     stays = args.serve is not None or args.live

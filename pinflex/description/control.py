@@ -125,7 +125,9 @@ def read_control(value: object, where: str, urdf: Urdf) -> Control | None:
         names.append(name)
         measures.append(_measure(block["measure"], schema.at(here, "measure"), urdf))
         drives.append(_drive(block["drive"], schema.at(here, "drive"), urdf))
-        rows.append([schema.number(block.get(k, 0.0), schema.at(here, k)) for k in gains])
+        rows.append(
+            [schema.number(block.get(k, 0.0), schema.at(here, k), of="gain") for k in gains]
+        )
         if not any(rows[-1][:3]):
             raise DescriptionError(f"{here}: it does nothing. Give kp, ki or kd.")
     if not names:
@@ -139,7 +141,7 @@ def _measure(value: object, where: str, urdf: Urdf) -> Deflection | Travel:
         return Travel(schema.known(block["joint"], where, urdf.joints, "joint"))
     schema.mapping(value, where, None, ("link", "at"))
     link = schema.known(block["link"], schema.at(where, "link"), urdf.links, "link")
-    x = schema.number(block["at"], schema.at(where, "at"), low=0)
+    x = schema.number(block["at"], schema.at(where, "at"), low=0, of="place")
     direction = schema.choice(
         block.get("direction", "y"), schema.at(where, "direction"), ("y", "z")
     )

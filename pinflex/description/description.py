@@ -48,8 +48,9 @@ __all__ = [
 
 _KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "home", "platform", "frames"),
-    *("flexible", "damping", "forces", "springs", "control", "motion", "solve"),
+    *("flexible", "damping", "forces", "springs", "control", "motion", "solve", "limit", "allow"),
 )
+ALLOWED = ("wide", "heavy", "large")
 _ONE_DOF = ("revolute", "continuous", "prismatic")
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MODEL_FOLDERS = (_PACKAGE / "models", _PACKAGE.parent / "models")
@@ -84,6 +85,8 @@ class Description:
         system_damping: Rayleigh (alpha [1/s], beta [s]) of the whole linear system of level ked.
         motion: The checked YAML block of the motion, for `motion.from_spec`.
         solve: What to compute.
+        limit: Factor on the memory and the steps that are taken without asking.
+        allow: What looks like a slip of units and is meant: some of `ALLOWED`.
     """
 
     __repr__ = brief
@@ -110,6 +113,8 @@ class Description:
     system_damping: tuple[float, float] = (0.0, 0.0)
     motion: dict[str, Any] | None = None
     solve: SolveSpec = field(default_factory=SolveSpec)
+    limit: float = 1.0
+    allow: tuple[str, ...] = ()
 
     @property
     def sources(self) -> dict[str, str]:
@@ -135,7 +140,11 @@ class Description:
                 "flexible.*.section.thickness=1e-3", "gravity.2=-1.62". Under `flexible` every link
                 has its own key, however the file groups them. "null" removes a value.
         """
-        changes = list(assignments)
+        if isinstance(assignments, str) or not isinstance(assignments, Iterable):
+            raise DescriptionError(
+                f'overrides: {schema.shown(assignments)} is no list. Give ["key.path=value", ...].'
+            )
+        changes = [schema.text(change, "overrides") for change in assignments]
         if not changes:
             return self
         label = f"{self.name}.yaml"
@@ -168,6 +177,11 @@ def model_names() -> tuple[str, ...]:
 
 
 def _find(source: str | Path) -> Path:
+    if not isinstance(source, (str, Path)) or "\0" in str(source):
+        raise ModelNotFoundError(
+            f"{schema.shown(source)}: no model. Give the path of a YAML file, its folder, or a "
+            "shipped name."
+        )
     path = Path(source)
     shown = str(source)
     if path.is_file():
@@ -207,8 +221,12 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
         source = schema.text(block["urdf"], place["urdf"])
         tree = urdf.find(source, Path() if path is None else path.parent, place["urdf"])
     fields: dict[str, Any] = {}
+    if "limit" in block:
+        fields["limit"] = schema.number(block["limit"], place["limit"], above=0, of="ratio")
+    if "allow" in block:
+        fields["allow"] = schema.names(block["allow"], place["allow"], ALLOWED, "word")
     if "gravity" in block:
-        fields["gravity"] = schema.vector(block["gravity"], place["gravity"])
+        fields["gravity"] = schema.vector(block["gravity"], place["gravity"], of="acceleration")
     base = schema.choice(block.get("base", "fixed"), place["base"], ("fixed", "free_flyer"))
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     kinds = {j: extra.type for j, extra in joints.items() if extra.type is not None}
@@ -282,14 +300,14 @@ def _home(
         schema.known(name, place, movable, "moving joint")
         sizes = HOME_SIZES[types[name]]
         if sizes == (1,):
-            home[name] = schema.number(item, place)
+            home[name] = schema.number(item, place, of="position")
             continue
         if not isinstance(item, list) or len(item) not in sizes:
             raise DescriptionError(
                 f"{place}: {schema.shown(item)} does not fit a {types[name]} joint, which takes a "
                 f"list of {' or '.join(map(str, sizes))} numbers. Correct it."
             )
-        values = schema.numbers(item, place, len(item))
+        values = schema.numbers(item, place, len(item), of="position")
         if types[name] == "universal":
             home |= {f"{name}.{axis + 1}": angle for axis, angle in enumerate(values)}
         elif types[name] == "planar":

@@ -74,20 +74,21 @@ def read_forces(value: object, where: str, urdf: Urdf) -> tuple[FrameForce, ...]
         at = frame(block["at"], schema.at(here, "at"), urdf)
         fields: dict[str, Any] = {}
         for key in block.keys() & {"force", "moment"}:
-            fields[key] = schema.vector(block[key], schema.at(here, key))
+            fields[key] = schema.vector(block[key], schema.at(here, key), of=key)
         if not fields:
             raise DescriptionError(f"{here}: no load. Give force: [x, y, z] or moment: [x, y, z].")
         if "follower" in block:
             fields["follower"] = schema.boolean(block["follower"], schema.at(here, "follower"))
         for key in block.keys() & {"start", "until", "ramp"}:
-            fields[key] = schema.number(block[key], schema.at(here, key), low=0)
+            fields[key] = schema.number(block[key], schema.at(here, key), low=0, of="time")
         found.append(FrameForce(name, at, **fields))
     return tuple(found)
 
 
 def read_springs(value: object, where: str, urdf: Urdf) -> tuple[FrameSpring, ...]:
     """The block `springs`, in file order."""
-    keys = ("between", "stiffness", "damper", "length")
+    quantities = {"stiffness": "stiffness", "damper": "damping", "length": "length"}
+    keys = ("between", *quantities)
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
@@ -95,8 +96,8 @@ def read_springs(value: object, where: str, urdf: Urdf) -> tuple[FrameSpring, ..
         schema.items(block["between"], schema.at(here, "between"), 2)
         a, b = frames(block["between"], schema.at(here, "between"), urdf)
         values = {
-            key: schema.number(block[key], schema.at(here, key), low=0)
-            for key in ("stiffness", "damper", "length")
+            key: schema.number(block[key], schema.at(here, key), low=0, of=quantity)
+            for key, quantity in quantities.items()
             if key in block
         }
         found.append(FrameSpring(name, a, b, **values))

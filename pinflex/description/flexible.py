@@ -219,7 +219,7 @@ def from_spec(
     for key in block.keys() & {"start", "end"}:
         fields[key] = frame(block[key], place[key], urdf)
     if "length" in block:
-        fields["length"] = schema.number(block["length"], place["length"], above=0)
+        fields["length"] = schema.number(block["length"], place["length"], above=0, of="length")
     if "up" in block:
         fields["up"] = schema.direction(block["up"], place["up"])
     for key in _SWITCHES:
@@ -235,7 +235,7 @@ def from_spec(
     for key in block.keys() & {"rotary_inertia", "second_order", "third_order", "shear"}:
         fields[key] = schema.boolean(block[key], place[key])
     if "segments" in block:
-        fields["segments"] = schema.integer(block["segments"], place["segments"], low=1)
+        fields["segments"] = schema.integer(block["segments"], place["segments"], 1)
     for key in block.keys() & {"root", "tip"}:
         fields[key] = _end_mass(block[key], place[key])
     if "damping" in block:
@@ -278,7 +278,8 @@ def basis_from_spec(spec: object, where: str) -> Basis:
         elif key == "stretch":
             fields[key] = schema.choice(value, place, STRETCHES)
         else:
-            fields[key] = schema.integer(value, place, low=0 if key == "internal" else 1)
+            most = 10_000 if key == "elements" else 200
+            fields[key] = schema.integer(value, place, 0 if key == "internal" else 1, most)
     if kind in solid_keys.KINDS:
         fields = {"modes": 6} | fields
         solid_keys.check(kind, block, where)
@@ -310,11 +311,12 @@ def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], fl
         )
     if "modal" in block:
         return (0.0, 0.0), schema.number(block["modal"], schema.at(where, "modal"), 0, 1)
-    alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, low=0)
+    alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, 0, "rate")
     return (alpha, beta), 0.0
 
 
 def _end_mass(spec: object, where: str) -> EndMass:
     block = schema.mapping(spec, where, ("mass", "inertia"))
-    inertia = schema.vector(block.get("inertia", (0, 0, 0)), schema.at(where, "inertia"), low=0)
-    return EndMass(schema.number(block.get("mass", 0), schema.at(where, "mass"), low=0), inertia)
+    turning, moving = block.get("inertia", (0, 0, 0)), block.get("mass", 0)
+    inertia = schema.vector(turning, schema.at(where, "inertia"), low=0, of="inertia")
+    return EndMass(schema.number(moving, schema.at(where, "mass"), low=0, of="mass"), inertia)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.description.ranges import finite
 from pinflex.errors import DescriptionError, nearest
 
 _CONSTANTS = {"pi": np.pi}
@@ -142,4 +143,4 @@ def _jet(node: ast.expr, t: Array) -> Array:
     if isinstance(node, ast.Name) and node.id == "t":
         return t
     value = _CONSTANTS[node.id] if isinstance(node, ast.Name) else ast.literal_eval(node)
-    return np.array([np.full(t.shape[1], float(value)), 0.0 * t[0], 0.0 * t[0]])
+    return np.array([np.full(t.shape[1], finite(value)), 0.0 * t[0], 0.0 * t[0]])

@@ -101,7 +101,8 @@ def from_spec(spec: object, where: str = "material") -> Material:
             f"{', '.join(MATERIALS)}."
         )
     given = {
-        key: schema.number(block[key], place[key], above=0) for key in block.keys() & {"E", "G"}
+        key: schema.number(block[key], place[key], above=0, of="elasticity")
+        for key in block.keys() & {"E", "G"}
     }
     if "nu" in block:
         given["nu"] = schema.number(block["nu"], place["nu"], high=0.5, above=-1)
@@ -113,7 +114,9 @@ def from_spec(spec: object, where: str = "material") -> Material:
     if base is not None:
         custom = replace(custom, name=base.name, yield_strength=base.yield_strength)
     if "yield_strength" in block:
-        strength = schema.number(block["yield_strength"], place["yield_strength"], above=0)
+        strength = schema.number(
+            block["yield_strength"], place["yield_strength"], above=0, of="elasticity"
+        )
         custom = replace(custom, yield_strength=strength)
     if "name" in block:
         custom = replace(custom, name=schema.text(block["name"], place["name"]))
@@ -145,4 +148,4 @@ def _density(value: object, where: str) -> float | None:
     if isinstance(value, str):
         schema.choice(value, where, ("urdf",))
         return None
-    return schema.number(value, where, above=0)
+    return schema.number(value, where, above=0, of="density")

@@ -23,6 +23,7 @@ from pinflex.description import laws
 from pinflex.description import motion_keys as keys
 from pinflex.description.laws import SNAP, Kinematics
 from pinflex.description.motion_keys import PLATFORM_COORDINATES, Moves
+from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError, nearest
 
 
@@ -175,8 +176,10 @@ def circle(
     given = {"radius": radius, "omega": omega, "phase": phase, "ramp": ramp, "duration": duration}
     n = keys.options("circle", "duration", **given)
     if not isinstance(center, (list, tuple, np.ndarray)) or len(center) != 2:
-        raise keys.bad("circle.center", f"{center!r} is no point of the plane. Give [c1, c2] in m.")
-    at = [keys.number(x, f"circle.center[{i}]", "m") for i, x in enumerate(center)]
+        raise keys.bad(
+            "circle.center", f"{shown(center)} is no point of the plane. Give two numbers [m]."
+        )
+    at = [keys.number(x, f"circle.center[{i}]", "m", "place") for i, x in enumerate(center)]
     axes = keys.names(plane, "platform", "circle.plane")
     if len({*axes} & {"x", "y", "z"}) != 2 or len(axes) != 2:
         raise keys.bad("circle.plane", f"{list(axes)} is no plane. Name two of x, y, z.")
@@ -187,7 +190,7 @@ def circle(
             what = "it moves on the circle" if name in axes else "no such platform coordinate"
             raise keys.bad(f"circle.fixed.{name}", f"{what}.{nearest(name, others)}")
     if isinstance(direction, bool) or direction not in (1, -1):
-        raise keys.bad("circle.direction", f"{direction!r} is no direction. Allowed: 1, -1.")
+        raise keys.bad("circle.direction", f"{shown(direction)} is no direction. Allowed: 1, -1.")
     n.setdefault("duration", 2.0 * np.pi / n["omega"] + 0.5 * n["ramp"])
     z0, rest = n["radius"] * np.exp(1j * n["phase"]), np.array([*at, *held.values()])
     law = partial(laws.circle, rest, z0, direction * n["omega"], n["ramp"])
@@ -214,13 +217,15 @@ def sampled(
 
     for key, flag in (("absolute", absolute), ("periodic", periodic)):
         if not isinstance(flag, bool):
-            raise keys.bad(f"sampled.{key}", f"{flag!r} is not allowed. Allowed: true, false.")
+            raise keys.bad(f"sampled.{key}", f"{shown(flag)} is not allowed. Allowed: true, false.")
     if (file is None) == (t is None):
         raise keys.bad("sampled", "give either file: name.csv or t: [...] with the samples.")
     if file is None or (joints is not None and platform is not None):
         target, pick = keys.target_of(joints, platform, "sampled")
         if not isinstance(pick, Mapping):
-            raise keys.bad(f"sampled.{target}", f"{pick!r} has no samples. Write {{name: [...]}}.")
+            raise keys.bad(
+                f"sampled.{target}", f"{shown(pick)} has no samples. Write {{name: [...]}}."
+            )
         table = {str(name): column for name, column in pick.items()} | {"t": t}
     else:
         table = keys.table(file)
@@ -264,20 +269,26 @@ def formula(
     coordinates, else displacements from home.
     """
     if not isinstance(absolute, bool):
-        raise keys.bad("formula.absolute", f"{absolute!r} is not allowed. Allowed: true, false.")
+        raise keys.bad(
+            "formula.absolute", f"{shown(absolute)} is not allowed. Allowed: true, false."
+        )
     n = keys.options("formula", duration=duration)
     target, given = keys.target_of(joints, platform, "formula")
     if not isinstance(given, Mapping):
-        raise keys.bad(f"formula.{target}", f'{given!r} is no mapping. Write {{name: "0.3*t^2"}}.')
+        raise keys.bad(
+            f"formula.{target}", f'{shown(given)} is no mapping. Write {{name: "0.3*t^2"}}.'
+        )
     names = keys.names(given, target, f"formula.{target}")
     texts = {name: str(text) for name, text in given.items()}
     trees = []
     for name, text in texts.items():
         where = f"formula.{target}.{name}"
         trees.append(formulas.parse(text, where))
-        values = formulas.evaluate(trees[-1], np.linspace(0.0, duration, 101))
+        values = formulas.evaluate(trees[-1], np.linspace(0.0, n["duration"], 101))
         if not np.all(np.isfinite(values)):
-            raise keys.bad(where, f"{text!r} or its rates are not finite from 0 to {duration:g} s.")
+            raise keys.bad(
+                where, f"{shown(text)} or its rates are not finite from 0 to {n['duration']:g} s."
+            )
     law = partial(_formula_law, tuple(trees))
     spec = {"kind": "formula", target: texts, "absolute": absolute, **n}
     return Motion("formula", target, names, n["duration"], law, absolute, spec)
@@ -301,11 +312,11 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
     """
     if not isinstance(spec, Mapping):
         raise keys.bad(
-            where, f"{spec!r} is no mapping. Write {{kind: cycloid, joints: {{...}}, ...}}."
+            where, f"{shown(spec)} is no mapping. Write {{kind: cycloid, joints: {{...}}, ...}}."
         )
     kind, given = spec.get("kind"), {str(k): x for k, x in spec.items() if k != "kind"}
     if not isinstance(kind, str) or kind not in KINDS:
-        raise keys.bad(f"{where}.kind", f"{kind!r} is no motion.{nearest(str(kind), KINDS)}")
+        raise keys.bad(f"{where}.kind", f"{shown(kind)} is no motion.{nearest(str(kind), KINDS)}")
     known = inspect.signature(KINDS[kind]).parameters
     needed = [key for key, p in known.items() if p.default is p.empty]
     for key in (*given, *needed):

@@ -10,18 +10,21 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.description.files import MOST_TABLE, require_regular
+from pinflex.description.ranges import within
+from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError, nearest
 
 PLATFORM_COORDINATES = ("x", "y", "z", "rz", "ry", "rx")
-OPTIONS = {  # unit and range of the numbers a motion may have
-    "duration": ("s", "above 0"),
-    "ramp": ("s", "0 or more"),
-    "smooth": ("s", "0 or more"),
-    "speed": ("rad/s or m/s", "above 0"),
-    "frequency": ("Hz", "above 0"),
-    "omega": ("rad/s", "above 0"),
-    "radius": ("m", "above 0"),
-    "phase": ("rad", ""),
+OPTIONS = {  # unit, range and quantity of the numbers a motion may have
+    "duration": ("s", "above 0", "time"),
+    "ramp": ("s", "0 or more", "time"),
+    "smooth": ("s", "0 or more", "time"),
+    "speed": ("rad/s or m/s", "above 0", "rate"),
+    "frequency": ("Hz", "above 0", "rate"),
+    "omega": ("rad/s", "above 0", "rate"),
+    "radius": ("m", "above 0", "length"),
+    "phase": ("rad", "", "angle"),
 }
 Moves = Mapping[str, float] | None
 
@@ -31,15 +34,15 @@ def bad(where: str, text: str) -> DescriptionError:
     return DescriptionError(f"{where}: {text}", where=where)
 
 
-def number(value: Any, where: str, unit: str = "rad or m") -> float:
-    """A finite number."""
+def number(value: Any, where: str, unit: str = "rad or m", of: str = "position") -> float:
+    """A finite number in the range of its quantity."""
     try:  # YAML 1.1 reads 1e-3 as text, so text that is a number is one
         x = float("nan" if isinstance(value, bool) else value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         x = float("nan")
     if not np.isfinite(x):
-        raise bad(where, f"{value!r} is not a finite number. Give a number in {unit}.")
-    return x
+        raise bad(where, f"{shown(value)} is not a finite number. Give a number in {unit}.")
+    return within(x, where, of)
 
 
 def options(kind: str, optional: str = "", **given: float | None) -> dict[str, float]:
@@ -47,8 +50,8 @@ def options(kind: str, optional: str = "", **given: float | None) -> dict[str, f
     out = {}
     for key, value in given.items():
         if value is not None or key not in optional.split():
-            unit, least = OPTIONS[key]
-            out[key] = x = number(value, f"{kind}.{key}", unit)
+            unit, least, quantity = OPTIONS[key]
+            out[key] = x = number(value, f"{kind}.{key}", unit, quantity)
             if (x < 0.0 and least) or (x == 0.0 and least == "above 0"):
                 raise bad(f"{kind}.{key}", f"{x:g} {unit} is out of range. It must be {least}.")
     return out
@@ -57,17 +60,17 @@ def options(kind: str, optional: str = "", **given: float | None) -> dict[str, f
 def numbers(value: Any, where: str) -> dict[str, float]:
     """A mapping of names to finite numbers."""
     if not isinstance(value, Mapping):
-        raise bad(where, f"{value!r} is no mapping. Write {{name: number in rad or m}}.")
+        raise bad(where, f"{shown(value)} is no mapping. Write {{name: number in rad or m}}.")
     return {str(name): number(x, f"{where}.{name}") for name, x in value.items()}
 
 
 def names(value: Any, target: str, where: str) -> tuple[str, ...]:
     """The names; platform coordinates must exist, joints are checked against the model."""
     if isinstance(value, str) or not isinstance(value, (Sequence, Mapping)) or not value:
-        raise bad(where, f"{value!r} is no list of names. Write [name, ...].")
+        raise bad(where, f"{shown(value)} is no list of names. Write [name, ...].")
     names = tuple(map(str, value))
     if len({*names}) < len(names):
-        raise bad(where, f"{value!r} has a name twice. Name each once.")
+        raise bad(where, f"{shown(value)} has a name twice. Name each once.")
     for name in names:
         if target == "platform" and name not in PLATFORM_COORDINATES:
             hint = nearest(name, PLATFORM_COORDINATES)
@@ -93,6 +96,9 @@ def moves_of(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, 
 
 def table(file: Any) -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line; lines that start with # are skipped."""
+    if not isinstance(file, (str, Path)):
+        raise bad("sampled.file", f"{shown(file)} is no name of a file. Give a CSV file.")
+    require_regular(Path(file), MOST_TABLE, f"sampled.file: {file}")
     try:
         lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
         rows = list(csv.reader(x for x in lines if x.strip() and not x.startswith("#")))
@@ -113,8 +119,9 @@ def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> 
         raise bad(where, f"no such column.{nearest(name, table)}")
     column = table[name]
     if not isinstance(column, (list, tuple, np.ndarray)):
-        raise bad(where, f"{column!r} is no list of samples. Write [number, ...].")
-    y = [number(x, f"{where}[{i}]", "rad or m" if times else "s") for i, x in enumerate(column)]
+        raise bad(where, f"{shown(column)} is no list of samples. Write [number, ...].")
+    unit, of = ("s", "time") if times is None else ("rad or m", "position")
+    y = [number(x, f"{where}[{i}]", unit, of) for i, x in enumerate(column)]
     if times is not None and len(y) != len(times):
         raise bad(where, f"{len(y)} samples for {len(times)} times. Give one to each time.")
     return y

@@ -63,16 +63,21 @@ def read_patches(value: object, where: str, E: float, section: Section) -> tuple
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
         block = schema.mapping(item, here, ("from", "to", "constant", *sizes), ("from", "to"))
-        start, end = (schema.number(block[k], schema.at(here, k)) for k in ("from", "to"))
+        start, end = (
+            schema.number(block[k], schema.at(here, k), of="place") for k in ("from", "to")
+        )
         if "constant" in block:
             for key in block.keys() & set(sizes):
                 raise DescriptionError(f"{schema.at(here, key)}: `constant` says it. Give one.")
-            constant = schema.number(block["constant"], schema.at(here, "constant"))
+            constant = schema.number(block["constant"], schema.at(here, "constant"), of="moment")
         else:
             schema.mapping(item, here, None, sizes)
-            d31 = schema.number(block["d31"], schema.at(here, "d31"))
+            d31 = schema.number(block["d31"], schema.at(here, "d31"), low=-1, high=1)
             E_patch, width, thickness = (
-                schema.number(block[k], schema.at(here, k), above=0) for k in sizes[1:]
+                schema.number(
+                    block[k], schema.at(here, k), above=0, of="elasticity" if k == "E" else "length"
+                )
+                for k in sizes[1:]
             )
             y, z = zip(*section.outline, strict=True)
             h, b = max(y) - min(y), max(z) - min(z)

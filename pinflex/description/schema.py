@@ -14,12 +14,15 @@ from typing import Any
 
 import yaml
 
+from pinflex.description import ranges
+from pinflex.description.yaml_limits import MOST_TEXT, refuse_endless
 from pinflex.errors import DescriptionError, nearest
 
 Vec3 = tuple[float, float, float]
 WILD = re.compile(r"[*?\[]")
 _LETTERS: dict[str, Vec3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _MERGE = "tag:yaml.org,2002:merge"
+_MOST = 10**9  # of whole numbers
 
 
 class _Loader(yaml.SafeLoader):
@@ -57,6 +60,11 @@ def load(text: str, file: str) -> Any:
         text: The YAML text.
         file: Name of the file, for messages.
     """
+    if len(text) > MOST_TEXT:
+        raise DescriptionError(
+            f"{file}: {len(text)} characters. A description has at most {MOST_TEXT}; long tables "
+            "of a motion stand in a CSV file."
+        )
     loader = None
     try:
         loader = _Loader(text)
@@ -64,6 +72,7 @@ def load(text: str, file: str) -> Any:
         if node is None:
             return None
         _refuse_doubled_keys(node, file)
+        refuse_endless(node, file)
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -97,13 +106,14 @@ def _refuse_doubled_keys(root: Any, file: str) -> None:
         lines: dict[str, int] = {}
         for key, value in node.value:
             pending.extend((key, value))
-            if not isinstance(key, yaml.ScalarNode) or key.tag == _MERGE:
+            if not isinstance(key, yaml.ScalarNode):
                 continue
             line = key.start_mark.line + 1
             if key.value in lines:
+                both = " Write both as <<: [*a, *b]." if key.tag == _MERGE else ""
                 raise DescriptionError(
                     f'{file}, line {line}: the key "{key.value}" stands already in line '
-                    f"{lines[key.value]} of the same block. Keep one of the two.",
+                    f"{lines[key.value]} of the same block. Keep one of the two.{both}",
                     line=line,
                 )
             lines[key.value] = line
@@ -143,8 +153,15 @@ def number(
     low: float = -math.inf,
     high: float = math.inf,
     above: float = -math.inf,
+    of: str | None = None,
 ) -> float:
-    """A finite number with low <= value <= high and value > above."""
+    """A finite number with low <= value <= high and value > above.
+
+    Args:
+        value: The parsed value. where: Its place.
+        low, high, above: Bounds of the key.
+        of: What it is the number of: a quantity of `ranges.RANGES`, whose range also holds.
+    """
     bounds = [f"> {above:g}"] if above > -math.inf else []
     bounds += [f">= {low:g}"] if low > -math.inf else []
     bounds += [f"<= {high:g}"] if high < math.inf else []
@@ -152,20 +169,20 @@ def number(
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = " Units are SI and never written." if isinstance(value, str) else ""
         raise DescriptionError(f"{where}: {shown(value)} is not a number. {allowed}{hint}")
-    try:
-        result = float(value)
-    except OverflowError:
-        result = math.inf
+    result = ranges.finite(value)
     if not (math.isfinite(result) and low <= result <= high and result > above):
         raise DescriptionError(f"{where}: {shown(value)} is out of range. {allowed}", value=value)
-    return result
+    return result if of is None else ranges.within(result, where, of)
 
 
-def integer(value: object, where: str, low: int) -> int:
-    """A whole number >= low."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < low:
+def integer(value: object, where: str, low: int, high: int | None = None) -> int:
+    """A whole number, low <= value <= high (None: a thousand million)."""
+    most = _MOST if high is None else high
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= most:
+        large = isinstance(value, int) and value > most
+        bounds = f">= {low}" + (f" and <= {most}" if large or high is not None else "")
         raise DescriptionError(
-            f"{where}: {shown(value)} will not do. Allowed: a whole number >= {low}.", value=value
+            f"{where}: {shown(value)} will not do. Allowed: a whole number {bounds}.", value=value
         )
     return value
 
@@ -211,14 +228,17 @@ def items(value: object, where: str, size: int | None = None) -> list[Any]:
     return list(value)
 
 
-def numbers(value: object, where: str, size: int, low: float = -math.inf) -> tuple[float, ...]:
-    """A list of `size` finite numbers >= low."""
-    return tuple(number(v, f"{where}[{i}]", low) for i, v in enumerate(items(value, where, size)))
+def numbers(
+    value: object, where: str, size: int, low: float = -math.inf, of: str | None = None
+) -> tuple[float, ...]:
+    """A list of `size` finite numbers >= low, each as in `number`."""
+    entries = enumerate(items(value, where, size))
+    return tuple(number(v, f"{where}[{i}]", low, of=of) for i, v in entries)
 
 
-def vector(value: object, where: str, low: float = -math.inf) -> Vec3:
-    """Three finite numbers >= low."""
-    x, y, z = numbers(value, where, 3, low)
+def vector(value: object, where: str, low: float = -math.inf, of: str | None = None) -> Vec3:
+    """Three finite numbers >= low, each as in `number`."""
+    x, y, z = numbers(value, where, 3, low, of)
     return x, y, z
 
 

@@ -26,6 +26,11 @@ _DIMENSIONS: dict[str, tuple[str, ...]] = {
     "i": ("width", "height", "flange", "web"),
     "given": ("A", "Iy", "Iz", "J"),
 }
+_QUANTITIES = dict.fromkeys(
+    ("width", "height", "thickness", "diameter", "wall", "flange", "web"), "length"
+)
+_QUANTITIES |= {"A": "area", "Wt": "modulus", "ky": "ratio", "kz": "ratio"}
+_QUANTITIES |= dict.fromkeys(("Iy", "Iz", "J", "my", "mz"), "second moment")
 
 
 @dataclass(frozen=True)
@@ -258,7 +263,7 @@ def from_spec(spec: object, where: str = "section") -> Section:
     optional = ("ky", "kz", "Wt", "fibres", "my", "mz") if shape == "given" else ("ky", "kz", "J")
     block = schema.mapping(spec, where, ("shape", *needed, *optional), needed)
     value = {
-        key: schema.number(block[key], schema.at(where, key), above=0)
+        key: schema.number(block[key], schema.at(where, key), above=0, of=_QUANTITIES[key])
         for key in (*needed, *optional)
         if key in block and key != "fibres"
     }
@@ -285,7 +290,8 @@ def _fibres(value: object, where: str) -> Points | None:
     if value is None:
         return None
     rows = [
-        schema.numbers(row, f"{where}[{i}]", 2) for i, row in enumerate(schema.items(value, where))
+        schema.numbers(row, f"{where}[{i}]", 2, of="place")
+        for i, row in enumerate(schema.items(value, where))
     ]
     if len(rows) < 3:
         raise DescriptionError(
@@ -296,7 +302,7 @@ def _fibres(value: object, where: str) -> Points | None:
 
 def _check(where: str, **sizes: float) -> None:
     for key, size in sizes.items():
-        schema.number(size, schema.at(where, key), above=0)
+        schema.number(size, schema.at(where, key), above=0, of=_QUANTITIES[key])
 
 
 def _polygon(diameter: float, count: int) -> Points:

@@ -40,15 +40,19 @@ def read(key: str, value: object, place: str) -> Any:
     if key in ("file", "mass", "stiffness", "nodes"):
         return schema.text(value, place)
     if key == "modes":
-        return schema.integer(value, place, low=1)
+        return schema.integer(value, place, 1, 1000)
     if key == "rod":
         return _rod(value, place)
     if key == "interfaces":
         return tuple(
-            (name, item if isinstance(item, str) else schema.numbers(item, f"{place}.{name}", 6))
+            (name, item if isinstance(item, str) else _box(item, f"{place}.{name}"))
             for name, item in schema.mapping(value, place).items()
         )
-    return schema.number(value, place, above=0)
+    return schema.number(value, place, above=0, of="ratio" if key == "scale" else "length")
+
+
+def _box(value: object, where: str) -> tuple[float, ...]:
+    return schema.numbers(value, where, 6, of="place")
 
 
 def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
@@ -64,8 +68,10 @@ def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
     if "lengths" in block:
         lengths = schema.items(block["lengths"], f"{where}.lengths", count)
     for k, (d, x) in enumerate(zip(block["diameters"], lengths, strict=True)):
-        diameter = schema.number(d, f"{where}.diameters[{k}]", above=0)
-        span = schema.number(x, f"{where}.lengths[{k}]", above=0) if "lengths" in block else 0.0
+        diameter = schema.number(d, f"{where}.diameters[{k}]", above=0, of="length")
+        span = 0.0
+        if "lengths" in block:
+            span = schema.number(x, f"{where}.lengths[{k}]", above=0, of="length")
         pairs.append((diameter, span))
     return tuple(pairs)
 

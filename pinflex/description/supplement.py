@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from pinflex.description import schema
 from pinflex.description.frames import frames
 from pinflex.description.schema import Vec3
@@ -147,6 +149,42 @@ class SolveSpec:
         return self.integrator or "generalized_alpha"
 
 
+_NUMBERS = {  # of the options that Python may give to `solve`: quantity, least (None: above 0)
+    "until": ("time", None),
+    "dt": ("time", None),
+    "kp": ("stiffness", 0.0),
+    "kd": ("damping", 0.0),
+}
+_WORDS = {"integrator": INTEGRATORS, "drive": ("prescribed", "torque")}
+_WORDS |= {"start": ("straight", "static"), "ked": KED_TERMS}
+
+
+def check_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Options of `solve` given in Python, each of the type and in the range of its YAML key."""
+    checked: dict[str, Any] = {}
+    for key, given in options.items():
+        value = given.item() if isinstance(given, np.generic) else given
+        place = f"solve.{key}"
+        if key in _NUMBERS:
+            quantity, least = _NUMBERS[key]
+            if least is None:
+                value = schema.number(value, place, above=0.0, of=quantity)
+            else:
+                value = schema.number(value, place, low=least, of=quantity)
+        elif key in ("samples", "modes"):
+            value = schema.integer(value, place, 2 if key == "samples" else 1)
+        elif key in ("tol", "theta", "rho_inf"):
+            value = schema.number(value, place)
+        elif key == "newmark":
+            value = schema.numbers(value, place, 2, low=0)
+        elif key in _WORDS:
+            value = schema.choice(value, place, _WORDS[key])
+        elif key == "asked":
+            value = tuple(schema.text(x, place) for x in schema.items(value, place))
+        checked[key] = value
+    return checked
+
+
 def read_joints(value: object, where: str, urdf: Urdf) -> dict[str, JointExtra]:
     """The block `joints`, by joint name."""
     return {
@@ -157,7 +195,8 @@ def read_joints(value: object, where: str, urdf: Urdf) -> dict[str, JointExtra]:
 
 def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    plain = ("rotor_inertia", "spring", "rest", "damper")
+    plain = {"rotor_inertia": "inertia", "spring": "stiffness"}
+    plain |= {"rest": "position", "damper": "damping"}
     block = schema.mapping(value, where, ("type", "axes", *plain))
     kind = None
     written = urdf.joints[name].type
@@ -173,7 +212,7 @@ def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
     for key in plain:
         if key in block:
             low = -math.inf if key == "rest" else 0.0
-            fields[key] = schema.number(block[key], schema.at(where, key), low)
+            fields[key] = schema.number(block[key], schema.at(where, key), low, of=plain[key])
             if key in ("spring", "rest") and (kind or written in ("floating", "planar")):
                 raise DescriptionError(
                     f"{schema.at(where, key)}: a {kind or written} joint has no one spring. "
@@ -230,8 +269,8 @@ def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
     if "axis_b" in block:
         axis_b = schema.direction(block["axis_b"], place["axis_b"])
     if "length" in block:
-        length = schema.number(block["length"], place["length"], above=0)
-    sleeve = schema.number(block.get("sleeve", 0), place["sleeve"], low=0)
+        length = schema.number(block["length"], place["length"], above=0, of="length")
+    sleeve = schema.number(block.get("sleeve", 0), place["sleeve"], low=0, of="length")
     pivoting = schema.boolean(block.get("pivoting", False), place["pivoting"])
     if pivoting and sleeve == 0:
         raise DescriptionError(
@@ -262,7 +301,7 @@ def read_solve(value: object, where: str) -> SolveSpec:
         if key in block:
             fields[key] = schema.choice(block[key], place[key], allowed)
     for key in block.keys() & {"until", "dt"}:
-        fields[key] = schema.number(block[key], place[key], above=0)
+        fields[key] = schema.number(block[key], place[key], above=0, of="time")
     if "until" in fields and "dt" in fields and fields["dt"] > fields["until"]:
         raise DescriptionError(
             f"{place['dt']}: {fields['dt']:g} s is longer than the run, until = "
@@ -307,7 +346,8 @@ def read_solve(value: object, where: str) -> SolveSpec:
                 f"{place[key]}: has no meaning for the integrator {integrator}. Remove one of them."
             )
     for key in block.keys() & {"kp", "kd"}:
-        fields[key] = schema.number(block[key], place[key], low=0)
+        quantity = "stiffness" if key == "kp" else "damping"
+        fields[key] = schema.number(block[key], place[key], low=0, of=quantity)
         if fields.get("drive") != "torque":
             raise DescriptionError(
                 f"{place[key]}: only for `drive: torque`. Add it, or remove this."

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pinflex.description import ranges
+from pinflex.description.files import MOST_TEXT, require_regular
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 from pinflex.text import brief
 
@@ -84,6 +86,7 @@ def find(source: str, folder: Path, where: str) -> Urdf:
 
 def read_text(path: Path, where: str) -> str:
     """The text of a file that must be readable UTF-8."""
+    require_regular(path, MOST_TEXT, f"{where}: {path.name}")
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -135,7 +138,8 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Urdf:
         package_dirs: Kept in the result.
     """
     # A document type can hold entities that grow without bound, and URDF has no use for one.
-    if re.search(r"<!(DOCTYPE|ENTITY)", re.sub(r"<!--.*?-->", "", text, flags=re.S), re.I):
+    first, *rest = text.split("<!--")
+    if re.search("<!(DOCTYPE|ENTITY)", first + "".join(x.partition("-->")[2] for x in rest), re.I):
         raise DescriptionError(f"{file}: holds a <!DOCTYPE>, which a URDF must not. Remove it.")
     try:
         root = ET.fromstring(text.strip())
@@ -184,7 +188,7 @@ def _names(root: ET.Element, tag: str, file: str) -> dict[str, ET.Element]:
     return found
 
 
-def _number(text: str | None, where: str, low: float = -math.inf) -> float:
+def _number(text: str | None, where: str, low: float = -math.inf, of: str = "place") -> float:
     try:
         value = float(text if text is not None else "")
     except ValueError:
@@ -192,7 +196,7 @@ def _number(text: str | None, where: str, low: float = -math.inf) -> float:
     if not (math.isfinite(value) and value >= low):
         allowed = "a finite number" + (f" >= {low:g}" if low > -math.inf else "")
         raise DescriptionError(f"{where}: {text!r} will not do. Allowed: {allowed}. Correct it.")
-    return value
+    return ranges.within(value, where, of)
 
 
 def _triple(element: ET.Element | None, key: str, where: str) -> tuple[float, ...]:
@@ -212,9 +216,9 @@ def _check_inertial(inertial: ET.Element, where: str) -> None:
     if mass is None or inertia is None:
         what = "mass" if mass is None else "inertia"
         raise DescriptionError(f"{where}: <inertial> has no <{what}>. Write it, or leave both out.")
-    _number(mass.get("value"), f"{where}: mass", low=0)
+    _number(mass.get("value"), f"{where}: mass", low=0, of="mass")
     xx, xy, xz, yy, yz, zz = (
-        _number(inertia.get(key), f"{where}: inertia {key}")
+        _number(inertia.get(key), f"{where}: inertia {key}", of="inertia")
         for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))

@@ -120,11 +120,14 @@ def _diverged(
     slots = march.dynamics.system.expansion.slots
     names = list(mechanism.coordinates)
     names += [f"{slot.link} {label}" for slot in slots for label in slot.body.labels]
-    known = np.any(np.isfinite(r)) and len(r) == len(march.newton.free)
-    where = names[march.newton.free[int(np.nanargmax(np.abs(r)))]] if known else "?"
+    known = len(r) == len(march.newton.free) and bool(np.all(np.isfinite(r)))
+    how = "its numbers grew past all bounds"
+    if known:
+        where = names[march.newton.free[int(np.argmax(np.abs(r)))]]
+        how = f"it stopped at |r| = {float(np.max(np.abs(r))):.2g}, largest in {where}"
     error = ConvergenceError(
-        f"t = {time:.6g} s, step {k}, dt = {march.h:.3g} s: Newton stopped at |r| = "
-        f"{float(np.max(np.abs(r))):.2g} after {MAX_ITERATIONS} iterations, largest in {where}. "
+        f"t = {time:.6g} s, step {k}, dt = {march.h:.3g} s: Newton stopped after at most "
+        f"{MAX_ITERATIONS} iterations: {how}. The step of {march.h:.3g} s may be too large. "
         "Halve dt, start from rest (start=static), or use level=ked if deflections are small. "
         "error.result holds the run so far.",
         time=time,

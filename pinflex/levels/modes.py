@@ -19,6 +19,9 @@ from pinflex.mechanics.structure import null_space, structural_stiffness
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
+_LOW = 1e-8  # omega^2 below this share of the highest: half its digits are round-off
+_STIFF = 1e-6  # least pivot of K with unit diagonal at which nothing is free to move
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -69,6 +72,8 @@ def modes(
         ConvergenceError: No static equilibrium.
         SingularityError: Coordinates without mass or stiffness.
     """
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
+        raise DescriptionError(f"modes: count: {count!r:.80}. Give a whole number.")
     system = mechanism.flexible
     dynamics = Dynamics(system)
     y, K = linearised(mechanism, dynamics, q, preload)
@@ -80,9 +85,6 @@ def modes(
     omega2 = every[order]
     shapes = np.zeros((system.nv, len(order)))
     shapes[free] = Z @ x[:, order]
-    # Round-off of a zero frequency is 1e-16 of the largest omega^2: shown as zero.
-    scale = 1e-13 * float(np.max(np.abs(every), initial=0.0))
-    omega2 = np.where(np.abs(omega2) < scale, 0.0, omega2)
     frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
     share, links = _shares(mechanism, shapes)
     return Modes(frequencies, shapes, y, share, links, preload, free_motors)
@@ -123,8 +125,7 @@ def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
     heavy = values > 1e-13 * values[-1]
     V = scale[:, None] * V
     if np.all(heavy):
-        omega2, x = eigh(K, M)
-        return omega2, x
+        return _lowest_again(K, M, *eigh(K, M))
     H, L = V[:, heavy], V[:, ~heavy]
     loose = np.linalg.eigvalsh(L.T @ K @ L)[0]
     if loose < 1e-12 * float(np.max(np.abs(K * scale * scale[:, None]))):
@@ -136,8 +137,43 @@ def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
         )
     follow = -np.linalg.lstsq(L.T @ K @ L, L.T @ K @ H, rcond=None)[0]
     T = H + L @ follow
-    omega2, x = eigh(T.T @ K @ T, T.T @ M @ T)
+    K, M = T.T @ K @ T, T.T @ M @ T
+    omega2, x = _lowest_again(K, M, *eigh(K, M))
     return omega2, T @ x
+
+
+def _lowest_again(K: Array, M: Array, omega2: Array, x: Array) -> tuple[Array, Array]:
+    """Eigenpairs of (K, M), those far below the highest again from (M, K).
+
+    Each way errs by round-off of its largest eigenvalue: omega^2 of the lowest is lost where the
+    highest is 1e13 times larger (a payload of 1e10 times the beam), 1/omega^2 of the lowest is not.
+    """
+    from scipy.linalg import solve_triangular
+
+    highest = float(np.max(np.abs(omega2), initial=0.0))
+    low = np.abs(omega2) < _LOW * highest
+    if not np.any(low):
+        return omega2, x
+    # Round-off of a zero frequency is 1e-16 of the largest omega^2: shown as zero.
+    shown = np.where(np.abs(omega2) < 1e-13 * highest, 0.0, omega2)
+    size = np.diag(K)
+    if np.any(size <= 0):
+        return shown, x
+    scale = 1.0 / np.sqrt(size)
+    try:
+        L = np.linalg.cholesky(K * scale * scale[:, None])
+    except np.linalg.LinAlgError:
+        return shown, x
+    if np.min(np.diag(L)) < _STIFF:  # something is free to move, or nearly so
+        return shown, x
+    half = solve_triangular(L, M * scale * scale[:, None], lower=True)
+    flexibility, z = np.linalg.eigh(solve_triangular(L, half.T, lower=True))
+    again = slice(None, -int(np.sum(low)) - 1, -1)
+    found = solve_triangular(L.T, z[:, again]) * scale[:, None]
+    shown, x = shown.copy(), x.copy()
+    shown[low] = 1.0 / flexibility[again]
+    x[:, low] = found / np.sqrt(flexibility[again])
+    return shown, x
 
 
 def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]]:

@@ -144,7 +144,8 @@ class Dynamics:
         at = one.block.rows[:, rows]
         bodies, count = at.shape
         columns = D[:, at.reshape(-1)].reshape(len(D), bodies, count).transpose(1, 0, 2)
-        product = np.matmul(columns, factor).transpose(1, 0, 2).reshape(len(D), -1)
+        product = np.matmul(columns, factor).transpose(1, 0, 2)
+        product = product.reshape(len(D), product.shape[1] * product.shape[2])
         if add:
             out[:, one.block.eta] += product
         else:

@@ -13,11 +13,13 @@ from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.description import Description, read
 from pinflex.description.flexible import FlexibleLink
+from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError, SingularityError, nearest
 from pinflex.mechanics import assembly, relevance
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble, limits_of
 from pinflex.mechanics.closure import Closures, closures
+from pinflex.mechanics.cost import require_workspace
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
@@ -25,6 +27,7 @@ from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.loads import loads
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.parts import FlexiblePart, LeftOut, any_undecided, resolve
+from pinflex.mechanics.plausible import require_size
 from pinflex.mechanics.ride import end_riders
 from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.system import Springs, System
@@ -80,7 +83,12 @@ class Mechanism:
 
     def undeformed(self, q: Array | None = None) -> Array:
         """y of the flexible mechanism at a rigid pose, eta = 0."""
-        q = self.home if q is None else q
+        q = self.home if q is None else np.asarray(q)
+        if q.shape != self.home.shape or q.dtype.kind not in "fi" or not np.all(np.isfinite(q)):
+            raise DescriptionError(
+                f"{self.name}: q: {shown(q.tolist())} is no rigid pose. Give the "
+                f"{len(self.home)} numbers of a configuration, such as mechanism.home."
+            )
         return np.concatenate([q, np.zeros(self.flexible.n_eta)])
 
     def frame(self, name: str) -> Attachment:
@@ -114,9 +122,10 @@ def load(
     """
     description = source if isinstance(source, Description) else read(source)
     if overrides:
-        description = description.with_overrides(list(overrides))
+        description = description.with_overrides(overrides)
     model = _pinocchio_model(description)
     links = link_tree(model, description.joints)
+    require_size(links, description.urdf_name, description.allow)
     own = bodies or {}
     look = any_undecided(description, links, own)
     coarse = look and sum(_size(spec) for spec in description.flexible) > _LOOK
@@ -138,6 +147,7 @@ def load(
 
     def with_elasticity() -> tuple[System, LoopReport]:
         expansion = expand(links, parts, needed, rigid.rigid, gravity)
+        require_workspace(description.name, int(expansion.model.nv), description.limit)
         expansion.model.armature[expansion.v_at] = rigid.rigid.armature
         return _flexible_system(description, expansion, parts, rigid, home)
 

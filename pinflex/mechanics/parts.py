@@ -19,6 +19,8 @@ from pinflex.description.description import Description
 from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics import ride
+from pinflex.mechanics.cost import require_memory
+from pinflex.mechanics.plausible import require_beam
 from pinflex.mechanics.ride import Rider
 from pinflex.mechanics.span import require_carrying, span
 from pinflex.mechanics.tree import Link
@@ -166,6 +168,7 @@ def _part(
         return _solid_part(description, spec, placement, length, where)
     planes, reason = _planes(where, spec, poses[number] * placement, normal, out)
     mass = links[number].inertia.mass
+    require_memory(where, spec, planes, description.limit)
     if spec.material.rho is None:
         if mass <= 0:
             raise DescriptionError(
@@ -173,6 +176,7 @@ def _part(
                 "Give a density in kg/m^3."
             )
         spec = _with_density(spec, mass / (spec.section.A * length))
+    require_beam(spec, length, where, description.allow)
     unit = _bodies(spec, planes, length, made)
     part = FlexiblePart(
         spec.link,

@@ -16,6 +16,11 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results import validity
 from pinflex.results.result import UNITS
 
+_LAID_OUT = {  # by number of coordinates, as Pinocchio has them
+    2: "cos, sin",
+    4: "qx, qy, qz, qw",
+    7: "m, m, m, qx, qy, qz, qw",
+}
 JUDGED = ("energy_balance", "warnings", "limits", "monitors")  # the keys that `judge` knows
 
 
@@ -181,6 +186,9 @@ def _units(mechanism: Mechanism) -> dict[str, str]:
     units = {"t": "s", **UNITS}
     model = mechanism.rigid.rigid
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
+        if joint.nq > joint.nv:  # on a circle or a sphere: no rad among its coordinates
+            flat = joint.shortname() == "JointModelPlanar"
+            units[f"joint/q/{name}"] = "m, m, cos, sin" if flat else _LAID_OUT[joint.nq]
         if joint.shortname().startswith("JointModelP") and joint.nv == 1:
             units[f"torque/{name}"] = "N"
             units[f"joint/q/{name}"] = "m"

@@ -30,6 +30,22 @@ class JointView:
         return self._columns("joint/q")
 
     @property
+    def angle(self) -> Array:
+        """Position of a joint of one freedom [rad | m], shape (nt,), continuous over turns.
+
+        A continuous joint, whose coordinates are a cosine and a sine, is counted from angle zero.
+        """
+        q = self.position
+        if q.ndim == 1:
+            return q
+        if q.shape[1] != 2:
+            raise DescriptionError(
+                f"joint {self.name!r}: it has {q.shape[1]} coordinates and no one angle. "
+                "Take `position`."
+            )
+        return np.unwrap(np.arctan2(q[:, 1], q[:, 0]))
+
+    @property
     def velocity(self) -> Array:
         """Rates [rad/s | m/s], shaped like `position`."""
         return self._columns("joint/v")

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import json
-import os
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
@@ -18,6 +17,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
+from pinflex.results import checked
 from pinflex.results.late import Late
 from pinflex.results.named import (
     Deviation,
@@ -30,6 +30,7 @@ from pinflex.results.named import (
     rotation_vector,
 )
 from pinflex.text import short
+from pinflex.writing import replaced
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
@@ -46,6 +47,12 @@ _DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json 
     TypeError,
     AttributeError,
     SyntaxError,
+    tokenize.TokenError,
+    NotImplementedError,
+    OverflowError,
+    RecursionError,
+    IndexError,
+    MemoryError,
     struct.error,
 )
 _WITHOUT_TIME = ("/x", "/mesh/nodes", "/mesh/triangles")
@@ -174,24 +181,19 @@ class Result:
         path = Path(path)
         header = {"program": "pinflex", "format": FORMAT, "meta": dict(self.meta)}
         contents = {_HEADER: np.array(json.dumps(header)), "t": self.t, **self.arrays}
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with part.open("wb") as stream:
-                np.savez_compressed(stream, **contents)  # type: ignore[arg-type]
-            part.replace(path)
-        except OSError as error:
-            raise DescriptionError(
-                f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
-            ) from error
-        finally:
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)
+        with replaced(path) as part, part.open("wb") as stream:
+            np.savez_compressed(stream, **contents)  # type: ignore[arg-type]
         return path
 
     @classmethod
-    def load(cls, path: str | Path) -> Result:
-        """Read a file written by `save`; nothing in it is ever executed (no pickle)."""
+    def load(cls, path: str | Path, most: float = checked.MOST) -> Result:
+        """Read a file written by `save`; nothing in it is ever executed (no pickle).
+
+        Args:
+            path: The .npz. most: Largest size of all arrays together [bytes].
+        """
+        if not isinstance(path, (str, Path)):
+            raise DescriptionError(f"result: {path!r:.80} is no path. Give that of a .npz.")
         path = Path(path)
         remake = "Give a file written by `pinflex solve -o` or Result.save."
         if not path.is_file():
@@ -200,6 +202,7 @@ class Result:
             with path.open("rb") as stream:
                 if stream.read(4) != b"PK\x03\x04":
                     raise DescriptionError(f"{path}: not an .npz archive. {remake}", path=path)
+                checked.require_size(path, most)
                 stream.seek(0)
                 archive = np.load(stream, allow_pickle=False)
                 if _HEADER not in archive.files:
@@ -215,7 +218,13 @@ class Result:
                         path=path,
                     )
                 arrays = {key: archive[key] for key in archive.files if key != _HEADER}
-            return cls(arrays.pop("t"), arrays, header["meta"])
+            t = arrays.pop("t")
+            checked.check(header["meta"], arrays, np.atleast_1d(t))
+            return cls(t, arrays, header["meta"])
+        except DescriptionError as error:
+            if str(path) in str(error):
+                raise
+            raise DescriptionError(f"{path}: {error}", path=path) from None
         except _DAMAGE as error:
             raise DescriptionError(
                 f"{path}: truncated or damaged ({type(error).__name__}: {error}). "
@@ -230,9 +239,13 @@ class Result:
             columns[f"torque {motor} [{self.unit('torque/' + motor)}]"] = self.torque[:, i]
         for name in self.meta.get("joints", ()):
             unit, position = self.unit(f"joint/q/{name}"), self.joint(name).position
-            for i, column in enumerate(position.reshape(len(self.t), -1).T):
-                label = name if position.ndim == 1 else f"{name}[{i}]"
-                columns[f"position {label} [{unit}]"] = column
+            if position.ndim == 1 or position.shape[1] == 2:  # 2: cosine and sine
+                unit = "rad" if position.ndim == 2 else unit
+                columns[f"position {name} [{unit}]"] = self.joint(name).angle
+                continue
+            units = unit.split(", ") if unit.count(",") == position.shape[1] - 1 else None
+            for i, column in enumerate(position.T):
+                columns[f"position {name}[{i}] [{units[i] if units else unit}]"] = column
         if self.meta.get("platform"):
             platform = self.frame(self.meta["platform"])
             turn = rotation_vector(platform.rotation)
@@ -243,8 +256,7 @@ class Result:
         for name in self.links:
             columns[f"max von Mises {name} [Pa]"] = self.link(name).von_mises.max(axis=1)
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="", encoding="utf-8") as stream:
+        with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow(columns)
             writer.writerows(zip(*(map(repr, c.tolist()) for c in columns.values()), strict=True))

@@ -15,7 +15,14 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion, from_spec, hold
-from pinflex.description.supplement import ASKED, COUPLED_ONLY, KED_ONLY, KED_TERMS, SolveSpec
+from pinflex.description.supplement import (
+    ASKED,
+    COUPLED_ONLY,
+    KED_ONLY,
+    KED_TERMS,
+    SolveSpec,
+    check_options,
+)
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
@@ -26,6 +33,7 @@ from pinflex.errors import (
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.run import Run
 from pinflex.mechanics import workspace
+from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.recover import result_of
@@ -106,7 +114,21 @@ def solve(
                     else None
                 )
             raise
+        _require_finite(mechanism, run)
         return _result(mechanism, motion, run, spec, began)
+
+
+def _require_finite(mechanism: Mechanism, run: Run) -> None:
+    """Raise where a run that came to its end has numbers that are none."""
+    for what, values in (("state", run.y), ("acceleration", run.a), ("torque", run.torque)):
+        bad = ~np.isfinite(values).all(axis=1)
+        if np.any(bad):
+            t = float(run.t[int(np.argmax(bad))])
+            raise ConvergenceError(
+                f"t = {t:.6g} s: {mechanism.name}: the {what} is not finite. A mass, a speed or a "
+                "load is too large, or nothing holds a joint that has no mass.",
+                time=t,
+            )
 
 
 def _spec(
@@ -122,7 +144,7 @@ def _spec(
     for name in options:
         if name not in known:
             raise DescriptionError(f"solve: {name}: no such option.{nearest(name, sorted(known))}")
-    changes = {k: v for k, v in {**given, **options}.items() if v is not None}
+    changes = check_options({k: v for k, v in {**given, **options}.items() if v is not None})
     if "newmark" in changes:
         changes.setdefault("integrator", "newmark")
     # One asked for here takes the place of the other in the YAML.
@@ -131,7 +153,9 @@ def _spec(
             changes.setdefault(other, None)
     spec = replace(mechanism.description.solve, **changes)
     if spec.level not in LEVELS:
-        raise DescriptionError(f"solve.level: {spec.level}.{nearest(spec.level, LEVELS)}")
+        raise DescriptionError(
+            f"solve.level: {spec.level!s:.80}.{nearest(spec.level, (*LEVELS, 'auto'))}"
+        )
     if spec.ked not in KED_TERMS:
         raise DescriptionError(f"solve.ked: {spec.ked}.{nearest(spec.ked, KED_TERMS)}")
     for output in spec.asked or ():
@@ -190,7 +214,14 @@ def _before(
             f"{mechanism.name}: resume: goes on with level coupled in steps (dt), without a "
             "control. Solve again from the start."
         )
-    return stored(mechanism, resume if isinstance(resume, Result) else Result.load(resume))
+    result = resume if isinstance(resume, Result) else Result.load(resume)
+    try:
+        return stored(mechanism, result)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise DescriptionError(
+            f"{mechanism.name}: resume: what the stored run holds does not fit together "
+            f"({type(error).__name__}: {error}). Solve again from the start."
+        ) from error
 
 
 def default_motion(mechanism: Mechanism) -> Motion:
@@ -218,6 +249,7 @@ def _run(
         dt = spec.dt if spec.dt is not None else float(str(before.settings["dt"]))
         scene = Scene(mechanism, motion, spec, control, tolerance, before)
         return join(before, scene.stepped(t, dt, progress))
+    require_samples(mechanism, spec.samples or SAMPLES)
     t = np.linspace(0.0, end, spec.samples or SAMPLES)
     if spec.level in ("quasistatic", "ked"):
         _need_prescribed(mechanism, spec)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,17 +21,22 @@ from pinflex.levels.alpha_adaptive import AlphaSteps
 from pinflex.levels.collocation import radau
 from pinflex.levels.integrators import AlphaScheme, scheme
 from pinflex.levels.ked import march_of, solve_ked
+from pinflex.levels.modes import modes
 from pinflex.levels.quasistatic import balance
 from pinflex.levels.radau import STAGES, Stages
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.run import Run
 from pinflex.levels.start import straight_start
 from pinflex.levels.steps import Steps
+from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.resume import state
 
 Progress = Callable[[int, int], None]
+_FEW = 400  # steps below which a run may be too coarse for its first mode
+_PER_PERIOD = 10.0  # steps that a vibration needs at the least
+_SHORT = 1e-6  # of the run: shorter steps are looked at for round-off
 _FORWARD = 401  # instants between which the torques of the rigid motion are interpolated
 
 
@@ -57,8 +62,10 @@ class Scene:
     def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
         """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
         spec, samples = self.spec, len(t)
-        every = max(1, int(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9)))
-        fine = np.linspace(t[0], t[-1], every * (samples - 1) + 1)
+        every = max(1, int(min(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9), 1e12)))
+        steps = every * (samples - 1)
+        require_steps(self.mechanism, steps, float(t[-1]), "dt" if spec.dt else "until")
+        fine = np.linspace(t[0], t[-1], steps + 1)
         if spec.level == "ked":
             structural, static = spec.ked == "structural", spec.start == "static"
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
@@ -67,7 +74,7 @@ class Scene:
                 **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
-            return thin(run, every)
+            return thin(self._judged(run, every), every)
         dynamics, drive = Dynamics(self._system), self._drive(fine)
         path = motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
@@ -87,7 +94,42 @@ class Scene:
         except RunInterrupted as stop:
             stop.result = thin(stop.result, every)
             raise
-        return thin(run, every)
+        return thin(self._judged(run, every), every)
+
+    def _judged(self, run: Run, every: int) -> Run:
+        """The run with what its step alone tells: samples that cut it, too long, round-off."""
+        dt, h, words = self.spec.dt, float(run.t[1] - run.t[0]), []
+        if dt is not None and every == 1 and h < 0.99 * dt:
+            words.append(
+                f"dt = {dt:g} s was cut to {h:.3g} s, as every sample takes a step. Ask for fewer "
+                "samples."
+            )
+        if len(run.t) < _FEW and run.system.n_eta:
+            first = modes(self.mechanism, count=9, preload="none").frequencies
+            period = 1.0 / float(np.min(first[first > 0], initial=np.inf))
+            if h > period / _PER_PERIOD:
+                words.append(
+                    f"steps of {h:.3g} s are long for the first natural period of {period:.3g} s: "
+                    f"vibration is lost or shifted. Take dt = {period / 40:.2g}, or a tol."
+                )
+        noise = self._round_off(run, h)
+        largest = float(np.max(np.abs(run.torque), initial=0.0))
+        if noise > 1e-2 * largest and noise > 1e-12:
+            words.append(
+                f"steps of {h:.3g} s are so short that torques carry round-off of about "
+                f"{noise:.2g} (positions over dt^2), against a largest of {largest:.2g} in all. "
+                f"Take dt above {h * (noise / (1e-3 * largest)) ** 0.5:.1g} s."
+            )
+        return replace(run, warnings=(*run.warnings, *words)) if words else run
+
+    def _round_off(self, run: Run, h: float) -> float:
+        """What rounding of positions makes of motor torques [N m | N]: inertia eps |y| / h^2."""
+        rows = run.system.motors
+        if not len(rows) or (h > _SHORT * float(run.t[-1]) and h > 1e-6):
+            return 0.0
+        M = np.abs(Dynamics(run.system).mass(run.y[-1])[rows])
+        size = float(np.max(np.abs(run.y)))
+        return float(np.finfo(float).eps * size / h**2 * np.max(M.sum(axis=1)))
 
     def resolved(
         self,
@@ -160,8 +202,6 @@ class Scene:
 
 def default_step(mechanism: Mechanism, end: float) -> float:
     """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
-    from pinflex.levels.modes import modes
-
     step = end / 400.0
     if mechanism.flexible.n_eta == 0:
         return step

@@ -184,7 +184,9 @@ def _kept(stream: IO[bytes] | None, cases: Iterable[str]) -> dict[str, Record]:
     for line in lines[:-1]:
         try:
             entry = json.loads(line)
-            found[entry["key"]] = Record(entry["found"], entry["error"])
+            record = Record(entry["found"], entry["error"])
+            if isinstance(record.found, dict) and isinstance(record.error, str):
+                found[entry["key"]] = record
         except (ValueError, TypeError, KeyError):
             continue  # a line of something else: the case is worked on again
     return {key: found[key] for key in cases if key in found}

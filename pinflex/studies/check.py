@@ -10,6 +10,7 @@ import numpy as np
 from pinflex.actuation.nominal import nominal
 from pinflex.bodies.summary import summary
 from pinflex.description.motion import from_spec
+from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, SceneError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
@@ -17,6 +18,7 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart, LeftOut
+from pinflex.mechanics.plausible import heavy
 from pinflex.studies import check_urdf
 from pinflex.studies.check_statics import Statics, statics
 from pinflex.studies.mode_shapes import first_modes
@@ -25,6 +27,8 @@ from pinflex.threads import one_blas_thread
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
 CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
+SAG_FAR = 0.1  # share of the longest flexible link beyond which a sag is worth a warning
+SAG_APART = 0.2  # share by which linear and full statics may differ without a word
 _ALONG_MOTION = 101  # poses at which the motion is tried
 
 
@@ -133,6 +137,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         mechanism: From `load`.
         count: How many natural frequencies.
     """
+    integer(count, "check: count", 1)
     description = mechanism.description
     rest = statics(mechanism)
     frequencies, note = first_frequencies(mechanism, count)
@@ -142,6 +147,8 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         *_freedom_warnings(mechanism),
         *(text for link in links for text in _link_warnings(link)),
         *(text for p in mechanism.parts.values() for text in _carries_nothing(mechanism, p)),
+        *_sag_warnings(rest, links),
+        *heavy(mechanism.links),
         *check_urdf.ignored(description),
         *check_urdf.beyond_limits(description, mechanism, rest.holding_full),
         *motion_warning,
@@ -170,8 +177,11 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
 
 
 def is_loaded(mechanism: Mechanism) -> bool:
-    """Whether anything pulls on the mechanism at rest: gravity, or a spring."""
-    return any(mechanism.description.gravity) or len(mechanism.flexible.springs.v_at) > 0
+    """Whether anything acts on the mechanism at rest: gravity, a spring, a load, a frame spring."""
+    description = mechanism.description
+    acting = any(force.scale(0.0) for force in description.forces)
+    springs = len(mechanism.flexible.springs.v_at) > 0 or len(description.springs) > 0
+    return any(description.gravity) or springs or acting
 
 
 def _summaries(mechanism: Mechanism) -> tuple[str, ...]:
@@ -200,7 +210,7 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
         note = f"{locked}, {'about the static equilibrium' if loaded else 'no load'}"
     except ConvergenceError:
         found = modes(mechanism, count=every, preload="none")
-        note = f"{locked}, about the undeformed pose: gravity leaves no equilibrium"
+        note = f"{locked}, about the undeformed pose: gravity and loads leave no equilibrium"
     return tuple(float(f) for f in first_modes(found, count).frequencies), note
 
 
@@ -299,6 +309,26 @@ def _carries_nothing(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
         f"{part.link}: nothing hangs on its beam beyond the root, where {', '.join(sections)} "
         f"{'sits' if len(sections) == 1 else 'sit'}: it bends under its own mass alone."
     ]
+
+
+def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
+    """The platform sags far, or so far that linear statics are off."""
+    sags = [rest.linear, rest.full]
+    far = [float(np.linalg.norm(sag.position)) for sag in sags if sag is not None]
+    longest = max((link.length for link in links), default=0.0)
+    found = []
+    if far and max(far) > SAG_FAR * longest:
+        found.append(
+            f"the platform sags by {max(far):.3g} m, more than a tenth of the longest flexible "
+            f"link ({longest:.3g} m): look for a slip of units, a joint that gives way, or a link "
+            "that is too soft."
+        )
+    if len(far) == 2 and abs(far[0] - far[1]) > SAG_APART * max(far) and max(far) > 1e-9:
+        found.append(
+            f"linear statics give a sag of {far[0]:.3g} m, the full equilibrium {far[1]:.3g} m: "
+            "deflections are not small, so level ked is off as well. Trust coupled."
+        )
+    return found
 
 
 def _freedom_warnings(mechanism: Mechanism) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
+from pinflex.writing import replaced
 
 Column = npt.NDArray[Any]
 SUFFIXES = (".csv", ".parquet")
@@ -49,13 +49,8 @@ class Columns:
             f"{name} [{self.units[name]}]" if self.units.get(name) else name: column
             for name, column in self.arrays.items()
         }
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        with replaced(path) as part:
             (_parquet if path.suffix == ".parquet" else _csv)(headings, part)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
         return path
 
 

@@ -16,9 +16,11 @@ from pinflex.levels.modes import Modes, modes
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import default_motion
+from pinflex.studies.check import is_loaded
 from pinflex.studies.tracking import matched
 from pinflex.text import brief
 from pinflex.viewer.plot import COLOURS, DPI, HEIGHT, panels, title
+from pinflex.writing import replaced
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,7 +85,7 @@ def frequency_map(
     t = np.linspace(0.0, min(end, motion.duration) or end, instants)
     poses = nominal(mechanism, motion, t).q
     dynamics = Dynamics(mechanism.flexible)
-    preload = preload if any(mechanism.description.gravity) else "none"
+    preload = preload if is_loaded(mechanism) else "none"
     rows, last, missing = [], None, ""
     for time, q in zip(t, poses, strict=True):
         try:
@@ -170,7 +172,8 @@ def draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str, gap: str
 def save_frequency_map(found: FrequencyMap, path: str | Path) -> Path:
     """Write the figure (.png, .pdf, .svg); returns the file."""
     path = check_figure(path)
-    plot_frequency_map(found).savefig(path, dpi=DPI)
+    with replaced(path) as part:
+        plot_frequency_map(found).savefig(part, dpi=DPI)
     return path
 
 

@@ -13,6 +13,7 @@ from pinflex.studies.frequency_map import check_figure, draw_frequencies
 from pinflex.studies.pose_map import PoseMap
 from pinflex.studies.stiffness import free, free_stiffness
 from pinflex.viewer.plot import COLOURS, DPI, WIDTH, panels, title
+from pinflex.writing import replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,7 +61,8 @@ def plot_pose_map(found: PoseMap) -> Figure:
 def save_pose_map(found: PoseMap, path: str | Path) -> Path:
     """Write the figure (.png, .pdf, .svg); returns the file."""
     path = check_figure(path)
-    plot_pose_map(found).savefig(path, dpi=DPI)
+    with replaced(path) as part:
+        plot_pose_map(found).savefig(part, dpi=DPI)
     return path
 
 

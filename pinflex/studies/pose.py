@@ -97,7 +97,8 @@ def _held(mechanism: Mechanism, named: Iterable[str]) -> list[str]:
     pin.framesForwardKinematics(system.model, system.data, mechanism.home)
     frame = system.model.getFrameId(description.platform, pin.FrameType.BODY)
     aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    J = pin.computeFrameJacobian(system.model, system.data, mechanism.home, frame, aligned) @ free
+    J = pin.computeFrameJacobian(system.model, system.data, mechanism.home, frame, aligned)
+    J = J.reshape(6, system.n_rigid) @ free  # Pinocchio hands one column over as a vector
     angles = pin.rpy.matrixToRpy(system.data.oMf[frame].rotation)
     rates = pin.rpy.computeRpyJacobianInverse(angles, aligned) @ J[3:]
     rows = np.vstack([J[:3], rates[::-1]])  # x, y, z, rz, ry, rx

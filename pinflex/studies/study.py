@@ -18,6 +18,7 @@ from pinflex.solver.solve import LEVELS, Progress, solve
 from pinflex.studies.check import first_frequencies
 from pinflex.text import brief
 from pinflex.viewer.curves import with_rigid_torque
+from pinflex.writing import write_text
 
 # ked and quasistatic are linear in, or blind to, something: a loop left open by this share of the
 # largest deflection says that deflections are not small.
@@ -119,8 +120,8 @@ def write(done: Study, folder: Path) -> list[Path]:
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "comparison.txt", folder / "comparison.json"]
-    files[0].write_text(done.table.text(), encoding="utf-8")
-    files[1].write_text(done.table.to_json() + "\n", encoding="utf-8")
+    write_text(files[0], done.table.text())
+    write_text(files[1], done.table.to_json() + "\n")
     rigid, flexible = done.runs.get("rigid"), done.flexible
     if rigid is not None:
         files += save_all(rigid, flexible, folder, done.table.frequencies)

@@ -11,6 +11,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.viewer.bent import FIELDS
 from pinflex.viewer.skin import triangles
+from pinflex.writing import replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +35,8 @@ def still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) 
     """
     figure, draw = _canvas(scene, field, title, (12.8, 8.0))
     draw(int(np.argmin(np.abs(scene["t"] - at))))
-    figure.savefig(path, dpi=_DPI)
+    with replaced(path) as part:
+        figure.savefig(part, dpi=_DPI)
     return path
 
 
@@ -54,9 +56,10 @@ def film(
         shot = io.BytesIO()
         figure.savefig(shot, dpi=_DPI * 0.8)
         frames.append(Image.open(shot).convert("RGB").quantize(96))
-    frames[0].save(
-        path, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0
-    )
+    with replaced(path) as part:
+        frames[0].save(
+            part, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0
+        )
     return path
 
 

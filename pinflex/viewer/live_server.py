@@ -80,14 +80,21 @@ class Bridge:
 def _server() -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
+        import tornado.httpserver
+        import tornado.netutil
         import tornado.web
+        import tornado.websocket
+        import zmq
         from meshcat.servers import zmqserver
 
     class App(tornado.web.Application):
         def listen(  # type: ignore[override]
             self, port: int, address: str = "127.0.0.1", **more: Any
         ) -> Any:
-            Server.listener = super().listen(port, address=address, **more)
+            sockets = tornado.netutil.bind_sockets(port, address)
+            Server.listener = tornado.httpserver.HTTPServer(self, **more)
+            Server.listener.add_sockets(sockets)
+            Server.port = sockets[0].getsockname()[1]
             return Server.listener
 
         def log_request(self, handler: Any) -> None:
@@ -108,15 +115,34 @@ def _server() -> Any:
         def on_close(self) -> None:
             self.bridge.websocket_pool.discard(self)
 
+        def write_message(self, message: Any, binary: bool = False) -> Any:
+            """A page that was closed while it loaded is left out; to raise would end the server."""
+            try:
+                sent = super().write_message(message, binary=binary)
+                sent.add_done_callback(lambda done: done.cancelled() or done.exception())
+                return sent
+            except tornado.websocket.WebSocketClosedError:
+                # later: who sends goes through the pool now
+                self.bridge.ioloop.add_callback(self.bridge.websocket_pool.discard, self)
+                return None
+
     class Files(zmqserver.StaticFileHandlerNoCache):  # type: ignore[misc]
         def prepare(self) -> None:
             refuse(self)
 
     class Server(zmqserver.ZMQWebSocketBridge):  # type: ignore[misc]
         listener: Any = None
+        port = 0
+
+        def setup_zmq(self, url: str) -> Any:
+            """On any free port, and without a word; `url` is the first that meshcat would try."""
+            socket, stream, _ = super().setup_zmq("tcp://127.0.0.1:*")
+            return socket, stream, socket.getsockopt(zmq.LAST_ENDPOINT).decode()
 
         def make_app(self) -> Any:
             files = {"path": zmqserver.VIEWER_ROOT, "default_filename": zmqserver.VIEWER_HTML}
             return App([(r"/static/(.*)", Files, files), (r"/", Socket, {"bridge": self})])
 
-    return Server()
+    server = Server(port=0)
+    server.web_url = f"http://127.0.0.1:{Server.port}/static/"
+    return server

@@ -17,6 +17,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.peaks import amplitudes, highest, modes_near
 from pinflex.results.result import Result, peak, same_grid
+from pinflex.writing import replaced
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -258,7 +259,8 @@ def save_all(
     paths = []
     for name, figure in figures.items():
         paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
-        figure.savefig(paths[-1], dpi=DPI)
+        with replaced(paths[-1]) as part:
+            figure.savefig(part, dpi=DPI)
     return paths
 
 

@@ -28,6 +28,7 @@ from pinflex.text import brief
 from pinflex.viewer.bent import FIELDS
 from pinflex.viewer.packing import deflated, pack
 from pinflex.viewer.scene import build_scene
+from pinflex.writing import write_text
 
 FRAME = 640  # [px] height of a page in a notebook
 MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
@@ -199,15 +200,7 @@ def _write(
     path = Path(path)
     if path.is_dir():
         path = path / f"{_slug(scenes[0]['name'])}.html"
-    text = page_text(scenes, title, page)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", newline="\n")  # a changed newline breaks the hash
-    except OSError as error:
-        raise DescriptionError(
-            f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
-        ) from error
-    return path
+    return write_text(path, page_text(scenes, title, page))  # its newlines are part of the hash
 
 
 def _scale(scale: float | str) -> float | str:

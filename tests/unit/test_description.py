@@ -135,9 +135,9 @@ def test_an_empty_value_counts_as_not_written(tmp_path: Path) -> None:
 
 
 def test_exponents_need_no_point_and_no_sign(tmp_path: Path) -> None:
-    """PyYAML alone reads 1e-3 and 7e10 as text."""
-    text = "urdf: bar4.urdf\ngravity: [1e-3, 7e10, -2E+1]\n"
-    assert read(write(tmp_path, text)).gravity == (1e-3, 7e10, -20.0)
+    """PyYAML alone reads 1e-3 and 7e5 as text."""
+    text = "urdf: bar4.urdf\ngravity: [1e-3, 7e5, -2E+1]\n"
+    assert read(write(tmp_path, text)).gravity == (1e-3, 7e5, -20.0)
 
 
 def test_a_free_base_has_a_home(tmp_path: Path) -> None:
@@ -417,7 +417,7 @@ def test_aliases_that_multiply_do_not_fill_the_memory(tmp_path: Path) -> None:
     """Nine aliases of nine aliases, thirty deep: 9^30 entries if they were written out."""
     lines = ["- &a0 [x, x, x, x, x, x, x, x, x]"]
     lines += [f"- &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30)]
-    with pytest.raises(DescriptionError, match=r"scene.yaml: platform: .* is not a text") as caught:
+    with pytest.raises(DescriptionError, match="has more than 500000 values") as caught:
         read(write(tmp_path, "urdf: bar4.urdf\nplatform:\n" + "\n".join(lines)))
     assert len(str(caught.value)) < 200  # one line of text
 

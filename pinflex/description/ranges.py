@@ -1,0 +1,76 @@
+"""How large a number of a description may be: one wide range for each physical quantity.
+
+A range keeps out numbers that nothing can be built of, and with which products of a few of them
+would leave double precision (1e-308 to 1e308); what lies inside may still be unusual.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pinflex.errors import DescriptionError
+
+
+@dataclass(frozen=True)
+class Range:
+    """Magnitudes that a quantity may have; 0 and signs are up to the key.
+
+    Attributes:
+        least, most: Smallest magnitude but zero (0: any, as nothing is divided by it), and largest,
+            in `unit`.
+        unit: As messages say it.
+        why: What lies beyond.
+    """
+
+    least: float
+    most: float
+    unit: str
+    why: str
+
+
+# One table for all keys: what the number is, and how far it may go.
+RANGES = {
+    "length": Range(1e-9, 1e6, "m", "an atom is 1e-10 m, the Earth 1e7 m across"),
+    "place": Range(0.0, 1e6, "m", "the Earth is 1e7 m across"),
+    "area": Range(1e-20, 1e8, "m^2", "the square of a length"),
+    "modulus": Range(1e-28, 1e12, "m^3", "the third power of a length"),
+    "second moment": Range(1e-36, 1e16, "m^4", "the fourth power of a length"),
+    "elasticity": Range(1e-12, 1e30, "Pa", "gels have 1 Pa, diamond 1e12 Pa"),
+    "density": Range(1e-9, 1e9, "kg/m^3", "gas has 1 kg/m^3, osmium 2e4 kg/m^3"),
+    "mass": Range(0.0, 1e9, "kg", "a large ship is 1e8 kg"),
+    "inertia": Range(0.0, 1e15, "kg m^2", "a large ship has 1e12 kg m^2"),
+    "acceleration": Range(0.0, 1e15, "m/s^2", "the Sun's surface has 274 m/s^2"),
+    "force": Range(0.0, 1e18, "N", "a rocket has 1e8 N"),
+    "moment": Range(0.0, 1e18, "N m", "a force times a length"),
+    "stiffness": Range(0.0, 1e30, "N/m or N m/rad", "a steel block of 1 m has 2e11 N/m"),
+    "damping": Range(0.0, 1e24, "N s/m or N m s/rad", "a stiffness times a time"),
+    "time": Range(1e-12, 1e9, "s", "light crosses 0.3 mm in 1e-12 s, and 1e9 s are 30 years"),
+    "rate": Range(1e-12, 1e12, "1/s", "the inverse of a time"),
+    "position": Range(0.0, 1e6, "rad or m", "1e6 rad are 160 000 turns"),
+    "angle": Range(0.0, 1e6, "rad", "1e6 rad are 160 000 turns"),
+    "voltage": Range(0.0, 1e12, "V", "lightning has 1e8 V"),
+    "gain": Range(0.0, 1e15, "drive per measure", "a voltage over a micrometre"),
+    "ratio": Range(1e-9, 1e9, "-", "a pure number"),
+}
+
+
+def within(value: float, where: str, of: str) -> float:
+    """The number, if its quantity may be so large; zero passes."""
+    allowed = RANGES[of]
+    if value == 0 or allowed.least <= abs(value) <= allowed.most:
+        return value
+    raise DescriptionError(
+        f"{where}: {value:.6g} {allowed.unit} is out of range. Allowed: magnitudes "
+        f"{f'of {allowed.least:g} to' if allowed.least else 'up to'} {allowed.most:g} "
+        f"{allowed.unit} ({allowed.why}).",
+        value=value,
+    )
+
+
+def finite(value: float) -> float:
+    """The number, or infinity where an integer is too long for one."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf

@@ -1,0 +1,12 @@
+"""The first two hundred mangled inputs: one clear error or a right result answers each."""
+
+from __future__ import annotations
+
+from tests.fuzz.__main__ import SEED, fuzz, report
+
+
+def test_two_hundred_mangled_inputs_are_answered() -> None:
+    found = fuzz(SEED, 0, 200)
+    assert len(found) == 200
+    assert not any(one["fault"] for one in found), report(found)
+    assert max(one["memory"] for one in found) < 2e9
