@@ -26,6 +26,7 @@ COUPLED_ONLY = ("radau",)
 ASKED = ("torque", "deflection", "platform")
 KED_ONLY = INTEGRATORS[3:-1]
 KED_TERMS = ("full", "structural")
+STARTS = ("auto", "straight", "static")
 LOOP_KINDS = (
     "weld",
     "revolute",
@@ -121,7 +122,8 @@ class SolveSpec:
         drive: prescribed (the motors follow the motion) or torque (they push).
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
-        start: straight (undeformed) or static (in equilibrium).
+        start: straight (undeformed), static (in equilibrium), or auto (static where something
+            acts and an equilibrium exists).
     """
 
     __repr__ = brief
@@ -141,7 +143,7 @@ class SolveSpec:
     drive: str = "prescribed"
     kp: float = 0.0
     kd: float = 0.0
-    start: str = "straight"
+    start: str = "auto"
 
     @property
     def by_steps(self) -> str:
@@ -291,7 +293,7 @@ def read_solve(value: object, where: str) -> SolveSpec:
         "integrator": INTEGRATORS,
         "ked": KED_TERMS,
         "drive": ("prescribed", "torque"),
-        "start": ("straight", "static"),
+        "start": STARTS,
     }
     keys = tuple(field.name for field in dataclasses.fields(SolveSpec))
     block = schema.mapping(value, where, keys)

@@ -22,7 +22,6 @@ from pinflex.errors import ConvergenceError
 from pinflex.levels.integrators import scheme
 from pinflex.levels.linear_line import Line, along
 from pinflex.levels.linear_march import (
-    Instant,
     March,
     alpha,
     central_difference,
@@ -31,6 +30,7 @@ from pinflex.levels.linear_march import (
 )
 from pinflex.levels.mode_superposition import mode_superposition
 from pinflex.levels.run import Run
+from pinflex.levels.start import linear_start
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.system import System
@@ -57,7 +57,7 @@ def solve_ked(
     motion: Motion,
     t: Array,
     march: March,
-    static: bool = False,
+    start: str = "straight",
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
     close: float = _CLOSE,
@@ -67,7 +67,7 @@ def solve_ked(
     Args:
         mechanism: Mechanism. motion: Motion. t: Equal steps, shape (nt,).
         march: A method of `linear_march`.
-        static: Start from the balance of the first instant instead of the undeformed pose.
+        start: straight, static or auto, as in `pinflex.levels.start`.
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
         close: What interpolated matrices may miss (see `linear_line.along`).
@@ -82,8 +82,8 @@ def solve_ked(
     d, v, a = np.zeros((nt, system.nv)), line.v, line.a
     lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
     flat = path.straight(system.n_eta)
-    start = _static_deviation(at(0).free) if static else np.zeros(len(free))
-    for k, state in enumerate(march(lambda k: at(k).free, nt, h, start)):
+    begin = linear_start(mechanism, path, structural, start)
+    for k, state in enumerate(march(lambda k: at(k).free, nt, h, begin.y)):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
             y = Moved(line.dynamics).poses(flat, d)
             raise _blown_up(system, path.t, y, v, a, lam, torque, k, h)
@@ -102,19 +102,8 @@ def solve_ked(
         "terms": "structural" if structural else "full",
     }
     cost: dict[str, float] = {"steps": nt, "newton": nt}
-    return Run(system, path.t, y, v, a, lam, torque, cost, settings, path=path)
-
-
-def _static_deviation(now: Instant) -> Array:
-    """The linear balance K d - J' dlam = -r, J d = 0 of an instant: what the march starts from.
-
-    The nonlinear balance would leave J d of second order, which the march divides by h^2.
-    """
-    n, rows = len(now.r), len(now.J)
-    S = np.zeros((n + rows, n + rows))
-    S[:n, :n], S[:n, n:], S[n:, :n] = now.K, -now.J.T, now.J
-    solution = np.linalg.solve(S, np.concatenate([-now.r, np.zeros(rows)]))
-    return np.asarray(solution[:n])
+    run = Run(system, path.t, y, v, a, lam, torque, cost, settings, path=path)
+    return begin.told(run)
 
 
 def _blown_up(

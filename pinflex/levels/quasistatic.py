@@ -22,6 +22,7 @@ from pinflex.threads import one_blas_thread
 # Newton on a balance of forces ends quadratically; its last correction, relative to the largest
 # coordinate it moves, is then at round-off.
 BALANCED = 1e-11
+_ITERATIONS = 40  # of one Newton run
 # Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
 _NEUTRAL = 1e-9
 _SPRINGS = 1e3  # of the closures, of a stiffness scaled to one
@@ -54,10 +55,11 @@ def balance(
     free: IntArray,
     lam: Array | None = None,
     where: str = "static equilibrium",
+    patience: float = np.inf,
 ) -> Equilibrium:
     """Newton with step halving on r(y; v, a, lam) = 0 in the free rows and c(y) = 0.
 
-    Where full Newton fails, the load is put on in parts.
+    Where full Newton fails, the load is put on in parts, in so many iterations (`patience`) in all.
 
     Raises:
         ConvergenceError: No equilibrium found (a structure that buckles or a mechanism that falls).
@@ -68,9 +70,11 @@ def balance(
         return found
     start = dynamics.residual(y, v, a, np.zeros_like(lam))[free]
     state, done, part = Equilibrium(y, np.zeros_like(lam), start, 0), 0.0, 0.25
-    while done < 1.0 and part > 1e-3:
+    spent = _ITERATIONS
+    while done < 1.0 and part > 1e-3 and spent < patience:
         goal = min(1.0, done + part)
         stage = _newton(dynamics, state.y, v, a, free, state.lam, start, 1.0 - goal)
+        spent += _ITERATIONS if stage is None else stage.iterations
         if stage is None:
             part *= 0.5
             continue
@@ -106,7 +110,7 @@ def _newton(
 
     e = error(y, lam)
     previous = np.inf
-    for iteration in range(1, 40):
+    for iteration in range(1, _ITERATIONS):
         K = dynamics.iteration_matrix(y, v, a, lam, STIFFNESS)
         J = dynamics.jacobian()[:, free] if rows else np.zeros((0, n))
         S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J.T, J

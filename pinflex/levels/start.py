@@ -1,18 +1,168 @@
-"""Consistent starts: poses on the closures, velocities that keep them, balanced forces."""
+"""Consistent starts: poses on the closures, in equilibrium or straight, balanced forces."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.actuation.motors import motor_axes
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
-from pinflex.errors import AssemblyError
+from pinflex.errors import AssemblyError, ConvergenceError
+from pinflex.levels.linear_line import Line
+from pinflex.levels.quasistatic import balance, give_way, giving_way, negative
+from pinflex.levels.run import Run
 from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.system import System
+
+# Newton iterations that `auto` spends on a load put on in parts: an equilibrium that is near takes
+# thirty, and without one nobody should wait.
+_PATIENCE = 120
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a run starts.
+
+    Attributes:
+        y, v: Shapes (nq,) and (nv,); of a linear run the deviations from the nominal motion.
+        kind: static or straight. said: A sentence where it is not what one would expect, or "".
+    """
+
+    y: Array
+    v: Array
+    kind: str
+    said: str = ""
+
+    def told(self, run: Run) -> Run:
+        """The run with this in its settings and warnings."""
+        said = (self.said,) if self.said else ()
+        settings = {**run.settings, "start": self.kind}
+        return replace(run, settings=settings, warnings=(*run.warnings, *said))
+
+
+def in_equilibrium(mechanism: Mechanism, start: str) -> tuple[bool, str]:
+    """Whether a run is to start in equilibrium, and why not where that would be expected.
+
+    `auto` is static where gravity, a load that lasts or a spring acts on something elastic, unless
+    the motors leave freedoms that fall.
+    """
+    if start != "auto":
+        return start == "static", ""
+    system, loads = mechanism.flexible, mechanism.flexible.loads
+    sprung = bool(len(system.springs.v_at) or loads.springs)
+    lasting = any(not force.timed for force, _ in loads.forces)
+    if not (system.n_eta or sprung):
+        return False, ""
+    if not (any(mechanism.description.gravity) or lasting or sprung):
+        return False, ""
+    if mechanism.report.mobility > len(system.motors):
+        return False, "the motors do not hold every freedom"
+    return True, ""
+
+
+def start_of(
+    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Dynamics, start: str
+) -> Start:
+    """Where a coupled run starts: straight, static or auto (see `in_equilibrium`).
+
+    Static: elastic coordinates and free joints in balance with what acts at the first time. At
+    rest that is gravity and the loads; a motion that is already moving adds the inertia forces of
+    its nominal velocities and accelerations. `auto` leaves out loads that come and go: they are
+    to shake the mechanism.
+
+    Raises:
+        ConvergenceError: `static` is asked for, and there is no equilibrium.
+    """
+    y, v = straight_start(mechanism, motion, path, dynamics)
+    if dynamics.system is mechanism.rigid and start == "auto":
+        return Start(y, v, "straight")
+    static, why = in_equilibrium(mechanism, start)
+    if not static:
+        return Start(y, v, "straight", _shaken(why))
+    system, auto = dynamics.system, start == "auto"
+    at = _lasting(dynamics) if auto else dynamics
+    a = np.zeros(system.nv)
+    if np.any(v) and mechanism.report.mobility == len(system.motors):
+        a[: dynamics.n_rigid] = nominal(mechanism, motion, path.t[:1]).a[0]
+    where = f"{mechanism.name}: start: {'auto' if auto else 'static'}"
+    try:
+        found = balance(at, y, v, a, system.free, None, where, _PATIENCE if auto else np.inf)
+    except ConvergenceError as error:
+        if auto:
+            return Start(y, v, "straight", _shaken("there is no static equilibrium near it"))
+        raise _no_equilibrium(str(error), error) from None
+    if not giving_way(at, found.y, v, a, found.lam, system.free):
+        return Start(found.y, v, "static")
+    if auto:
+        return Start(y, v, "straight", _shaken("its static equilibrium is unstable"))
+    return Start(found.y, v, "static", give_way("start: static equilibrium"))
+
+
+def linear_start(mechanism: Mechanism, path: Nominal, structural: bool, start: str) -> Start:
+    """The same for level ked: deviations d of the free coordinates from the nominal motion.
+
+    Static is the linear balance K d - J' dlam = -r, J d = 0 of the first instant. The nonlinear
+    one would leave J d of second order, which the march divides by h^2.
+    """
+    n = len(mechanism.flexible.free)
+    straight, static = Start(np.zeros(n), np.zeros(n), "straight"), "static"
+    balanced, why = in_equilibrium(mechanism, start)
+    if not balanced:
+        return replace(straight, said=_shaken(why))
+    first = path.at(slice(0, 1))
+    if not np.any(first.v):
+        first = replace(first, a=np.zeros_like(first.a))
+    if start == "auto":
+        mechanism = replace(mechanism, flexible=lasting(mechanism.flexible))
+    now = Line(mechanism, first, structural).at(0).free
+    rows = len(now.J)
+    S = np.zeros((n + rows, n + rows))
+    S[:n, :n], S[:n, n:], S[n:, :n] = now.K, -now.J.T, now.J
+    try:
+        d = np.linalg.solve(S, np.concatenate([-now.r, np.zeros(rows)]))[:n]
+    except np.linalg.LinAlgError:
+        if start == "auto":
+            return replace(straight, said=_shaken("the linear balance is singular"))
+        where = f"{mechanism.name}: start: static: the linear balance is singular."
+        raise _no_equilibrium(where) from None
+    if not negative(now.K, now.J):
+        return Start(d, np.zeros(n), static)
+    if start == "auto":
+        return replace(straight, said=_shaken("its static equilibrium is unstable"))
+    return Start(d, np.zeros(n), static, give_way("start: static equilibrium"))
+
+
+def lasting(system: System) -> System:
+    """The system without loads that come and go."""
+    forces = tuple(pair for pair in system.loads.forces if not pair[0].timed)
+    if len(forces) == len(system.loads.forces):
+        return system
+    return replace(system, loads=replace(system.loads, forces=forces))
+
+
+def _lasting(dynamics: Dynamics) -> Dynamics:
+    system = lasting(dynamics.system)
+    return dynamics if system is dynamics.system else Dynamics(system)
+
+
+def _shaken(why: str) -> str:
+    if not why:
+        return ""
+    return (
+        f"starts with undeformed links, on which the loads act at once, because {why}: it rings "
+        "from t = 0. Write start: straight where this is meant."
+    )
+
+
+def _no_equilibrium(text: str, error: ConvergenceError | None = None) -> ConvergenceError:
+    advice = "Or write start: straight, which starts with undeformed links."
+    return ConvergenceError(f"{text} {advice}", **({} if error is None else error.data))
 
 
 def straight_start(
@@ -23,7 +173,7 @@ def straight_start(
     Joints that neither motors nor loops determine start at home and at rest.
     """
     system = dynamics.system
-    n, m = int(system.rigid.nq), int(system.rigid.nv)
+    m = int(system.rigid.nv)
     v = np.zeros(system.nv)
     if mechanism.report.mobility == len(system.motors):
         first = nominal(mechanism, motion, path.t[:1])
@@ -43,7 +193,6 @@ def straight_start(
             )
         _, J = dynamics.close(y)
         v[passive] = -np.linalg.lstsq(J[:, passive], J @ v, rcond=1e-10)[0]
-    del n
     return y, v
 
 

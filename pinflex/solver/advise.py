@@ -21,6 +21,7 @@ from pinflex.description.motion import Motion
 from pinflex.description.supplement import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, nearest
 from pinflex.levels.run import Run
+from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.solver import fewer
@@ -168,7 +169,8 @@ class _Study:
 
     def __init__(self, rich: Mechanism, motion: Motion, end: float, plain: Advice) -> None:
         self.rich, self.motion, self.plain, self.tol = rich, motion, plain, plain.tol
-        self.probe = Probe(rich, motion, end, rich.description.solve.start == "static")
+        static, _ = in_equilibrium(rich, rich.description.solve.start)
+        self.probe = Probe(rich, motion, end, static)
         self.outputs = Outputs(
             self.probe.mechanism, motion, self.probe.t, plain.asked, self.probe.dynamics
         )

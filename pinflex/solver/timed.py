@@ -4,29 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
 from pinflex.actuation.feedback import place
-from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.description.supplement import SolveSpec
-from pinflex.errors import MotionError, RunInterrupted
+from pinflex.errors import MotionError, RunInterrupted, SceneError
 from pinflex.levels import adaptive, coupled
 from pinflex.levels.alpha_adaptive import AlphaSteps
 from pinflex.levels.collocation import radau
 from pinflex.levels.integrators import AlphaScheme, scheme
 from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.modes import modes
-from pinflex.levels.quasistatic import balance
 from pinflex.levels.radau import STAGES, Stages
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.run import Run
-from pinflex.levels.start import straight_start
+from pinflex.levels.start import Start, start_of
 from pinflex.levels.steps import Steps
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.dynamics import Dynamics
@@ -67,11 +66,11 @@ class Scene:
         require_steps(self.mechanism, steps, float(t[-1]), "dt" if spec.dt else "until")
         fine = np.linspace(t[0], t[-1], steps + 1)
         if spec.level == "ked":
-            structural, static = spec.ked == "structural", spec.start == "static"
+            structural = spec.ked == "structural"
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
             run = solve_ked(
-                self.mechanism, self.motion, fine, march_of(spec), static, structural, progress,
-                **close,
+                self.mechanism, self.motion, fine, march_of(spec), spec.start,
+                structural, progress, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
             return thin(self._judged(run, every), every)
@@ -81,20 +80,23 @@ class Scene:
         if self.control is not None:
             keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
         if self.before is None:
-            start = self._start(dynamics, path)
+            start = self._start
         else:
-            start = self.before.y[-1], self.before.v[-1]
+            begun = str(self.before.settings.get("start", "straight"))
+            start = Start(self.before.y[-1], self.before.v[-1], begun)
             at = every * (len(self.before.t) - 1)
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
         try:
             run = coupled.integrate(
-                self.mechanism, dynamics, start, path, self._scheme, drive, progress=progress,
-                **keys,
+                self.mechanism, dynamics, (start.y, start.v), path, self._scheme, drive,
+                progress=progress, **keys,
             )  # fmt: skip
-        except RunInterrupted as stop:
-            stop.result = thin(stop.result, every)
+        except (SceneError, RunInterrupted) as stop:
+            _tell(stop, start)
+            if isinstance(stop, RunInterrupted):
+                stop.result = thin(stop.result, every)
             raise
-        return thin(self._judged(run, every), every)
+        return thin(start.told(self._judged(run, every)), every)
 
     def _judged(self, run: Run, every: int) -> Run:
         """The run with what its step alone tells: samples that cut it, too long, round-off."""
@@ -156,10 +158,16 @@ class Scene:
             )  # fmt: skip
         else:
             steps = Stages(self.mechanism, dynamics, path, resolution, radau(STAGES), drive, forces)
-        return adaptive.integrate(
-            self.mechanism.name, steps, self._start(dynamics, path(t[:1])), t,
-            breaks(self.motion, dynamics.system.loads), resolution, scale, pilot, progress,
-        )  # fmt: skip
+        start = self._start
+        try:
+            run = adaptive.integrate(
+                self.mechanism.name, steps, (start.y, start.v), t,
+                breaks(self.motion, dynamics.system.loads), resolution, scale, pilot, progress,
+            )  # fmt: skip
+        except (SceneError, RunInterrupted) as stop:
+            _tell(stop, start)
+            raise
+        return start.told(run)
 
     @property
     def _scheme(self) -> AlphaScheme:
@@ -173,15 +181,12 @@ class Scene:
     def _path(self, t: Array) -> Callable[[Array], MotorPath]:
         return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))
 
-    def _start(self, dynamics: Dynamics, path: MotorPath) -> tuple[Array, Array]:
-        y, v = straight_start(self.mechanism, self.motion, path, dynamics)
-        if self.spec.start == "static":
-            a = np.zeros(dynamics.system.nv)
-            if self.mechanism.report.mobility == len(dynamics.system.motors):
-                first = nominal(self.mechanism, self.motion, path.t[:1])
-                a[: dynamics.n_rigid] = first.a[0]
-            y = balance(dynamics, y, v, a, dynamics.system.free).y
-        return y, v
+    @cached_property
+    def _start(self) -> Start:
+        """Found once, however often the scene is run."""
+        dynamics = Dynamics(self._system)
+        path = motor_path(self.mechanism, self.motion, np.zeros(1))
+        return start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
 
     def _drive(self, t: Array) -> TorqueDrive | None:
         if self.spec.drive != "torque":
@@ -198,6 +203,11 @@ class Scene:
         forward = PchipInterpolator(coarse, rigid)
         kp, kd = np.full(count, self.spec.kp), np.full(count, self.spec.kd)
         return TorqueDrive(kp, kd, forward(t), forward)
+
+
+def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
+    if isinstance(stop.result, Run):
+        stop.result = start.told(stop.result)
 
 
 def default_step(mechanism: Mechanism, end: float) -> float:
