@@ -47,7 +47,8 @@ class Path:
         if self.platform:
             columns = tuple(COORDINATES.index(name) for name in motion.names)
             self.poses = ClosedPoses(self.dynamics, self._frame(), columns)
-            self.unknown = np.arange(system.nv, dtype=np.intp)
+            every = np.arange(system.nv)
+            self.unknown = np.setdiff1d(every, system.held).astype(np.intp)
             equations += len(columns)
             imposed = np.where(self.poses.turns, 1.0, 1.0 / units.length)
             per_row = np.concatenate([per_row, imposed])

@@ -9,7 +9,7 @@ from pinflex.cli.console import load_model, print_json
 from pinflex.errors import DescriptionError
 from pinflex.levels.modes import modes
 from pinflex.studies.check import is_loaded
-from pinflex.studies.mode_shapes import first_modes, mode_runs
+from pinflex.studies.mode_shapes import first_modes, mode_runs, rigid_body
 from pinflex.studies.pose import pose
 from pinflex.text import number, table
 
@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
                 "name": mechanism.name,
                 "preload": found.preload,
                 "free_motors": found.free_motors,
+                "rigid_body_modes": found.rigid_body,
                 "pose": motors,
                 "modes": [
                     {"frequency": f, "period": 1 / f if f > 0 else None, "share": share}
@@ -72,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
     ]
     header = "mode|frequency [Hz]|period [s]|share of the elastic energy"
     print(table("Natural frequencies", header, rows, (4,), last_is_text=True))
+    if found.rigid_body:
+        print(rigid_body(found))
     files = [f"wrote {path}" for path in (page, figure) if path is not None]
     if files:
         print("\n" + "\n".join(files))

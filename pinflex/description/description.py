@@ -47,8 +47,9 @@ __all__ = [
 ]
 
 _KEYS = (
-    *("urdf", "gravity", "base", "joints", "actuated", "loops", "home", "platform", "frames"),
-    *("flexible", "damping", "forces", "springs", "control", "motion", "solve", "limit", "allow"),
+    *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),
+    *("frames", "flexible", "damping", "forces", "springs", "control", "motion", "solve"),
+    *("limit", "allow"),
 )
 ALLOWED = ("wide", "heavy", "large")
 _ONE_DOF = ("revolute", "continuous", "prismatic")
@@ -72,6 +73,7 @@ class Description:
         joints: What the YAML adds to joints, by joint name; do not change it.
         actuated: Joints with a motor.
         loops: Closures.
+        idle: held or free: what becomes of freedoms that nothing hangs on.
         forces: Loads at frames.
         control: Feedback of level coupled.
         springs: Springs between frames.
@@ -102,6 +104,7 @@ class Description:
     joints: dict[str, JointExtra] = field(default_factory=dict)
     actuated: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
+    idle: str = "held"
     forces: tuple[FrameForce, ...] = ()
     control: Control | None = None
     springs: tuple[FrameSpring, ...] = ()
@@ -234,11 +237,14 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
     if base == "free_flyer":
         types["root_joint"] = "floating"
     loops = read_loops(block.get("loops", {}), place["loops"], tree)
+    if "idle" in block:
+        fields["idle"] = schema.choice(block["idle"], place["idle"], ("held", "free"))
     if "platform" in block:
         fields["platform"] = frame(block["platform"], place["platform"], tree)
     if "frames" in block:
         fields["frames"] = frames(block["frames"], place["frames"], tree)
     actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
+    _beside_motors(joints, actuated, place["joints"])
     damping = ((0.0, 0.0), 0.0)
     if "damping" in block:
         spec, scope = flexible.damping_scope(block["damping"], place["damping"])
@@ -287,6 +293,24 @@ def _actuated(value: object, where: str, types: Mapping[str, str], closed: bool)
             f"for none. Joints: {', '.join(single[:12])}{', ...' if len(single) > 12 else ''}."
         )
     return single
+
+
+def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], where: str) -> None:
+    """A spring in a joint with a motor acts from link to link, not between motor and link."""
+    for name, extra in joints.items():
+        if not extra.spring or extra.parallel == (name in actuated):
+            continue
+        place = schema.at(where, name)
+        if extra.parallel:
+            raise DescriptionError(
+                f"{place}.parallel_spring: this joint has no motor to act beside. Write `spring`."
+            )
+        raise DescriptionError(
+            f"{place}.spring: this joint has a motor, and the spring would act beside it, not "
+            "between motor and link. For an elastic transmission give the URDF a passive joint "
+            "of its own behind the motor, write `spring` there and list the motors in `actuated`. "
+            "A spring that does act beside the motor is `parallel_spring`."
+        )
 
 
 def _home(

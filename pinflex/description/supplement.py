@@ -50,7 +50,7 @@ class JointExtra:
         type: spherical or universal, in place of the URDF's type; None keeps that.
         axes: The two unit axes of a universal joint in the joint frame; None: x, then y.
         rotor_inertia: Inertia of the motor, seen at the joint [kg m^2 | kg].
-        spring: Stiffness [N m/rad | N/m].
+        spring: Stiffness [N m/rad | N/m]. parallel: It acts beside a motor.
         rest: Position where the spring is slack [rad | m].
         damper: Viscous damping [N m s/rad | N s/m].
     """
@@ -64,6 +64,7 @@ class JointExtra:
     spring: float = 0.0
     rest: float = 0.0
     damper: float = 0.0
+    parallel: bool = False
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,7 @@ def read_joints(value: object, where: str, urdf: Urdf) -> dict[str, JointExtra]:
 
 def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    plain = {"rotor_inertia": "inertia", "spring": "stiffness"}
+    plain = {"rotor_inertia": "inertia", "spring": "stiffness", "parallel_spring": "stiffness"}
     plain |= {"rest": "position", "damper": "damping"}
     block = schema.mapping(value, where, ("type", "axes", *plain))
     kind = None
@@ -215,7 +216,9 @@ def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
         if key in block:
             low = -math.inf if key == "rest" else 0.0
             fields[key] = schema.number(block[key], schema.at(where, key), low, of=plain[key])
-            if key in ("spring", "rest") and (kind or written in ("floating", "planar")):
+            if key in ("spring", "parallel_spring", "rest") and (
+                kind or written in ("floating", "planar")
+            ):
                 raise DescriptionError(
                     f"{schema.at(where, key)}: a {kind or written} joint has no one spring. "
                     "Springs act on joints of one degree of freedom. Split the joint in the URDF."
@@ -225,7 +228,12 @@ def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
                     f"{schema.at(where, key)}: the joint is fixed in {urdf.file}, so it would do "
                     "nothing. Remove it, or give the joint a type."
                 )
-    if "rest" in block and "spring" not in block:
+    if "parallel_spring" in block:
+        if "spring" in block:
+            place = schema.at(where, "parallel_spring")
+            raise DescriptionError(f"{place}: beside `spring`. Remove one of them.")
+        fields |= {"spring": fields.pop("parallel_spring"), "parallel": True}
+    if "rest" in block and "spring" not in fields:
         raise DescriptionError(f"{schema.at(where, 'rest')}: there is no spring. Add `spring`.")
     if "axes" in block:
         fields["axes"] = _axes(block["axes"], schema.at(where, "axes"), kind)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.levels.linear_march import Instant
 from pinflex.levels.pieces import Pieces
@@ -68,6 +68,7 @@ class Line:
         system, m = mechanism.flexible, int(mechanism.flexible.rigid.nv)
         self.v, self.a = (np.zeros((len(path.t), system.nv)) for _ in range(2))
         self.v[:, :m], self.a[:, :m] = path.v, path.a
+        self._stiff = mechanism.rigid.free
         self._damping, self._structural = mechanism.description.system_damping, structural
 
     def flat(self, k: int) -> Array:
@@ -79,7 +80,7 @@ class Line:
         dynamics, system = self.dynamics, self.dynamics.system
         y, v, a = self.flat(k), self.v[k], self.a[k]
         dynamics.loads.time = float(self.path.t[k])
-        base = _rigid_multipliers(dynamics, y, v, a)
+        base = _rigid_multipliers(dynamics, self._stiff, y, v, a)
         r = dynamics.residual(y, v, a, base)
         M, C, K = dynamics.tangent(y, v, a, base)
         alpha, beta = self._damping
@@ -263,7 +264,9 @@ class _Between:
         return Linear(Instant(*x[:5]), Instant(*x[5:10]), x[10])
 
 
-def _rigid_multipliers(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:
+def _rigid_multipliers(
+    dynamics: Dynamics, passive: IntArray, y: Array, v: Array, a: Array
+) -> Array:
     """Closure forces of the rigid motion in the rows of the flexible mechanism.
 
     They bring the geometric stiffness of the joint forces; any split between them and the
@@ -273,6 +276,5 @@ def _rigid_multipliers(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Arra
     if not system.closed.n:
         return np.zeros(0)
     r = dynamics.residual(y, v, a, np.zeros(system.closed.n))
-    passive = np.setdiff1d(np.arange(dynamics.n_rigid), system.motors)
     J = dynamics.jacobian()[:, passive]
     return np.asarray(np.linalg.lstsq(J.T, r[passive], rcond=1e-10)[0], dtype=float)

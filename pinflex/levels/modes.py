@@ -31,9 +31,10 @@ class Modes:
         frequencies: Hz, shape (k,), increasing; negative for an unstable (buckled) direction.
         shapes: Unit-mass shapes in velocity rows, shape (nv, k).
         y: Pose that was linearised about, shape (nq,).
-        share: Share of each flexible link in the elastic energy, shape (k, links).
+        share: Share of each flexible link and sprung joint in the elastic energy, shape (k, links).
         links: Names for `share`.
         preload: "gravity" or "none". free_motors: Whether motors were free.
+        rigid_body: Modes at 0 Hz that were left out (see `mode_shapes.first_modes`).
     """
 
     __repr__ = brief
@@ -45,6 +46,7 @@ class Modes:
     links: tuple[str, ...]
     preload: str
     free_motors: bool
+    rigid_body: int = 0
 
 
 @one_blas_thread()
@@ -179,11 +181,14 @@ def _lowest_again(K: Array, M: Array, omega2: Array, x: Array) -> tuple[Array, A
 def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]]:
     """Which links bend in which mode: shares of the elastic energy."""
     system = mechanism.flexible
-    links = tuple(dict.fromkeys(slot.link for slot in system.expansion.slots))
+    bent = dict.fromkeys(slot.link for slot in system.expansion.slots)
+    springs, names = system.springs, mechanism.coordinates
+    links = (*bent, *(names[row] for row in springs.v_at))
     energy = np.zeros((shapes.shape[1], len(links)))
     n = int(system.rigid.nv)
     for slot in system.expansion.slots:
         part = shapes[n + slot.eta.start : n + slot.eta.stop]
         energy[:, links.index(slot.link)] += np.einsum("ik,ij,jk->k", part, slot.body.K, part)
+    energy[:, len(bent) :] = (springs.stiffness[:, None] * shapes[springs.v_at] ** 2).T
     total = energy.sum(1, keepdims=True)
     return energy / np.where(total > 0, total, 1.0), links

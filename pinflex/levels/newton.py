@@ -43,7 +43,7 @@ class Newton:
         system = dynamics.system
         self.dynamics, self.scheme, self.h, self.drive = dynamics, scheme, h, drive
         self.feedback = feedback
-        self.free = system.free if drive is None else np.arange(system.nv)
+        self.free = system.free if drive is None else system.unheld
         self.motors = system.motors
         self.n, self.rows = len(self.free), system.closed.n
         self.S = np.zeros((self.n + self.rows, self.n + self.rows), order="F")

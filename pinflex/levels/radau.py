@@ -98,7 +98,7 @@ class Stages:
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.method, self.resolution = method, resolution
         self.stacked = Stacked(dynamics, method.s)
-        self.free = system.free if drive is None else np.arange(system.nv)
+        self.free = system.free if drive is None else system.unheld
         self.newton = StageNewton(dynamics, method, self.free, drive)
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
         self.moved = Moved(dynamics, () if drive is not None else self.motors)

@@ -83,21 +83,24 @@ def start_of(
     if dynamics.system is mechanism.rigid and start == "auto":
         return Start(y, v, "straight")
     static, why = in_equilibrium(mechanism, start)
+    if static and start == "auto" and len(mechanism.idle.base):
+        static, why = False, "the base is free"
     if not static:
         return Start(y, v, "straight", _shaken(why))
     system, auto = dynamics.system, start == "auto"
+    free = mechanism.flexible.free if system is mechanism.loose else system.free
     at = _lasting(dynamics) if auto else dynamics
     a = np.zeros(system.nv)
     if np.any(v) and mechanism.report.mobility == len(system.motors):
         a[: dynamics.n_rigid] = nominal(mechanism, motion, path.t[:1]).a[0]
     where = f"{mechanism.name}: start: {'auto' if auto else 'static'}"
     try:
-        found = balance(at, y, v, a, system.free, None, where, _PATIENCE if auto else np.inf)
+        found = balance(at, y, v, a, free, None, where, _PATIENCE if auto else np.inf)
     except ConvergenceError as error:
         if auto:
             return Start(y, v, "straight", _shaken("there is no static equilibrium near it"))
         raise _no_equilibrium(str(error), error) from None
-    if not giving_way(at, found.y, v, a, found.lam, system.free):
+    if not giving_way(at, found.y, v, a, found.lam, free):
         return Start(found.y, v, "static")
     if auto:
         return Start(y, v, "straight", _shaken("its static equilibrium is unstable"))
@@ -184,7 +187,7 @@ def straight_start(
     motor_axes(mechanism).write(y, path.position[0])
     v[system.motors] = path.velocity[0]
     if dynamics.looped:
-        passive = np.setdiff1d(np.arange(m), system.motors).astype(np.intp)
+        passive = mechanism.rigid.free
         y, size = close_loops(dynamics, y, passive)
         if size > 1e-9:
             raise AssemblyError(
@@ -211,7 +214,7 @@ def consistent_acceleration(
     """
     system = dynamics.system
     nv, rows = system.nv, system.closed.n
-    free = np.setdiff1d(np.arange(nv), held)
+    free = np.setdiff1d(np.setdiff1d(np.arange(nv), held), system.held)
     a = np.zeros(nv)
     a[held] = a_held
     r = dynamics.residual(y, v, a, np.zeros(rows))

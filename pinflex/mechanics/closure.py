@@ -35,6 +35,7 @@ _ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
     "prismatic": ((0, 1), ((0, 1), (1, 2), (2, 0))),
     "cylindrical": ((0, 1), ((0, 2), (1, 2))),
     "universal": ((0, 1, 2), ((2, 0),)),
+    "spin": ((), ((2, 0),)),
     "spherical": ((0, 1, 2), ()),
     "planar": ((0, 1), ()),
     "distance": ((), ()),
@@ -143,7 +144,9 @@ def closures(
     turn_a = [axis_frame(loop.axis, None) for loop in loops]
     # A universal joint holds the axis of a (z) perpendicular to the axis of b (x here).
     turn_b = [
-        axis_frame(None, loop.axis_b) if loop.kind == "universal" else axis_frame(loop.axis, None)
+        axis_frame(None, loop.axis_b)
+        if loop.kind in ("universal", "spin")
+        else axis_frame(loop.axis, None)
         for loop in loops
     ]
     labels: list[str] = []

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ from pinflex.mechanics.cost import require_workspace
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
+from pinflex.mechanics.freedoms import Idle
+from pinflex.mechanics.held import at_rest, elastic_rows, idle_of
 from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.loads import loads
 from pinflex.mechanics.loop_axes import axis_hint
@@ -47,11 +50,13 @@ class Mechanism:
         links: Link tree.
         parts: Flexible links by name.
         rigid: The rigid mechanism (flexible links undeformed).
-        flexible: The flexible mechanism; the same object as `rigid` without flexible links.
+        flexible: The flexible mechanism: links bend, elastic joints give way; the same object as
+            `rigid` where there are neither.
         home: Closed rigid pose q, shape (nq_rigid,).
         coordinates: Name of every rigid velocity row.
-        report: Ranks, redundant rows, mobility of the rigid mechanism.
+        report: Ranks, redundant rows, mobility of the rigid mechanism with elastic joints held.
         flexible_report: The same of the flexible one.
+        idle: Freedoms that need no motor (see `pinflex.mechanics.freedoms`).
     """
 
     description: Description
@@ -63,11 +68,32 @@ class Mechanism:
     coordinates: tuple[str, ...]
     report: LoopReport
     flexible_report: LoopReport
+    idle: Idle = field(default_factory=Idle)
 
     @property
     def name(self) -> str:
         """Name of the model."""
         return self.description.name
+
+    @property
+    def elastic_joints(self) -> tuple[str, ...]:
+        """Coordinates with a spring that nothing else determines: level rigid holds them."""
+        held = np.setdiff1d(self.rigid.held, self.idle.held)
+        return tuple(self.coordinates[k] for k in held)
+
+    @property
+    def compliant(self) -> bool:
+        """Whether anything gives way: a flexible link or an elastic joint."""
+        return self.flexible is not self.rigid
+
+    @cached_property
+    def loose(self) -> System:
+        """The flexible mechanism of level coupled: a free base and loose bodies are let go."""
+        let_go = np.union1d(self.idle.base, self.idle.loose)
+        if not len(let_go):
+            return self.flexible
+        held = np.setdiff1d(self.flexible.held, let_go).astype(np.intp)
+        return replace(self.flexible, held=held)
 
     @property
     def motors(self) -> tuple[str, ...]:
@@ -90,6 +116,14 @@ class Mechanism:
                 f"{len(self.home)} numbers of a configuration, such as mechanism.home."
             )
         return np.concatenate([q, np.zeros(self.flexible.n_eta)])
+
+    def held_at_home(self, q: Array) -> Array:
+        """A rigid pose with its elastic joints where the rigid mechanism holds them."""
+        pose, s = q.copy(), self.rigid.springs
+        for k in np.flatnonzero(np.isin(s.v_at, self.rigid.held)):
+            at = slice(s.q_at[k], s.q_at[k] + 1 + s.paired[k])
+            pose[at] = self.home[at]
+        return pose
 
     def frame(self, name: str) -> Attachment:
         """Attachment of a link frame in the flexible model."""
@@ -141,15 +175,19 @@ def load(
     coordinates = _coordinates(tree.model)
     motors = _motors(description, tree.model)
     limits = limits_of(model, tree.model)
-    rigid, home, report = _rigid_system(description, tree, parts, motors, coordinates, limits)
+    rigid, home, report, idle = _rigid_system(description, tree, parts, motors, coordinates, limits)
     if not parts:
-        return Mechanism(description, links, parts, rigid, rigid, home, coordinates, report, report)
+        elastic = len(rigid.held) > len(idle.held)
+        flexible = replace(rigid, held=idle.held) if elastic else rigid
+        return Mechanism(
+            description, links, parts, rigid, flexible, home, coordinates, report, report, idle
+        )
 
     def with_elasticity() -> tuple[System, LoopReport]:
         expansion = expand(links, parts, needed, rigid.rigid, gravity)
         require_workspace(description.name, int(expansion.model.nv), description.limit)
         expansion.model.armature[expansion.v_at] = rigid.rigid.armature
-        return _flexible_system(description, expansion, parts, rigid, home)
+        return _flexible_system(description, expansion, parts, rigid, home, idle)
 
     flexible, flexible_report = with_elasticity()
     if look:
@@ -159,7 +197,7 @@ def load(
             tree = expand(links, parts, needed, None, gravity)
             _add_rotors(tree.model, description)
             if rigid.closed.contacts:  # a sleeve knows the beam that it is on
-                rigid, home, report = _rigid_system(
+                rigid, home, report, idle = _rigid_system(
                     description, tree, parts, motors, coordinates, limits
                 )
             else:  # the same joints, other masses at most
@@ -180,6 +218,7 @@ def load(
             sigma_min=report.sigma_min,
             starts=report.starts,
         ),
+        idle,
     )
 
 
@@ -308,7 +347,7 @@ def _rigid_system(
     motors: IntArray,
     names: Sequence[str],
     limits: Limits,
-) -> tuple[System, Array, LoopReport]:
+) -> tuple[System, Array, LoopReport, Idle]:
     model = tree.model
     springs, dampers = _springs(description, model)
     held = sleeves(description.loops, parts, tree, description.name)
@@ -330,6 +369,17 @@ def _rigid_system(
     _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
     kept, redundant = assembly.independent_rows(J, system.closed.labels)
     system = replace(system, closed=system.closed.select(kept))
+    elastic = elastic_rows(J, motors, springs)
+    system = replace(system, held=elastic)
+    home = at_rest(system, description, home, names)
+    idle = idle_of(system, description, home)
+    spun = len(idle.spins)
+    if spun:
+        both = closures((*description.loops, *idle.spins), tree.frames, model, held)
+        both = replace(both, lengths=_lengths_of(system.closed, description))
+        rows = np.concatenate([kept, every.n + np.arange(spun)])
+        system = replace(system, closed=both.select(rows))
+    system = replace(system, held=np.union1d(elastic, idle.held).astype(np.intp))
     dynamics = Dynamics(system)
     if every.n:
         dynamics.close(home)
@@ -338,14 +388,16 @@ def _rigid_system(
     if every.n:
         if redundant:
             _refuse_singular_home(description, dynamics, home, redundant, every, kept)
-        if len(motors) >= nv - len(kept):
+        if len(motors) + len(system.held) >= nv - len(kept) - spun:
+            locked = np.union1d(motors, system.held).astype(np.intp)
             try:
-                sigma = assembly.require_regular(dynamics, home, motors, names, where)
+                sigma = assembly.require_regular(dynamics, home, locked, names, where)
             except SingularityError as error:
                 why = axis_hint(dynamics, description.loops, home)
                 raise SingularityError(f"{error}{why}", **error.data) from None
-    report = LoopReport(every.n, len(kept), redundant, nv - len(kept), sigma, closed.starts)
-    return system, home, report
+    mobility = nv - len(kept) - spun - len(system.held)
+    report = LoopReport(every.n, len(kept), redundant, mobility, sigma, closed.starts)
+    return system, home, report, idle
 
 
 def _flexible_system(
@@ -354,6 +406,7 @@ def _flexible_system(
     parts: Mapping[str, FlexiblePart],
     rigid: System,
     home: Array,
+    idle: Idle,
 ) -> tuple[System, LoopReport]:
     n, m = int(rigid.rigid.nv), expansion.n_eta
     K, D = np.zeros((n + m, n + m)), np.zeros((n + m, n + m))
@@ -362,18 +415,20 @@ def _flexible_system(
         at = slice(n + slot.eta.start, n + slot.eta.stop)
         K[at, at], D[at, at] = slot.body.K, slot.body.D
     held = sleeves(description.loops, parts, expansion, description.name)
-    every = closures(description.loops, expansion.frames, expansion.model, held)
+    loops = (*description.loops, *idle.spins)
+    every = closures(loops, expansion.frames, expansion.model, held)
     lengths = _lengths_of(rigid.closed, description)
     every = replace(every, lengths=lengths)
     placed = loads(description.forces, description.springs, expansion.frames)
     system = System(
-        rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed
+        rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held
     )  # fmt: skip
     J = np.zeros((0, n + m))
     if every.n:
         _, J = Dynamics(system).close(np.concatenate([home, np.zeros(m)]))
     kept, redundant = assembly.independent_rows(J, every.labels)
-    report = LoopReport(every.n, len(kept), redundant, 0, float("nan"))
+    spun = len(idle.spins)
+    report = LoopReport(every.n - spun, len(kept) - spun, redundant, 0, float("nan"))
     return replace(system, closed=every.select(kept)), report
 
 
@@ -415,7 +470,7 @@ def _refuse_singular_home(
     full = Dynamics(replace(dynamics.system, closed=replace(every, lengths=_fill(dynamics, every))))
     _, J = dynamics.close(home)
     _, _, Vt = np.linalg.svd(J) if len(J) else (None, None, np.eye(dynamics.n_rigid))
-    for motion in Vt[len(kept) :]:
+    for motion in Vt[len(J) :]:
         # Far enough to lift a dependent row over round-off, near enough to keep the branch.
         beside = dynamics.integrate(home, 1e-3 * motion)
         beside, size = assembly.close_loops(dynamics, beside, np.arange(dynamics.n_rigid))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,8 @@ class System:
         springs: Joint springs (their stiffness is not in K).
         motors: Velocity rows of the actuated joints.
         loads: Forces and springs between frames.
+        held: Velocity rows that stay where home has them: elastic joints of the rigid
+            mechanism, what is idle, a free base but at level coupled.
     """
 
     __repr__ = brief
@@ -57,6 +59,7 @@ class System:
     springs: Springs
     motors: IntArray
     loads: Loads
+    held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def nq(self) -> int:
@@ -75,5 +78,10 @@ class System:
 
     @cached_property
     def free(self) -> IntArray:
-        """Velocity rows that are not motors."""
-        return np.setdiff1d(np.arange(self.nv), self.motors).astype(np.intp)
+        """Velocity rows that neither motors nor the rigid level hold."""
+        return np.setdiff1d(self.unheld, self.motors).astype(np.intp)
+
+    @cached_property
+    def unheld(self) -> IntArray:
+        """Velocity rows that move: those of motors among them."""
+        return np.setdiff1d(np.arange(self.nv), self.held).astype(np.intp)

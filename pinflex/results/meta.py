@@ -71,7 +71,7 @@ def judge(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[s
     limits = validity.warnings(mechanism, run, monitors)
     return {
         "energy_balance": _energy_balance(arrays),
-        "warnings": [*run.warnings, *_redundant(mechanism, run), *limits],
+        "warnings": [*run.warnings, *_redundant(mechanism, run), *_held(mechanism, run), *limits],
         "limits": limits,
         "monitors": {name: asdict(found) for name, found in monitors.items()},
     }
@@ -93,6 +93,7 @@ def _loops(mechanism: Mechanism, run: Run) -> list[dict[str, Any]]:
     flexible = run.system is not mechanism.rigid
     report = mechanism.flexible_report if flexible else mechanism.report
     between = {p.name: [p.frame_a, p.frame_b] for p in mechanism.description.loops}
+    between |= {p.name: [p.frame_a, p.frame_b] for p in mechanism.idle.spins}
     return [
         {
             "name": name,
@@ -180,6 +181,12 @@ def _redundant(mechanism: Mechanism, run: Run) -> list[str]:
         f"({', '.join(report.redundant[:4])}{', ...' if len(report.redundant) > 4 else ''}): "
         "the motion is exact, reactions in these directions are not unique."
     ]
+
+
+def _held(mechanism: Mechanism, run: Run) -> list[str]:
+    if not len(mechanism.idle.base) or not np.isin(mechanism.idle.base[0], run.system.held):
+        return []
+    return ["the free base is held where home has it: only level coupled lets it go."]
 
 
 def _units(mechanism: Mechanism) -> dict[str, str]:

@@ -119,9 +119,9 @@ def advise(
     only = _only_coupled(mechanism)
     if only:
         return replace(plain, why=only, overrides=stepless)
-    if not n:
+    if not mechanism.compliant:
         exact = dict.fromkeys(asked, 0.0)
-        return replace(plain, level="rigid", run_tol=None, error=exact, why="no link is flexible")
+        return replace(plain, level="rigid", run_tol=None, error=exact, why="nothing is flexible")
     motion = motion if motion is not None else default_motion(mechanism)
     end = until or spec.until or motion.duration
     rich, note = (mechanism, "") if fixed else fewer.richer(mechanism)
@@ -159,7 +159,7 @@ def _only_coupled(mechanism: Mechanism) -> str:
         return "the motors push (drive: torque): only coupled lets them feel the links"
     if mechanism.description.control is not None:
         return "a control feeds vibration back, which only coupled has"
-    if mechanism.report.mobility != len(mechanism.rigid.motors):
+    if mechanism.report.mobility != len(mechanism.rigid.motors) or len(mechanism.idle.base):
         return "the motors do not determine the motion: only coupled lets the rest swing"
     return ""
 

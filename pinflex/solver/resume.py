@@ -23,7 +23,7 @@ def stored(mechanism: Mechanism, result: Result) -> Run:
     Raises:
         DescriptionError: It is of another level or model.
     """
-    system, name = mechanism.flexible, mechanism.name
+    system, name = mechanism.loose, mechanism.name
     a = result.arrays
     if result.level != "coupled" or result.meta["settings"].get("integrator") == "radau":
         raise DescriptionError(

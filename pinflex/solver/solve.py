@@ -282,13 +282,13 @@ def sound(run: Run) -> Run:
 
 def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal | None:
     """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame."""
-    if run.system is mechanism.rigid:
+    if run.system is mechanism.rigid or not mechanism.compliant:
         return None
     if run.path is not None:
         return run.path
-    if run.settings.get("drive") != "torque" and mechanism.report.mobility == len(
-        run.system.motors
-    ):
+    determined = mechanism.report.mobility == len(run.system.motors)
+    let_go = run.system is mechanism.loose and run.system is not mechanism.flexible
+    if run.settings.get("drive") != "torque" and determined and not let_go:
         return nominal(mechanism, motion, run.t)
     from pinflex.mechanics.assembly import close_loops
 
@@ -297,7 +297,7 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
     n = int(mechanism.rigid.nq)
     q = np.empty((len(run.t), n))
     for k, y in enumerate(run.y):
-        pose = y[:n].copy()
+        pose = mechanism.held_at_home(y[:n])
         axes.write(pose, axes.read(y[:n]))
         q[k] = close_loops(dynamics, pose, passive)[0] if dynamics.looped else pose
     empty = np.zeros((len(run.t), int(mechanism.rigid.nv)))

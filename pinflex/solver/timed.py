@@ -176,7 +176,7 @@ class Scene:
 
     @property
     def _system(self) -> Any:
-        return self.mechanism.rigid if self.spec.level == "rigid" else self.mechanism.flexible
+        return self.mechanism.rigid if self.spec.level == "rigid" else self.mechanism.loose
 
     def _path(self, t: Array) -> Callable[[Array], MotorPath]:
         return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))
@@ -213,7 +213,7 @@ def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
 def default_step(mechanism: Mechanism, end: float) -> float:
     """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
     step = end / 400.0
-    if mechanism.flexible.n_eta == 0:
+    if not mechanism.compliant:
         return step
     found = modes(mechanism, count=9, preload="none").frequencies
     alive = found[found > 0]

@@ -154,7 +154,8 @@ class Outputs:
         if not found:  # rigid links driven by torque: nothing else moves
             found["joint speeds"] = relative(coarse.v, fine.v)
         platform = self._mechanism.description.platform is not None
-        if platform and "platform" in self._asked and fine.system.n_eta:
+        gives_way = fine.system.n_eta or len(self._mechanism.rigid.held)
+        if platform and "platform" in self._asked and gives_way:
             p, R = self._poses(coarse)
             p_fine, R_fine = self._poses(fine)
             p_rigid, R_rigid = self._rigid_poses(fine)

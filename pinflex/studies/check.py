@@ -20,12 +20,13 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart, LeftOut
 from pinflex.mechanics.plausible import heavy
 from pinflex.studies import check_urdf
-from pinflex.studies.check_statics import Statics, statics
-from pinflex.studies.mode_shapes import first_modes
+from pinflex.studies.check_statics import Statics, rigid_holding, statics
+from pinflex.studies.mode_shapes import first_modes, rigid_body
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
+_OFF_AXIS = 1e-6  # of the largest holding torque: round-off of an axis written with ten digits
 CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
 SAG_FAR = 0.1  # share of the longest flexible link beyond which a sag is worth a warning
 SAG_APART = 0.2  # share by which linear and full statics may differ without a word
@@ -98,6 +99,8 @@ class Check:
         motors: Names. units: Of their torques.
         loops, links: One record each.
         platform: Frame, or None.
+        elastic_joints: Coordinates with a spring that the rigid level holds.
+        idle: Freedoms that nothing hangs on, held where home has them.
         statics: Sag and holding torques.
         frequencies: [Hz]. frequency_note: Of which state.
         motion: What the motion asks, and whether the rigid mechanism can follow it.
@@ -124,6 +127,8 @@ class Check:
     frequencies: tuple[float, ...]
     frequency_note: str
     motion: str
+    elastic_joints: tuple[str, ...] = field(default=())
+    idle: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
     summaries: tuple[str, ...] = field(default=())
     by_joint: Mapping[str, str] = field(default_factory=dict)
@@ -145,12 +150,15 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
     links = tuple(_link(mechanism, part) for part in mechanism.parts.values())
     warnings = (
         *_freedom_warnings(mechanism),
+        *_off_axis(mechanism),
         *(text for link in links for text in _link_warnings(link)),
         *(text for p in mechanism.parts.values() for text in _carries_nothing(mechanism, p)),
         *_sag_warnings(rest, links),
         *heavy(mechanism.links),
         *check_urdf.ignored(description),
-        *check_urdf.beyond_limits(description, mechanism, rest.holding_full),
+        *check_urdf.beyond_limits(
+            description, mechanism, rest.holding_full or rest.holding_linear or rest.holding_rigid
+        ),
         *motion_warning,
     )
     return Check(
@@ -171,6 +179,8 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         frequencies=frequencies,
         frequency_note=note,
         motion=motion,
+        elastic_joints=mechanism.elastic_joints,
+        idle=mechanism.idle.names,
         warnings=warnings,
         summaries=_summaries(mechanism),
     )
@@ -211,7 +221,9 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
     except ConvergenceError:
         found = modes(mechanism, count=every, preload="none")
         note = f"{locked}, about the undeformed pose: gravity and loads leave no equilibrium"
-    return tuple(float(f) for f in first_modes(found, count).frequencies), note
+    first = first_modes(found, count)
+    zeros = rigid_body(first)
+    return tuple(float(f) for f in first.frequencies), f"{note}; {zeros}" if zeros else note
 
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
@@ -358,6 +370,25 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
             "motion is exact; reactions in these directions are not unique."
         )
     return warnings
+
+
+def _off_axis(mechanism: Mechanism) -> list[str]:
+    """Rods whose centre of mass is off the line about which they spin."""
+    if mechanism.report.mobility > len(mechanism.motors):
+        return []
+    torques, couples = rigid_holding(mechanism)
+    scale = float(np.max(np.abs(torques), initial=0.0))
+    off = [
+        f"{spin.name} ({abs(couple):.3g} N m)"
+        for spin, couple in zip(mechanism.idle.spins, couples, strict=True)
+        if abs(couple) > _OFF_AXIS * scale
+    ]
+    if not off:
+        return []
+    return [
+        f"{', '.join(off)}: the mass is off the axis, so that gravity would turn it; this couple "
+        "holds it where home has it, and no motor gives it."
+    ]
 
 
 def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:

@@ -54,13 +54,11 @@ class Statics:
 def statics(mechanism: Mechanism) -> Statics:
     """Sag of the platform and holding torques at home, motors locked, linear and full."""
     system, report = mechanism.flexible, mechanism.report
-    if mechanism.description.base == "free_flyer":
-        return _none("the base is free: nothing holds the robot")
     if report.mobility > len(mechanism.motors):
         return _none("the motors do not hold every degree of freedom")
-    rigid = _rigid_holding(mechanism)
-    if not system.n_eta:
-        why = "no flexible link"
+    rigid = _torques(rigid_holding(mechanism)[0])
+    if not mechanism.compliant:
+        why = "no flexible link and no elastic joint"
         return Statics(None, None, rigid, None, None, why, why)
     if not any(mechanism.description.gravity):
         why = "no gravity"
@@ -81,13 +79,14 @@ def statics(mechanism: Mechanism) -> Statics:
     )
 
 
-def _rigid_holding(mechanism: Mechanism) -> tuple[float, ...]:
-    """Torques that hold the rigid mechanism at home; the smallest ones if they are not unique."""
+def rigid_holding(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Motor torques at home without elasticity, and the couples that hold the spins of rods."""
     system = mechanism.rigid
     dynamics, still = Dynamics(system), np.zeros(system.nv)
     r = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n))
     J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
-    return _torques(multipliers(system, J[None], r[None])[1][0])
+    lam, torque = multipliers(system, J[None], r[None])
+    return torque[0], lam[0, lam.shape[1] - len(mechanism.idle.spins) :]
 
 
 def _none(why: str) -> Statics:

@@ -33,19 +33,28 @@ def write(c: Check) -> str:
 def _head(c: Check) -> str:
     r = c.report
     gravity = "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2"
-    closed = f"{c.joints} joint coordinates - {r.rank} independent closure rows"
+    closed = f"{c.joints} joint coordinates"
+    if c.loops:
+        closed += f" - {r.rank} independent closure rows"
+    if c.elastic_joints:
+        closed += f" - {len(c.elastic_joints)} elastic joint{'s'[: len(c.elastic_joints) != 1]}"
+    idle = c.joints - r.rank * bool(c.loops) - len(c.elastic_joints) - r.mobility
+    if idle:
+        closed += f" - {idle} idle"
     motors = f"{len(c.motors)} motor{'' if len(c.motors) == 1 else 's'}"
     if c.motors:
         motors += f" ({', '.join(c.motors)})"
     rows = [
         ("URDF", f"{c.urdf}, base {c.base}"),
         ("gravity", gravity),
-        ("mobility", f"{r.mobility}{f' = {closed}' if c.loops else ', no loops'}"),
+        ("mobility", f"{r.mobility} = {closed}{'' if c.loops else ', no loops'}"),
         ("motors", motors),
         (
             "elastic",
-            f"{c.elastic} coordinates in {len(c.links)} flexible link{'s'[: len(c.links) != 1]}",
+            f"{c.elastic} coordinates in {len(c.links)} flexible link{'s'[: len(c.links) != 1]}"
+            + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else ""),
         ),
+        *([("idle", f"{', '.join(c.idle)}: nothing hangs on it, held at home")] if c.idle else []),
         ("platform", c.platform or "none named: no deviation can be reported"),
         ("motion", c.motion),
     ]

@@ -21,16 +21,27 @@ _SWING = 1e-3  # [rad | m] largest coordinate of the drawn motion: small, so sha
 _ROUND_OFF = 1e-7
 
 
-def first_modes(found: Modes, count: int) -> Modes:
-    """The first of all modes; a frequency at the round-off of the highest one is zero."""
+def first_modes(found: Modes, count: int, zeros: bool = False) -> Modes:
+    """The first of all modes that have a stiffness; those at 0 Hz are only counted, or `zeros`.
+
+    A frequency at the round-off of the highest one is zero.
+    """
     f = found.frequencies
-    f = np.where(np.abs(f) < _ROUND_OFF * np.max(np.abs(f), initial=0.0), 0.0, f)
+    alive = np.abs(f) > _ROUND_OFF * np.max(np.abs(f), initial=0.0)
+    f, kept = np.where(alive, f, 0.0), np.flatnonzero(alive | zeros)[:count]
     return replace(
         found,
-        frequencies=f[:count],
-        shapes=found.shapes[:, :count],
-        share=found.share[:count],
+        frequencies=f[kept],
+        shapes=found.shapes[:, kept],
+        share=found.share[kept],
+        rigid_body=0 if zeros else int(np.sum(~alive)),
     )
+
+
+def rigid_body(found: Modes) -> str:
+    """The modes at 0 Hz in words, "" where there are none."""
+    n = found.rigid_body
+    return f"{n} rigid-body mode{'s'[: n != 1]} at 0 Hz" if n else ""
 
 
 def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:

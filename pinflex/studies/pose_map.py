@@ -178,7 +178,7 @@ def _at(
     every = modes(
         mechanism, q, count=mechanism.flexible.nv, preload=preload, free_motors=free_motors
     )
-    first = first_modes(every, count)
+    first = first_modes(every, count, zeros=True)
     found = {"y": first.y, "frequencies": first.frequencies, "shapes": first.shapes}
     if mechanism.description.platform is not None:
         with suppress(SingularityError):  # what is free to move has frequencies all the same

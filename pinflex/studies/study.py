@@ -81,10 +81,10 @@ def study(
     Raises:
         DescriptionError: An unknown level, nothing flexible, or input that no level can take.
     """
-    if not mechanism.parts:
+    if not mechanism.compliant:
         raise DescriptionError(
-            f"{mechanism.name}: no flexible links, so there is nothing to compare with rigid. "
-            "Write some under `flexible`, or use `pinflex solve`."
+            f"{mechanism.name}: nothing is flexible, no link and no joint, so there is nothing to "
+            "compare with rigid. Write some under `flexible`, or use `pinflex solve`."
         )
     record = _Record()
 

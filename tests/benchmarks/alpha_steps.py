@@ -26,7 +26,7 @@ SCENES: dict[str, tuple[list[str], float | None]] = {
     "race_r2": ([], None),
     "spinning_beam": ([], None),
     "3rrs": ([], None),
-    "ur5": (["damping={rayleigh: [0, 1.0e-3]}"], 3.0),
+    "ur5": (["damping={rayleigh: [0, 1.0e-3]}", "solve.start=straight"], 3.0),
 }
 
 

@@ -50,7 +50,7 @@ def import_time() -> float:
 
 def rigid_ratio(instants: int = 5000) -> tuple[float, float]:
     """Microseconds an instant of bare Pinocchio, and of `pinflex.inverse_dynamics`."""
-    robot = pf.load("ur5")
+    robot = pf.load("ur5", ["solve.start=straight"])
     model, data = robot.rigid.rigid, robot.rigid.rigid.createData()
     rng = np.random.default_rng(0)
     q, v, a = (rng.normal(size=(instants, model.nv)) for _ in range(3))

@@ -114,7 +114,7 @@ def test_no_motion_is_no_result_but_zeros(name: str) -> None:
 
 def test_a_vibration_of_the_start_is_in_every_refinement() -> None:
     """Gravity at once on a ur5: the first step must follow it, or all runs agree on its absence."""
-    m = pf.load("ur5")
+    m = pf.load("ur5", ["solve.start=straight"])
     keys = {"level": "coupled", "until": 0.3, "samples": 51}
     found = pf.solve(m, tol=TOL, integrator="radau", **keys)
     fine = pf.solve(m, dt=4e-5, **keys)

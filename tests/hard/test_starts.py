@@ -33,7 +33,8 @@ def test_gravity_at_once_on_a_stiff_robot_rings_about_the_static_pose(tmp_path: 
     """A step load swings between nothing and twice the static deflection, and gains no energy."""
     m = stiff_arm(tmp_path)
     f1 = pf.modes(m).frequencies[0]
-    r = pf.solve(m, pf.hold(duration=5 / f1), level="coupled", dt=1 / (200 * f1))
+    move, step = pf.hold(duration=5 / f1), 1 / (200 * f1)
+    r = pf.solve(m, move, level="coupled", dt=step, start="straight")
     still = pf.solve(m, pf.hold(duration=1.0), level="quasistatic", samples=2)
     z, z0 = (x.frame("hand").position[:, 2] for x in (r, still))
     static = z0[0] - z[0]

@@ -131,6 +131,6 @@ flexible:
     m = load(tmp_path, bodies, yaml)
     move = pf.quintic(joints={"beam_joint": 0.5}, duration=5.0)
     with pytest.raises(pf.ConvergenceError, match="Halve dt") as caught:
-        pf.solve(m, move, dt=0.5, samples=11, until=10.0, level="coupled")
+        pf.solve(m, move, dt=0.5, samples=11, until=10.0, level="coupled", start="straight")
     # The run so far holds sound instants only: the static sag is 5 mm.
     assert np.abs(caught.value.result.link("beam").deflection[:, :, :3]).max() < 0.05

@@ -97,7 +97,8 @@ def test_the_balance_holds_with_damping(name: str) -> None:
     assert np.any(m.flexible.D)
     error = []
     for dt in steps:
-        r = pf.solve(m, level="coupled", until=until, dt=dt, samples=51)
+        # From undeformed links: what is lost is then more than round-off of the work.
+        r = pf.solve(m, level="coupled", until=until, dt=dt, samples=51, start="straight")
         error.append(np.abs(imbalance(r)).max())
     lost = r.arrays["energy/dissipated"]
     assert np.all(np.diff(lost) >= 0)

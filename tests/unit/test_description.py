@@ -48,7 +48,7 @@ gravity: [0, 0, 0]
 joints:
   ball: {type: spherical, damper: 1e-3}
   cross: {type: universal, axes: [x, [0, 3, 4]]}
-  motor: {rotor_inertia: 8.3e-3, spring: 2, rest: 0.1}
+  motor: {rotor_inertia: 8.3e-3, parallel_spring: 2, rest: 0.1}
 actuated: [motor]
 loops:
   pin: {kind: revolute, between: [rod_tip, plate]}
@@ -127,7 +127,7 @@ def test_only_the_urdf_is_required(tmp_path: Path) -> None:
     assert plain.actuated == ("motor", "elbow")
     assert (plain.loops, plain.flexible, plain.motion, plain.home) == ((), (), None, {})
     assert plain.solve.level == "coupled"
-    assert plain.solve.start == "straight"
+    assert plain.solve.start == "auto"
 
 
 def test_an_empty_value_counts_as_not_written(tmp_path: Path) -> None:
@@ -300,7 +300,7 @@ BAD_VALUES = [
     ("spherical,", "sperical,", "joints.ball.type: 'sperical' is not known. Did you mean \"sph"),
     ("{rotor_inertia: 8.3e-3", "{type: spherical", "but bar4.urdf says revolute"),
     ("8.3e-3", "-1", "joints.motor.rotor_inertia: -1 is out of range. Allowed: a finite number >="),
-    ("spring: 2, ", "", "joints.motor.rest: there is no spring."),
+    ("parallel_spring: 2, ", "", "joints.motor.rest: there is no spring."),
     ("damper: 1e-3", "spring: 1", "joints.ball.spring: a spherical joint has no one spring"),
     ("[0, 3, 4]", "-x", "joints.cross.axes: ['x', '-x'] are parallel"),
     ("[0, 3, 4]", "[0, 0, 0]", "joints.cross.axes[1]: [0, 0, 0] has no direction"),
