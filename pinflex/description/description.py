@@ -298,10 +298,10 @@ def _actuated(value: object, where: str, types: Mapping[str, str], closed: bool)
 def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], where: str) -> None:
     """A spring in a joint with a motor acts from link to link, not between motor and link."""
     for name, extra in joints.items():
-        if not extra.spring or extra.parallel == (name in actuated):
+        if not extra.spring or extra.parallel_spring == (name in actuated):
             continue
         place = schema.at(where, name)
-        if extra.parallel:
+        if extra.parallel_spring:
             raise DescriptionError(
                 f"{place}.parallel_spring: this joint has no motor to act beside. Write `spring`."
             )

@@ -50,7 +50,8 @@ class JointExtra:
         type: spherical or universal, in place of the URDF's type; None keeps that.
         axes: The two unit axes of a universal joint in the joint frame; None: x, then y.
         rotor_inertia: Inertia of the motor, seen at the joint [kg m^2 | kg].
-        spring: Stiffness [N m/rad | N/m]. parallel: It acts beside a motor.
+        spring: Stiffness [N m/rad | N/m].
+        parallel_spring: Whether it acts beside a motor.
         rest: Position where the spring is slack [rad | m].
         damper: Viscous damping [N m s/rad | N s/m].
     """
@@ -64,7 +65,7 @@ class JointExtra:
     spring: float = 0.0
     rest: float = 0.0
     damper: float = 0.0
-    parallel: bool = False
+    parallel_spring: bool = False
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,7 @@ def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
         if "spring" in block:
             place = schema.at(where, "parallel_spring")
             raise DescriptionError(f"{place}: beside `spring`. Remove one of them.")
-        fields |= {"spring": fields.pop("parallel_spring"), "parallel": True}
+        fields |= {"spring": fields.pop("parallel_spring"), "parallel_spring": True}
     if "rest" in block and "spring" not in fields:
         raise DescriptionError(f"{schema.at(where, 'rest')}: there is no spring. Add `spring`.")
     if "axes" in block:
