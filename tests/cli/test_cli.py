@@ -201,9 +201,9 @@ def test_modes_give_the_published_frequencies_of_the_3rrs(capsys):
 def test_free_motors_give_as_many_free_motions_as_degrees_of_freedom(capsys):
     data = numbers(call(capsys, "modes", "3rrr", "--free-motors", "--count", 5, "--json").out)
     found = [mode["frequency"] for mode in data["modes"]]
-    assert found[:3] == [0.0, 0.0, 0.0]
-    assert found[3] > 100
-    assert data["modes"][0]["period"] is None
+    assert data["rigid_body_modes"] == 3
+    assert len(found) == 5
+    assert min(found) > 100
 
 
 def test_a_pose_closes_the_loops_from_home(capsys, fourbar):

@@ -183,7 +183,7 @@ def test_the_hard_variant_of_r2_names_its_singular_pose_before_it() -> None:
 def test_motors_that_do_not_determine_the_motion_are_named(tmp_path: File) -> None:
     bodies = (
         Body("one", "base", "revolute", **ROD),
-        Body("two", "one", "revolute", xyz=(1, 0, 0), **ROD),
+        Body("two", "one", "revolute", xyz=(1, 0, 0), **{**ROD, "com": (0.5, 0, 0)}),
     )
     m = load(tmp_path, bodies, "actuated: [one_joint]\n")
     with pytest.raises(pf.MotionError, match="two_joint"):
