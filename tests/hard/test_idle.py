@@ -58,6 +58,7 @@ flexible:
     section: {shape: circle, diameter: 0.008}
     end: rod_end
     torsion: false
+    axial: false
   rocker:
     material: {E: 7.0e10, nu: 0.3, rho: 2700}
     section: {shape: rectangle, width: 0.02, thickness: 0.006}
@@ -303,6 +304,7 @@ flexible:
     bending_y: true
     bending_z: true
     torsion: false
+    axial: false
     end: hand
 """
 
