@@ -113,7 +113,9 @@ def test_a_rod_between_balls_is_the_same_machine_as_with_a_cross(root: str, tmp_
         peak = np.abs(runs[1].torque).max()
         assert np.abs(runs[0].torque - runs[1].torque).max() < 2e-5 * peak
         if level != "ked":
-            assert runs[0].arrays["residual/closure"].max() < 1e-11
+            # Newton of a step ends where the loops were open by 1e-9 before its last correction.
+            gap = 1e-10 if level == "coupled" else 1e-12
+            assert runs[0].arrays["residual/closure"].max() < gap
         spin = runs[0].arrays["multiplier"][:, -1]
         assert np.abs(spin).max() < 2e-5 * peak  # nothing else loads what holds it
     thin = [robot(tmp_path, kind, flexible=False) for kind in (root, "cross")]
