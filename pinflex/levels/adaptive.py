@@ -18,6 +18,7 @@ from pinflex.mechanics.dynamics import Dynamics
 _LONG, _FIRST = 0.02, 1e-3
 _HELD = 0.7  # part of the last step's coarseness that this one is taken to have at least
 _GROWTH = 1.5  # of steps, each, after one that Newton did not solve
+_RUNS_AWAY = 1e6  # m/s or rad/s: no mechanism in SI units gets there by itself
 _SHORTEST = 1e-9  # of the run: a step that has to be shorter has met something singular
 
 
@@ -88,7 +89,7 @@ def integrate(
             stages.expire()
             last = None
             if h < _SHORTEST * span:
-                raise _stuck(name, now.t, run) from None
+                raise _stuck(name, now, run) from None
             continue
         # The coarseness may cross zero in a vibration: a step grows only as far as those before it
         # allow too, or it would be refused.
@@ -105,6 +106,7 @@ def integrate(
                 h = size * min(max(factor, 0.3), 0.7)
                 continue
             counts["unresolved"] += 1
+            factor = 1.0  # nor would the steps after it show less
         refused = np.inf
         now, last = stages.end(step), step
         counts["steps"] += 1
@@ -118,6 +120,8 @@ def integrate(
             h = size * min(max(factor, 0.5), 3.0)
         ceiling *= _GROWTH
         h, before = min(h, ceiling), max(step.coarseness, stages.memory * before)
+        if h < _SHORTEST * span:
+            raise _stuck(name, now, run)
         if now.t >= stops[0] - _SHORTEST * span:
             now.t = stops.pop(0)
             if stops:
@@ -128,14 +132,25 @@ def integrate(
     return run()
 
 
-def _stuck(name: str, t: float, run: Callable[[str], Run]) -> ConvergenceError:
+def _stuck(name: str, now: Any, run: Callable[[str], Run]) -> ConvergenceError:
+    """Steps have become too short to go on: because the motion runs away, or for another reason."""
+    fastest = float(np.max(np.abs(now.v), initial=0.0))
+    if not np.isfinite(fastest) or fastest > _RUNS_AWAY:
+        why = (
+            "the motion runs away. A link without second_order softens as it turns or is "
+            "compressed, up to that: set flexible.LINK.second_order: true; or the mechanism falls "
+            "or buckles there."
+        )
+    else:
+        why = (
+            "steps get shorter without end. Equal steps (--set solve.dt=1e-5) tell what it is: if "
+            "they pass, round-off, and a larger tol passes too; if not, the mechanism is singular "
+            "there or the links far too soft: see level=quasistatic up to that time."
+        )
     error = ConvergenceError(
-        f"{name}: t = {t:.6g} s: no step converges, however short. The mechanism may "
-        "be singular there or the links far too soft: see level=quasistatic up to that time. "
-        "error.result holds the run so far.",
-        time=t,
+        f"{name}: t = {now.t:.6g} s: {why} error.result holds the run so far.", time=now.t
     )
-    error.result = run("no step converges")
+    error.result = run("steps get shorter without end")
     return error
 
 

@@ -34,9 +34,13 @@ _MAX_ITERATIONS = 10
 # Newton stops at this part of the resolution: its error then does not show in the estimate. A
 # resolution coarser than _COARSE does not loosen it further: predictions would run wild.
 _NEWTON, _COARSE = 1e-2, 1e-3
-_OPEN = (
-    1e-6  # m or rad the loops may be open by before the last correction, which leaves little of it
-)
+# m or rad that loops may be open by before the last correction, which leaves little of it; and that
+# part of the resolution: the next prediction magnifies what is left, and where it matters beside
+# what is resolved, the steps get shorter without end.
+_OPEN, _OPEN_PART = 1e-6, 3e-5
+_CLOSED = 1e-12  # m or rad: what round-off leaves
+# m or rad in every coordinate that Newton need not go below, and that no step shows less than.
+_ROUND_OFF, _SEEN = 1e-14, 1e-13
 
 
 @dataclass
@@ -103,6 +107,7 @@ class Stages:
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
         self.moved = Moved(dynamics, () if drive is not None else self.motors)
         self.scale, self.iterations = 0.0, 0
+        self._open = min(_OPEN, max(_OPEN_PART * resolution, _CLOSED))
 
     def first(self, t: float, y: Array, v: Array) -> Start:
         """Consistent accelerations, multipliers and torques at (y, v)."""
@@ -166,12 +171,12 @@ class Stages:
                 raise StepFailed
             rate = size / max(previous, 1e-300) if iteration else 1.0
             left = size * rate / (1.0 - rate) if rate < 0.9 else np.inf
-            goal = _NEWTON * min(self.resolution, _COARSE) * reach
+            goal = max(_NEWTON * min(self.resolution, _COARSE) * reach, self._floor(_ROUND_OFF))
             small = left <= goal or (iteration > 0 and size < 0.1 * goal)  # round-off has no rate
-            if small and np.abs(self.stacked.c).max(initial=0.0) < _OPEN:
+            if small and np.abs(self.stacked.c).max(initial=0.0) < self._open:
                 break
-            if (iteration >= fresh + 2 and rate > 0.5) or size > 1e3 * reach:
-                if fresh >= 0 or size > reach:
+            if (iteration >= fresh + 2 and rate > 0.5) or size > 1e3 * max(reach, goal):
+                if fresh >= 0 or size > max(reach, goal):
                     raise StepFailed
                 newton.stale = True  # perhaps the tangent has only aged
             previous = size
@@ -183,18 +188,18 @@ class Stages:
             torque = torque + newton.motor_forces(da, dv, change[:, free], dlam)
         v_s[:, free] += dv
         self.scale = self._reach(move + self._elastic(y))
-        coarse = self._size((m.last @ move)[None]) / self.scale
+        seen = max(self.scale, self._floor(_SEEN) / self.resolution)
+        coarse = self._size((m.last @ move)[None]) / seen
         power = self._power(v_s, torque)
         return Step(start, h, move + change, turn, a, lam, torque, power, coarse, path)
 
     def _reach(self, moves: Array) -> float:
-        """Largest displacement so far, moves (k, nv) included: what errors are relative to.
+        """Largest displacement so far, moves (k, nv) included: what errors are relative to."""
+        return max(self.scale, self._size(moves), 1e-300)
 
-        At least so large that Newton need not go below 1e-14 m or rad in every coordinate.
-        """
-        goal = _NEWTON * min(self.resolution, _COARSE)
-        least = 1e-14 * math.sqrt(self._weight.trace()) / goal
-        return max(self.scale, self._size(moves), least, 1e-300)
+    def _floor(self, least: float) -> float:
+        """Norm of a displacement of `least` (m or rad) in every coordinate."""
+        return least * math.sqrt(self._weight.trace())
 
     def _predict(self, start: Start, h: float, last: Step | None) -> tuple[Array, Array]:
         m = self.method
