@@ -152,7 +152,10 @@ run that stops early is saved up to its last good step.""",
     step = p.add_mutually_exclusive_group()
     step.add_argument("--dt", type=_positive, metavar="S", help="largest step in s")
     step.add_argument(
-        "--tol", type=_positive, metavar="E", help="relative error instead of a step, such as 1e-3"
+        "--tol",
+        type=_positive,
+        metavar="E",
+        help="relative error of time integration instead of a step, such as 1e-3",
     )
     p.add_argument("--samples", type=_samples, metavar="N", help="instants to keep (default 401)")
     p.add_argument(

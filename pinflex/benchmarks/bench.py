@@ -21,9 +21,9 @@ from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results import stress
 from pinflex.solver.equilibria import solve_equilibria
+from pinflex.solver.outputs import Outputs, relative
 from pinflex.solver.solve import default_motion
 from pinflex.solver.timed import Scene, default_step
-from pinflex.solver.tolerance import Outputs, relative
 from pinflex.threads import one_blas_thread
 
 SAMPLES = 201

@@ -25,8 +25,8 @@ from pinflex.benchmarks.race_case import Arrays, march, outputs, scene
 from pinflex.benchmarks.race_scenes import RACES, Overrides, Peer, Race
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.mechanics.mechanism import load
+from pinflex.solver.outputs import between, relative
 from pinflex.solver.timed import Scene
-from pinflex.solver.tolerance import between, relative
 from pinflex.threads import one_blas_thread
 
 PEER = Path(__file__).resolve().parents[2] / "tests" / "benchmarks" / "peer.py"

@@ -22,9 +22,10 @@ from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.recover import recover
+from pinflex.solver.outputs import platform_poses
 from pinflex.solver.solve import default_motion
 from pinflex.solver.timed import Scene
-from pinflex.solver.tolerance import platform_poses, within
+from pinflex.solver.tolerance import within
 from pinflex.threads import one_blas_thread
 
 SAMPLES = 401

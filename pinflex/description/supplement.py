@@ -24,6 +24,10 @@ INTEGRATORS = (
 )
 COUPLED_ONLY = ("radau",)
 ASKED = ("torque", "deflection", "platform")
+TOLERANCES = (
+    1e-9,
+    0.1,
+)  # least and largest tol; a scene may have a higher floor, which a run finds
 KED_ONLY = INTEGRATORS[3:-1]
 KED_TERMS = ("full", "structural")
 STARTS = ("auto", "straight", "static")
@@ -112,8 +116,8 @@ class SolveSpec:
         integrator: generalized_alpha, newmark or hht; at level ked also central_difference,
             houbolt, wilson_theta and mode_superposition; at level coupled also radau, with tol.
             None: radau where a tol is asked for and it can, else generalized_alpha.
-        tol: Error that torques, platform and deflections may have, relative to their largest
-            deviation; steps follow from it. None: steps of dt.
+        tol: Error of time integration that torques, platform and deflections may have, relative to
+            their largest deviation; steps follow from it. None: steps of dt.
         asked: Which of torque, deflection and platform tol is about; empty: all.
         rho_inf: Spectral radius at infinity [-], 0 to 1; None: the integrator's own.
         newmark: (gamma, beta) [-] of the integrator newmark; None: (1/2, 1/4).
@@ -319,7 +323,7 @@ def read_solve(value: object, where: str) -> SolveSpec:
             f"{fields['until']:g} s. Make it smaller."
         )
     if "tol" in block:
-        fields["tol"] = schema.number(block["tol"], place["tol"], 1e-9, 0.1)
+        fields["tol"] = schema.number(block["tol"], place["tol"], *TOLERANCES)
         if "dt" in block:
             raise DescriptionError(f"{place['tol']}: dt follows from it. Remove one of them.")
     if "asked" in block:

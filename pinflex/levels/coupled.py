@@ -125,6 +125,12 @@ def _diverged(
     if known:
         where = names[march.newton.free[int(np.argmax(np.abs(r)))]]
         how = f"it stopped at |r| = {float(np.max(np.abs(r))):.2g}, largest in {where}"
+    linear = [name for name, part in mechanism.parts.items() if not part.spec.second_order]
+    if not known and linear:
+        how += (
+            f" ({', '.join(linear)} has no second-order terms, so that its stiffness falls with "
+            "speed and compression until it runs away: set flexible.LINK.second_order: true)"
+        )
     error = ConvergenceError(
         f"t = {time:.6g} s, step {k}, dt = {march.h:.3g} s: Newton stopped after at most "
         f"{MAX_ITERATIONS} iterations: {how}. The step of {march.h:.3g} s may be too large. "

@@ -269,7 +269,9 @@ class Result:
         if self.meta.get("status", "complete") != "complete":
             rows.append(("status", f"{self.meta['status']}: {self.meta.get('message', '')}"))
         rows.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} instants"))
-        rows += [(key, f"{cost[key]}") for key in ("steps",) if key in cost]
+        if "steps" in cost:
+            last = f" in {cost['runs']} runs, {cost['last_steps']} in the last"
+            rows.append(("steps", f"{cost['steps']}{last if cost.get('runs', 1) > 1 else ''}"))
         if "newton" in cost:
             each = f" ({cost['newton'] / cost['steps']:.2f} a step)" if cost.get("steps") else ""
             rows.append(("Newton iterations", f"{cost['newton']}{each}"))
@@ -277,7 +279,7 @@ class Result:
         error = self.meta.get("settings", {}).get("error")
         if error:
             known = ", ".join(f"{key} {value:.1e}" for key, value in error.items())
-            rows.append(("estimated error", known))
+            rows.append(("time integration", f"estimated error {known}"))
         rows.append(("worst closure", f"{self.worst_closure:.2e}"))
         rows.append(("energy balance", "not computed" if balance is None else f"{balance:.2e}"))
         rows += [("warning", text) for text in self.meta.get("warnings", ())]

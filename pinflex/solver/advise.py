@@ -28,8 +28,8 @@ from pinflex.solver import fewer
 from pinflex.solver.equilibria import solve_equilibria
 from pinflex.solver.fewer import SAFETY, Errors, LeftOut, worst
 from pinflex.solver.linear_probe import Probe
+from pinflex.solver.outputs import Outputs
 from pinflex.solver.timed import Scene
-from pinflex.solver.tolerance import Outputs
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 

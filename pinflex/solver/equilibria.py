@@ -35,7 +35,7 @@ from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.stacked import Stacked, spans
-from pinflex.solver.tolerance import Outputs, relative
+from pinflex.solver.outputs import ROUND_OFF, Outputs, relative
 
 _TOGETHER = 32  # states in one evaluation: numpy's price is spread, the workspace stays in cache
 _NODES = 12  # intervals between the nodes of a piece to begin with
@@ -295,11 +295,12 @@ def _smooth(
     compare = Outputs(mechanism, motion, t, asked, found.dynamics)
     while True:
         fine, coarse, astray = found.interpolated()
-        error = compare.differences(coarse, fine)
+        differ = compare.differences(coarse, fine)
+        error = {key: max(e, ROUND_OFF) for key, e in differ.items()}
         if max(error.values(), default=0.0) <= 0.5 * tol and astray < _ASTRAY:
             break
         if 2 * found.nodes >= len(t):
-            fine, error = found.exact(), dict.fromkeys(error, 0.0)
+            fine, error = found.exact(), dict.fromkeys(error, ROUND_OFF)
             break
         found.refine()
     return replace(found.looked_at(fine), settings={"tol": tol, "error": error})

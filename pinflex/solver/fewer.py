@@ -17,7 +17,7 @@ from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import FlexiblePart, resolve
 from pinflex.solver.linear_probe import Probe, subspace
-from pinflex.solver.tolerance import Outputs
+from pinflex.solver.outputs import Outputs
 
 Errors = dict[str, float]
 SAFETY = 2.0  # an error bar is this many times what was measured

@@ -20,6 +20,7 @@ from pinflex.description.supplement import (
     COUPLED_ONLY,
     KED_ONLY,
     KED_TERMS,
+    TOLERANCES,
     SolveSpec,
     check_options,
 )
@@ -174,8 +175,11 @@ def _spec(
         )
     if spec.tol is not None and spec.dt is not None:
         raise DescriptionError("solve: dt and tol: one follows from the other. Give one of them.")
-    if spec.tol is not None and not 0 < spec.tol <= 0.1:
-        raise DescriptionError(f"solve.tol: {spec.tol}. Give a relative error, 1e-6 to 0.1.")
+    if spec.tol is not None and not TOLERANCES[0] <= spec.tol <= TOLERANCES[1]:
+        raise DescriptionError(
+            f"solve.tol: {spec.tol}. Give a relative error of time integration, "
+            f"{TOLERANCES[0]:g} to {TOLERANCES[1]:g}."
+        )
     if spec.level == "coupled" and any(mechanism.description.system_damping):
         raise DescriptionError(
             f"{mechanism.name}: damping.scope: system damps the deviation from the nominal "

@@ -16,9 +16,10 @@ import numpy as np
 
 import pinflex as pf
 from pinflex.errors import ConvergenceError
+from pinflex.solver.outputs import Outputs
 from pinflex.solver.solve import SAMPLES, _spec, default_motion
 from pinflex.solver.timed import Scene
-from pinflex.solver.tolerance import Outputs, halved, paced, within
+from pinflex.solver.tolerance import halved, paced, within
 
 # Overrides and end in s of each; None: the scene's own.
 SCENES: dict[str, tuple[list[str], float | None]] = {

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "verification"))
 
 from test_tolerance import SCENES, mechanism, reference, run
 
+from pinflex.solver.outputs import Outputs
 from pinflex.solver.solve import default_motion
-from pinflex.solver.tolerance import Outputs
 
 TOLERANCES = (1e-2, 1e-3, 1e-4)
 

@@ -10,8 +10,8 @@ from pinflex.description.motion import harmonic
 from pinflex.levels.pieces import Pieces
 from pinflex.levels.quasistatic import solve_quasistatic
 from pinflex.solver.equilibria import solve_equilibria
+from pinflex.solver.outputs import Outputs
 from pinflex.solver.solve import default_motion
-from pinflex.solver.tolerance import Outputs
 
 # Loops in space under gravity; loops in the plane whose platform moves by stretch alone; a tree; a
 # large deflection; acceleration that jumps at the corners of a trapezoid.

@@ -23,8 +23,8 @@ from pinflex.levels.run import Run
 from pinflex.levels.start import straight_start
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.outputs import Outputs
 from pinflex.solver.solve import default_motion
-from pinflex.solver.tolerance import Outputs
 from tests.finite import slope
 from tests.hard.test_collocation_runs import ARM, BEAM, top
 from tests.scenes import load

@@ -9,8 +9,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.levels.run import Run
+from pinflex.solver.outputs import Outputs
 from pinflex.solver.solve import _run, _spec, default_motion
-from pinflex.solver.tolerance import Outputs
 
 SAMPLES = 51
 TORQUE, ALL = ("torque",), ("torque", "deflection", "platform")
