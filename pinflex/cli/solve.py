@@ -51,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
         raise type(error)(f"{reason(error)} {kept}", **error.data) from error
     finally:
         bar.close()
+    if result.meta["settings"].get("tol") is not None:  # who asks for one wants both errors
+        result = result.with_errors()
     files = []
     if args.output is not None:
         files.append(result.save(args.output))
@@ -123,6 +125,7 @@ def _numbers(result: Result) -> dict[str, Any]:
         "closure": result.worst_closure,
         "energy_balance": result.meta.get("energy_balance"),
         "settings": result.meta.get("settings"),
+        "errors": result.meta.get("errors"),
         "cost": result.meta.get("cost"),
         "warnings": result.meta.get("warnings"),
     }

@@ -8,8 +8,9 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results import checked
+from pinflex.results.error_bars import ErrorBars, percent, time_error
 from pinflex.results.late import Late
 from pinflex.results.named import (
     Deviation,
@@ -76,6 +78,7 @@ class Result:
         t: Instants [s], shape (nt,), increasing.
         arrays: Read-only arrays by flat key ("joint/q", "link/distal_1/x"), time first, SI units.
         meta: Names, settings, cost, warnings and source texts, as plain JSON values.
+        look: What measures the error of the model when `errors` is asked for; not stored.
 
     Of a run just solved, poses, forces, stresses and warnings are found when first asked for; a
     plain dictionary of all is dict(result.arrays), or dict(result.meta).
@@ -84,6 +87,7 @@ class Result:
     t: Array
     arrays: Mapping[str, Array]
     meta: Mapping[str, Any]
+    look: Callable[[Result], ErrorBars] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         t = _read_only(self.t, "t")
@@ -101,6 +105,21 @@ class Result:
     def __reduce__(self) -> tuple[Any, ...]:
         """Whole into another process."""
         return Result, (self.t, dict(self.arrays), dict(self.meta))
+
+    @cached_property
+    def errors(self) -> ErrorBars:
+        """Errors of time integration and of the model, by output; the model is looked at now."""
+        known = self.meta.get("errors")
+        if known:
+            return ErrorBars(**known)
+        if self.look is not None:
+            return self.look(self)
+        time, how = time_error(self.meta.get("settings", {}), self.level)
+        return ErrorBars(time, {}, how, "not measured: a stored result has no model to look at")
+
+    def with_errors(self) -> Result:
+        """The result with `errors` in its meta, so that a file of it has them too."""
+        return replace(self, meta={**self.meta, "errors": self.errors.plain()})
 
     def array(self, key: str) -> Array:
         """The read-only array of a flat key; an unknown key leads to the nearest one."""
@@ -270,22 +289,40 @@ class Result:
             rows.append(("status", f"{self.meta['status']}: {self.meta.get('message', '')}"))
         rows.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} instants"))
         if "steps" in cost:
-            last = f" in {cost['runs']} runs, {cost['last_steps']} in the last"
-            rows.append(("steps", f"{cost['steps']}{last if cost.get('runs', 1) > 1 else ''}"))
+            several = cost.get("runs", 1) > 1
+            last = f" in {cost.get('runs')} runs, {cost.get('last_steps')} in the last"
+            rows.append(("steps", f"{cost['steps']}{last if several else ''}"))
         if "newton" in cost:
             each = f" ({cost['newton'] / cost['steps']:.2f} a step)" if cost.get("steps") else ""
             rows.append(("Newton iterations", f"{cost['newton']}{each}"))
         rows += [("wall time", f"{cost['seconds']:.3g} s")] if "seconds" in cost else []
-        error = self.meta.get("settings", {}).get("error")
-        if error:
-            known = ", ".join(f"{key} {value:.1e}" for key, value in error.items())
-            rows.append(("time integration", f"estimated error {known}"))
+        time, how = time_error(self.meta.get("settings", {}), self.level)
+        errors = self._known_errors() or ErrorBars(time, {}, how, "not looked at (run.errors does)")
+        for line in errors.lines():
+            what, _, said = line.partition(": ")
+            rows.append((what, f"error {said}"))
         rows.append(("worst closure", f"{self.worst_closure:.2e}"))
         rows.append(("energy balance", "not computed" if balance is None else f"{balance:.2e}"))
         rows += [("warning", text) for text in self.meta.get("warnings", ())]
-        return "\n".join(
-            [str(self.meta.get("name", "result"))] + [f"  {a:<18}{b}" for a, b in rows]
+        return "\n".join([self._first_line()] + [f"  {a:<18}{b}" for a, b in rows])
+
+    def _first_line(self) -> str:
+        """Its name; and a model error above the tolerance asked, where that has been looked at."""
+        name, tol = str(self.meta.get("name", "result")), self.meta.get("settings", {}).get("tol")
+        errors = self._known_errors()
+        worst = None if errors is None else errors.worst()
+        if worst is None or tol is None or worst[1] <= tol:
+            return name
+        return (
+            f"{name}: THE MODEL is off by up to {percent(worst[1])} ({worst[0]}), more than "
+            f"tol = {tol:g}, which is of time integration only"
         )
+
+    def _known_errors(self) -> ErrorBars | None:
+        """`errors`, where somebody has asked for them."""
+        stored = self.meta.get("errors")
+        found = self.__dict__.get("errors")
+        return found if isinstance(found, ErrorBars) else ErrorBars(**stored) if stored else None
 
     __str__ = summary
 

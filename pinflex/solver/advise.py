@@ -1,11 +1,13 @@
-"""What a scene needs: level, links, planes, modes and tolerance, with error bars.
+"""What a scene needs: level, links, planes, modes, segments and tolerance, with error bars.
 
 Everything is measured on the motion itself by cheap runs of a model richer than the scene's
-(pinflex.solver.fewer): every plane, stretch and twist, one more mode. Its linear vibration, twice
-corrected for what is not linear (pinflex.solver.linear_probe), is what the rigid torques, the
-balance of every instant, the linear vibration and smaller models are held against, and a short
-coupled run holds it to the full equations. An error bar is twice what was measured, and what the
-corrections leave; errors are relative, as in pinflex.solver.tolerance.
+(pinflex.solver.fewer): every plane, stretch and twist, second order, one more mode. Its linear
+vibration, twice corrected for what is not linear (pinflex.solver.linear_probe), is what the rigid
+torques, the balance of every instant, the linear vibration and smaller models are held against, and
+a short coupled run holds it to the full equations. At the end the model that is proposed is held
+against one of all that and one more segment in each link (pinflex.solver.error_bars). An error bar
+is twice what was measured, and what the corrections leave: of time integration and of the model;
+errors are relative, as in pinflex.solver.outputs.
 """
 
 from __future__ import annotations
@@ -13,18 +15,19 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from pinflex.description.motion import Motion
 from pinflex.description.supplement import ASKED
-from pinflex.errors import ConvergenceError, DescriptionError, SceneError, nearest
+from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.levels.run import Run
 from pinflex.levels.start import in_equilibrium
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.result import Result
-from pinflex.solver import fewer
+from pinflex.solver import error_bars, fewer
 from pinflex.solver.equilibria import solve_equilibria
 from pinflex.solver.fewer import SAFETY, Errors, LeftOut, worst
 from pinflex.solver.linear_probe import Probe
@@ -36,6 +39,8 @@ from pinflex.threads import one_blas_thread
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing
 _WINDOW = 8  # the coupled run that verifies covers this part of the time
 _STILL = 0.03  # of the tolerance: that of a quasistatic run, which hardly costs more for it
+_MENDED = 0.35  # of what one more segment mends is left: bodies are right to second order
+_WORTH = 0.7  # of the error bar: segments that leave more do not pay
 _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
 
 
@@ -153,6 +158,11 @@ def solve_advised(
     return replace(result, meta={**result.meta, "advice": plain(found)})
 
 
+def in_words(x: float) -> str:
+    """A relative error; one that is not known is said to be so."""
+    return f"{100 * x:.2g} %" if x < 9.99 else "> 999 %" if x < np.inf else "not measured"
+
+
 def _only_coupled(mechanism: Mechanism) -> str:
     """Why no level but coupled applies, "" if others do."""
     if mechanism.description.solve.drive == "torque":
@@ -162,6 +172,11 @@ def _only_coupled(mechanism: Mechanism) -> str:
     if mechanism.report.mobility != len(mechanism.rigid.motors) or len(mechanism.idle.base):
         return "the motors do not determine the motion: only coupled lets the rest swing"
     return ""
+
+
+def _covering(error: Errors, apart: Errors) -> Errors:
+    """Error bars that cover a measured difference of the whole model too."""
+    return {key: max(e, SAFETY * apart.get(key, 0.0)) for key, e in error.items()}
 
 
 class _Study:
@@ -196,6 +211,7 @@ class _Study:
             found = replace(found, run_tol=tol * _STILL)
         if level != "rigid" and not fixed:
             room = tol / 2 if worst(error) >= tol else tol - worst(error)
+            second = self._second_order(mechanism, once, room)
             small = fewer.smaller(self.rich, self.probe, self.outputs, once, room)
             for part, factor in ((small.error, SAFETY), (small.unsettled, 1.0)):
                 error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
@@ -204,12 +220,64 @@ class _Study:
                     f"the last mode tried still changes an output by {worst(small.unsettled):.2g}, "
                     "which is in the error bars: more modes may be needed"
                 )
+            tried = small.tried if second is None else (second, *small.tried)
+            on = fewer.second_order(mechanism) if second is not None and not second.out else ()
             found = replace(
-                found, error=error, left_out=small.tried,
-                overrides=fewer.overrides(mechanism, small.parts),
+                found, error=error, left_out=tried,
+                overrides=(*fewer.overrides(mechanism, small.parts), *on),
                 coordinates=(*n, small.coordinates),
             )  # fmt: skip
+        found = self._segmented(mechanism, found)
         return replace(found, notes=tuple(self.notes))
+
+    def _second_order(self, mechanism: Mechanism, whole: Run, room: float) -> LeftOut | None:
+        """What it costs to leave out second order where the scene has it off; None: nowhere."""
+        links = [p.link for p in fewer.beams(mechanism) if not p.spec.second_order]
+        if not links or self.rich is mechanism:
+            return None
+        off = [f"flexible.{link}.second_order=false" for link in links]
+        try:
+            linear = load(self.rich.description.with_overrides(off))
+            probe = Probe(
+                linear, self.motion, self.probe.end, self.probe.static, self.probe.steps - 1
+            )
+            run = probe.nonlinear(probe.corrected(probe.march()))
+        except (PinflexError, np.linalg.LinAlgError):
+            return LeftOut("second order: without it the motion runs away", {}, False)
+        error = Outputs(linear, self.motion, probe.t, self.plain.asked).differences(run, whole)
+        return LeftOut(f"second order of {', '.join(links)}", error, SAFETY * worst(error) <= room)
+
+    def _segmented(self, mechanism: Mechanism, found: Advice) -> Advice:
+        """The advice with the error of its whole model in its bars, and segments if they help."""
+        level = found.level if found.level in ("rigid", "quasistatic") else "coupled"
+        measure = partial(
+            error_bars.apart, motion=self.motion, end=self.probe.end, static=self.probe.static,
+            level=level,
+        )  # fmt: skip
+        try:
+            finer, _ = error_bars.finer_model(self.rich)
+            model = load(mechanism.description.with_overrides(list(found.overrides)))
+            apart = measure(model, finer)
+            error = _covering(found.error, apart)
+            more = fewer.segmented(model)
+            if level == "rigid" or worst(error) <= self.tol or self.rich is mechanism or not more:
+                return replace(found, error=error)
+            cut = load(model.description.with_overrides(list(more)))
+            rest = measure(cut, finer)
+            # What two segments leave is a quarter to a third of what they mend.
+            left = {k: e + _MENDED * apart.get(k, 0.0) for k, e in rest.items()}
+            better = _covering(found.error, left)
+            if worst(better) > _WORTH * worst(error):
+                return replace(found, error=error)
+            n = cut.flexible.n_eta
+            return replace(
+                found, error=better, overrides=(*found.overrides, *more),
+                coordinates=(*found.coordinates[:2], n),
+                left_out=(*found.left_out, LeftOut("segments beyond those it has", apart, False)),
+            )  # fmt: skip
+        except (PinflexError, np.linalg.LinAlgError) as failed:
+            self.notes.append(f"more segments were not tried, and are not in the bars: {failed}")
+            return found
 
     def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
         """The motion corrected once, error bars by level, and seconds a run would take."""
@@ -220,6 +288,11 @@ class _Study:
         first, second = differ(probe.linear(linear), best), differ(once, best)
         ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
         rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf
+        if not np.isfinite(rest):
+            self.notes.append(
+                "the levels below coupled were not measured: corrections of the linear vibration "
+                "do not shrink, it is too far from the motion"
+            )
         left = {k: e * rest if e else 0.0 for k, e in second.items()}
         seconds = {"coupled": self._verify(best, left)}
 
@@ -233,8 +306,8 @@ class _Study:
             still = solve_equilibria(
                 self.rich, self.motion, probe.t, self.tol * _STILL, self.plain.asked
             )
-        except ConvergenceError:
-            pass  # there is none
+        except ConvergenceError as failed:
+            self.notes.append(f"quasistatic was not measured: there is no equilibrium ({failed})")
         else:
             seconds["quasistatic"] = time.perf_counter() - began
             own = self.tol * _STILL
@@ -273,7 +346,8 @@ class _Study:
     def _choose(self, levels: dict[str, Errors], seconds: dict[str, float]) -> tuple[str, str]:
         """The cheapest level whose error bars fit, and why."""
         rigid, still, ked = (worst(levels[x]) for x in ("rigid", "quasistatic", "ked"))
-        why = f"error bars: rigid {rigid:.2g}, quasistatic {still:.2g}, ked {ked:.2g}"
+        bars = (("rigid", rigid), ("quasistatic", still), ("ked", ked))
+        why = "error bars: " + ", ".join(f"{name} {in_words(e)}" for name, e in bars)
         if rigid <= self.tol:
             return "rigid", why
         if still <= self.tol:
@@ -292,12 +366,6 @@ class _Study:
     def _doubts(self) -> list[str]:
         """What weakens the probes themselves, in sentences."""
         probe, said = self.probe, []
-        linear = [link for link, part in self.rich.parts.items() if not part.spec.second_order]
-        if linear:
-            said.append(
-                f"second_order is off in {', '.join(linear)}: what it brings is not in the error "
-                "bars"
-            )
         if probe.rough > 1e-2:
             said.append(
                 f"the motion has corners: interpolation misses {100 * probe.rough:.0f} % of its "

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.solver.advise import Advice
+from pinflex.solver.advise import Advice, in_words
 from pinflex.text import paragraph, table
 
 _DOES = {
@@ -23,7 +23,7 @@ def write(a: Advice, model: str | None = None) -> str:
     """Proposal, how to follow it for a MODEL, its error bars, and the price of what is out."""
     n, rich, kept = a.coordinates
     blocks = [
-        f"{a.name}: {', '.join(a.asked)} within {percent(a.tol)} of the largest value",
+        f"{a.name}: {', '.join(a.asked)} within {in_words(a.tol)} of the largest value",
         f"Proposal: level {a.level} ({_DOES[a.level]})"
         + (f", {kept} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
         paragraph(_command(a, model or a.name), "      ", "  "),
@@ -50,11 +50,6 @@ def plain(a: Advice) -> dict[str, Any]:
     return cleaned
 
 
-def percent(x: float) -> str:
-    """A relative error in per cent; what is not known is "?"."""
-    return f"{100 * x:.2g} %" if np.isfinite(x) and x < 9.99 else "> 999 %" if x < np.inf else "?"
-
-
 def _command(a: Advice, model: str) -> str:
     changes = [*a.overrides, *([] if a.run_tol is None else [f"solve.tol={a.run_tol:g}"])]
     return f"pinflex solve {model} --level {a.level}" + "".join(f" --set {x}" for x in changes)
@@ -62,7 +57,7 @@ def _command(a: Advice, model: str) -> str:
 
 def _bars(title: str, rows: Mapping[str, Mapping[str, float]]) -> str:
     outputs = list(next(iter(rows.values())))
-    cells = [[name, *(percent(error[k]) for k in outputs)] for name, error in rows.items()]
+    cells = [[name, *(in_words(error[k]) for k in outputs)] for name, error in rows.items()]
     return table(title, "|".join(["level", *outputs]), cells, (18,))
 
 

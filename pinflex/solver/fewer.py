@@ -21,8 +21,8 @@ from pinflex.solver.outputs import Outputs
 
 Errors = dict[str, float]
 SAFETY = 2.0  # an error bar is this many times what was measured
-_LARGEST = 150  # elastic coordinates: a richer model than this would not be a cheap look
-_PLANES = {
+LARGEST = 150  # elastic coordinates: a richer model than this would not be a cheap look
+PLANES = {
     "u": ("axial", "stretch (axial)"),
     "p": ("torsion", "twist (torsion)"),
     "w": ("bending_z", "bending out of the joint's plane (bending_z)"),
@@ -63,17 +63,18 @@ def worst(error: Errors) -> float:
 
 
 def richer(mechanism: Mechanism) -> tuple[Mechanism, str]:
-    """The scene with every plane, stretch and twist, and one more mode; or itself, and why."""
+    """The scene with every plane, stretch, twist, second order, a mode more; or itself, and why."""
     changes = []
-    for part in _beams(mechanism):
-        changes += [f"flexible.{part.link}.{key}=true" for key, _ in _PLANES.values()]
+    for part in beams(mechanism):
+        changes += [f"flexible.{part.link}.{key}=true" for key, _ in PLANES.values()]
+        changes.append(f"flexible.{part.link}.second_order=true")
         if (size := _size(part)) is not None:
             changes.append(f"flexible.{part.link}.basis.{size[0]}={size[1] + 1}")
     try:
         description = mechanism.description.with_overrides(changes)
         parts = resolve(description, mechanism.links)
         n = sum(body.n for part in parts.values() for body in part.bodies)
-        if n > _LARGEST:
+        if n > LARGEST:
             return mechanism, f"planes and modes were not tried: that model has {n} coordinates"
         return load(description), ""
     except PinflexError as failed:
@@ -129,10 +130,14 @@ def _without(
 
 def _candidates(rich: Mechanism) -> Iterator[tuple[str, tuple[str, ...], int | None]]:
     """Words, changes of the YAML, and for modes the how manyth this is: likeliest first."""
-    beams = _beams(rich)
-    for d, (key, words) in _PLANES.items():
-        yield words, tuple(f"flexible.{p.link}.{key}=false" for p in beams if d in p.planes), None
-    sizes = [(p.link, size, _MODES[p.spec.basis.kind][1]) for p in beams if (size := _size(p))]
+    links_of = beams(rich)
+    for d, (key, words) in PLANES.items():
+        yield (
+            words,
+            tuple(f"flexible.{p.link}.{key}=false" for p in links_of if d in p.planes),
+            None,
+        )
+    sizes = [(p.link, size, _MODES[p.spec.basis.kind][1]) for p in links_of if (size := _size(p))]
     most = max((size[1] for _, size, _ in sizes), default=0)
     for place, count in enumerate(range(most - 1, -1, -1)):
         fewer = tuple(
@@ -158,7 +163,7 @@ def overrides(mechanism: Mechanism, parts: Mapping[str, FlexiblePart]) -> tuple[
             wanted.setdefault("", {})[link] = "null"
             continue
         new = parts[link]
-        for d, (key, _) in _PLANES.items():
+        for d, (key, _) in PLANES.items():
             if (d in old.planes) != (d in new.planes):
                 wanted.setdefault(f".{key}", {})[link] = "true" if d in new.planes else "false"
         size = _size(new)
@@ -173,7 +178,23 @@ def overrides(mechanism: Mechanism, parts: Mapping[str, FlexiblePart]) -> tuple[
     return tuple(said)
 
 
-def _beams(mechanism: Mechanism) -> list[FlexiblePart]:
+def second_order(mechanism: Mechanism) -> tuple[str, ...]:
+    """Changes of the YAML that give second-order terms to every link without them."""
+    off = [p.link for p in beams(mechanism) if not p.spec.second_order]
+    if len(off) == len(mechanism.parts):
+        return ("flexible.*.second_order=true",)
+    return tuple(f"flexible.{link}.second_order=true" for link in off)
+
+
+def segmented(mechanism: Mechanism) -> tuple[str, ...]:
+    """Changes of the YAML that give every beam one more segment."""
+    counts = {p.link: p.spec.segments + 1 for p in beams(mechanism)}
+    if len(counts) == len(mechanism.parts) and len(set(counts.values())) == 1:
+        return (f"flexible.*.segments={next(iter(counts.values()))}",)
+    return tuple(f"flexible.{link}.segments={n}" for link, n in counts.items())
+
+
+def beams(mechanism: Mechanism) -> list[FlexiblePart]:
     """The links with planes: solids deform in every direction."""
     return [p for p in mechanism.parts.values() if p.spec.basis.kind not in solid_keys.KINDS]
 

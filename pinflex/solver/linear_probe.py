@@ -83,9 +83,19 @@ class Deviation:
 class Probe:
     """One scene: its nominal motion, the linear system along it, and marches of it."""
 
-    def __init__(self, mechanism: Mechanism, motion: Motion, end: float, static: bool) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        motion: Motion,
+        end: float,
+        static: bool,
+        steps: int | None = None,
+    ) -> None:
+        """`steps`: of the marches; None: by the third mode of the mechanism."""
         self.mechanism, self.system, self.static = mechanism, mechanism.flexible, static
-        steps, self.third = _steps(mechanism, end)
+        self.end = end
+        wanted, self.third = _steps(mechanism, end)
+        steps = wanted if steps is None else steps
         self.knots = _KNOTS
         while True:
             self.stride = -(-steps // self.knots)

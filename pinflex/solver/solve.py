@@ -37,6 +37,7 @@ from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.error_bars import ErrorBars
 from pinflex.results.recover import result_of
 from pinflex.results.result import Result
 from pinflex.solver.equilibria import solve_equilibria
@@ -319,4 +320,11 @@ def _result(
     run = replace(run, settings={**run.settings, "drive": spec.drive})
     cost = {**run.cost, "seconds": time.perf_counter() - began}
     rigid_path = partial(_rigid_reference, mechanism, motion, run)
-    return result_of(mechanism, run, rigid_path, spec.level, cost, stopped)
+    result = result_of(mechanism, run, rigid_path, spec.level, cost, stopped)
+    return replace(result, look=partial(_look, mechanism, motion, spec.start == "static"))
+
+
+def _look(mechanism: Mechanism, motion: Motion, static: bool, result: Result) -> ErrorBars:
+    from pinflex.solver.error_bars import error_bars  # late: only who asks pays for it
+
+    return error_bars(result, mechanism, motion, static)

@@ -92,9 +92,11 @@ def study(
         rigid = record.runs.get("rigid")
         return run if rigid is None else with_rigid_torque(run, rigid)
 
-    for level in _ordered(levels):
+    ordered = _ordered(levels)
+    for level in ordered:
         try:
-            run = beside(solve(mechanism, level=level, progress=progress(level)))
+            run = solve(mechanism, level=level, progress=progress(level))
+            run = beside(run.with_errors() if level == ordered[-1] else run)
         except np.linalg.LinAlgError as error:
             record.unsolved[level] = ConvergenceError(
                 f"{mechanism.name}: the equations broke down ({error}). Make the step smaller, or "
@@ -227,6 +229,9 @@ def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) 
     if frequencies and min(frequencies) < 0:
         notes.append("a negative frequency is an unstable direction: the static pose buckles.")
     notes += _said(record.runs)
+    for level, run in record.runs.items():
+        if run.meta.get("errors"):
+            notes += [f"{level}, error of {line}" for line in run.errors.lines()]
     return notes
 
 

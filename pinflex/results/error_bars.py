@@ -1,0 +1,62 @@
+"""The two errors of a result, of time integration and of the model, and how they are said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+NOT_MEASURED = "not measured"
+
+
+@dataclass(frozen=True)
+class ErrorBars:
+    """What the outputs of a run may be off by, relative to their largest values.
+
+    Attributes:
+        time: Of time integration, by output; empty: not measured.
+        model: Of the model (few segments and modes, what the links cannot do), likewise.
+        time_note, model_note: How they were found, or why they were not.
+    """
+
+    time: Mapping[str, float] = field(default_factory=dict)
+    model: Mapping[str, float] = field(default_factory=dict)
+    time_note: str = ""
+    model_note: str = ""
+
+    def worst(self) -> tuple[str, float] | None:
+        """The output whose model is furthest off, and by how much."""
+        return max(self.model.items(), key=lambda item: item[1]) if self.model else None
+
+    def lines(self) -> tuple[str, str]:
+        """Both in words."""
+        return (
+            f"time integration: {_said(self.time, self.time_note)}",
+            f"model: {_said(self.model, self.model_note)}",
+        )
+
+    def plain(self) -> dict[str, Any]:
+        """For machines."""
+        return asdict(self)
+
+
+def time_error(settings: Mapping[str, Any], level: str) -> tuple[dict[str, float], str]:
+    """The error of time integration that a run has found of itself, and how or why not."""
+    known = settings.get("error")
+    if known:
+        return dict(known), f"by two runs, tol = {settings.get('tol', 0):g}"
+    if level in ("rigid", "quasistatic"):
+        return {}, "none: every instant is solved by itself"
+    return {}, f"{NOT_MEASURED}: equal steps; solve with tol to have it"
+
+
+def _said(errors: Mapping[str, float], note: str) -> str:
+    if not errors:
+        return note or NOT_MEASURED
+    known = ", ".join(f"{key} {percent(value)}" for key, value in errors.items())
+    return f"{known} ({note})" if note else known
+
+
+def percent(x: float) -> str:
+    """A relative error in per cent."""
+    return "more than 10 times" if x >= 10 else f"{100 * x:.2g} %"

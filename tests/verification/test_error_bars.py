@@ -1,0 +1,105 @@
+"""The two errors that a result tells: of time integration and of the model.
+
+Truths come from outside of the estimates: of time, another method's converged steps; of the model,
+eight segments with every deformation on.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.results.error_bars import NOT_MEASURED
+
+RODS = """<robot name="two">
+<link name="base"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+  <limit lower="-9" upper="9" effort="1" velocity="9"/></joint>
+<link name="a"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+  <inertia ixx="1e-4" iyy="0.0833" izz="0.0833" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+  <origin xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="9"/></joint>
+<link name="b"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+  <inertia ixx="1e-4" iyy="0.0833" izz="0.0833" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>"""
+SEGMENTS = ["flexible.*.segments=8", "flexible.*.axial=true", "flexible.*.second_order=true"]
+
+
+def two_rods(folder: Path) -> pf.Mechanism:
+    """Two rods of 1 m that fall, without motors."""
+    (folder / "two.urdf").write_text(RODS)
+    (folder / "two.yaml").write_text("urdf: two.urdf\nactuated: []\nsolve: {until: 4}\n")
+    return pf.load(folder / "two.yaml")
+
+
+def test_without_motors_the_joints_are_compared(tmp_path: Path) -> None:
+    robot = two_rods(tmp_path)
+    keys = {"level": "coupled", "samples": 81}
+    found = pf.solve(robot, tol=1e-3, **keys)
+    exact = pf.solve(robot, dt=2.5e-4, **keys).arrays["joint/q"]  # of order 2: good to 1e-5
+    error = found.errors.time
+    assert set(error) == {"joint positions", "joint speeds"}
+    off = np.abs(found.arrays["joint/q"] - exact).max() / np.ptp(exact, axis=0).max()
+    assert off < 1e-3  # 3.2e-2 when torques of no motor were compared
+    assert 0 < max(error.values()) <= 0.5e-3
+
+
+def test_identical_runs_are_no_estimate_and_the_floor_is_said() -> None:
+    """Stiff stretch beside soft bending: round-off of the one is 1e-5 of the other."""
+    robot = pf.load("race_r1", ["flexible.*.axial=true", "flexible.*.basis.internal=6"])
+    with pytest.raises(pf.ConvergenceError, match="below what can be told here") as caught:
+        pf.solve(robot, level="coupled", tol=1e-6, until=0.02, samples=21)
+    best = caught.value.result
+    assert best is not None and min(best.errors.time.values()) > 0
+
+
+def test_a_run_at_rest_claims_nothing() -> None:
+    robot = pf.load("race_r1")
+    run = pf.solve(robot, pf.hold(duration=0.01), level="coupled", tol=1e-3, samples=11)
+    assert run.errors.time == {}
+
+
+def test_equal_steps_have_no_error_of_time_that_is_known() -> None:
+    run = pf.solve(pf.load("race_r2"), level="coupled", dt=1e-3, until=0.02, samples=11)
+    assert run.errors.time == {} and NOT_MEASURED in run.errors.time_note
+
+
+@pytest.mark.parametrize(
+    ("model", "until", "changes"), [("cantilever", 0.5, []), ("spinning_beam", 20.0, [])]
+)
+def test_the_error_of_the_model_covers_eight_segments(
+    model: str, until: float, changes: list[str]
+) -> None:
+    keys = {"level": "coupled", "tol": 1e-4, "until": until, "samples": 101}
+    run = pf.solve(pf.load(model, changes), **keys)
+    true = pf.solve(pf.load(model, [*changes, *SEGMENTS]), **keys, asked=("platform",))
+    rigid = pf.solve(pf.load(model), level="rigid", until=until, samples=101)
+    p, exact, still = (x.frame("platform").position for x in (run, true, rigid))
+    error = np.abs(p - exact).max() / np.abs(exact - still).max()
+    bar = run.errors.model["platform position"]
+    # 1.7e-2 and 2.6e-3; a bar ten times too wide would be of no use either.
+    assert 1e-3 < error <= bar < 10 * error
+
+
+def test_a_model_error_above_the_tolerance_is_in_the_first_line() -> None:
+    run = pf.solve(pf.load("cantilever"), level="coupled", tol=1e-3, until=0.3, samples=31)
+    assert "THE MODEL" not in run.summary()  # nobody has looked
+    first = run.with_errors().summary().splitlines()[0]
+    assert "THE MODEL is off by" in first and "time integration only" in first
+
+
+def test_a_saved_result_keeps_its_errors(tmp_path: Path) -> None:
+    run = pf.solve(pf.load("spinning_beam"), level="coupled", tol=1e-2, until=2, samples=11)
+    again = pf.Result.load(run.with_errors().save(tmp_path / "run.npz"))
+    assert again.errors == run.errors and again.errors.model
+
+
+def test_what_cannot_be_measured_is_said() -> None:
+    run = pf.solve(pf.load("race_r2"), level="rigid", until=0.02, samples=11)
+    assert "every instant" in run.errors.time_note
+    robot = pf.load("race_r1", ["solve.drive=torque"])
+    run = pf.solve(robot, level="coupled", dt=1e-4, until=2e-3, samples=11)
+    assert run.errors.model == {} and "the motors push" in run.errors.model_note
