@@ -10,6 +10,7 @@ equations along the nominal motion, so `coupled` tends to this level for small d
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -29,12 +30,14 @@ from pinflex.levels.linear_march import (
     wilson_theta,
 )
 from pinflex.levels.mode_superposition import mode_superposition
+from pinflex.levels.quasistatic import giving_way
 from pinflex.levels.run import Run
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.system import System
 
+_LOOKS = 21  # instants of a run at which the sign of the stiffness is looked at
 _CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-off
 
 
@@ -103,7 +106,30 @@ def solve_ked(
     }
     cost: dict[str, float] = {"steps": nt, "newton": nt}
     run = Run(system, path.t, y, v, a, lam, torque, cost, settings, path=path)
-    return begin.told(run)
+    run = begin.told(run)
+    if structural:
+        return run
+    return replace(run, warnings=(*run.warnings, *_diverging(line, run)))
+
+
+def _diverging(line: Line, run: Run) -> tuple[str, ...]:
+    """Where the stiffness of the deflected mechanism has lost its sign, as a warning.
+
+    The march is about the rigid motion, whose stiffness may be positive where that of the pose it
+    finds is not: there the links buckle (static divergence), and the linear answer is none.
+    """
+    dynamics, path = line.dynamics, line.path
+    for k in np.linspace(0, len(run.t) - 1, min(_LOOKS, len(run.t))).astype(int):
+        rest = np.zeros(run.system.n_eta)  # as level quasistatic looks: without the vibration
+        v, a = np.concatenate([path.v[k], rest]), np.concatenate([path.a[k], rest])
+        dynamics.loads.time = float(run.t[k])
+        if giving_way(dynamics, run.y[k], v, a, run.lam[k], run.system.free):
+            return (
+                f"t = {run.t[k]:.4g} s: the stiffness of the deflected links is negative in some "
+                "direction (static divergence: they buckle), of which the linear deviation knows "
+                "nothing. From there on trust coupled; or reduce the loads, or stiffen the links.",
+            )
+    return ()
 
 
 def _blown_up(

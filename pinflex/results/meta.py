@@ -13,7 +13,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.levels.run import Run
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results import validity
+from pinflex.results import grades, validity
 from pinflex.results.result import UNITS
 
 _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
@@ -21,7 +21,13 @@ _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
     4: "qx, qy, qz, qw",
     7: "m, m, m, qx, qy, qz, qw",
 }
-JUDGED = ("energy_balance", "warnings", "limits", "monitors")  # the keys that `judge` knows
+JUDGED = (
+    "energy_balance",
+    "grades",
+    "warnings",
+    "limits",
+    "monitors",
+)  # the keys that `judge` knows
 
 
 def version() -> str:
@@ -69,9 +75,15 @@ def judge(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[s
     """The rest of the meta mapping: how far a run can be trusted, from all of its arrays."""
     monitors = validity.monitors(mechanism, run, arrays)
     limits = validity.warnings(mechanism, run, monitors)
+    balance = _energy_balance(arrays)
+    graded = grades.grades(run, arrays, balance)
+    poor = grades.sentences(run, arrays, balance, graded)
     return {
-        "energy_balance": _energy_balance(arrays),
-        "warnings": [*run.warnings, *_redundant(mechanism, run), *_held(mechanism, run), *limits],
+        "energy_balance": balance,
+        "grades": graded,
+        "warnings": [
+            *run.warnings, *poor, *_redundant(mechanism, run), *_held(mechanism, run), *limits
+        ],
         "limits": limits,
         "monitors": {name: asdict(found) for name, found in monitors.items()},
     }

@@ -301,8 +301,10 @@ class Result:
         for line in errors.lines():
             what, _, said = line.partition(": ")
             rows.append((what, f"error {said}"))
-        rows.append(("worst closure", f"{self.worst_closure:.2e}"))
-        rows.append(("energy balance", "not computed" if balance is None else f"{balance:.2e}"))
+        graded = {k: f", {word}" for k, word in self.meta.get("grades", {}).items()}
+        rows.append(("worst closure", f"{self.worst_closure:.2e}{graded.get('closure', '')}"))
+        known = "not computed" if balance is None else f"{balance:.2e}{graded.get('energy', '')}"
+        rows.append(("energy balance", known))
         rows += [("warning", text) for text in self.meta.get("warnings", ())]
         return "\n".join([self._first_line()] + [f"  {a:<18}{b}" for a, b in rows])
 

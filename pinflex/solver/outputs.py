@@ -59,7 +59,8 @@ class Outputs:
         n = int(system.rigid.nq)
         if elastic and "deflection" in self._asked:
             found["deflection"] = relative_or_none(coarse.y[:, n:], fine.y[:, n:])
-        if self._mechanism.description.platform and elastic and "platform" in self._asked:
+        gives_way = elastic or len(self._mechanism.rigid.held)
+        if self._mechanism.description.platform and gives_way and "platform" in self._asked:
             found |= self._platform(coarse, fine)
         if self._swings(fine) or not any(found.values()):
             found |= self._joints(coarse, fine)

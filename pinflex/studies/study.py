@@ -20,10 +20,6 @@ from pinflex.text import brief
 from pinflex.viewer.curves import with_rigid_torque
 from pinflex.writing import write_text
 
-# ked and quasistatic are linear in, or blind to, something: a loop left open by this share of the
-# largest deflection says that deflections are not small.
-_OPEN = 0.05
-_UNBALANCED = 0.02  # energy balance of the coupled level worth a note
 _BEYOND_YIELD = 1.0
 _FREQUENCIES = 6
 
@@ -200,21 +196,6 @@ def _reason(record: _Record, level: str) -> str:
 def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) -> list[str]:
     spec = mechanism.description.solve
     notes = [*_starting(mechanism, spec, record.runs)]
-    for level, run in record.runs.items():
-        links = [run.link(name).deflection[:, :, :3] for name in run.links]
-        largest = max((peak(d) for d in links), default=0.0)
-        if level == "ked" and run.worst_closure > _OPEN * largest:
-            notes.append(
-                f"ked leaves its loops open by up to {1e3 * run.worst_closure:.3g} mm: it is "
-                f"linear, and deflections of {1e3 * largest:.3g} mm are not small here. "
-                "Trust coupled."
-            )
-        balance = run.meta.get("energy_balance")
-        if level == "coupled" and balance is not None and balance > _UNBALANCED:
-            notes.append(
-                f"coupled keeps the energy balance to {100 * balance:.2g} % only. Use a smaller "
-                "step (--set solve.dt=...), or less numerical damping."
-            )
     beyond = {
         name
         for run in record.runs.values()

@@ -84,3 +84,25 @@ def test_every_flexible_result_has_its_monitors(level: str) -> None:
     assert r.meta["energy_balance"] >= 0
     # A linear run opens the loops by the square of its deflection.
     assert r.worst_closure < 1e-5
+
+
+def test_ked_says_where_the_links_buckle_and_that_it_is_wrong() -> None:
+    """3rrs: level quasistatic finds no stable branch from 0.6 s on; ked marches on to 8.85 mm."""
+    run = pf.solve(pf.load("3rrs"), level="ked")
+    said = next(text for text in run.meta["warnings"] if "static divergence" in text)
+    assert 0.55 < float(said.split()[2]) <= 0.75
+    assert run.meta["grades"] == {"closure": "wrong", "energy": "wrong"}  # 44 %, 9.5 %
+    assert "wrong" in run.summary() and "leaves its loops open by up to 3.66 mm" in run.summary()
+
+
+def test_small_deflections_are_graded_good() -> None:
+    run = pf.solve(pf.load("race_r1"), level="ked", until=0.05)
+    assert run.meta["grades"]["closure"] == "good"
+    assert not any("divergence" in text for text in run.meta["warnings"])
+
+
+def test_a_motion_that_runs_away_names_the_cause() -> None:
+    """At 50 pi links without second order soften until forces are no numbers."""
+    robot = pf.load("3rrr", ["flexible.*.second_order=false", "motion.omega=157.0796"])
+    with pytest.raises(pf.ConvergenceError, match="has no second-order terms"):
+        pf.solve(robot, level="coupled", until=0.02, dt=2e-5)
