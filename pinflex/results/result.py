@@ -310,14 +310,15 @@ class Result:
 
     def _first_line(self) -> str:
         """Its name; and a model error above the tolerance asked, where that has been looked at."""
-        name, tol = str(self.meta.get("name", "result")), self.meta.get("settings", {}).get("tol")
+        name, advised = str(self.meta.get("name", "result")), self.meta.get("advice")
+        tol = (advised or self.meta.get("settings", {})).get("tol")
         errors = self._known_errors()
         worst = None if errors is None else errors.worst()
         if worst is None or tol is None or worst[1] <= tol:
             return name
         return (
             f"{name}: THE MODEL is off by up to {percent(worst[1])} ({worst[0]}), more than "
-            f"tol = {tol:g}, which is of time integration only"
+            f"tol = {tol:g}{'' if advised else ', which is of time integration only'}"
         )
 
     def _known_errors(self) -> ErrorBars | None:

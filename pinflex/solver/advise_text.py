@@ -22,13 +22,15 @@ _DOES = {
 def write(a: Advice, model: str | None = None) -> str:
     """Proposal, how to follow it for a MODEL, its error bars, and the price of what is out."""
     n, rich, kept = a.coordinates
+    far = max(a.error.values(), default=0.0)
+    short = f"; NOT REACHED: error bars up to {in_words(far)}" if far > a.tol else ""
     blocks = [
-        f"{a.name}: {', '.join(a.asked)} within {in_words(a.tol)} of the largest value",
+        f"{a.name}: {', '.join(a.asked)} within {in_words(a.tol)} of the largest value{short}",
         f"Proposal: level {a.level} ({_DOES[a.level]})"
         + (f", {kept} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
         paragraph(_command(a, model or a.name), "      ", "  "),
         paragraph(a.why, "     ", "why: ") if a.why else "",
-        _bars("Error bars if it is followed", {a.level: a.error}),
+        _bars("Error bars if it is followed, of time integration and model", {a.level: a.error}),
         _bars(f"Error bars by level (model of {rich} coordinates)", a.levels) if a.levels else "",
         _left_out(a),
         "\n".join(paragraph(note, "  ", "- ") for note in a.notes),

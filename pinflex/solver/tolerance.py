@@ -18,6 +18,7 @@ from pinflex.description.supplement import ASKED
 from pinflex.errors import ConvergenceError
 from pinflex.levels.run import Run
 from pinflex.solver.outputs import ROUND_OFF, Outputs
+from pinflex.solver.ringing import ringing
 from pinflex.solver.timed import Progress, Scene, default_step
 
 _PILOT = 0.1  # resolution of a run that tells how far the mechanism moves, to a hundredth
@@ -93,7 +94,8 @@ def _refine(
         error = {k: max(e / gain, ROUND_OFF) for k, e in compare.differences(coarse, fine).items()}
         settings = {**fine.settings, "tol": tol, "error": error}
         each = {**cost, "last_steps": fine.cost["steps"], "runs": float(runs)}
-        return replace(fine, settings=settings, cost=each)
+        said = (*fine.warnings, *ringing(scene, fine))
+        return replace(fine, settings=settings, cost=each, warnings=said)
 
     while runs <= _ROUNDS:
         runs += 1
@@ -134,7 +136,7 @@ def _refine(
     where, named = max(_errors(last).items(), key=lambda item: item[1]), scene.mechanism.name
     failed = ConvergenceError(
         f"{named}: tol = {tol:g} not reached: {where[0]} still changes by {where[1]:.2g} after "
-        f"{runs} runs. {_WAYS_OUT} error.result holds the last run."
+        f"{runs} runs. {_WAYS_OUT} error.result holds the last run. " + " ".join(last.warnings)
     )
     failed.result = last
     raise failed
