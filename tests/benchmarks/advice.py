@@ -1,8 +1,8 @@
 """What following an advice saves: `python tests/benchmarks/advice.py`. One thread, CPU seconds.
 
-For scenes of six natures: the advice, its error bar, the error measured against the full coupled
-model refined (every plane, stretch and twist, one more mode, a fiftieth of the tolerance), the CPU
-time of the run that it proposes, and that of the run without advice: level coupled by `tol`, every
+For scenes of six natures: the advice, its error bar, the error measured against eight segments in
+each link with every deformation on (`test_advise.truth`; a fiftieth of the tolerance), the CPU time
+of the run that it proposes, and that of the run without advice: level coupled by `tol`, every
 link in every plane with stretch and twist, at the fewest internal modes (from two on) and then the
 loosest tolerance that reach the error of the advised run, within a quarter of it. "In steps" is the
 same model by generalized-alpha, with the longest of ten halved steps that does (nan: none). What is
@@ -28,9 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import pinflex as pf
 from pinflex.solver.advise import advise
-from pinflex.solver.fewer import richer
 from pinflex.solver.solve import default_motion
-from tests.validation.test_advise import ALL, SLOW, STATIC, STIFFENED, measured
+from tests.validation.test_advise import ALL, SLOW, STATIC, STIFFENED, measured, truth
 
 QUIET = (*STATIC, "motion.duration=1", "solve.until=1")
 # nature: model, changes, tolerance, outputs asked for
@@ -75,7 +74,7 @@ def row(name: str) -> str:
     options = {} if advice.run_tol is None else {"tol": advice.run_tol, "asked": asked}
     advised = pf.load(robot.description, list(advice.overrides))
     cheap, cheap_read, run = timed(advised, level=advice.level, **options)
-    reference = pf.solve(richer(robot)[0], level="coupled", samples=401, tol=tol / 50, asked=asked)
+    reference = pf.solve(truth(robot), level="coupled", samples=401, tol=tol / 50, asked=asked)
     rigid = pf.solve(robot, level="rigid", samples=401)
 
     def worst(result: pf.Result) -> float:
