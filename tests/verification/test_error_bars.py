@@ -108,10 +108,11 @@ def test_what_cannot_be_measured_is_said() -> None:
 def test_what_rings_and_holds_a_run_up_is_said_and_damping_lets_it_die() -> None:
     """3rrr: undamped bending at 9 kHz takes some 5000 steps; with 1 % of damping 113 do."""
     keys = {"level": "coupled", "tol": 1e-3, "until": 0.05, "samples": 51}
-    run = pf.solve(pf.load("3rrr"), **keys)
+    bending = ["flexible.*.axial=false", "flexible.*.second_order=false"]  # as published
+    run = pf.solve(pf.load("3rrr", bending), **keys)
     assert any("which nothing damps" in text for text in run.meta["warnings"])
     assert run.meta["cost"]["steps"] > run.meta["cost"]["last_steps"] > 500
-    damped = pf.solve(pf.load("3rrr", ["damping={modal: 0.01}"]), **keys)
+    damped = pf.solve(pf.load("3rrr", [*bending, "damping={modal: 0.01}"]), **keys)
     assert damped.meta["cost"]["last_steps"] < 100
     assert not any("damps" in text for text in damped.meta["warnings"])
 
