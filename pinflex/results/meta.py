@@ -82,7 +82,11 @@ def judge(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[s
         "energy_balance": balance,
         "grades": graded,
         "warnings": [
-            *run.warnings, *poor, *_redundant(mechanism, run), *_held(mechanism, run), *limits
+            *run.warnings,
+            *poor,
+            *_redundant(mechanism, run),
+            *_held(mechanism, run),
+            *limits,
         ],
         "limits": limits,
         "monitors": {name: asdict(found) for name, found in monitors.items()},
