@@ -175,10 +175,10 @@ run that stops early is saved up to its last good step.""",
         "compare",
         "the main job: rigid against flexible",
         """
-Solves the scene rigid and flexible and writes a table (torques, platform deviation, stress,
-frequencies, cost), figures, the runs and an animation. A level that cannot be solved does not stop
-the others.""",
-        "pinflex compare 3rrs\n  pinflex compare arm.yaml -o out --levels ked,coupled",
+Solves the scene rigid and flexible and says what shakes by how much, how far the torques are off,
+what the links bear and which level suffices; writes tables, figures, the runs and an animation. A
+level that cannot be solved does not stop the others.""",
+        "pinflex compare delta\n  pinflex compare arm.yaml -o out --levels ked,coupled --band 1e-5",
     )
     p.add_argument("-o", "--output", metavar="DIR", help="folder (default NAME-compare)")
     p.add_argument(
@@ -187,6 +187,14 @@ the others.""",
         metavar="A,B,...",
         help="beside rigid: quasistatic, ked, coupled (default all)",
     )
+    p.add_argument(
+        "--band",
+        type=_positive,
+        default=50e-6,
+        metavar="M",
+        help="platform deviation in m that does no harm: settling time, verdict (default 50e-6)",
+    )
+    p.add_argument("-v", "--verbose", action="store_true", help="print the long tables too")
 
     batch_arguments.add(partial(_command, commands), _count)
     bench_arguments.add(partial(_command, commands))

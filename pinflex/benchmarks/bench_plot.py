@@ -23,7 +23,7 @@ def figure(found: Bench) -> Figure:
     outputs = [name for name in found.own_error if any(p.errors.get(name) for p in found.points)]
     columns = min(2, len(outputs))
     rows = -(-len(outputs) // columns)
-    fig, axes = panels(rows, columns, rows * _PANEL + 0.5)
+    fig, axes = panels(rows, columns, rows * _PANEL + 0.5, None)
     colours = dict(zip(_METHODS, COLOURS[4:] + COLOURS[:3], strict=False))
     modes = sorted({p.case.modes for p in found.points if p.case.modes is not None})
     markers = dict(zip(modes, _MARKERS, strict=False))

@@ -12,53 +12,48 @@ from pinflex.errors import SceneError
 from pinflex.results.result import Result
 from pinflex.solver.solve import LEVELS
 from pinflex.studies.study import file_name, study, write
+from pinflex.text import paragraph
 from pinflex.writing import writable
-
-_MEANINGS = (
-    ("comparison.txt", "this table"),
-    ("comparison.json", "the same for machines, SI units"),
-    ("torques", "motor torques, rigid and flexible, and their difference"),
-    ("deviation_", "platform against rigid"),
-    ("stress_", "von Mises stress along each link over time"),
-    ("spectrum_", "spectrum of the largest deflection"),
-    ("animation.html", "the motion in a browser, stress in colour: open it"),
-)
-
 
 def run(args: argparse.Namespace) -> int:
     """The main job: rigid against flexible."""
-    mechanism = load_model(args)
+    bars: list[Progress] = []
+
+    def tell(text: str) -> None:
+        _close(bars)
+        bars.append(Progress(text))
+        bars[-1].say()
+
+    tell(f"loading {args.model}")
+    try:
+        mechanism = load_model(args)
+    finally:
+        _close(bars)
     folder = Path(args.output or f"{mechanism.name}-compare")
     writable(folder / "comparison.txt")
-    bars: list[Progress] = []
     runs: list[Path] = []
 
     def progress(level: str) -> Progress:
-        _close(bars)
-        bars.append(Progress(level))
+        tell(level)
         return bars[-1]
 
     def keep(level: str, run: Result, complete: bool) -> None:
+        tell(f"saving {level}")
         runs.append(run.save(folder / file_name(run, complete)))
         # what an earlier comparison left of this level would contradict the table
         (folder / file_name(run, not complete)).unlink(missing_ok=True)
 
     try:
-        done = study(mechanism, args.levels or LEVELS, progress, keep)
-        _close(bars)
-        files = write(done, folder)
+        done = study(mechanism, args.levels or LEVELS, progress, keep, args.band, tell)
+        files = write(done, folder, tell)
     finally:
         _close(bars)
     if args.json:
         written = {"folder": folder, "files": [path.name for path in (*files, *runs)]}
         print_json(json.loads(done.table.to_json()) | written)
     else:
-        print(done.table.text())
-        print(f"wrote {folder}{'' if str(folder).endswith('/') else '/'}")
-        names = [path.name for path in (*files, *runs)]
-        width = max(map(len, names))
-        for name in names:
-            print(f"  {name:<{width}}  {_meaning(name)}".rstrip())
+        print(done.table.text() if args.verbose else done.table.brief())
+        _list(folder, files, runs)
     if not done.flexible:
         sys.stdout.flush()
         raise SceneError(
@@ -73,9 +68,11 @@ def _close(bars: list[Progress]) -> None:
         bar.close()
 
 
-def _meaning(name: str) -> str:
-    if name.endswith("-partial.npz"):
-        return "what there is of a run that stopped: pinflex view plays it"
-    if name.endswith(".npz"):
-        return "the run: pinflex view plays it, pinflex.Result.load reads it"
-    return next((words for start, words in _MEANINGS if name.startswith(start)), "")
+def _list(folder: Path, files: list[Path], runs: list[Path]) -> None:
+    """Where the page is, and all that was written."""
+    for page in (path for path in files if path.suffix == ".html"):
+        print(f"Watch it in a browser: {page.resolve().as_uri()}")
+    names = ", ".join(path.name for path in (*files, *runs))
+    print(paragraph(f"In {folder}{'' if str(folder).endswith('/') else '/'}: {names}", "  "))
+    if any(path.name == "comparison.txt" for path in files):
+        print("comparison.txt has every motor, link and mode (here with -v).")

@@ -40,6 +40,13 @@ class Progress:
         sys.stderr.write(f"\r{self.label:<12.12} [{bar}] {100 * part:3.0f} % {left}\x1b[K")
         sys.stderr.flush()
 
+    def say(self) -> None:
+        """Show the label alone, at once, for work that counts no steps."""
+        if self.shown:
+            self.drawn = True
+            sys.stderr.write(f"\r{self.label} ...\x1b[K")
+            sys.stderr.flush()
+
     def close(self) -> None:
         """Leave a clean line."""
         if self.drawn:

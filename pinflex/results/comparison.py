@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from pinflex.errors import DescriptionError
-from pinflex.results import comparison_text
+from pinflex.results import comparison_text, verdict
+from pinflex.results.residual import BAND, residual, stops
 from pinflex.results.result import Result, peak, rms, same_grid
 from pinflex.text import brief
 
@@ -70,8 +71,27 @@ class StressRow:
 
 
 @dataclass(frozen=True)
+class ResidualRow:
+    """What still shakes after the stop; `settling` None: beyond the band to the end of the run.
+
+    Attributes:
+        stop: End of the motion [s]. watched: How long the run goes on after it [s].
+        amplitude: Largest distance of the frame from where it comes to rest [m].
+        settling: Time after the stop from which on it stays within `band` [m] of there [s].
+    """
+
+    level: str
+    frame: str
+    stop: float
+    watched: float
+    amplitude: float
+    band: float
+    settling: float | None
+
+
+@dataclass(frozen=True)
 class CostRow:
-    """What a level cost: wall time [s], steps, Newton iterations; None where not recorded."""
+    """What a level cost: wall and CPU time [s], steps, Newton iterations; None: not recorded."""
 
     __repr__ = brief
 
@@ -79,6 +99,7 @@ class CostRow:
     seconds: float | None
     steps: int | None
     newton: int | None
+    cpu: float | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +109,9 @@ class Comparison:
     Attributes:
         frequencies: [Hz]. frequency_note: About which state, with which motors.
         notes: What a reader should know before trusting the numbers, one sentence each.
+        residuals: Empty unless the platform rests from some instant on.
+        band: Deviation that does no harm [m]. levels: Each against rigid and against the best.
+        verdict: The answer in a few sentences. start: What to know of the start, "" for nothing.
         unsolved: Why a level is missing, by level.
     """
 
@@ -102,14 +126,23 @@ class Comparison:
     frequency_note: str = ""
     notes: tuple[str, ...] = ()
     unsolved: dict[str, str] = field(default_factory=dict)
+    residuals: tuple[ResidualRow, ...] = ()
+    band: float = BAND
+    levels: tuple[verdict.LevelRow, ...] = ()
+    verdict: str = ""
+    start: str = ""
 
     def to_json(self) -> str:
         """The same numbers as JSON with stable keys; absent numbers are null."""
         return json.dumps(asdict(self), indent=2, allow_nan=False)
 
     def text(self) -> str:
-        """Aligned plain text of at most 100 columns."""
+        """Everything as aligned plain text of at most 100 columns."""
         return comparison_text.write(self)
+
+    def brief(self) -> str:
+        """The answer on one screen: in words, one table of levels, notes."""
+        return comparison_text.brief(self)
 
     __str__ = text
 
@@ -124,6 +157,10 @@ def comparison(
     yield_strengths: Mapping[str, float] | None = None,
     notes: Iterable[str] = (),
     unsolved: Mapping[str, str] | None = None,
+    stop: float | None = None,
+    band: float = BAND,
+    cpu: Mapping[str, float] | None = None,
+    start: str = "",
 ) -> Comparison:
     """Compare runs of one scene with its rigid run, instant by instant.
 
@@ -136,6 +173,10 @@ def comparison(
         yield_strengths: Strength of each link's material [Pa], where known.
         notes: Sentences to end with.
         unsolved: Why a level is missing, by level.
+        stop: Instant from which on the motion rests, if it does [s].
+        band: Deviation of the platform that does no harm [m].
+        cpu: CPU time of each level [s], where known.
+        start: What to know of the start.
     """
     torques: list[TorqueRow] = []
     for label, run in others.items():
@@ -152,23 +193,56 @@ def comparison(
     order = [motor for run in every.values() for motor in run.motors]
     torques.sort(key=lambda row: order.index(row.motor))
     strengths = yield_strengths or {}
-    return Comparison(
+    listed, times = tuple(float(f) for f in frequencies)[:first], cpu or {}
+    frame = None if rigid is None else str(rigid.meta.get("platform") or "") or None
+    table = Comparison(
         name=next((str(run.meta.get("name", "scene")) for run in every.values()), "scene"),
         torques=tuple(torques),
         platform=tuple(_platform_row(label, rigid, run) for label, run in others.items())
-        if rigid is not None and rigid.meta.get("platform")
+        if rigid is not None and frame
         else (),
         stresses=tuple(
             _stress_row(label, run, link, strengths.get(link))
             for label, run in others.items()
             for link in run.links
         ),
-        frequencies=tuple(float(f) for f in frequencies)[:first],
-        costs=tuple(_cost_row(label, run) for label, run in every.items()),
+        frequencies=listed,
+        costs=tuple(_cost_row(label, run, times.get(label)) for label, run in every.items()),
         frequency_note=frequency_note,
         notes=tuple(notes),
         unsolved=dict(unsolved or {}),
+        residuals=()
+        if rigid is None or frame is None or stop is None or not stops(rigid, frame, stop)
+        else _residual_rows(rigid, others, frame, stop, band, listed),
+        band=band,
+        start=start,
     )
+    table = replace(table, levels=verdict.level_rows(table, every, frame, times))
+    return replace(table, verdict=verdict.words(table))
+
+
+def _residual_rows(
+    rigid: Result,
+    others: Mapping[str, Result],
+    frame: str,
+    stop: float,
+    band: float,
+    frequencies: tuple[float, ...],
+) -> tuple[ResidualRow, ...]:
+    """Rest is where the quasistatic run ends, if there is one: it does not vibrate."""
+    period = next((1.0 / f for f in frequencies if f > 0), 0.0)
+    still = others.get("quasistatic")
+    rest = None if still is None else still.deviation_from(rigid, frame).position[-1]
+    rows = []
+    for label, run in others.items():
+        if label != "quasistatic":
+            away = run.deviation_from(rigid, frame)
+            found = residual(away.t, away.position, stop, band, rest, period)
+            watched = float(away.t[-1]) - stop
+            rows.append(
+                ResidualRow(label, frame, stop, watched, found.amplitude, band, found.settling)
+            )
+    return tuple(rows)
 
 
 def _torque_row(label: str, rigid: Result | None, run: Result, i: int) -> TorqueRow:
@@ -222,7 +296,7 @@ def _stress_row(label: str, run: Result, link: str, strength: float | None) -> S
     )
 
 
-def _cost_row(label: str, run: Result) -> CostRow:
+def _cost_row(label: str, run: Result, cpu: float | None) -> CostRow:
     cost: dict[str, Any] = run.meta.get("cost", {})
     seconds, steps, newton = (cost.get(key) for key in ("seconds", "steps", "newton"))
     return CostRow(
@@ -230,4 +304,5 @@ def _cost_row(label: str, run: Result) -> CostRow:
         seconds=None if seconds is None else float(seconds),
         steps=None if steps is None else int(steps),
         newton=None if newton is None else int(newton),
+        cpu=cpu,
     )

@@ -1,10 +1,11 @@
-"""The comparison as text for people: the answer in short, then the tables, then the notes."""
+"""The comparison as text for people: the answer in words, a table of levels, then all the rest."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pinflex.text import angle, length, number, paragraph, short, table
+from pinflex.results import verdict
+from pinflex.text import number, paragraph, short, table
 
 if TYPE_CHECKING:
     from pinflex.results.comparison import Comparison, PlatformRow
@@ -16,16 +17,17 @@ _LEFT_OUT = {
     "ked": "large deflection: linear vibration about the rigid motion",
     "coupled": "large strain; deflection beyond a tenth of a segment",
 }
+_NOTES = 5  # notes on one screen
 _ROUND_OFF = 1e-12  # [m | rad] of a metre-size mechanism: shown as zero
 
 
 def write(c: Comparison) -> str:
-    """Aligned plain text of at most 100 columns."""
+    """Everything, as aligned plain text of at most 100 columns."""
     blocks = [
-        f"{c.name}: rigid against flexible",
-        _in_short(c),
+        *_head(c),
         _torque_table(c),
         _platform_table(c),
+        _residual_table(c),
         _stress_table(c),
         _frequency_table(c),
         _cost_table(c),
@@ -34,40 +36,40 @@ def write(c: Comparison) -> str:
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
-def _in_short(c: Comparison) -> str:
-    """The answer in four lines, at the level that leaves out least."""
-    levels = [row.level for row in c.costs if row.level != "rigid"]
-    if not levels:
-        return ""
-    level, lines = levels[-1], []
-    off = [(r.max_difference, r) for r in c.torques if r.level == level and r.max_difference]
-    if off:
-        most, row = max(off, key=lambda pair: pair[0])
-        share = (
-            "" if row.max_percent is None else f" ({_percent(row.max_percent)} of its rigid peak)"
-        )
-        motor = short(row.motor, 20)
-        lines.append(f"motor torque  differs by up to {number(most)} {row.unit}{share}, in {motor}")
-    for place in c.platform:
-        if place.level == level:
-            turned = place.rotation if place.rotation > _ROUND_OFF else 0.0
-            away = length(place.position if place.position > _ROUND_OFF else 0.0)
-            lines.append(f"{place.frame}  differs by up to {away} and {angle(turned)}")
-    stresses = [r for r in c.stresses if r.level == level]
-    if stresses:
-        worst = max(stresses, key=lambda r: r.von_mises)
-        share = "" if worst.yield_share is None else _of_yield(worst.yield_share)
-        lines.append(
-            f"stress  up to {number(worst.von_mises / 1e6)} MPa{share}, in {short(worst.link, 20)} "
-            f"at x = {length(worst.x)}, t = {worst.time:.4g} s"
-        )
-    if c.frequencies:
-        lines.append(f"first mode  {number(c.frequencies[0])} Hz")
-    pairs = [line.split("  ", 1) for line in lines]
-    width = max((len(name) for name, _ in pairs), default=0)
-    return "\n".join(
-        [f"In short, {level} against rigid:"] + [f"  {a:<{width}}  {b}" for a, b in pairs]
+def brief(c: Comparison) -> str:
+    """One screen: the answer in words, the table of levels, the first notes."""
+    return "\n\n".join(filter(None, [*_head(c), _remarks(c, _NOTES)])) + "\n"
+
+
+def _head(c: Comparison) -> list[str]:
+    said = paragraph(f"{c.name}: {c.verdict}" if c.verdict else f"{c.name}: rigid against flexible")
+    start = "\n" + paragraph(c.start, "  ", "! ") if c.start else ""
+    return [said + start, _level_table(c)]
+
+
+def _level_table(c: Comparison) -> str:
+    far = [x.deviation for x in c.levels if x.deviation is not None]
+    millimetres = max(far, default=0.0) >= 1e-4
+    best = c.levels[-1].level if len(c.levels) > 1 else ""
+    rows = []
+    for x in c.levels:
+        away = None if x.deviation is None else (1e3 if millimetres else 1e6) * x.deviation
+        said = "the reference" if x.level == best else verdict.miss(x, c.band)
+        cells = [(x.torque_percent, 2), (away, 3), (x.stress and 1e-6 * x.stress, 3), (x.cpu, 2)]
+        rows.append([x.level, *(_brief(value, digits) for value, digits in cells), said])
+    rows += [[level, "-", "-", "-", "-", "NOT SOLVED, see below"] for level in c.unsolved]
+    unit = "mm" if millimetres else "um"
+    return table(
+        "Levels, simplest first; torque and deviation are largest differences from rigid",
+        f"level|torque [%]|deviation [{unit}]|stress [MPa]|CPU [s]|verdict",
+        rows,
+        (22,),
+        last_is_text=True,
     )
+
+
+def _brief(x: float | None, digits: int) -> str:
+    return "-" if x is None else "0" if x < 1e-12 else f"{x:.{digits}g}"
 
 
 def _torque_table(c: Comparison) -> str:
@@ -115,6 +117,19 @@ def _platform_table(c: Comparison) -> str:
     )
 
 
+def _residual_table(c: Comparison) -> str:
+    rows = [
+        [r.frame, r.level, f"{r.stop:.4g}", number(1e3 * r.amplitude)]
+        + [f"not in {r.watched:.3g}" if r.settling is None else f"{r.settling:.4f}"]
+        for r in c.residuals
+    ]
+    return table(
+        "Vibration after the stop, about the place of rest",
+        f"frame|level|stop [s]|amplitude [mm]|within {verdict.said_length(c.band)} after [s]",
+        _once(rows),
+    )
+
+
 def _stress_table(c: Comparison) -> str:
     order = list(dict.fromkeys(r.link for r in c.stresses))
     known = any(r.yield_share is not None for r in c.stresses)
@@ -141,19 +156,21 @@ def _frequency_table(c: Comparison) -> str:
 
 def _cost_table(c: Comparison) -> str:
     rows = [
-        [r.level, "-" if r.seconds is None else number(r.seconds)]
+        [r.level, *("-" if x is None else number(x) for x in (r.cpu, r.seconds))]
         + ["-" if n is None else str(n) for n in (r.steps, r.newton)]
         + [_LEFT_OUT.get(r.level, "")]
         for r in c.costs
     ]
-    rows += [[level, "-", "-", "-", "NOT SOLVED, see below"] for level in c.unsolved]
-    header = "level|time [s]|steps|Newton|what it leaves out"
+    rows += [[level, "-", "-", "-", "-", "NOT SOLVED, see below"] for level in c.unsolved]
+    header = "level|CPU [s]|wall [s]|steps|Newton|what it leaves out"
     return table("Cost of each level", header, rows, (22,), last_is_text=True)
 
 
-def _remarks(c: Comparison) -> str:
-    said = [f"{level} was not solved. {why}" for level, why in c.unsolved.items()]
-    lines = [paragraph(text, "  ", "- ") for text in (*said, *c.notes)]
+def _remarks(c: Comparison, most: int | None = None) -> str:
+    said = [f"{level} was not solved. {why}" for level, why in c.unsolved.items()] + [*c.notes]
+    if most is not None and len(said) > most:
+        said[most - 1 :] = [f"{len(said) - most + 1} more notes are in comparison.txt."]
+    lines = [paragraph(text, "  ", "- ") for text in said]
     return "\n".join(["Notes", *lines]) if lines else ""
 
 
@@ -174,7 +191,3 @@ def _percent(x: float) -> str:
 
 def _share(x: float | None) -> str:
     return "-" if x is None else f"{100 * x:.1f} %" if x < 10 else f"{100 * x:.0f} %"
-
-
-def _of_yield(share: float) -> str:
-    return f" ({_share(share)} of the yield strength)"

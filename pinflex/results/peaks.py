@@ -18,8 +18,6 @@ def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Arra
     Returns:
         Frequencies [Hz] and amplitudes in the unit of values: a sine of height a peaks at a.
     """
-    from scipy.signal import detrend
-
     keep = t >= after
     if np.count_nonzero(keep) < 16:
         raise DescriptionError(
@@ -28,7 +26,8 @@ def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Arra
         )
     grid = np.linspace(t[keep][0], t[-1], np.count_nonzero(keep))  # equal steps, as the FFT needs
     window = np.hanning(len(grid))
-    series = window * detrend(np.interp(grid, t, values))
+    even = np.interp(grid, t, values)
+    series = window * (even - np.polynomial.Polynomial.fit(grid, even, 1)(grid))
     count = _PADDING * len(grid)
     amplitude = 2 * np.abs(np.fft.rfft(series, count)) / window.sum()
     return np.fft.rfftfreq(count, grid[1] - grid[0]), np.asarray(amplitude)
@@ -36,12 +35,10 @@ def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Arra
 
 def highest(frequency: Array, amplitude: Array, count: int) -> list[tuple[float, float]]:
     """The highest peaks (Hz, amplitude), placed between bins by a parabola through three."""
-    from scipy.signal import find_peaks
-
     if not amplitude.max() > 0:
         return []
     level = np.log(np.maximum(amplitude, 1e-12 * amplitude.max()))
-    bins, _ = find_peaks(level, prominence=np.log(2), height=level.max() - np.log(100))
+    bins = maxima(level, np.log(2), level.max() - np.log(100))
     kept: list[int] = []
     for i in sorted(bins, key=lambda i: -amplitude[i]):
         # lobes of a higher peak fall like 1 / (pi d (d^2 - 1)) at d unpadded bins (Hann)
@@ -56,6 +53,28 @@ def highest(frequency: Array, amplitude: Array, count: int) -> list[tuple[float,
         height = np.exp(top - 0.25 * (left - right) * shift)
         found.append((float(frequency[i] + shift * frequency[1]), float(height)))
     return sorted(found)
+
+
+def maxima(height: Array, prominence: float = 0.0, least: float = -np.inf) -> list[int]:
+    """Local maxima of at least `least`, by `prominence` above the valley to a higher one.
+
+    Of the two valleys the higher one counts. A flat top is found at its middle, an end is none.
+    """
+    change = np.flatnonzero(np.diff(height)) + 1  # where a new value begins
+    starts, stops = np.append(0, change), np.append(change, len(height))
+    level = height[starts]
+    tops = 1 + np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] > level[2:]))
+    kept = []
+    for k in tops[level[tops] >= least]:
+        if prominence <= 0:
+            kept.append(int(starts[k] + stops[k] - 1) // 2)
+            continue
+        higher = np.flatnonzero(level > level[k])
+        left, right = higher[higher < k].max(initial=-1), higher[higher > k].min(initial=len(level))
+        valley = max(level[left + 1 : k + 1].min(), level[k:right].min())
+        if level[k] - valley >= prominence:
+            kept.append(int(starts[k] + stops[k] - 1) // 2)
+    return kept
 
 
 def modes_near(f: float, natural: Sequence[float], resolution: float) -> str:

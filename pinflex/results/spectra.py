@@ -10,6 +10,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.peaks import maxima
 from pinflex.results.replay import run_of
 from pinflex.results.result import Result
 from pinflex.results.samples import Samples
@@ -37,9 +38,7 @@ class Spectrum:
 
     def peaks(self, count: int = 3) -> tuple[tuple[float, float], ...]:
         """The highest local maxima: (frequency, amplitude), highest first."""
-        from scipy.signal import find_peaks
-
-        at, _ = find_peaks(self.amplitude)
+        at = np.array(maxima(self.amplitude), dtype=int)
         best = at[np.argsort(-self.amplitude[at])][:count]
         return tuple((float(self.frequency[k]), float(self.amplitude[k])) for k in best)
 

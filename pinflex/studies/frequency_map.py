@@ -106,7 +106,7 @@ def frequency_map(
 
 def plot_frequency_map(found: FrequencyMap) -> Figure:
     """Frequency against time along the motion, one line a mode; the lowest of the first marked."""
-    figure, axes = panels(1, 1, HEIGHT)
+    figure, axes = panels(1, 1, HEIGHT, None)
     ax = axes[0, 0]
     draw_frequencies(ax, found.t, found.frequencies, "s", "no static equilibrium")
     ax.set_xlabel("time along the motion [s]")

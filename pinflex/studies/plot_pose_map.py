@@ -67,7 +67,7 @@ def save_pose_map(found: PoseMap, path: str | Path) -> Path:
 
 
 def _curves(frequencies: Array, stiffness: dict[str, Array], x: list[Array], labels: Any) -> Figure:
-    figure, axes = panels(1 + bool(stiffness), 1, 3.2 * (1 + bool(stiffness)), sharex=True)
+    figure, axes = panels(1 + bool(stiffness), 1, 3.2 * (1 + bool(stiffness)), None, sharex=True)
     draw_frequencies(axes[0, 0], x[0], frequencies, labels[0].split("[")[1][:-1], "no answer")
     if stiffness:
         ax = axes[1, 0]
@@ -96,7 +96,7 @@ def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], label
     rows = [row for row in rows if row]
     columns = max(map(len, rows))
     height = 0.6 + len(rows) * WIDTH / columns * 0.95
-    figure, axes = panels(len(rows), columns, height, sharex=True, sharey=True)
+    figure, axes = panels(len(rows), columns, height, None, sharex=True, sharey=True)
     for row, line in zip(rows, axes, strict=True):
         for ax, (name, values) in zip(line, row.items(), strict=False):
             flat = np.ptp(values[np.isfinite(values)]) <= _FLAT * np.nanmax(np.abs(values))

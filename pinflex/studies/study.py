@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,8 +14,9 @@ from pinflex.description.supplement import SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.comparison import Comparison, comparison
+from pinflex.results.residual import BAND
 from pinflex.results.result import Result, peak
-from pinflex.solver.solve import LEVELS, Progress, solve
+from pinflex.solver.solve import LEVELS, Progress, default_motion, solve
 from pinflex.studies.check import first_frequencies
 from pinflex.text import brief
 from pinflex.viewer.curves import with_rigid_torque
@@ -55,6 +57,7 @@ class _Record:
     runs: dict[str, Result] = field(default_factory=dict)
     partial: dict[str, Result] = field(default_factory=dict)
     unsolved: dict[str, PinflexError] = field(default_factory=dict)
+    cpu: dict[str, float] = field(default_factory=dict)
 
 
 def study(
@@ -62,6 +65,8 @@ def study(
     levels: Sequence[str] = LEVELS,
     progress: Callable[[str], Progress | None] = lambda level: None,
     keep: Callable[[str, Result, bool], None] = lambda level, run, complete: None,
+    band: float = BAND,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> Study:
     """Solve a scene at several levels and compare; a level that fails does not stop the others.
 
@@ -70,6 +75,8 @@ def study(
         levels: Levels beside rigid, which is always solved first as the reference.
         progress: Makes the progress callback of a level.
         keep: Called with (level, result, whether it is complete) as soon as a level has ended.
+        band: Deviation of the platform that does no harm [m]: it has settled when it stays within.
+        tell: Called with what is done next, where that is no level.
 
     Returns:
         The study.
@@ -90,8 +97,10 @@ def study(
 
     ordered = _ordered(levels)
     for level in ordered:
+        began = time.process_time()
         try:
             run = solve(mechanism, level=level, progress=progress(level))
+            record.cpu[level] = time.process_time() - began
             run = beside(run.with_errors() if level == ordered[-1] else run)
         except np.linalg.LinAlgError as error:
             record.unsolved[level] = ConvergenceError(
@@ -108,11 +117,17 @@ def study(
             keep(level, run, True)
     if not record.runs and all(isinstance(e, DescriptionError) for e in record.unsolved.values()):
         raise next(iter(record.unsolved.values()))
-    return Study(mechanism, record.runs, record.partial, record.unsolved, _table(mechanism, record))
+    tell("frequencies")
+    return Study(mechanism, record.runs, record.partial, record.unsolved, _table(mechanism, record, band))
 
 
-def write(done: Study, folder: Path) -> list[Path]:
-    """Write table, figures and animation; returns the files. The runs are written by `keep`."""
+def write(
+    done: Study, folder: Path, tell: Callable[[str], None] = lambda text: None
+) -> list[Path]:
+    """Write table, figures and animation; returns the files. The runs are written by `keep`.
+
+    `tell` is called with what is done next.
+    """
     from pinflex.viewer.plot import save_all
     from pinflex.viewer.view import write_html
 
@@ -122,8 +137,9 @@ def write(done: Study, folder: Path) -> list[Path]:
     write_text(files[1], done.table.to_json() + "\n")
     rigid, flexible = done.runs.get("rigid"), done.flexible
     if rigid is not None:
-        files += save_all(rigid, flexible, folder, done.table.frequencies)
+        files += save_all(rigid, flexible, folder, done.table.frequencies, tell)
     if flexible:
+        tell("writing the page")
         best = list(flexible.values())[-1]
         about = done.mechanism.description
         folders: list[str | Path] = [
@@ -160,7 +176,7 @@ def _ordered(levels: Sequence[str]) -> list[str]:
     return ["rigid", *wanted]
 
 
-def _table(mechanism: Mechanism, record: _Record) -> Comparison:
+def _table(mechanism: Mechanism, record: _Record, band: float) -> Comparison:
     runs = record.runs
     flexible = {level: run for level, run in runs.items() if level != "rigid"}
     try:
@@ -176,6 +192,10 @@ def _table(mechanism: Mechanism, record: _Record) -> Comparison:
         yield_strengths=yield_strengths(mechanism),
         notes=_notes(mechanism, record, frequencies),
         unsolved={level: _reason(record, level) for level in record.unsolved},
+        stop=default_motion(mechanism).duration,
+        band=band,
+        cpu=record.cpu,
+        start=" ".join(_starting(mechanism, mechanism.description.solve, runs)),
     )
 
 
@@ -194,8 +214,7 @@ def _reason(record: _Record, level: str) -> str:
 
 
 def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) -> list[str]:
-    spec = mechanism.description.solve
-    notes = [*_starting(mechanism, spec, record.runs)]
+    notes: list[str] = []
     beyond = {
         name
         for run in record.runs.values()

@@ -7,7 +7,9 @@ state. Colours are the colour-blind-safe set of Okabe and Ito (2008).
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,8 +48,9 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
     columns = min(3, len(motors))
     bands = -(-len(motors) // columns)
     figure, axes = panels(
-        2 * bands, columns, bands * HEIGHT, height_ratios=[3, 1.4] * bands, sharex=True
-    )
+        2 * bands, columns, bands * HEIGHT, _Room(top=0.45, right=0.1, between=(0.6, 0.35)),
+        height_ratios=[3, 1.4] * bands, sharex=True,
+    )  # fmt: skip
     for i, motor in enumerate(motors):
         band, column = divmod(i, columns)
         above, below = axes[2 * band, column], axes[2 * band + 1, column]
@@ -73,41 +76,56 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         if column == 0 or unit != rigid.unit(f"torque/{motors[i - 1]}"):
             above.set_ylabel(f"{word} [{unit}]")
             below.set_ylabel(f"difference [{unit}]")
+            _aligned(above, below)
         below.set_xlabel("time [s]")
         below.tick_params(labelbottom=True)
     for spare in range(len(motors), bands * columns):
         band, column = divmod(spare, columns)
         axes[2 * band, column].remove()
         axes[2 * band + 1, column].remove()
-    figure.align_ylabels()
     _legend(figure, axes[0, 0])
     return figure
 
 
-def deviation(rigid: Result, flexible: Result, frame: str = "platform") -> Figure:
+def deviation(
+    rigid: Result, flexible: Result, frame: str = "platform", still: Result | None = None
+) -> Figure:
     """Position and rotation of a frame relative to the rigid run, in world axes.
 
     In mm and mrad, or in thousandths of them where that is all there is.
+
+    Args:
+        rigid: The reference run.
+        flexible: The run.
+        frame: Name of the frame.
+        still: A run without vibration, drawn beside it by dashes.
     """
     away = flexible.deviation_from(rigid, frame)
+    calm = None if still is None else still.deviation_from(rigid, frame)
     figure, axes = panels(2, 1, sharex=True)
-    for ax, values, names, word, units in (
-        (axes[0, 0], away.position, ("x", "y", "z"), "position", ("mm", "µm")),
-        (axes[1, 0], away.rotation, ("rx", "ry", "rz"), "rotation", ("mrad", "µrad")),
-    ):
+    for ax, values, slow, names, word, units in (
+        (axes[0, 0], away.position, calm and calm.position, "x y z", "position", ("mm", "µm")),
+        (axes[1, 0], away.rotation, calm and calm.rotation, "rx ry rz", "rotation",
+         ("mrad", "µrad")),
+    ):  # fmt: skip
         fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
-        values, label = (1e6 if fine else 1e3) * values, f"{word} [{units[fine]}]"
+        factor, label = 1e6 if fine else 1e3, f"{word} [{units[fine]}]"
+        values = factor * values
         ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
-        for i, name in enumerate(names):
+        for i, name in enumerate(names.split()):
             # a planar mechanism has components at round-off: they would only clutter
             if peak(values[:, i]) > 1e-3 * peak(values) or peak(values) == 0:
                 ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
+                if slow is not None:
+                    calmly: dict[str, Any] = {"lw": 0.8, "ls": (0, (4, 3)), "alpha": 0.7}
+                    ax.plot(away.t, factor * slow[:, i], color=COLOURS[i], **calmly)
         ax.set_ylabel(label)
         ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
         ax.margins(y=0.15)
-    title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}")
+    dashes = "" if still is None else f"; dashed: {still.level}"
+    title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}{dashes}")
     axes[1, 0].set_xlabel("time [s]")
-    figure.align_ylabels()
+    _aligned(*axes[:, 0])
     return figure
 
 
@@ -121,15 +139,20 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
         )
     views = [result.link(name) for name in names]
     top = max(peak(view.von_mises) for view in views) / 1e6 or 1.0
-    figure, axes = panels(len(views), 1, max(HEIGHT, 0.6 + 1.3 * len(views)), sharex=True)
+    from matplotlib.colors import PowerNorm
+
+    each = 1.3 if len(views) < 5 else 0.85  # [in]
+    figure, axes = panels(
+        len(views), 1, max(HEIGHT, 0.8 + each * len(views)), _Room(right=1.0, between=(0.0, 0.25)),
+        sharex=True,
+    )  # fmt: skip
     for ax, view in zip(axes[:, 0], views, strict=True):
         image = ax.pcolormesh(
             result.t,
             1e3 * view.x,
             view.von_mises.T / 1e6,
             cmap="cividis",
-            vmin=0.0,
-            vmax=top,
+            norm=PowerNorm(0.5, 0.0, top),  # links that bear little show where they bear it
             shading="gouraud",
             rasterized=True,
         )
@@ -140,7 +163,10 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
         title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
         ax.set_ylabel("x [mm]")
     axes[-1, 0].set_xlabel("time [s]")
-    bar = figure.colorbar(image, ax=list(axes[:, 0]), pad=0.02, aspect=30)
+    _aligned(*axes[:, 0])
+    low, high = axes[-1, 0].get_position(), axes[0, 0].get_position()
+    place = (high.x1 + 0.02, low.y0, 0.02, high.y1 - low.y0)
+    bar = figure.colorbar(image, cax=figure.add_axes(place))
     bar.set_label("von Mises stress [MPa]", size=9)
     bar.ax.tick_params(width=0.6, labelsize=8)
     bar.outline.set_visible(False)
@@ -174,8 +200,9 @@ def spectrum(
         label += f" minus {reference.level}"
     frequency, amplitude = amplitudes(result.t, values, after)
     found = highest(frequency, amplitude, peaks)
-    figure, axes = panels(1, 1)
+    figure, axes = panels(1, 1, room=_Room(top=0.55 if len(natural) else 0.3))
     ax = axes[0, 0]
+    _aligned(ax)
     ax.plot(frequency, amplitude, color=COLOURS[0], lw=1.0)
     for f, a in found:
         ax.plot(f, a, "o", color=COLOURS[1], ms=4)
@@ -237,30 +264,42 @@ def save_all(
     others: Mapping[str, Result],
     folder: str | Path,
     natural: Sequence[float] = (),
+    tell: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:
-    """Write every figure that the results allow as .png files; returns their paths.
+    """Write the figures that the results allow as .png files; returns their paths.
+
+    Torques of all levels; deviation, stress and spectrum of the last.
 
     Args:
         rigid: The reference run.
-        others: Runs by label.
+        others: Runs by label, the most faithful one last.
         folder: Made if it is not there.
         natural: Natural frequencies [Hz] to mark in the spectra.
+        tell: Called with what is done next.
     """
-    figures = {"torques": torques(rigid, others)} if rigid.motors else {}
-    for label, run in others.items():
+    figures: dict[str, Callable[[], Figure]] = {}
+    if rigid.motors:
+        figures["torques"] = partial(torques, rigid, others)
+    for label, run in list(others.items())[-1:]:
         if rigid.meta.get("platform"):
-            figures[f"deviation_{label}"] = deviation(rigid, run, rigid.meta["platform"])
+            still = None if label == "quasistatic" else others.get("quasistatic")
+            figures[f"deviation_{label}"] = partial(
+                deviation, rigid, run, rigid.meta["platform"], still
+            )
         if run.links:
-            figures[f"stress_{label}"] = stress_map(run)
+            figures[f"stress_{label}"] = partial(stress_map, run)
             if len(run.t) >= 16 and run.level != "quasistatic":  # which has no vibration
-                figures[f"spectrum_{label}"] = spectrum(run, _liveliest(run), natural=natural)
+                figures[f"spectrum_{label}"] = partial(
+                    spectrum, run, _liveliest(run), natural=natural
+                )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for name, figure in figures.items():
+    for number, (name, figure) in enumerate(figures.items(), 1):
+        tell(f"drawing {number} of {len(figures)}")
         paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
         with replaced(paths[-1]) as part:
-            figure.savefig(part, dpi=DPI)
+            figure().savefig(part, dpi=DPI)
     return paths
 
 
@@ -282,15 +321,41 @@ def _cycle(count: int) -> list[str]:
     return [COLOURS[i % len(COLOURS)] for i in range(count)]
 
 
-def panels(rows: int, columns: int, height: float = HEIGHT, **grid: Any) -> tuple[Figure, Any]:
-    """A figure of constrained layout and its axes (rows, columns), with open, thin frames."""
+@dataclass(frozen=True)
+class _Room:
+    """Space [in] about and between panels, set by hand: found by matplotlib it costs a drawing."""
+
+    left: float = 0.75
+    right: float = 0.15
+    top: float = 0.3
+    bottom: float = 0.5
+    between: tuple[float, float] = (0.6, 0.25)
+
+
+def panels(
+    rows: int, columns: int, height: float = HEIGHT, room: _Room | None = _Room(), **grid: Any
+) -> tuple[Figure, Any]:
+    """A figure and its axes (rows, columns), with open, thin frames.
+
+    Args:
+        rows: Rows of panels.
+        columns: Columns of panels.
+        height: Of the figure [in].
+        room: Space about the panels; None: matplotlib finds what the texts need.
+        **grid: As in `Figure.subplots`, and height_ratios.
+    """
     from matplotlib.figure import Figure
 
-    ratios = grid.pop("height_ratios", None)
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained")
-    axes = figure.subplots(
-        rows, columns, squeeze=False, gridspec_kw={"height_ratios": ratios}, **grid
-    )
+    sizes: dict[str, Any] = {"height_ratios": grid.pop("height_ratios", None)}
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout="none" if room else "constrained")
+    if room is not None:
+        wide, high = WIDTH - room.left - room.right, height - room.top - room.bottom
+        across, down = room.between
+        sizes |= {"left": room.left / WIDTH, "right": 1 - room.right / WIDTH}
+        sizes |= {"bottom": room.bottom / height, "top": 1 - room.top / height}
+        sizes["wspace"] = across * columns / max(wide - across * (columns - 1), 0.1)
+        sizes["hspace"] = down * rows / max(high - down * (rows - 1), 0.1)
+    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=sizes, **grid)
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
         ax.spines[["left", "bottom"]].set_linewidth(0.6)
@@ -301,6 +366,14 @@ def panels(rows: int, columns: int, height: float = HEIGHT, **grid: Any) -> tupl
     return figure, axes
 
 
+def _aligned(*axes: Axes) -> None:
+    """Names of the vertical axes one above the other, at the left edge of the figure."""
+    for ax in axes:
+        box, figure = ax.get_position(), ax.get_figure()
+        width = WIDTH if figure is None else float(figure.bbox_inches.width)
+        ax.yaxis.set_label_coords(-0.55 / (box.width * width), 0.5)
+
+
 def title(ax: Axes, text: str) -> None:
     """A small heading at the left."""
     ax.set_title(text, loc="left", fontsize=9)
@@ -309,4 +382,4 @@ def title(ax: Axes, text: str) -> None:
 def _legend(figure: Figure, ax: Axes) -> None:
     handles, labels = ax.get_legend_handles_labels()
     style: dict[str, Any] = {"ncols": len(labels), "frameon": False, "fontsize": 9}
-    figure.legend(handles, labels, loc="outside upper center", **style)
+    figure.legend(handles, labels, loc="upper center", **style)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import IntArray
+from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
 from pinflex.viewer.bent import FIELDS, bent, kept, largest, moving
 from pinflex.viewer.carried import Carrier
@@ -25,7 +25,11 @@ FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
-LEVELS = {"ked": "kineto-elastodynamic", "coupled": "coupled rigid-flexible"}
+LEVELS = {
+    "quasistatic": "quasistatic: no vibration",
+    "ked": "kineto-elastodynamic: linear vibration about the rigid motion",
+    "coupled": "coupled rigid-flexible",
+}
 
 
 def build_scene(
@@ -65,11 +69,16 @@ def build_scene(
         "name": str(result.meta.get("name", "result")),
         "level": LEVELS.get(result.level, result.level),
         "mode": None,
+        "remark": _remark(result),
         "t": result.t[keep],
+        "opens": _opens(result, path, stress),
         "size": size,
         "scale": automatic_scale(most, size) if scale == "auto" else float(scale),
         "largest": most,
-        "links": [kept(link, keep) for link in links.values()],
+        "links": [
+            {**kept(link, keep), "strength": _strength(result, name)}
+            for name, link in links.items()
+        ],
         "bodies": [drawn(bone, keep, size) for bone in bones],
         "track": path and _rows(path, keep),
         "forces": [_rows(arrow, keep) for arrow in carrier.forces()],
@@ -78,6 +87,30 @@ def build_scene(
         "fields": _fields(links),
         "notes": notes,
     }
+
+
+def _remark(result: Result) -> str:
+    """What a viewer should know before believing the picture, in one line; "" for nothing."""
+    if result.meta.get("status", "complete") != "complete":
+        return f"{result.meta['status']} at {result.t[-1]:.4g} s"
+    said = result.meta.get("warnings", ())
+    more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
+    return f"{said[0]}{more}" if said else ""
+
+
+def _strength(result: Result, link: str) -> float | None:
+    """Yield strength of a link [MPa], where known."""
+    known = result.meta.get("links", {}).get(link, {}).get("material", {}).get("yield_strength")
+    return None if not known else 1e-6 * float(known)
+
+
+def _opens(result: Result, path: dict[str, Any] | None, stress: dict[str, Array]) -> float:
+    """Instant [s] worth a first look: the platform furthest from rigid, or the largest stress."""
+    if path is not None and float(path["deviation"].max()) > 0.0:
+        return float(result.t[int(np.argmax(path["deviation"]))])
+    if stress:
+        return float(result.t[int(np.argmax(np.max(list(stress.values()), axis=0)))])
+    return float(result.t[0])
 
 
 def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:

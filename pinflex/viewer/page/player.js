@@ -122,6 +122,7 @@ function show(index, from = {}) {
   const span = R.t[R.t.length - 1] - R.t[0] || 1, speed = R.mode ? span / 1.6 : nice(span / 6);
   if ($("run")) $("run").value = index;
   $("sub").textContent = R.mode ? `natural frequency ${digits(R.mode.frequency, 4)} Hz` : R.level;
+  $("remark").textContent = R.remark ? "⚠ " + R.remark : "";
   $("field").replaceChildren(...R.fields.map((f) => el("option", {value: f.key}, f.label)));
   const option = [...$("speed").options];
   if (!option.some((o) => +o.value === speed)) $("speed").append(el("option", {value: speed}, R.mode ? "1 period in 1.6 s" : "×" + speed));
@@ -160,7 +161,9 @@ function show(index, from = {}) {
     fitCamera();
     viewer.camera.position.set(...from.cam.slice(0, 3)); viewer.controls.target.set(...from.cam.slice(3)); viewer.controls.update();
   } else if (!cameraMoved) fitCamera();
-  S.t = clamp(from.t ?? S.t, R.t[0], R.t[R.t.length - 1]);
+  /* a run opens where it is furthest from rigid, at rest; one that plays begins at the beginning */
+  const opening = R.mode ? S.t : from.play ? R.t[0] : R.opens;
+  S.t = clamp(from.t ?? opening ?? S.t, R.t[0], R.t[R.t.length - 1]);
   set({play: S.play && !reduced});
 }
 

@@ -108,6 +108,12 @@ function project(x, y, z) {
   viewer.scene.localToWorld(screen).project(viewer.camera);
   return [(screen.x + 1) / 2 * $("stage").clientWidth, (1 - screen.y) / 2 * $("stage").clientHeight, screen.z];
 }
+/* "rod_3, 3.1 MPa, 1 % of yield": of a limit set by hand where there is one */
+function peakText(b, v, f) {
+  const own = S.limit !== DATA.limit && S.limit > 0, strength = own ? S.limit : b.data.strength, share = 100 * Math.abs(v) / strength;
+  const of = isStress() && strength > 0 ? `, ${share < 9.5 ? +share.toPrecision(1) : Math.round(share)} % of ${own ? "limit" : "yield"}` : "";
+  return `${b.data.name}, ${minus(digits(v))} ${f.unit}${of}`;
+}
 let marks = [];
 function place() {
   if (!R || !scene) return;
@@ -121,14 +127,14 @@ function place() {
   const f = fieldOf(S.field);
   if (S.peak && S.colours && scene.top && f && !R.mode) {
     const v = scene.top.link.now[scene.top.i] * scene.factor;
-    if (Math.abs(v) > 0) want.push(["peak" + (S.limit > 0 && isStress() && Math.abs(v) > S.limit ? " over" : ""), `${minus(digits(v))} ${f.unit}`, at(scene.top.link, scene.top.i, scene.top.link.onSurface(S.field))]);
+    if (Math.abs(v) > 0) want.push(["peak" + (S.limit > 0 && isStress() && Math.abs(v) > S.limit ? " over" : ""), peakText(scene.top.link, v, f), at(scene.top.link, scene.top.i, scene.top.link.onSurface(S.field))]);
   }
   while (marks.length < want.length) { const m = el("div"); $("labels").append(m); marks.push(m); }
   marks.forEach((m, i) => {
     m.hidden = i >= want.length;
     if (m.hidden) return;
     const [kind, text, [x, y]] = want[i];
-    m.className = "mark " + kind + (x > $("stage").clientWidth - 90 ? " left" : "");
+    m.className = "mark " + kind + (x > $("stage").clientWidth - (kind === "name" ? 90 : 7 * text.length + 14) ? " left" : "");
     m.textContent = text;
     m.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
   });

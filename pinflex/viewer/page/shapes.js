@@ -221,12 +221,12 @@ function makeScene(run) {
   }
   if (run.track && maxAbs(run.track.deviation) + spread(run.track.rigid) > 1e-5 * size) {
     const over = (color) => new THREE.MeshBasicMaterial({color, fog: false, depthTest: false, transparent: true});
-    const width = clamp(0.02 * (spread(run.track.rigid) + Math.min(run.scale, 10) * maxAbs(run.track.deviation)), 0.0007 * size, 0.002 * size);
-    s.path = new Sweep(circle(width, 6), nt, over(COLOUR.path));   // a short path is drawn thin
+    const width = 0.0008 * size;                    // thin: magnified, a path winds through the robot and must not hide it
+    s.path = new Sweep(circle(width, 6), nt, over(COLOUR.path));
     s.pathRigid = new Sweep(circle(0.65 * width, 6), nt, over(COLOUR.pathRigid));
     s.dot = new THREE.Mesh(ballGeometry, over(COLOUR.path));
     [s.pathRigid.mesh, s.path.mesh, s.dot].forEach((mesh, i) => { mesh.renderOrder = 5 + i; });   // seen through the platform
-    s.dot.scale.setScalar(Math.min(0.0065 * size, 3.5 * width));
+    s.dot.scale.setScalar(0.005 * size);
     s.pathRigid.set(run.track.rigid, across(run.track.rigid));
     s.pathGroup = new THREE.Group();
     s.pathGroup.add(s.path.mesh, s.pathRigid.mesh, s.dot);

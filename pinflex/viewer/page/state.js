@@ -106,6 +106,7 @@ function buildPage() {
       el("header", {id: "head"},
         el("h1", {}, DATA.title),
         el("div", {id: "sub"}),
+        el("div", {id: "remark"}),
         DATA.runs.length > 1 ? el("select", {id: "run", "aria-label": "run",
           onchange: (e) => show(+e.target.value)}, ...DATA.runs.map((r, i) => el("option", {value: i}, runLabel(r, i)))) : null,
         el("div", {id: "readout"})),

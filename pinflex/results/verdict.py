@@ -1,0 +1,179 @@
+"""Which level suffices, and the answer of a comparison in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pinflex.results.result import Result, peak
+
+if TYPE_CHECKING:
+    from pinflex.results.comparison import Comparison, ResidualRow
+
+SHARE = 0.05  # of the largest torque, by which a level that suffices may differ from the best one
+
+
+@dataclass(frozen=True)
+class LevelRow:
+    """One level: against rigid, and against the level that leaves out least.
+
+    Attributes:
+        torque_percent: Largest difference of a torque from rigid, % of that motor's rigid peak.
+        deviation: Largest distance of the platform from rigid [m]. stress: Largest [Pa].
+        torque_off: Largest difference of a torque from the best level, share of the largest torque
+            with the same unit. platform_off: Of the platform's place from the best level [m].
+        suffices: Torques within `SHARE` and the platform within the band of the best level.
+            None where there is nothing to judge by. What cannot be said is None.
+    """
+
+    level: str
+    torque_percent: float | None
+    deviation: float | None
+    stress: float | None
+    cpu: float | None
+    torque_off: float | None
+    platform_off: float | None
+    suffices: bool | None
+
+
+def off_best(run: Result, best: Result, frame: str | None) -> tuple[float | None, float | None]:
+    """Difference of torques (share of the largest of their unit) and of the platform [m]."""
+    units = [best.unit(f"torque/{motor}") for motor in best.motors]
+    torque = None
+    for unit in dict.fromkeys(units):
+        at = [i for i, own in enumerate(units) if own == unit]
+        scale = peak(best.torque[:, at])
+        if scale > 0:
+            share = peak(run.torque[:, at] - best.torque[:, at]) / scale
+            torque = max(share, torque or 0.0)
+    if frame is None:
+        return torque, None
+    away = run.frame(frame).position - best.frame(frame).position
+    return torque, float(np.linalg.norm(away, axis=1).max())
+
+
+def level_rows(
+    c: Comparison, runs: Mapping[str, Result], frame: str | None, cpu: Mapping[str, float]
+) -> tuple[LevelRow, ...]:
+    """A row for each run, simplest level first; the last run is the best one."""
+    if not runs:
+        return ()
+    best = list(runs.values())[-1]
+    rows = []
+    for level, run in runs.items():
+        percents = [r.max_percent for r in c.torques if r.level == level]
+        known = [x for x in percents if x is not None]
+        far = [r.position for r in c.platform if r.level == level]
+        stress = [r.von_mises for r in c.stresses if r.level == level]
+        torque_off, platform_off = off_best(run, best, frame)
+        judged = torque_off is not None or platform_off is not None
+        fits = (torque_off or 0.0) <= SHARE and (platform_off or 0.0) <= c.band
+        rows.append(
+            LevelRow(
+                level,
+                max(known, default=0.0 if level == "rigid" else None),
+                max(far, default=0.0 if level == "rigid" and frame else None),
+                max(stress, default=None),
+                cpu.get(level),
+                torque_off,
+                platform_off,
+                fits if judged else None,
+            )
+        )
+    return tuple(rows)
+
+
+def simplest(rows: tuple[LevelRow, ...]) -> LevelRow | None:
+    """The first level that suffices, where there is a better one to judge it by."""
+    return next((row for row in rows[:-1] if row.suffices), None)
+
+
+def words(c: Comparison) -> str:
+    """The answer in a few sentences, at the level that leaves out least."""
+    if not c.levels or c.levels[-1].level == "rigid":
+        return ""
+    best = c.levels[-1].level
+    said = [_shakes(c, best), _torques(c, best), _stress(c, best), _suffices(c.levels, c)]
+    return " ".join(filter(None, said))
+
+
+def _shakes(c: Comparison, best: str) -> str:
+    place = next((r for r in c.platform if r.level == best), None)
+    if place is None:
+        return ""
+    text = f"The {place.frame} is off by up to {said_length(place.position)}"
+    after = next((r for r in c.residuals if r.level == best), None)
+    return f"{text}{_after(after, c.band)}."
+
+
+def _after(row: ResidualRow | None, band: float) -> str:
+    if row is None:
+        return ""
+    start = f"; after the stop it still shakes by {said_length(row.amplitude)}"
+    if row.settling is None:
+        return f"{start} and does not settle to {said_length(band)} within {row.watched:.2g} s"
+    if row.settling == 0:
+        return f"{start}, within {said_length(band)} at once"
+    return f"{start} and settles to {said_length(band)} in {row.settling:.2g} s"
+
+
+def _torques(c: Comparison, best: str) -> str:
+    off = [(r.max_difference, r) for r in c.torques if r.level == best and r.max_difference]
+    if not off:
+        return ""
+    most, row = max(off, key=lambda pair: pair[0])
+    share = "" if row.max_percent is None else f", {_percent(row.max_percent)} of the rigid peak"
+    kind = "forces" if row.unit == "N" else "torques"
+    return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({row.motor})."
+
+
+def _stress(c: Comparison, best: str) -> str:
+    stresses = [r for r in c.stresses if r.level == best]
+    if not stresses:
+        return ""
+    worst = max(stresses, key=lambda r: r.von_mises)
+    share = "" if worst.yield_share is None else f", {_percent(100 * worst.yield_share)} of yield"
+    first = next((f for f in c.frequencies if f > 0), None)
+    resonance = "" if first is None else f" First resonance: {first:.3g} Hz."
+    return f"Links bear up to {1e-6 * worst.von_mises:.3g} MPa{share} ({worst.link}).{resonance}"
+
+
+def _suffices(rows: tuple[LevelRow, ...], c: Comparison) -> str:
+    best, found = rows[-1], simplest(rows)
+    if best.suffices is None or len(rows) < 2:
+        return ""
+    if found is None:
+        return f"No simpler level than {best.level} suffices."
+    dearer = found.cpu is not None and best.cpu is not None and found.cpu > best.cpu
+    return f"The simplest level that suffices is {found.level}" + (
+        ", though it costs more here." if dearer else "."
+    )
+
+
+def miss(row: LevelRow, band: float) -> str:
+    """Why a level does not suffice, or that it does."""
+    if row.suffices is None:
+        return ""
+    if row.suffices:
+        return "suffices"
+    parts = []
+    if row.platform_off is not None and row.platform_off > band:
+        parts.append(f"platform off by {said_length(row.platform_off)}")
+    if row.torque_off is not None and row.torque_off > SHARE:
+        parts.append(f"torque off by {_percent(100 * row.torque_off)}")
+    return ", ".join(parts).replace(", torque off by", ", torque by")
+
+
+def said_length(x: float) -> str:
+    """A length [m] as one says it: two digits or more."""
+    if x < 1e-12:
+        return "0"
+    factor, unit = (1.0, "m") if x >= 1 else (1e3, "mm") if x >= 1e-4 else (1e6, "um")
+    return f"{factor * x:.2g} {unit}" if factor * x < 100 else f"{factor * x:.0f} {unit}"
+
+
+def _percent(x: float) -> str:
+    return f"{x:.2g} %" if x < 100 else f"{x:.0f} %" if x < 1e4 else f"{x:.1e} %"
