@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from pinflex.benchmarks.bench import Bench
-from pinflex.viewer.plot import COLOURS, panels, title
+from pinflex.viewer.panels import COLOURS, panels, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,6 +15,7 @@ from pinflex.studies.study import file_name, study, write
 from pinflex.text import paragraph
 from pinflex.writing import writable
 
+
 def run(args: argparse.Namespace) -> int:
     """The main job: rigid against flexible."""
     bars: list[Progress] = []

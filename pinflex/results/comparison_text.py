@@ -8,7 +8,7 @@ from pinflex.results import verdict
 from pinflex.text import number, paragraph, short, table
 
 if TYPE_CHECKING:
-    from pinflex.results.comparison import Comparison, PlatformRow
+    from pinflex.results.comparison import Comparison, PlatformRow, ResidualRow
 
 # What a person should know of a level before trusting its numbers.
 _LEFT_OUT = {
@@ -119,8 +119,7 @@ def _platform_table(c: Comparison) -> str:
 
 def _residual_table(c: Comparison) -> str:
     rows = [
-        [r.frame, r.level, f"{r.stop:.4g}", number(1e3 * r.amplitude)]
-        + [f"not in {r.watched:.3g}" if r.settling is None else f"{r.settling:.4f}"]
+        [r.frame, r.level, f"{r.stop:.4g}", number(1e3 * r.amplitude), _settled(r)]
         for r in c.residuals
     ]
     return table(
@@ -128,6 +127,10 @@ def _residual_table(c: Comparison) -> str:
         f"frame|level|stop [s]|amplitude [mm]|within {verdict.said_length(c.band)} after [s]",
         _once(rows),
     )
+
+
+def _settled(row: ResidualRow) -> str:
+    return f"not in {row.watched:.3g}" if row.settling is None else f"{row.settling:.4f}"
 
 
 def _stress_table(c: Comparison) -> str:

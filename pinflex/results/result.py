@@ -19,6 +19,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results import checked
+from pinflex.results.archive import write_arrays
 from pinflex.results.error_bars import ErrorBars, percent, time_error
 from pinflex.results.late import Late
 from pinflex.results.named import (
@@ -196,12 +197,12 @@ class Result:
         return Deviation(self.t, mine.position - theirs.position, rotation_vector(turn))
 
     def save(self, path: str | Path) -> Path:
-        """Write one compressed .npz; a file already there is replaced only by a complete one."""
+        """Write one .npz; a file already there is replaced only by a complete one."""
         path = Path(path)
         header = {"program": "pinflex", "format": FORMAT, "meta": dict(self.meta)}
         contents = {_HEADER: np.array(json.dumps(header)), "t": self.t, **self.arrays}
         with replaced(path) as part, part.open("wb") as stream:
-            np.savez_compressed(stream, **contents)  # type: ignore[arg-type]
+            write_arrays(stream, contents)
         return path
 
     @classmethod

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.results.result import Result, peak
+from pinflex.text import short
 
 if TYPE_CHECKING:
     from pinflex.results.comparison import Comparison, ResidualRow
@@ -127,7 +128,7 @@ def _torques(c: Comparison, best: str) -> str:
     most, row = max(off, key=lambda pair: pair[0])
     share = "" if row.max_percent is None else f", {_percent(row.max_percent)} of the rigid peak"
     kind = "forces" if row.unit == "N" else "torques"
-    return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({row.motor})."
+    return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({short(row.motor, 20)})."
 
 
 def _stress(c: Comparison, best: str) -> str:
@@ -138,7 +139,7 @@ def _stress(c: Comparison, best: str) -> str:
     share = "" if worst.yield_share is None else f", {_percent(100 * worst.yield_share)} of yield"
     first = next((f for f in c.frequencies if f > 0), None)
     resonance = "" if first is None else f" First resonance: {first:.3g} Hz."
-    return f"Links bear up to {1e-6 * worst.von_mises:.3g} MPa{share} ({worst.link}).{resonance}"
+    return f"Links bear up to {1e-6 * worst.von_mises:.3g} MPa{share} ({short(worst.link, 20)}).{resonance}"
 
 
 def _suffices(rows: tuple[LevelRow, ...], c: Comparison) -> str:
@@ -161,10 +162,10 @@ def miss(row: LevelRow, band: float) -> str:
         return "suffices"
     parts = []
     if row.platform_off is not None and row.platform_off > band:
-        parts.append(f"platform off by {said_length(row.platform_off)}")
+        parts.append(said_length(row.platform_off))
     if row.torque_off is not None and row.torque_off > SHARE:
-        parts.append(f"torque off by {_percent(100 * row.torque_off)}")
-    return ", ".join(parts).replace(", torque off by", ", torque by")
+        parts.append(f"torque {_percent(100 * row.torque_off)}")
+    return f"misses {', '.join(parts)}"
 
 
 def said_length(x: float) -> str:

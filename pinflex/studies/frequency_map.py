@@ -19,7 +19,7 @@ from pinflex.solver.solve import default_motion
 from pinflex.studies.check import is_loaded
 from pinflex.studies.tracking import matched
 from pinflex.text import brief
-from pinflex.viewer.plot import COLOURS, DPI, HEIGHT, panels, title
+from pinflex.viewer.panels import COLOURS, DPI, HEIGHT, panels, title
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from pinflex.errors import DescriptionError
 from pinflex.studies.frequency_map import check_figure, draw_frequencies
 from pinflex.studies.pose_map import PoseMap
 from pinflex.studies.stiffness import free, free_stiffness
-from pinflex.viewer.plot import COLOURS, DPI, WIDTH, panels, title
+from pinflex.viewer.panels import COLOURS, DPI, WIDTH, panels, title
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:

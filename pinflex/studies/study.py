@@ -118,12 +118,12 @@ def study(
     if not record.runs and all(isinstance(e, DescriptionError) for e in record.unsolved.values()):
         raise next(iter(record.unsolved.values()))
     tell("frequencies")
-    return Study(mechanism, record.runs, record.partial, record.unsolved, _table(mechanism, record, band))
+    return Study(
+        mechanism, record.runs, record.partial, record.unsolved, _table(mechanism, record, band)
+    )
 
 
-def write(
-    done: Study, folder: Path, tell: Callable[[str], None] = lambda text: None
-) -> list[Path]:
+def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: None) -> list[Path]:
     """Write table, figures and animation; returns the files. The runs are written by `keep`.
 
     `tell` is called with what is done next.

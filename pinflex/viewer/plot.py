@@ -1,14 +1,13 @@
 """Figures of results: torques, platform deviation, stress along the links, spectra.
 
 Every function returns a matplotlib Figure made with the object interface: no window, no global
-state. Colours are the colour-blind-safe set of Okabe and Ito (2008).
+state.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.peaks import amplitudes, highest, modes_near
 from pinflex.results.result import Result, peak, same_grid
+from pinflex.viewer.panels import COLOURS, DPI, HEIGHT, Room, aligned, panels, title
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RIGID = "#000000"
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-WIDTH, HEIGHT, DPI = 7.0, 4.5, 150  # [in], [in], [dots/in]
 _COMPONENTS = {  # of a section, in the beam frame
     "u": "stretch",
     "v": "deflection",
@@ -48,7 +46,7 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
     columns = min(3, len(motors))
     bands = -(-len(motors) // columns)
     figure, axes = panels(
-        2 * bands, columns, bands * HEIGHT, _Room(top=0.45, right=0.1, between=(0.6, 0.35)),
+        2 * bands, columns, bands * HEIGHT, Room(top=0.45, right=0.1, between=(0.6, 0.35)),
         height_ratios=[3, 1.4] * bands, sharex=True,
     )  # fmt: skip
     for i, motor in enumerate(motors):
@@ -76,7 +74,7 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         if column == 0 or unit != rigid.unit(f"torque/{motors[i - 1]}"):
             above.set_ylabel(f"{word} [{unit}]")
             below.set_ylabel(f"difference [{unit}]")
-            _aligned(above, below)
+            aligned(above, below)
         below.set_xlabel("time [s]")
         below.tick_params(labelbottom=True)
     for spare in range(len(motors), bands * columns):
@@ -101,13 +99,12 @@ def deviation(
         still: A run without vibration, drawn beside it by dashes.
     """
     away = flexible.deviation_from(rigid, frame)
-    calm = None if still is None else still.deviation_from(rigid, frame)
+    calm = away if still is None else still.deviation_from(rigid, frame)
     figure, axes = panels(2, 1, sharex=True)
     for ax, values, slow, names, word, units in (
-        (axes[0, 0], away.position, calm and calm.position, "x y z", "position", ("mm", "µm")),
-        (axes[1, 0], away.rotation, calm and calm.rotation, "rx ry rz", "rotation",
-         ("mrad", "µrad")),
-    ):  # fmt: skip
+        (axes[0, 0], away.position, calm.position, "x y z", "position", ("mm", "µm")),
+        (axes[1, 0], away.rotation, calm.rotation, "rx ry rz", "rotation", ("mrad", "µrad")),
+    ):
         fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
         factor, label = 1e6 if fine else 1e3, f"{word} [{units[fine]}]"
         values = factor * values
@@ -116,7 +113,7 @@ def deviation(
             # a planar mechanism has components at round-off: they would only clutter
             if peak(values[:, i]) > 1e-3 * peak(values) or peak(values) == 0:
                 ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
-                if slow is not None:
+                if still is not None:
                     calmly: dict[str, Any] = {"lw": 0.8, "ls": (0, (4, 3)), "alpha": 0.7}
                     ax.plot(away.t, factor * slow[:, i], color=COLOURS[i], **calmly)
         ax.set_ylabel(label)
@@ -125,7 +122,7 @@ def deviation(
     dashes = "" if still is None else f"; dashed: {still.level}"
     title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}{dashes}")
     axes[1, 0].set_xlabel("time [s]")
-    _aligned(*axes[:, 0])
+    aligned(*axes[:, 0])
     return figure
 
 
@@ -143,7 +140,7 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
 
     each = 1.3 if len(views) < 5 else 0.85  # [in]
     figure, axes = panels(
-        len(views), 1, max(HEIGHT, 0.8 + each * len(views)), _Room(right=1.0, between=(0.0, 0.25)),
+        len(views), 1, max(HEIGHT, 0.8 + each * len(views)), Room(right=1.0, between=(0.0, 0.25)),
         sharex=True,
     )  # fmt: skip
     for ax, view in zip(axes[:, 0], views, strict=True):
@@ -163,7 +160,7 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
         title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
         ax.set_ylabel("x [mm]")
     axes[-1, 0].set_xlabel("time [s]")
-    _aligned(*axes[:, 0])
+    aligned(*axes[:, 0])
     low, high = axes[-1, 0].get_position(), axes[0, 0].get_position()
     place = (high.x1 + 0.02, low.y0, 0.02, high.y1 - low.y0)
     bar = figure.colorbar(image, cax=figure.add_axes(place))
@@ -200,9 +197,9 @@ def spectrum(
         label += f" minus {reference.level}"
     frequency, amplitude = amplitudes(result.t, values, after)
     found = highest(frequency, amplitude, peaks)
-    figure, axes = panels(1, 1, room=_Room(top=0.55 if len(natural) else 0.3))
+    figure, axes = panels(1, 1, room=Room(top=0.55 if len(natural) else 0.3))
     ax = axes[0, 0]
-    _aligned(ax)
+    aligned(ax)
     ax.plot(frequency, amplitude, color=COLOURS[0], lw=1.0)
     for f, a in found:
         ax.plot(f, a, "o", color=COLOURS[1], ms=4)
@@ -319,64 +316,6 @@ def _torque_word(result: Result, motor: str) -> str:
 
 def _cycle(count: int) -> list[str]:
     return [COLOURS[i % len(COLOURS)] for i in range(count)]
-
-
-@dataclass(frozen=True)
-class _Room:
-    """Space [in] about and between panels, set by hand: found by matplotlib it costs a drawing."""
-
-    left: float = 0.75
-    right: float = 0.15
-    top: float = 0.3
-    bottom: float = 0.5
-    between: tuple[float, float] = (0.6, 0.25)
-
-
-def panels(
-    rows: int, columns: int, height: float = HEIGHT, room: _Room | None = _Room(), **grid: Any
-) -> tuple[Figure, Any]:
-    """A figure and its axes (rows, columns), with open, thin frames.
-
-    Args:
-        rows: Rows of panels.
-        columns: Columns of panels.
-        height: Of the figure [in].
-        room: Space about the panels; None: matplotlib finds what the texts need.
-        **grid: As in `Figure.subplots`, and height_ratios.
-    """
-    from matplotlib.figure import Figure
-
-    sizes: dict[str, Any] = {"height_ratios": grid.pop("height_ratios", None)}
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout="none" if room else "constrained")
-    if room is not None:
-        wide, high = WIDTH - room.left - room.right, height - room.top - room.bottom
-        across, down = room.between
-        sizes |= {"left": room.left / WIDTH, "right": 1 - room.right / WIDTH}
-        sizes |= {"bottom": room.bottom / height, "top": 1 - room.top / height}
-        sizes["wspace"] = across * columns / max(wide - across * (columns - 1), 0.1)
-        sizes["hspace"] = down * rows / max(high - down * (rows - 1), 0.1)
-    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=sizes, **grid)
-    for ax in axes.flat:
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.spines[["left", "bottom"]].set_linewidth(0.6)
-        ax.tick_params(width=0.6, labelsize=8)
-        ax.xaxis.label.set_size(9)
-        ax.yaxis.label.set_size(9)
-        ax.margins(x=0.01)
-    return figure, axes
-
-
-def _aligned(*axes: Axes) -> None:
-    """Names of the vertical axes one above the other, at the left edge of the figure."""
-    for ax in axes:
-        box, figure = ax.get_position(), ax.get_figure()
-        width = WIDTH if figure is None else float(figure.bbox_inches.width)
-        ax.yaxis.set_label_coords(-0.55 / (box.width * width), 0.5)
-
-
-def title(ax: Axes, text: str) -> None:
-    """A small heading at the left."""
-    ax.set_title(text, loc="left", fontsize=9)
 
 
 def _legend(figure: Figure, ax: Axes) -> None:

@@ -205,7 +205,7 @@ def test_a_failed_save_keeps_the_old_file(flexible, tmp_path, monkeypatch):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "savez_compressed", full)
+    monkeypatch.setattr("pinflex.results.result.write_arrays", full)
     with pytest.raises(DescriptionError, match=r"cannot be written \(No space left"):
         flexible.save(path)
     assert path.read_bytes() == before

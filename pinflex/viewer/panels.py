@@ -1,0 +1,72 @@
+"""Figures of panels in one style: open, thin frames, set by hand or by matplotlib.
+
+Colours are the colour-blind-safe set of Okabe and Ito (2008).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+WIDTH, HEIGHT, DPI = 7.0, 4.5, 150  # [in], [in], [dots/in]
+
+
+@dataclass(frozen=True)
+class Room:
+    """Space [in] about and between panels, set by hand: found by matplotlib it costs a drawing."""
+
+    left: float = 0.75
+    right: float = 0.15
+    top: float = 0.3
+    bottom: float = 0.5
+    between: tuple[float, float] = (0.6, 0.25)
+
+
+def panels(
+    rows: int, columns: int, height: float = HEIGHT, room: Room | None = Room(), **grid: Any
+) -> tuple[Figure, Any]:
+    """A figure and its axes (rows, columns), with open, thin frames.
+
+    Args:
+        rows: Rows of panels.
+        columns: Columns of panels.
+        height: Of the figure [in].
+        room: Space about the panels; None: matplotlib finds what the texts need.
+        **grid: As in `Figure.subplots`, and height_ratios.
+    """
+    from matplotlib.figure import Figure
+
+    sizes: dict[str, Any] = {"height_ratios": grid.pop("height_ratios", None)}
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout=None if room else "constrained")
+    if room is not None:
+        wide, high = WIDTH - room.left - room.right, height - room.top - room.bottom
+        across, down = room.between
+        sizes |= {"left": room.left / WIDTH, "right": 1 - room.right / WIDTH}
+        sizes |= {"bottom": room.bottom / height, "top": 1 - room.top / height}
+        sizes["wspace"] = across * columns / max(wide - across * (columns - 1), 0.1)
+        sizes["hspace"] = down * rows / max(high - down * (rows - 1), 0.1)
+    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=sizes, **grid)
+    for ax in axes.flat:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.spines[["left", "bottom"]].set_linewidth(0.6)
+        ax.tick_params(width=0.6, labelsize=8)
+        ax.xaxis.label.set_size(9)
+        ax.yaxis.label.set_size(9)
+        ax.margins(x=0.01)
+    return figure, axes
+
+
+def aligned(*axes: Axes) -> None:
+    """Names of the vertical axes one above the other, at the left edge of the figure."""
+    for ax in axes:
+        ax.yaxis.set_label_coords(-0.55 / (ax.get_position().width * WIDTH), 0.5)
+
+
+def title(ax: Axes, text: str) -> None:
+    """A small heading at the left."""
+    ax.set_title(text, loc="left", fontsize=9)
