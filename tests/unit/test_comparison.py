@@ -78,9 +78,76 @@ def test_the_json_has_stable_keys_and_si_units(rigid, flexible):
     assert list(data) == [
         *("name", "torques", "platform", "stresses", "frequencies", "costs"),
         *("frequency_note", "notes", "unsolved"),
+        *("residuals", "band", "levels", "verdict", "start"),
     ]
     assert data["stresses"][0]["von_mises"] > 1e6  # Pa
     assert 1e-4 < data["platform"][0]["position"] < 1e-3  # m
+
+
+def stopped(run: Result, away: float) -> Result:
+    """The run, but the platform moves for 0.1 s and then, if flexible, circles at `away` [m]."""
+    t, position = run.t, np.zeros((len(run.t), 3))
+    position[:, 0] = 0.1 * np.clip(t / 0.1, 0, 1)
+    swing = away * np.exp(-10 * (t - 0.1)) * (t >= 0.1)
+    position[:, :2] += swing[:, None] * np.stack([np.cos(400 * t), np.sin(400 * t)], axis=1)
+    arrays = {**run.arrays, "frame/platform/position": position}
+    return replace(run, arrays=arrays)
+
+
+def test_the_verdict_says_in_words_what_the_numbers_are(rigid, flexible):
+    table = comparison(
+        stopped(rigid, 0.0),
+        {"coupled": stopped(flexible, 4e-4)},
+        [36.2],
+        yield_strengths={"distal_1": 1e9},
+        stop=0.1,
+        band=2e-4,
+    )
+    (row,) = table.residuals
+    assert row.amplitude == pytest.approx(4e-4, rel=0.02)  # rest is found from six periods
+    assert row.settling == pytest.approx(np.log(2) / 10, abs=2e-3)
+    words = " ".join(table.brief().split())
+    off = max(r.max_difference for r in table.torques)
+    for said in (
+        "The platform is off by up to 0.4 mm",
+        "after the stop it still shakes by 0.4 mm and settles to 0.2 mm in 0.0",
+        f"Motor torques differ from rigid by up to {off:.3g} N m",
+        "First resonance: 36.2 Hz",
+        "No simpler level than coupled suffices",
+    ):
+        assert said in words
+
+
+def test_after_a_stop_that_never_comes_nothing_is_said_of_settling(rigid, flexible):
+    moving = comparison(rigid, {"coupled": flexible}, stop=0.05)  # the move takes 0.1 s
+    assert moving.residuals == ()
+    assert "after the stop" not in moving.verdict
+    short = comparison(stopped(rigid, 0), {"coupled": stopped(flexible, 1e-3)}, [60.0], stop=0.1)
+    assert "does not settle to 50 um within 0.1 s" in short.verdict
+
+
+def test_the_simplest_level_that_suffices_is_named_and_the_others_say_what_they_miss(
+    rigid, flexible
+):
+    half = replace(flexible, arrays={**flexible.arrays, "torque": 0.9 * flexible.torque})
+    table = comparison(rigid, {"quasistatic": half, "ked": flexible, "coupled": flexible})
+    assert [row.suffices for row in table.levels] == [False, False, True, True]
+    assert table.levels[1].torque_off == pytest.approx(0.1)
+    assert "misses torque 10 %" in table.brief()
+    assert "The simplest level that suffices is ked." in table.verdict
+
+
+def test_one_screen_holds_the_answer_however_much_there_is_to_note(rigid, flexible):
+    notes = [f"note {i}: " + 30 * "word " for i in range(20)]
+    unsolved = {"quasistatic": "no equilibrium. " + 30 * "word ", "ked": 30 * "word "}
+    table = comparison(
+        rigid, {"coupled": flexible}, [36.2], notes=notes, unsolved=unsolved, start=20 * "word "
+    )
+    lines = table.brief().splitlines()
+    assert len(lines) < 36  # and four for the names of the files
+    assert "18 more notes are in comparison.txt." in table.brief()
+    assert lines.index(next(x for x in lines if x.startswith("! "))) < 6  # under the verdict
+    assert "note 19" in table.text()
 
 
 def test_runs_of_different_models_are_not_compared(rigid, flexible):

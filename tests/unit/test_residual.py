@@ -1,0 +1,49 @@
+"""Vibration after a stop: read off decaying sines whose amplitude and settling time are known."""
+
+import numpy as np
+import pytest
+
+from pinflex.results.residual import residual
+
+RATE, OMEGA, HEIGHT, STOP = 8.0, 2 * np.pi * 40.0, 200e-6, 0.3  # [1/s], [rad/s], [m], [s]
+PLACE = np.array([30e-6, 0.0, -80e-6])  # [m] off rigid at rest
+T = np.linspace(0.0, 0.9, 3601)  # [s] a hundred instants a period
+
+
+def ringing(t=T):
+    """A circle that decays, so that the distance from rest has no ripple; before the stop a bump."""
+    after = HEIGHT * np.exp(-RATE * (t - STOP)) * (t >= STOP)
+    before = 5e-3 * np.sin(np.pi * t / STOP) * (t < STOP)
+    circle = np.stack([np.cos(OMEGA * t), np.sin(OMEGA * t), 0 * t], axis=1)
+    return PLACE + (before + after)[:, None] * circle
+
+
+@pytest.mark.parametrize("band", [20e-6, 50e-6, 150e-6])
+def test_a_decaying_vibration_settles_when_its_envelope_enters_the_band(band):
+    found = residual(T, ringing(), STOP, band, PLACE)
+    assert found.amplitude == pytest.approx(HEIGHT)
+    # linear between instants 0.25 ms apart: second order in RATE * 0.25 ms
+    assert found.settling == pytest.approx(np.log(HEIGHT / band) / RATE, abs=1e-6)
+
+
+def test_where_it_comes_to_rest_is_found_without_being_told():
+    found = residual(T, ringing(), STOP, 50e-6)
+    # 24 periods: a Hann window leaves 1e-4 of the vibration in the mean
+    assert found.amplitude == pytest.approx(HEIGHT, rel=1e-3)
+    assert found.settling == pytest.approx(np.log(4) / RATE, abs=1e-3)
+
+
+def test_one_that_never_leaves_the_band_has_settled_at_once():
+    assert residual(T, ringing(), STOP, 250e-6, PLACE).settling == 0.0
+
+
+def test_one_that_may_leave_the_band_again_has_not_settled():
+    line = PLACE + np.array([1.0, 0, 0]) * (HEIGHT * np.cos(OMEGA * (T - STOP)))[:, None]
+    end = T <= STOP + 0.1 + np.pi / OMEGA / 2  # ends a quarter of a period after a peak, at zero
+    found = residual(T[end], line[end], STOP, 50e-6, PLACE, period=2 * np.pi / OMEGA)
+    assert found.settling is None
+    assert residual(T[end], line[end], STOP, 50e-6, PLACE).settling is not None  # seen too late
+
+
+def test_what_happens_before_the_stop_does_not_count():
+    assert residual(T, ringing(), STOP, 1e-6, PLACE).amplitude < 1.001 * HEIGHT
