@@ -11,7 +11,7 @@ T = np.linspace(0.0, 0.9, 3601)  # [s] a hundred instants a period
 
 
 def ringing(t=T):
-    """A circle that decays, so that the distance from rest has no ripple; before the stop a bump."""
+    """A decaying circle: its distance from rest has no ripple. Before the stop, a bump."""
     after = HEIGHT * np.exp(-RATE * (t - STOP)) * (t >= STOP)
     before = 5e-3 * np.sin(np.pi * t / STOP) * (t < STOP)
     circle = np.stack([np.cos(OMEGA * t), np.sin(OMEGA * t), 0 * t], axis=1)
@@ -39,7 +39,7 @@ def test_one_that_never_leaves_the_band_has_settled_at_once():
 
 def test_one_that_may_leave_the_band_again_has_not_settled():
     line = PLACE + np.array([1.0, 0, 0]) * (HEIGHT * np.cos(OMEGA * (T - STOP)))[:, None]
-    end = T <= STOP + 0.1 + np.pi / OMEGA / 2  # ends a quarter of a period after a peak, at zero
+    end = STOP + 0.1 + np.pi / OMEGA / 2 >= T  # ends a quarter of a period after a peak, at zero
     found = residual(T[end], line[end], STOP, 50e-6, PLACE, period=2 * np.pi / OMEGA)
     assert found.settling is None
     assert residual(T[end], line[end], STOP, 50e-6, PLACE).settling is not None  # seen too late
