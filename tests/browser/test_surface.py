@@ -51,7 +51,7 @@ def test_the_worst_instant_is_marked_where_the_surface_has_it(
     assert browser.run("return pinflex.state.t") == pytest.approx(instant(solid, "worst"))
     assert instant(solid, "worst") == solid.t[stress.max(axis=1).argmax()]
     marker = browser.run("return document.querySelector('.mark.peak').innerText")
-    assert float(marker.split()[0]) == pytest.approx(1e-6 * stress.max(), rel=0.01)
+    assert float(marker.split()[1]) == pytest.approx(1e-6 * stress.max(), rel=0.01)
 
 
 def test_hover_tells_the_stress_of_the_point_of_the_surface(

@@ -154,7 +154,45 @@ def test_worst_instant_is_where_the_result_has_it(
     k = int(stress.max(axis=0).argmax())
     assert browser.run("return pinflex.state.t") == pytest.approx(run.t[k], abs=1e-7)
     marker = browser.run("return document.querySelector('.mark.peak').innerText")
-    assert float(marker.split()[0]) == pytest.approx(1e-6 * stress.max(), rel=0.01)
+    link = list(run.links)[int(stress[:, k].argmax())]
+    name, value, unit = marker.split()  # no strength is known of these links
+    assert (name, unit) == (f"{link},", "MPa")
+    assert float(value) == pytest.approx(1e-6 * stress.max(), rel=0.01)
+
+
+def test_a_page_opens_where_the_platform_is_furthest_from_rigid_bent_coloured_and_at_rest(
+    browser: Browser, page: Path, run: Result
+) -> None:
+    browser.open(page)
+    away = run.deviation_from(synthetic_result("rigid", samples=121))
+    worst = run.t[int(away.norm.argmax())]
+    assert worst > 0
+    state = browser.run("return pinflex.state")
+    assert state["t"] == pytest.approx(worst, abs=1e-7)
+    assert (state["play"], state["colours"]) == (False, True)
+    assert state["mag"] > 1
+    browser.open(page, "t=0")  # an address says where else
+    assert browser.run("return pinflex.state.t") == 0
+
+
+def test_the_peak_says_which_link_and_which_share_of_its_strength(
+    browser: Browser, run: Result, tmp_path: Path
+) -> None:
+    links = {
+        name: {**about, "material": {**about["material"], "yield_strength": 4e8}}
+        for name, about in run.meta["links"].items()
+    }
+    warned = {"links": links, "warnings": ["distal_1: deflection is 20 % of the length."]}
+    browser.open(write_html(Result(run.t, run.arrays, {**run.meta, **warned}), tmp_path / "y.html"))
+    browser.run("pinflex.worst()")
+    stress = max(run.link(name).von_mises.max() for name in run.links)
+    marker = browser.run("return document.querySelector('.mark.peak').innerText")
+    assert marker.endswith(f", {100 * stress / 4e8:.0f} % of yield")
+    browser.run("pinflex.set({limit: 1e-6 * arguments[0]})", 2 * stress)
+    marker = browser.run("return document.querySelector('.mark.peak').innerText")
+    assert marker.endswith(", 50 % of limit")
+    said = browser.run("return document.getElementById('remark').innerText")
+    assert said == "⚠ distal_1: deflection is 20 % of the length."
 
 
 def test_the_address_reproduces_the_picture(browser: Browser, page: Path) -> None:

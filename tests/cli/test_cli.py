@@ -283,17 +283,36 @@ def test_a_user_with_only_the_file_of_a_run_and_pinflex_gets_the_same_page(compa
 # compare ---------------------------------------------------------------------------------------
 
 
-def test_compare_prints_the_table_and_names_every_file_it_wrote(compared):
+def test_compare_prints_one_screen_and_names_every_file_it_wrote(compared):
     folder, text = compared
     files = sorted(path.name for path in folder.iterdir() if path.name != "fourbar-coupled.html")
     assert {"comparison.txt", "comparison.json", "torques.png", "animation.html"} <= {*files}
     assert {f"fourbar-{level}.npz" for level in ("rigid", "ked", "coupled")} <= {*files}
-    listed = text.split(f"wrote {folder}/\n")[1].splitlines()
-    assert sorted(line.split()[0] for line in listed) == files
-    assert text.startswith((folder / "comparison.txt").read_text(encoding="utf-8"))
-    for words in ("In short, coupled", "Motor torque [N m]", "coupler_tip", "von Mises", "Cost"):
-        assert words in text
-    assert max(map(len, text.splitlines())) <= 110  # the path of the test folder is long
+    listed = text.split(f"In {folder}/:")[1].split("\ncomparison.txt has")[0]
+    assert sorted(listed.replace("\n", " ").replace(" ", "").split(",")) == files
+    assert f"Watch it in a browser: {(folder / 'animation.html').as_uri()}\n" in text
+    whole = (folder / "comparison.txt").read_text(encoding="utf-8")
+    for words in ("fourbar: The coupler_tip is off by", "the reference", "First resonance"):
+        assert words in " ".join(text.split())
+        assert words in " ".join(whole.split())
+    for words in ("Motor torque [N m]", "coupler_tip", "von Mises", "Cost"):
+        assert words in whole
+    assert len(text.splitlines()) < 40
+    assert max(map(len, text.splitlines())) <= 130  # the path of the test folder is long
+
+
+def test_verbose_prints_the_long_tables_too_and_the_band_decides_what_suffices(
+    capsys, fourbar, tmp_path
+):
+    options = ("-o", tmp_path, "--levels", "ked,coupled", "--set", "solve.samples=11")
+    wide = call(capsys, "compare", fourbar, *options, "--band", "1.0", "-v").out
+    assert wide.startswith((tmp_path / "comparison.txt").read_text(encoding="utf-8"))
+    narrow = numbers(call(capsys, "compare", fourbar, *options, "--band", "1e-15", "--json").out)
+    assert narrow["band"] == 1e-15
+    assert [row["suffices"] for row in narrow["levels"]] == [False, False, True]
+    refused = call(capsys, "compare", fourbar, "--band", "0")
+    assert refused.code == 2
+    assert "--band" in refused.err
 
 
 def test_the_table_agrees_with_the_runs(compared):
@@ -398,6 +417,19 @@ def test_progress_is_drawn_for_a_terminal_and_wiped_at_the_end(capsys):
     assert " 25 % " in drawn
     bar.close()
     assert capsys.readouterr().err == "\r\x1b[K"
+
+
+def test_every_stage_of_a_comparison_is_named(capsys, monkeypatch, fourbar, tmp_path):
+    monkeypatch.setattr("pinflex.cli.console.sys.stderr.isatty", lambda: True)
+    said = call(capsys, "compare", fourbar, "-o", tmp_path, "--levels", "coupled").err
+    stages = [text.split(" ...")[0] for text in said.split("\r") if " ..." in text]
+    assert stages[0].startswith("loading")
+    assert stages[1:] == [
+        *("rigid", "saving rigid", "coupled", "saving coupled", "frequencies"),
+        *(f"drawing {k} of 4" for k in (1, 2, 3, 4)),
+        "writing the page",
+    ]
+    assert said.endswith("\r\x1b[K")
 
 
 def test_no_progress_goes_into_a_pipe(capsys):
