@@ -293,10 +293,10 @@ def _command(
 
 
 _EPILOG = """\
-A MODEL is a YAML file, its folder, or the name of a shipped model: 3rrr, 3rrs, ur5, cantilever, ...
+A MODEL is a YAML file, its folder, or the name of a shipped model: delta, 3rrr, 3rrs, ur5, ...
 
 examples:
-  pinflex compare 3rrs                 torques, deviation, stress, animation in ./3rrs-compare
+  pinflex compare delta                what shakes, torques, stress, animation in ./delta-compare
   pinflex check 3rrr                   what was understood of the model
   pinflex modes ur5 --count 6          natural frequencies
   pinflex advise race_r1 --tol 0.02    what the scene needs for that

@@ -112,6 +112,7 @@ class Comparison:
         residuals: Empty unless the platform rests from some instant on.
         band: Deviation that does no harm [m]. levels: Each against rigid and against the best.
         verdict: The answer in a few sentences. start: What to know of the start, "" for nothing.
+        falls: Last instant with an equilibrium, where there is none to the end [s].
         unsolved: Why a level is missing, by level.
     """
 
@@ -131,6 +132,7 @@ class Comparison:
     levels: tuple[verdict.LevelRow, ...] = ()
     verdict: str = ""
     start: str = ""
+    falls: float | None = None
 
     def to_json(self) -> str:
         """The same numbers as JSON with stable keys; absent numbers are null."""
@@ -161,6 +163,7 @@ def comparison(
     band: float = BAND,
     cpu: Mapping[str, float] | None = None,
     start: str = "",
+    falls: float | None = None,
 ) -> Comparison:
     """Compare runs of one scene with its rigid run, instant by instant.
 
@@ -177,6 +180,7 @@ def comparison(
         band: Deviation of the platform that does no harm [m].
         cpu: CPU time of each level [s], where known.
         start: What to know of the start.
+        falls: Last instant with an equilibrium, where there is none to the end [s].
     """
     torques: list[TorqueRow] = []
     for label, run in others.items():
@@ -216,6 +220,7 @@ def comparison(
         else _residual_rows(rigid, others, frame, stop, band, listed),
         band=band,
         start=start,
+        falls=falls,
     )
     table = replace(table, levels=verdict.level_rows(table, every, frame, times))
     return replace(table, verdict=verdict.words(table))

@@ -58,6 +58,8 @@ def _level_table(c: Comparison) -> str:
         cells = [(x.torque_percent, 2), (away, 3), (x.stress and 1e-6 * x.stress, 3), (x.cpu, 2)]
         rows.append([x.level, *(_brief(value, digits) for value, digits in cells), said])
     rows += [[level, "-", "-", "-", "-", "NOT SOLVED, see below"] for level in c.unsolved]
+    order = [*_LEFT_OUT]
+    rows.sort(key=lambda row: order.index(row[0]) if row[0] in order else len(order))
     unit = "mm" if millimetres else "um"
     return table(
         "Levels, simplest first; torque and deviation are largest differences from rigid",
@@ -69,7 +71,9 @@ def _level_table(c: Comparison) -> str:
 
 
 def _brief(x: float | None, digits: int) -> str:
-    return "-" if x is None else "0" if x < 1e-12 else f"{x:.{digits}g}"
+    if x is None or x < 1e-12:
+        return "-" if x is None else "0"
+    return f"{x:.0f}" if 100 <= x < 1e4 else f"{x:.{digits}g}"
 
 
 def _torque_table(c: Comparison) -> str:

@@ -12,7 +12,7 @@ from pinflex.results.result import Result, peak
 from pinflex.text import short
 
 if TYPE_CHECKING:
-    from pinflex.results.comparison import Comparison, ResidualRow
+    from pinflex.results.comparison import Comparison, ResidualRow, TorqueRow
 
 SHARE = 0.05  # of the largest torque, by which a level that suffices may differ from the best one
 
@@ -22,7 +22,7 @@ class LevelRow:
     """One level: against rigid, and against the level that leaves out least.
 
     Attributes:
-        torque_percent: Largest difference of a torque from rigid, % of that motor's rigid peak.
+        torque_percent: Of the torque that is furthest from rigid, % of that motor's rigid peak.
         deviation: Largest distance of the platform from rigid [m]. stress: Largest [Pa].
         torque_off: Largest difference of a torque from the best level, share of the largest torque
             with the same unit. platform_off: Of the platform's place from the best level [m].
@@ -65,8 +65,7 @@ def level_rows(
     best = list(runs.values())[-1]
     rows = []
     for level, run in runs.items():
-        percents = [r.max_percent for r in c.torques if r.level == level]
-        known = [x for x in percents if x is not None]
+        off = furthest(c, level)
         far = [r.position for r in c.platform if r.level == level]
         stress = [r.von_mises for r in c.stresses if r.level == level]
         torque_off, platform_off = off_best(run, best, frame)
@@ -75,7 +74,7 @@ def level_rows(
         rows.append(
             LevelRow(
                 level,
-                max(known, default=0.0 if level == "rigid" else None),
+                0.0 if level == "rigid" and run.motors else off and off.max_percent,
                 max(far, default=0.0 if level == "rigid" and frame else None),
                 max(stress, default=None),
                 cpu.get(level),
@@ -85,6 +84,12 @@ def level_rows(
             )
         )
     return tuple(rows)
+
+
+def furthest(c: Comparison, level: str) -> TorqueRow | None:
+    """The motor whose torque is furthest from rigid."""
+    off = [(r.max_difference, r) for r in c.torques if r.level == level and r.max_difference]
+    return max(off, key=lambda pair: pair[0])[1] if off else None
 
 
 def simplest(rows: tuple[LevelRow, ...]) -> LevelRow | None:
@@ -97,8 +102,14 @@ def words(c: Comparison) -> str:
     if not c.levels or c.levels[-1].level == "rigid":
         return ""
     best = c.levels[-1].level
-    said = [_shakes(c, best), _torques(c, best), _stress(c, best), _suffices(c.levels, c)]
+    said = [_falls(c), _shakes(c, best), _torques(c, best), _stress(c, best), _suffices(c)]
     return " ".join(filter(None, said))
+
+
+def _falls(c: Comparison) -> str:
+    if c.falls is None:
+        return ""
+    return f"No equilibrium exists beyond t = {c.falls:.4g} s: it buckles or falls there."
 
 
 def _shakes(c: Comparison, best: str) -> str:
@@ -122,10 +133,10 @@ def _after(row: ResidualRow | None, band: float) -> str:
 
 
 def _torques(c: Comparison, best: str) -> str:
-    off = [(r.max_difference, r) for r in c.torques if r.level == best and r.max_difference]
-    if not off:
+    row = furthest(c, best)
+    if row is None or row.max_difference is None:
         return ""
-    most, row = max(off, key=lambda pair: pair[0])
+    most = row.max_difference
     share = "" if row.max_percent is None else f", {_percent(row.max_percent)} of the rigid peak"
     kind = "forces" if row.unit == "N" else "torques"
     return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({short(row.motor, 20)})."
@@ -142,9 +153,9 @@ def _stress(c: Comparison, best: str) -> str:
     return f"Links bear up to {1e-6 * worst.von_mises:.3g} MPa{share} ({short(worst.link, 20)}).{resonance}"
 
 
-def _suffices(rows: tuple[LevelRow, ...], c: Comparison) -> str:
-    best, found = rows[-1], simplest(rows)
-    if best.suffices is None or len(rows) < 2:
+def _suffices(c: Comparison) -> str:
+    best, found = c.levels[-1], simplest(c.levels)
+    if best.suffices is None or len(c.levels) < 2:
         return ""
     if found is None:
         return f"No simpler level than {best.level} suffices."

@@ -195,8 +195,16 @@ def _table(mechanism: Mechanism, record: _Record, band: float) -> Comparison:
         stop=default_motion(mechanism).duration,
         band=band,
         cpu=record.cpu,
+        falls=_falls(record),
         start=" ".join(_starting(mechanism, mechanism.description.solve, runs)),
     )
+
+
+def _falls(record: _Record) -> float | None:
+    """Last instant at which the quasistatic level found a balance, if it lost it on the way."""
+    partial, error = record.partial.get("quasistatic"), record.unsolved.get("quasistatic")
+    lost = isinstance(error, ConvergenceError) and "no equilibrium" in str(error)
+    return float(partial.t[-1]) if partial is not None and lost and len(partial.t) else None
 
 
 def reason(error: PinflexError) -> str:

@@ -67,7 +67,7 @@ def picture(
     Args:
         page: A page written by `write_html`.
         path: The .png to write.
-        at: Instant [s]; default the first.
+        at: Instant [s]; default where the page opens.
         size: Width and height [px].
         **state: What the page's address may say: mag=30, field="bending", ghost="off", ui=0, ...
     """

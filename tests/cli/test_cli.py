@@ -78,7 +78,7 @@ def test_help_needs_no_heavy_library():
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert "pinflex compare 3rrs" in done.stdout
+    assert "pinflex compare delta" in done.stdout
 
 
 def test_the_version_is_printed(capsys):
@@ -368,6 +368,8 @@ def test_a_level_that_cannot_be_solved_does_not_stop_the_others(capsys, tmp_path
     assert not (tmp_path / "arm-quasistatic.npz").exists()
     text = (tmp_path / "comparison.txt").read_text(encoding="utf-8")
     assert "NOT SOLVED, see below" in text
+    assert data["falls"] == partial.t[-1]
+    assert "buckles or falls" in data["verdict"]
     assert "- quasistatic was not solved. arm: t = " in text
 
 
