@@ -65,7 +65,7 @@ def level_rows(
     best = list(runs.values())[-1]
     rows = []
     for level, run in runs.items():
-        off = furthest(c, level)
+        off, percent = furthest(c, level), 0.0 if level == "rigid" and run.motors else None
         far = [r.position for r in c.platform if r.level == level]
         stress = [r.von_mises for r in c.stresses if r.level == level]
         torque_off, platform_off = off_best(run, best, frame)
@@ -74,7 +74,7 @@ def level_rows(
         rows.append(
             LevelRow(
                 level,
-                0.0 if level == "rigid" and run.motors else off and off.max_percent,
+                percent if off is None else off.max_percent,
                 max(far, default=0.0 if level == "rigid" and frame else None),
                 max(stress, default=None),
                 cpu.get(level),
@@ -139,7 +139,8 @@ def _torques(c: Comparison, best: str) -> str:
     most = row.max_difference
     share = "" if row.max_percent is None else f", {_percent(row.max_percent)} of the rigid peak"
     kind = "forces" if row.unit == "N" else "torques"
-    return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({short(row.motor, 20)})."
+    where = short(row.motor, 20)
+    return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({where})."
 
 
 def _stress(c: Comparison, best: str) -> str:
@@ -150,7 +151,8 @@ def _stress(c: Comparison, best: str) -> str:
     share = "" if worst.yield_share is None else f", {_percent(100 * worst.yield_share)} of yield"
     first = next((f for f in c.frequencies if f > 0), None)
     resonance = "" if first is None else f" First resonance: {first:.3g} Hz."
-    return f"Links bear up to {1e-6 * worst.von_mises:.3g} MPa{share} ({short(worst.link, 20)}).{resonance}"
+    where = short(worst.link, 20)
+    return f"Links bear up to {1e-6 * worst.von_mises:.3g} MPa{share} ({where}).{resonance}"
 
 
 def _suffices(c: Comparison) -> str:
