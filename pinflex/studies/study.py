@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -91,9 +91,10 @@ def study(
         )
     record = _Record()
 
-    def beside(run: Result) -> Result:  # so that its file alone shows what it is compared with
-        rigid = record.runs.get("rigid")
-        return run if rigid is None else with_rigid_torque(run, rigid)
+    def beside(run: Result) -> Result:  # so that its file alone gives the same page
+        rigid, said = record.runs.get("rigid"), _remark(mechanism, record, run)
+        run = run if rigid is None else with_rigid_torque(run, rigid)
+        return replace(run, meta={**run.meta, "remark": said}) if said else run
 
     ordered = _ordered(levels)
     for level in ordered:
@@ -251,6 +252,17 @@ def _starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result])
         f"{' and '.join(shaken)} start with undeformed links on which gravity acts at once (solve."
         "start: straight), so they ring from t = 0. Add --set solve.start=static to start at rest."
     ]
+
+
+def _remark(mechanism: Mechanism, record: _Record, run: Result) -> str:
+    """What somebody who sees the run alone should know, in a line."""
+    said = []
+    falls = _falls(record)
+    if falls is not None and run.level != "quasistatic":
+        said.append(f"no equilibrium beyond {falls:.4g} s: it buckles or falls there")
+    if _starting(mechanism, mechanism.description.solve, {run.level: run}):
+        said.append("it starts with straight links on which gravity acts at once")
+    return "; ".join(said)
 
 
 def _said(runs: Mapping[str, Result]) -> list[str]:

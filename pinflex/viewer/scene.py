@@ -93,7 +93,7 @@ def _remark(result: Result) -> str:
     """What a viewer should know before believing the picture, in one line; "" for nothing."""
     if result.meta.get("status", "complete") != "complete":
         return f"{result.meta['status']} at {result.t[-1]:.4g} s"
-    said = result.meta.get("warnings", ())
+    said = [*filter(None, [result.meta.get("remark")]), *result.meta.get("warnings", ())]
     more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
     return f"{said[0]}{more}" if said else ""
 
