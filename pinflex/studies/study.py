@@ -261,7 +261,7 @@ def _remark(mechanism: Mechanism, record: _Record, run: Result) -> str:
     if falls is not None and run.level != "quasistatic":
         said.append(f"no equilibrium beyond {falls:.4g} s: it buckles or falls there")
     if _starting(mechanism, mechanism.description.solve, {run.level: run}):
-        said.append("it starts with straight links on which gravity acts at once")
+        said.append("started straight under gravity")
     return "; ".join(said)
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RIGID = "#000000"
+_MAPS = 6  # stress maps on a page: more links show no more
 _COMPONENTS = {  # of a section, in the beam frame
     "u": "stretch",
     "v": "deflection",
@@ -284,7 +285,7 @@ def save_all(
                 deviation, rigid, run, rigid.meta["platform"], still
             )
         if run.links:
-            figures[f"stress_{label}"] = partial(stress_map, run)
+            figures[f"stress_{label}"] = partial(stress_map, run, _most_loaded(run))
             if len(run.t) >= 16 and run.level != "quasistatic":  # which has no vibration
                 figures[f"spectrum_{label}"] = partial(
                     spectrum, run, _liveliest(run), natural=natural
@@ -298,6 +299,13 @@ def save_all(
         with replaced(paths[-1]) as part:
             figure().savefig(part, dpi=DPI)
     return paths
+
+
+def _most_loaded(run: Result) -> tuple[str, ...]:
+    """Links worth a map, in the order of the run."""
+    stress = {name: peak(run.link(name).von_mises) for name in run.links}
+    kept = sorted(stress, key=lambda name: -stress[name])[:_MAPS]
+    return tuple(name for name in run.links if name in kept)
 
 
 def _liveliest(run: Result) -> str:

@@ -123,6 +123,7 @@ function show(index, from = {}) {
   if ($("run")) $("run").value = index;
   $("sub").textContent = R.mode ? `natural frequency ${digits(R.mode.frequency, 4)} Hz` : R.level;
   $("remark").textContent = R.remark ? "⚠ " + R.remark : "";
+  $("remark").title = R.remark || "";
   $("field").replaceChildren(...R.fields.map((f) => el("option", {value: f.key}, f.label)));
   const option = [...$("speed").options];
   if (!option.some((o) => +o.value === speed)) $("speed").append(el("option", {value: speed}, R.mode ? "1 period in 1.6 s" : "×" + speed));
