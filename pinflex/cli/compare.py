@@ -6,13 +6,14 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from textwrap import fill
 
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import SceneError
 from pinflex.results.result import Result
 from pinflex.solver.solve import LEVELS
 from pinflex.studies.study import file_name, study, write
-from pinflex.text import paragraph
+from pinflex.text import COLUMNS
 from pinflex.writing import writable
 
 
@@ -74,6 +75,7 @@ def _list(folder: Path, files: list[Path], runs: list[Path]) -> None:
     for page in (path for path in files if path.suffix == ".html"):
         print(f"Watch it in a browser: {page.resolve().as_uri()}")
     names = ", ".join(path.name for path in (*files, *runs))
-    print(paragraph(f"In {folder}{'' if str(folder).endswith('/') else '/'}: {names}", "  "))
+    text = f"In {folder}{'' if str(folder).endswith('/') else '/'}: {names}"
+    print(fill(text, COLUMNS, subsequent_indent="  ", break_on_hyphens=False))
     if any(path.name == "comparison.txt" for path in files):
         print("comparison.txt has every motor, link and mode (here with -v).")

@@ -54,7 +54,7 @@ def _level_table(c: Comparison) -> str:
     rows = []
     for x in c.levels:
         away = None if x.deviation is None else (1e3 if millimetres else 1e6) * x.deviation
-        said = "the reference" if x.level == best else verdict.miss(x, c.band)
+        said = "the reference" if x.level == best else verdict.miss(x, c)
         cells = [(x.torque_percent, 2), (away, 3), (x.stress and 1e-6 * x.stress, 3), (x.cpu, 2)]
         rows.append([x.level, *(_brief(value, digits) for value, digits in cells), said])
     rows += [[level, "-", "-", "-", "-", "NOT SOLVED, see below"] for level in c.unsolved]

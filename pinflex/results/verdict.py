@@ -14,7 +14,7 @@ from pinflex.text import short
 if TYPE_CHECKING:
     from pinflex.results.comparison import Comparison, ResidualRow, TorqueRow
 
-SHARE = 0.05  # of the largest torque, by which a level that suffices may differ from the best one
+SHARE = 0.05  # of the largest torque or deviation, by which a level that suffices may differ
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class LevelRow:
         deviation: Largest distance of the platform from rigid [m]. stress: Largest [Pa].
         torque_off: Largest difference of a torque from the best level, share of the largest torque
             with the same unit. platform_off: Of the platform's place from the best level [m].
-        suffices: Torques within `SHARE` and the platform within the band of the best level.
+        suffices: Torques within `SHARE`, the platform within the band or `SHARE` of the best level.
             None where there is nothing to judge by. What cannot be said is None.
     """
 
@@ -70,7 +70,7 @@ def level_rows(
         stress = [r.von_mises for r in c.stresses if r.level == level]
         torque_off, platform_off = off_best(run, best, frame)
         judged = torque_off is not None or platform_off is not None
-        fits = (torque_off or 0.0) <= SHARE and (platform_off or 0.0) <= c.band
+        fits = (torque_off or 0.0) <= SHARE and (platform_off or 0.0) <= allowed(c)
         rows.append(
             LevelRow(
                 level,
@@ -84,6 +84,11 @@ def level_rows(
             )
         )
     return tuple(rows)
+
+
+def allowed(c: Comparison) -> float:
+    """How far the platform of a level that suffices may be from that of the best one [m]."""
+    return max([c.band, *(SHARE * row.position for row in c.platform[-1:])])
 
 
 def furthest(c: Comparison, level: str) -> TorqueRow | None:
@@ -167,14 +172,14 @@ def _suffices(c: Comparison) -> str:
     )
 
 
-def miss(row: LevelRow, band: float) -> str:
-    """Why a level does not suffice, or that it does."""
+def miss(row: LevelRow, c: Comparison) -> str:
+    """By how much a level is off that does not suffice, or that it does."""
     if row.suffices is None:
         return ""
     if row.suffices:
         return "suffices"
     parts = []
-    if row.platform_off is not None and row.platform_off > band:
+    if row.platform_off is not None and row.platform_off > allowed(c):
         parts.append(said_length(row.platform_off))
     if row.torque_off is not None and row.torque_off > SHARE:
         parts.append(f"torque {_percent(100 * row.torque_off)}")
@@ -185,7 +190,8 @@ def said_length(x: float) -> str:
     """A length [m] as one says it: two digits or more."""
     if x < 1e-12:
         return "0"
-    factor, unit = (1.0, "m") if x >= 1 else (1e3, "mm") if x >= 1e-4 else (1e6, "um")
+    units = ((1.0, "m", 1.0), (1e-4, "mm", 1e3), (1e-7, "um", 1e6), (0.0, "nm", 1e9))
+    factor, unit = next((factor, unit) for least, unit, factor in units if x >= least)
     return f"{factor * x:.2g} {unit}" if factor * x < 100 else f"{factor * x:.0f} {unit}"
 
 
