@@ -22,12 +22,10 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
         stream: A binary file.
         arrays: By name.
     """
-    with zipfile.ZipFile(stream, "w") as archive:
+    with zipfile.ZipFile(stream, "w", compresslevel=1) as archive:
         for name, array in arrays.items():
-            kind = zipfile.ZIP_DEFLATED if _shrinks(array) else zipfile.ZIP_STORED
-            entry = zipfile.ZipInfo(f"{name}.npy")  # its date is constant: equal runs, equal files
-            entry.compress_type = kind
-            with archive.open(entry, "w", force_zip64=True) as part:
+            archive.compression = zipfile.ZIP_DEFLATED if _shrinks(array) else zipfile.ZIP_STORED
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
                 np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
 
 
