@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pinflex.errors import DescriptionError
-from pinflex.results.peaks import amplitudes
+from pinflex.results.peaks import amplitudes, maxima
 from pinflex.results.result import Result, peak
 from pinflex.viewer import plot
 from tests.synthetic import BENDING, synthetic_result
@@ -164,9 +164,46 @@ def test_plotting_leaves_no_global_state_and_importing_it_is_light():
     code = (
         "import sys, pinflex.viewer.plot as p; assert 'matplotlib' not in sys.modules\n"
         "from tests.synthetic import synthetic_result as s\n"
-        "p.torques(s('rigid'), {'c': s()}); assert 'matplotlib.pyplot' not in sys.modules"
+        "p.torques(s('rigid'), {'c': s()}); assert 'matplotlib.pyplot' not in sys.modules\n"
+        "p.spectrum(s(), 'torque/motor_1'); assert 'scipy.signal' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_every_text_of_a_figure_fits_and_none_needs_a_layout_engine(rigid, flexible):
+    runs = {"quasistatic": flexible, "coupled": flexible}
+    figures = [
+        plot.torques(with_motors(rigid, 6), {"coupled": with_motors(flexible, 6)}),
+        plot.deviation(rigid, flexible, still=flexible),
+        plot.stress_map(flexible),
+        plot.spectrum(flexible, "link/distal_1/v", natural=(60.0, 61.0)),
+        plot.torques(rigid, runs),
+    ]
+    for figure in figures:
+        assert figure.get_layout_engine() is None  # which would draw everything twice
+        drawn = figure.get_tightbbox()
+        assert drawn.x0 > 0
+        assert drawn.y0 > 0
+        assert drawn.x1 < figure.get_size_inches()[0]
+        assert drawn.y1 < figure.get_size_inches()[1]
+
+
+def test_without_vibration_a_run_is_drawn_by_dashes_beside_it(rigid, flexible):
+    figure = plot.deviation(rigid, flexible, still=flexible)
+    whole, dashed = figure.axes[0].lines[1:3]
+    assert np.array_equal(whole.get_ydata(), dashed.get_ydata())
+    assert dashed.is_dashed()
+    assert figure.axes[0].get_title("left").endswith("; dashed: coupled")
+
+
+@pytest.mark.parametrize("prominence", [0.0, 0.3, 1.5])
+def test_maxima_are_those_of_scipy(prominence):
+    from scipy.signal import find_peaks
+
+    rng = np.random.default_rng(0)
+    for height in (rng.standard_normal(300), np.round(rng.standard_normal(300)), np.zeros(5)):
+        expected = find_peaks(height, prominence=prominence or None, height=0.2)[0]
+        assert maxima(height, prominence, 0.2) == expected.tolist()
 
 
 def test_peaks_are_labelled_with_the_modes_they_may_be(flexible):

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -196,6 +197,17 @@ def test_a_result_survives_its_file(flexible, tmp_path):
     assert np.array_equal(back.t, flexible.t)
     assert not back.torque.flags.writeable
     assert os.listdir(path.parent) == ["run.npz"]  # no temporary file stays behind
+
+
+def test_only_what_shrinks_is_compressed_and_equal_runs_make_equal_files(flexible, tmp_path):
+    noise = np.random.default_rng(0).standard_normal((500, 9))
+    run = Result(np.arange(500.0), {"torque": noise, "zero": 0 * noise}, {})
+    first, second = (run.save(tmp_path / f"{k}.npz") for k in (1, 2))
+    with zipfile.ZipFile(first) as archive:
+        kinds = {entry.filename: entry.compress_type for entry in archive.infolist()}
+    assert kinds["torque.npy"] == zipfile.ZIP_STORED
+    assert kinds["zero.npy"] == zipfile.ZIP_DEFLATED
+    assert first.read_bytes() == second.read_bytes()
 
 
 def test_a_failed_save_keeps_the_old_file(flexible, tmp_path, monkeypatch):
