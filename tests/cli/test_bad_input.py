@@ -130,7 +130,7 @@ BAD_ARGUMENTS = {
     ),
     "rigid alone": (("compare", "3rrr", "--levels", "rigid"), "nothing to be compared with"),
     "no such level": (("compare", "3rrr", "--levels", "ked,full"), "full: no such level"),
-    "nothing flexible": (("compare", "ur5", "--set", "flexible=null"), "no flexible links"),
+    "nothing flexible": (("compare", "ur5", "--set", "flexible=null"), "nothing is flexible"),
 }
 
 
