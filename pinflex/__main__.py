@@ -194,6 +194,9 @@ level that cannot be solved does not stop the others.""",
         metavar="M",
         help="platform deviation in m that does no harm: settling time, verdict (default 50e-6)",
     )
+    p.add_argument(
+        "--errors", action="store_true", help="error bars also of large models (some seconds)"
+    )
     p.add_argument("-v", "--verbose", action="store_true", help="print the long tables too")
 
     batch_arguments.add(partial(_command, commands), _count)

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         (folder / file_name(run, not complete)).unlink(missing_ok=True)
 
     try:
-        done = study(mechanism, args.levels or LEVELS, progress, keep, args.band, tell)
+        done = study(mechanism, args.levels or LEVELS, progress, keep, args.band, tell, args.errors)
         files = write(done, folder, tell)
     finally:
         _close(bars)

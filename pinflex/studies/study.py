@@ -24,6 +24,7 @@ from pinflex.writing import write_text
 
 _BEYOND_YIELD = 1.0
 _FREQUENCIES = 6
+_QUICK = 40  # elastic coordinates up to which error bars cost a fraction of the runs
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ def study(
     keep: Callable[[str, Result, bool], None] = lambda level, run, complete: None,
     band: float = BAND,
     tell: Callable[[str], None] = lambda text: None,
+    errors: bool = False,
 ) -> Study:
     """Solve a scene at several levels and compare; a level that fails does not stop the others.
 
@@ -77,6 +79,7 @@ def study(
         keep: Called with (level, result, whether it is complete) as soon as a level has ended.
         band: Deviation of the platform that does no harm [m]: it has settled when it stays within.
         tell: Called with what is done next, where that is no level.
+        errors: Error bars also of a scene for which they are dear.
 
     Returns:
         The study.
@@ -102,7 +105,10 @@ def study(
         try:
             run = solve(mechanism, level=level, progress=progress(level))
             record.cpu[level] = time.process_time() - began
-            run = beside(run.with_errors() if level == ordered[-1] else run)
+            if level == ordered[-1] and (errors or mechanism.flexible.n_eta <= _QUICK):
+                tell("error bars")
+                run = run.with_errors()
+            run = beside(run)
         except np.linalg.LinAlgError as error:
             record.unsolved[level] = ConvergenceError(
                 f"{mechanism.name}: the equations broke down ({error}). Make the step smaller, or "
@@ -241,6 +247,8 @@ def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) 
     for level, run in record.runs.items():
         if run.meta.get("errors"):
             notes += [f"{level}, error of {line}" for line in run.errors.lines()]
+    if record.runs and not any(run.meta.get("errors") for run in record.runs.values()):
+        notes.append("error bars take some seconds more here: add --errors.")
     return notes
 
 

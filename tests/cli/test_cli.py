@@ -309,7 +309,10 @@ def test_verbose_prints_the_long_tables_too_and_the_band_decides_what_suffices(
     assert wide.startswith((tmp_path / "comparison.txt").read_text(encoding="utf-8"))
     narrow = numbers(call(capsys, "compare", fourbar, *options, "--band", "1e-15", "--json").out)
     assert narrow["band"] == 1e-15
-    assert [row["suffices"] for row in narrow["levels"]] == [False, False, True]
+    assert [row["suffices"] for row in narrow["levels"]] == [False, True, True]
+    assert "The simplest level that suffices is rigid." in " ".join(wide.split())
+    whole = (tmp_path / "comparison.txt").read_text(encoding="utf-8")
+    assert whole.split("misses ")[1].splitlines()[0].endswith(" nm")
     refused = call(capsys, "compare", fourbar, "--band", "0")
     assert refused.code == 2
     assert "--band" in refused.err
@@ -427,7 +430,7 @@ def test_every_stage_of_a_comparison_is_named(capsys, monkeypatch, fourbar, tmp_
     stages = [text.split(" ...")[0] for text in said.split("\r") if " ..." in text]
     assert stages[0].startswith("loading")
     assert stages[1:] == [
-        *("rigid", "saving rigid", "coupled", "saving coupled", "frequencies"),
+        *("rigid", "saving rigid", "coupled", "error bars", "saving coupled", "frequencies"),
         *(f"drawing {k} of 4" for k in (1, 2, 3, 4)),
         "writing the page",
     ]
