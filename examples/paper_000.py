@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from papers.reports import PlatformErrors, platform_errors, torque_table
 
 import pinflex as pf
-from pinflex.results.reports import PlatformErrors, platform_errors, torque_table
 
 SYSTEM = "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}"
 FLEXIBLE, RIGID = "#0072B2", "#000000"

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from papers.nodal_forces import nodal_forces
+from papers.reports import statistics
 
 import pinflex as pf
-from pinflex.results.nodal_forces import nodal_forces
-from pinflex.results.reactions import joint_reactions, shaking
-from pinflex.results.reports import statistics
-from pinflex.results.strength import THEORIES, point_stress, worst_section, worst_table
+from pinflex.recovery.reactions import joint_reactions, shaking
+from pinflex.recovery.strength import THEORIES, point_stress, worst_section, worst_table
 
 CHANGES = (
     "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}",

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from papers.spectra import ModalForces, modal_forces, spectrum
 
 import pinflex as pf
-from pinflex.results.spectra import ModalForces, modal_forces, spectrum
 from pinflex.studies.modal_test import ModalTest, identify, modal_test
 
 # links that bend, to first order, and do not stretch: models/3rrr/published.yaml

@@ -13,60 +13,70 @@ ones, y = (q, eta), lam closure multipliers.
 Where the code is; each package imports only those above it:
 
     description   what the files say: URDF and YAML, checked and frozen
+    results       what a run leaves behind, by name: arrays, views, comparison; no Pinocchio
     bodies        a flexible link as stations on few coordinates: beams, modes, reduced solids
     mechanics     the mechanism as equations: load, expanded model, closures, loads, dynamics
     actuation     what moves it: motors, the nominal motion, prescribed and controlled torques
-    levels        rigid, quasistatic, ked, coupled; their steps in time; linear vibration
-    results       what a run leaves behind, and what is recovered from it: forces, stresses
-    solver        one call to a result: level, step or tolerance; going on; advice
-    viewer        a result as a page, pictures, films and figures
-    studies       many runs of one scene: comparison, sweep, map of poses; the check of a model
-    benchmarks    published cases, work and precision, the race
+    integrators   steps in time: schemes, Newton, Radau, error control; the raw states of a run
+    levels        rigid, quasistatic, ked, coupled; where a run starts; linear vibration
+    recovery      from states to named quantities: poses, forces, stresses, validity
+    solver        one call to a run: level, step or tolerance; going on
+    advice        which level, links, planes, modes and tolerance a scene needs; error bars
+    viewer        a result as a page, pictures, films and figures; reads `results` alone
+    studies       many runs of one scene: sweep, map of poses, work and precision; the check
+    lab           published cases that `pinflex verify` measures
     cli           the commands, whose arguments `__main__` reads
 
-Beside them stand errors, arrays, text, threads and writing, which import none of these.
+Beside them stand errors, arrays, text, threads and writing, which import none of these. Names are
+imported when first used, so that a page from a saved run needs no Pinocchio.
 """
 
-from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
-from pinflex.description.motion import (
-    Motion,
-    circle,
-    cycloid,
-    formula,
-    harmonic,
-    hold,
-    quintic,
-    sampled,
-    spin_up,
-    trapezoid,
-)
-from pinflex.errors import (
-    AssemblyError,
-    ConvergenceError,
-    DescriptionError,
-    MotionError,
-    PinflexError,
-    SceneError,
-    SingularityError,
-)
-from pinflex.levels.integrators import generalized_alpha, hht, newmark
-from pinflex.levels.modes import Modes, modes
-from pinflex.levels.quasistatic import (
-    Equilibrium,
-    UnstableWarning,
-    linear_statics,
-    static_equilibrium,
-)
-from pinflex.levels.rigid import inverse_dynamics
-from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.results.comparison import comparison
-from pinflex.results.result import Result
-from pinflex.solver.advise import Advice, advise
-from pinflex.solver.solve import LEVELS, solve
-from pinflex.studies.pose_map import pose_map
-from pinflex.studies.stiffness import platform_compliance
-from pinflex.studies.sweep import sweep
-from pinflex.viewer.view import view
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pinflex.advice.advise import Advice, advise
+    from pinflex.advice.solve import LEVELS, solve
+    from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
+    from pinflex.description.motion import (
+        Motion,
+        circle,
+        cycloid,
+        formula,
+        harmonic,
+        hold,
+        quintic,
+        sampled,
+        spin_up,
+        trapezoid,
+    )
+    from pinflex.errors import (
+        AssemblyError,
+        ConvergenceError,
+        DescriptionError,
+        MotionError,
+        PinflexError,
+        SceneError,
+        SingularityError,
+    )
+    from pinflex.integrators.schemes import generalized_alpha, hht, newmark
+    from pinflex.levels.modes import Modes, modes
+    from pinflex.levels.quasistatic import (
+        Equilibrium,
+        UnstableWarning,
+        linear_statics,
+        static_equilibrium,
+    )
+    from pinflex.levels.rigid import inverse_dynamics
+    from pinflex.mechanics.mechanism import Mechanism, load
+    from pinflex.results.comparison import comparison
+    from pinflex.results.result import Result
+    from pinflex.studies.pose_map import pose_map
+    from pinflex.studies.stiffness import platform_compliance
+    from pinflex.studies.sweep import sweep
+    from pinflex.viewer.view import view
 
 __all__ = [
     "LEVELS",
@@ -115,3 +125,59 @@ __all__ = [
     "trapezoid",
     "view",
 ]
+
+_HOME = {
+    "description.control": ("Control", "Deflection", "Effort", "Travel", "Voltage", "pid"),
+    "description.motion": (
+        "Motion",
+        "circle",
+        "cycloid",
+        "formula",
+        "harmonic",
+        "hold",
+        "quintic",
+        "sampled",
+        "spin_up",
+        "trapezoid",
+    ),
+    "errors": (
+        "AssemblyError",
+        "ConvergenceError",
+        "DescriptionError",
+        "MotionError",
+        "PinflexError",
+        "SceneError",
+        "SingularityError",
+    ),
+    "integrators.schemes": ("generalized_alpha", "hht", "newmark"),
+    "levels.modes": ("Modes", "modes"),
+    "levels.quasistatic": (
+        "Equilibrium",
+        "UnstableWarning",
+        "linear_statics",
+        "static_equilibrium",
+    ),
+    "levels.rigid": ("inverse_dynamics",),
+    "mechanics.mechanism": ("Mechanism", "load"),
+    "results.comparison": ("comparison",),
+    "results.result": ("Result",),
+    "advice.advise": ("Advice", "advise"),
+    "advice.solve": ("LEVELS", "solve"),
+    "studies.pose_map": ("pose_map",),
+    "studies.stiffness": ("platform_compliance",),
+    "studies.sweep": ("sweep",),
+    "viewer.view": ("view",),
+}
+_MODULE = {name: f"pinflex.{module}" for module, names in _HOME.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported when it is first used (PEP 562)."""
+    if name not in _MODULE:
+        raise AttributeError(f"module 'pinflex' has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_MODULE[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

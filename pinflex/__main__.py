@@ -315,7 +315,7 @@ exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 
 class _Version(argparse.Action):
     def __call__(self, parser: Any, *unused: Any) -> None:
-        from pinflex.results.meta import version
+        from pinflex.recovery.meta import version
 
         print(f"pinflex {version()}")
         parser.exit()

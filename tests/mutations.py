@@ -73,7 +73,7 @@ pin.computeRNEADerivatives = still
     ),
     "closure projection off: loops are held by accelerations only": (
         """
-import pinflex.levels.newton as newton, numpy as np
+import pinflex.integrators.newton as newton, numpy as np
 plain = newton.Newton.step
 def step(self, r, c, *more):
     return plain(self, r, np.zeros_like(c), *more)
@@ -83,7 +83,7 @@ newton.Newton.step = step
     ),
     "consistent start off: accelerations and multipliers begin at zero": (
         """
-import pinflex.levels.start as start, pinflex.levels.alpha_step as step, numpy as np
+import pinflex.levels.start as start, pinflex.integrators.alpha as step, numpy as np
 def nothing(dynamics, y, v, held, a_held, tau):
     a = np.zeros(dynamics.system.nv); a[held] = a_held
     return a, np.zeros(dynamics.system.closed.n)
@@ -111,7 +111,7 @@ ride._beside_the_centre = lambda rest: 0.0
     "centripetal term off: frames accelerate as if their joint only sped up": (
         """
 import numpy as np
-import pinflex.results.moves as moves, inspect
+import pinflex.recovery.kinematics as moves, inspect
 source = inspect.getsource(moves._frame).replace("np.cross(w, speed)", "np.cross(w, v)")
 exec(source, moves.__dict__)
 """,
@@ -128,7 +128,7 @@ ked._static_deviation = lambda now: np.zeros(len(now.r))
     "sign of Mz in the stress of unsymmetric sections": (
         """
 import inspect
-import pinflex.results.stress as stress
+import pinflex.recovery.stress as stress
 for name in dir(stress):
     item = getattr(stress, name)
     if inspect.isfunction(item) and item.__module__ == stress.__name__:

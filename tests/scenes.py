@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pinflex as pf
-from pinflex.benchmarks.scene import Body, urdf
+from pinflex.lab.scene import Body, urdf
 
 __all__ = ["UNIT_BEAM", "Body", "load", "published"]
 

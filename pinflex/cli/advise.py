@@ -45,8 +45,8 @@ level and the step.""",
 
 def run(args: argparse.Namespace) -> int:
     """Say what a scene needs."""
-    from pinflex.solver import advise_text
-    from pinflex.solver.advise import advise
+    from pinflex.advice import text as advise_text
+    from pinflex.advice.advise import advise
 
     found = advise(load_model(args), tol=args.tol, asked=args.asked, until=args.until)
     if args.json:

@@ -1,16 +1,15 @@
-"""The command `pinflex bench`: work and precision on a scene, or the race scenes."""
+"""The command `pinflex bench`: work and precision on a scene."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from pinflex.benchmarks.bench import Bench, Point, bench
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import DescriptionError
+from pinflex.studies.bench import Bench, Point, bench
 from pinflex.text import number, paragraph, table
 from pinflex.writing import plain, writable, write_text
 
@@ -18,13 +17,14 @@ _ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run either benchmark."""
-    if args.race is None and args.model is None:
-        raise DescriptionError("bench: no model. Name one, or give --race for the race scenes.")
-    return _race(args) if args.race is not None else _scene(args)
-
-
-def _scene(args: argparse.Namespace) -> int:
+    """Solve the scene in many ways; print time against error."""
+    if args.race is not None:
+        raise DescriptionError(
+            "bench --race: the race beside Exudyn is part of the source, not of the package. In a "
+            "checkout: python -m tests.benchmarks.race [R1,...] [--report FILE.md]."
+        )
+    if args.model is None:
+        raise DescriptionError("bench: no model. Name one.")
     mechanism = load_model(args)
     folder = None if args.output is None else Path(args.output)
     if folder is not None:
@@ -102,7 +102,7 @@ def _json(found: Bench) -> dict[str, object]:
 
 
 def _save(found: Bench, folder: Path, text: str, data: dict[str, object]) -> list[Path]:
-    from pinflex.benchmarks.bench_plot import figure
+    from pinflex.studies.plot_bench import figure
 
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"bench.{kind}" for kind in ("txt", "json", "png")]
@@ -110,21 +110,3 @@ def _save(found: Bench, folder: Path, text: str, data: dict[str, object]) -> lis
     write_text(paths[1], json.dumps(plain(data), indent=2))
     figure(found).savefig(paths[2])
     return paths
-
-
-def _race(args: argparse.Namespace) -> int:
-    from pinflex.benchmarks.race import run
-    from pinflex.benchmarks.race_report import as_json, write_report
-    from pinflex.benchmarks.race_scenes import RACES
-
-    writable(args.report)
-    names = [name.strip() for name in args.race.split(",")] if args.race else list(RACES)
-    outcomes = run(names, lambda text: print(text, file=sys.stderr))
-    text = write_report(outcomes)
-    if args.report is not None:
-        write_text(args.report, text)
-    if args.json:
-        print_json(as_json(outcomes))
-    else:
-        print(text, end="")
-    return 0

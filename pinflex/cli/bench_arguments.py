@@ -13,9 +13,8 @@ def add(command: Callable[..., argparse.ArgumentParser]) -> None:
         "time against error on a scene",
         """
 Solves the scene by every level, by more and fewer internal modes, by several integrators and steps,
-and compares time and error with a converged solution that it refines until two runs agree. With
---race: the race scenes R1 to R4, beside Exudyn where it is installed.""",
-        "pinflex bench 3rrs -o out\n  pinflex bench --race R2,R4 --report report.md",
+and compares time and error with a converged solution that it refines until two runs agree.""",
+        "pinflex bench 3rrs -o out",
         model=False,
     )
     p.add_argument("model", nargs="?", metavar="MODEL", help="YAML file, its folder, or a name")
@@ -27,7 +26,4 @@ and compares time and error with a converged solution that it refines until two 
         help="change the YAML; may be repeated",
     )
     p.add_argument("-o", "--output", metavar="DIR", help="write table, numbers and figure there")
-    p.add_argument(
-        "--race", nargs="?", const="", metavar="R1,...", help="the race scenes (default all four)"
-    )
-    p.add_argument("--report", metavar="FILE.md", help="with --race: write the report")
+    p.add_argument("--race", nargs="?", const="", help=argparse.SUPPRESS)

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from pinflex.advice.solve import solve
 from pinflex.errors import DescriptionError, RunInterrupted
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
-from pinflex.solver.solve import solve
 
 
 def saved_meanwhile(

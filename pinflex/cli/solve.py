@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from pinflex.advice.solve import solve
 from pinflex.cli.checkpoint import saved_meanwhile
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import RunInterrupted, SceneError
 from pinflex.results.result import Result, peak, rms
-from pinflex.solver.solve import solve
 from pinflex.studies.study import reason
 from pinflex.text import length, number, table
 from pinflex.writing import writable

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from pinflex.benchmarks.verify import verdict, verify, write_page
 from pinflex.cli.console import Progress, print_json
+from pinflex.lab.verify import verdict, verify, write_page
 from pinflex.writing import writable
 
 

@@ -1,1 +1,1 @@
-"""The levels of the theory, rigid to coupled, their steps in time, and linear vibration."""
+"""The levels of the theory, rigid to coupled, and linear vibration."""

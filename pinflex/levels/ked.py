@@ -20,18 +20,18 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.description.supplement import SolveSpec
 from pinflex.errors import ConvergenceError
-from pinflex.levels.integrators import scheme
-from pinflex.levels.linear_line import Line, along
-from pinflex.levels.linear_march import (
+from pinflex.integrators.linear import (
     March,
     alpha,
     central_difference,
     houbolt,
     wilson_theta,
 )
-from pinflex.levels.mode_superposition import mode_superposition
+from pinflex.integrators.mode_superposition import mode_superposition
+from pinflex.integrators.run import Run
+from pinflex.integrators.schemes import scheme
+from pinflex.levels.linearised import Line, along
 from pinflex.levels.quasistatic import giving_way
-from pinflex.levels.run import Run
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved

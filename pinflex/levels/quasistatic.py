@@ -12,7 +12,7 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
-from pinflex.levels.run import Run
+from pinflex.integrators.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.structure import null_space, structural_stiffness

@@ -9,7 +9,7 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError
-from pinflex.levels.run import Run
+from pinflex.integrators.run import Run
 from pinflex.mechanics.closed_poses import ClosedPoses
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism

@@ -1,1 +1,1 @@
-"""What a run leaves behind and what is recovered from it: forces, stresses, comparisons."""
+"""What a run leaves behind, by name: arrays, views, comparison. No Pinocchio."""

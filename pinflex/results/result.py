@@ -21,8 +21,8 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.results import checked
 from pinflex.results.archive import write_arrays
 from pinflex.results.error_bars import ErrorBars, percent, time_error
-from pinflex.results.late import Late
-from pinflex.results.named import (
+from pinflex.results.lazy import Late
+from pinflex.results.views import (
     Deviation,
     FrameView,
     JointView,

@@ -1,1 +1,1 @@
-"""One call to a result: the level, its step or tolerance, going on, and advice on them."""
+"""One call to a run: level, step or tolerance; going on."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.levels.newton import Step
-from pinflex.levels.run import Run
+from pinflex.integrators.newton import Step
+from pinflex.integrators.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinflex.integrators.run import Run
 from pinflex.levels.modes import modes
-from pinflex.levels.run import Run
-from pinflex.solver.timed import Scene
+from pinflex.solver.scene import Scene
 
 _MANY = 500  # steps of a run that nobody wonders at
 _ABOVE = 5.0  # times the third mode: what users mean by the vibration of their robot lies below

@@ -31,18 +31,17 @@ from pinflex.errors import (
     RunInterrupted,
     nearest,
 )
+from pinflex.integrators.run import Run
+from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
-from pinflex.levels.run import Run
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.error_bars import ErrorBars
-from pinflex.results.recover import result_of
+from pinflex.recovery.recover import result_of
 from pinflex.results.result import Result
-from pinflex.solver.equilibria import solve_equilibria
 from pinflex.solver.resume import grid, join, stored
-from pinflex.solver.timed import Scene, default_step
+from pinflex.solver.scene import Scene, default_step
 from pinflex.solver.tolerance import within
 from pinflex.threads import one_blas_thread
 
@@ -51,7 +50,7 @@ SAMPLES = 401
 Progress = Callable[[int, int], None]
 
 
-def solve(
+def solve_level(
     mechanism: Mechanism,
     motion: Motion | None = None,
     level: str | None = None,
@@ -69,9 +68,7 @@ def solve(
     Args:
         mechanism: From `load`.
         motion: Default: the motion of the YAML.
-        level: rigid, quasistatic, ked or coupled; default: the YAML's. auto: the one that
-            `advise` proposes for `tol` (default 1e-2), with the links as they are; the result's
-            meta["advice"] says why.
+        level: rigid, quasistatic, ked or coupled; default: the YAML's.
         until: End time in s; default: the YAML's, or the motion's duration.
         dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
         samples: Number of output times; default 401.
@@ -87,13 +84,6 @@ def solve(
         DescriptionError: An unknown level or option.
         MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
     """
-    if level == "auto":
-        from pinflex.solver.advise import solve_advised
-
-        return solve_advised(
-            mechanism, motion, until=until, dt=dt, samples=samples, control=control,
-            progress=progress, **options,
-        )  # fmt: skip
     tolerance = options.pop("tolerance", None)
     spec = _spec(mechanism, level, until, dt, samples, options)
     motion = motion if motion is not None else default_motion(mechanism)
@@ -320,11 +310,4 @@ def _result(
     run = replace(run, settings={**run.settings, "drive": spec.drive})
     cost = {**run.cost, "seconds": time.perf_counter() - began}
     rigid_path = partial(_rigid_reference, mechanism, motion, run)
-    result = result_of(mechanism, run, rigid_path, spec.level, cost, stopped)
-    return replace(result, look=partial(_look, mechanism, motion, spec.start == "static"))
-
-
-def _look(mechanism: Mechanism, motion: Motion, static: bool, result: Result) -> ErrorBars:
-    from pinflex.solver.error_bars import error_bars  # late: only who asks pays for it
-
-    return error_bars(result, mechanism, motion, static)
+    return result_of(mechanism, run, rigid_path, spec.level, cost, stopped)

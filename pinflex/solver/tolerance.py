@@ -1,7 +1,7 @@
 """A run within a tolerance: refined until two runs in a row agree on what was asked.
 
-Of time integration: what the model leaves out is another error (pinflex.solver.error_bars). The
-finer run is answered; what its outputs differ from the coarser one's by (pinflex.solver.outputs),
+Of time integration: what the model leaves out is another error (`pinflex.advice`). The
+finer run is answered; what its outputs differ from the coarser one's by (pinflex.levels.outputs),
 divided by what refining gains, is its estimated error. Two runs alike bit by bit tell nothing: both
 are at the floor that round-off sets, and the last run that differed tells how high that is.
 """
@@ -16,10 +16,10 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.supplement import ASKED
 from pinflex.errors import ConvergenceError
-from pinflex.levels.run import Run
-from pinflex.solver.outputs import ROUND_OFF, Outputs
+from pinflex.integrators.run import Run
+from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.ringing import ringing
-from pinflex.solver.timed import Progress, Scene, default_step
+from pinflex.solver.scene import Progress, Scene, default_step
 
 _PILOT = 0.1  # resolution of a run that tells how far the mechanism moves, to a hundredth
 _LOCAL = 2.0  # resolution of the first run over tol^1.5: where it serves, the next one is the last

@@ -21,7 +21,7 @@ import yaml
 
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, PinflexError
-from pinflex.results.meta import version
+from pinflex.recovery.meta import version
 from pinflex.studies.columns import Columns
 from pinflex.studies.pool import Lost, answers
 from pinflex.studies.study import reason

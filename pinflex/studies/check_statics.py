@@ -15,7 +15,7 @@ from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.named import rotation_vector
+from pinflex.results.views import rotation_vector
 from pinflex.text import brief
 
 _ROUND_OFF = 1e-12  # [m | rad], and the same share of the largest torque: shown as zero

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.actuation.nominal import Nominal
+from pinflex.integrators.run import Run
 from pinflex.levels.modes import Modes
-from pinflex.levels.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.meta import describe
-from pinflex.results.recover import recover
+from pinflex.recovery.meta import describe
+from pinflex.recovery.recover import recover
 from pinflex.results.result import Result
 
 _INSTANTS = 41  # of one period: smooth on the screen

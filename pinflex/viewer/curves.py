@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.results.named import rotation_vector
 from pinflex.results.result import Result
+from pinflex.results.views import rotation_vector
 from pinflex.viewer.carried import Carrier
 
 RIGID_TORQUE = "rigid/torque"  # array of a flexible run that was compared with the rigid one

@@ -16,6 +16,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
@@ -173,9 +174,7 @@ def _numbers(
 
 
 def _turn(roll: float, pitch: float, yaw: float) -> Array:
-    import pinocchio as pin
-
-    return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, yaw))
+    return np.asarray(Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix())
 
 
 def _box(size: Array) -> Surface:

@@ -27,7 +27,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import pinflex as pf
-from pinflex.solver.advise import advise
+from pinflex.advice.advise import advise
 from pinflex.solver.solve import default_motion
 from tests.validation.test_advise import ALL, SLOW, STATIC, STIFFENED, measured, truth
 

@@ -16,9 +16,9 @@ import numpy as np
 
 import pinflex as pf
 from pinflex.errors import ConvergenceError
-from pinflex.solver.outputs import Outputs
+from pinflex.levels.outputs import Outputs
+from pinflex.solver.scene import Scene
 from pinflex.solver.solve import SAMPLES, _spec, default_motion
-from pinflex.solver.timed import Scene
 from pinflex.solver.tolerance import halved, paced, within
 
 # Overrides and end in s of each; None: the scene's own.

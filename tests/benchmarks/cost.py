@@ -25,7 +25,7 @@ import pinocchio as pin
 import pinflex as pf
 from pinflex.actuation.drive import motor_path
 from pinflex.description.motion import from_spec
-from pinflex.levels.coupled import integrate
+from pinflex.integrators.equal_steps import integrate
 from pinflex.levels.start import straight_start
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.viewer.view import write_html

@@ -19,8 +19,8 @@ import numpy as np
 
 import pinflex as pf
 from pinflex.actuation.drive import motor_path
-from pinflex.benchmarks.scene import Body, scene
-from pinflex.levels.coupled import integrate
+from pinflex.integrators.equal_steps import integrate
+from pinflex.lab.scene import Body, scene
 from pinflex.levels.start import straight_start
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism

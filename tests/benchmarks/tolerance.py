@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "verification"))
 
 from test_tolerance import SCENES, mechanism, reference, run
 
-from pinflex.solver.outputs import Outputs
+from pinflex.levels.outputs import Outputs
 from pinflex.solver.solve import default_motion
 
 TOLERANCES = (1e-2, 1e-3, 1e-4)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.benchmarks.four_bars import four_bars, four_bars_exact
-from pinflex.benchmarks.loops import bricard
-from pinflex.benchmarks.scene import frame_positions, release
+from pinflex.lab.four_bars import four_bars, four_bars_exact
+from pinflex.lab.loops import bricard
+from pinflex.lab.scene import frame_positions, release
 from tests.scenes import Body, load
 
 BAR = (1.0, (0.5, 0, 0), (1e-3, 1 / 12, 1 / 12))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.benchmarks.loops import pendulum
-from pinflex.benchmarks.scene import energy, release
-from pinflex.levels.integrators import generalized_alpha
+from pinflex.integrators.schemes import generalized_alpha
+from pinflex.lab.loops import pendulum
+from pinflex.lab.scene import energy, release
 from pinflex.mechanics.dynamics import Dynamics
 from tests.scenes import Body, load
 

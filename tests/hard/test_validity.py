@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.results import validity
+from pinflex.recovery import validity
 from tests.scenes import UNIT_BEAM, Body, load
 
 ARM = (Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(1, 0, 0)))

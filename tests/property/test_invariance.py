@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 import pinflex as pf
 from pinflex.actuation.drive import motor_path
 from pinflex.arrays import Array
-from pinflex.benchmarks.four_bars import four_bars
-from pinflex.levels.coupled import integrate
-from pinflex.levels.integrators import newmark
+from pinflex.integrators.equal_steps import integrate
+from pinflex.integrators.schemes import newmark
+from pinflex.lab.four_bars import four_bars
 from pinflex.mechanics.dynamics import Dynamics
 from tests import finite
 from tests.property.trees import Recipe, mirrored, moved, renumbered, tree

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pinflex.benchmarks.bench import Bench, Case, Point
 from pinflex.cli.bench import advice, write
+from pinflex.studies.bench import Bench, Case, Point
 
 POINTS = (
     Point(Case("rigid"), 0.1, 0.1, {"torque": 0.5}),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.benchmarks.scene import urdf
+from pinflex.lab.scene import urdf
 from pinflex.mechanics import assembly
 from pinflex.mechanics.closure_log import LogClosure
 from pinflex.mechanics.dynamics import Dynamics

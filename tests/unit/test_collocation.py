@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pinflex.levels.collocation import radau
+from pinflex.integrators.collocation import radau
 from tests.finite import slope
 
 STAGES = range(2, 8)

@@ -7,10 +7,10 @@ import pytest
 
 import pinflex as pf
 from pinflex.description.motion import harmonic
-from pinflex.levels.pieces import Pieces
+from pinflex.integrators.chebyshev import Pieces
+from pinflex.levels.outputs import Outputs
 from pinflex.levels.quasistatic import solve_quasistatic
-from pinflex.solver.equilibria import solve_equilibria
-from pinflex.solver.outputs import Outputs
+from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.solver.solve import default_motion
 
 # Loops in space under gravity; loops in the plane whose platform moves by stretch alone; a tree; a

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.results import samples
-from pinflex.results.late import Late
-from pinflex.results.recover import recover
-from pinflex.results.replay import run_of
+from pinflex.recovery import samples
+from pinflex.recovery.recover import recover
+from pinflex.recovery.replay import run_of
+from pinflex.results.lazy import Late
 
 
 def test_a_group_is_found_once_by_the_head_of_its_keys():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,6 +29,51 @@ def imported(path):
         else:
             continue
         yield from (name.split(".")[1] for name in names if name.startswith("pinflex."))
+
+
+def of_packages(package):
+    """Top-level modules that the files of a package import, of pinflex the package."""
+    for path in (ROOT / package).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [str(node.module)]
+            for name in names:
+                parts = name.split(".")
+                yield parts[1] if parts[0] == "pinflex" and len(parts) > 1 else parts[0]
+
+
+@pytest.mark.parametrize("package", ["results", "viewer"])
+def test_results_and_viewer_know_no_physics(package):
+    assert not {"pinocchio", "mechanics", "bodies", "levels", "recovery"} & set(
+        of_packages(package)
+    )
+
+
+BLOCKED = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "pinocchio" or name.startswith("pinflex.mechanics"):
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Blocked())
+import pinflex as pf
+pf.view(pf.Result.load(sys.argv[1]), sys.argv[2])
+"""
+
+
+def test_a_saved_run_becomes_a_page_without_pinocchio(tmp_path):
+    pf.solve(pf.load("3rrr"), level="rigid", samples=11).save(tmp_path / "run.npz")
+    page = tmp_path / "run.html"
+    subprocess.run([sys.executable, "-c", BLOCKED, tmp_path / "run.npz", page], check=True)
+    assert page.stat().st_size > 100_000  # three.js and the robot are in it
+
+
+def test_every_public_name_is_found_where_the_package_says():
+    assert {name for name in pf.__all__ if getattr(pf, name) is not None} == set(pf.__all__)
+    assert set(pf.__all__) == set(pf._MODULE)
 
 
 def test_the_table_names_every_package():

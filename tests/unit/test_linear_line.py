@@ -7,7 +7,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
-from pinflex.levels.linear_line import Line, _Between, along
+from pinflex.levels.linearised import Line, _Between, along
 from pinflex.solver.solve import default_motion
 
 # A cycloid that ends in the middle of the run; acceleration that jumps at the corners of a

@@ -10,8 +10,7 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.levels.integrators import newmark
-from pinflex.levels.linear_march import (
+from pinflex.integrators.linear import (
     At,
     Instant,
     March,
@@ -21,7 +20,8 @@ from pinflex.levels.linear_march import (
     stable_step,
     wilson_theta,
 )
-from pinflex.levels.mode_superposition import mode_superposition
+from pinflex.integrators.mode_superposition import mode_superposition
+from pinflex.integrators.schemes import newmark
 from tests.finite import slope
 
 METHODS: dict[str, March] = {

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.levels.integrators import generalized_alpha
+from pinflex.advice.probe import Probe, subspace
+from pinflex.integrators.linear import alpha
+from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.ked import solve_ked
-from pinflex.levels.linear_march import alpha
 from pinflex.mechanics.parts import resolve
-from pinflex.solver.linear_probe import Probe, subspace
 from pinflex.solver.solve import default_motion
 
 

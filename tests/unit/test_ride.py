@@ -17,7 +17,7 @@ from pinflex.description.material import named
 from pinflex.description.section import from_spec
 from pinflex.mechanics import ride
 from pinflex.mechanics.dynamics import Dynamics
-from pinflex.results.validity import first_frequency
+from pinflex.recovery.validity import first_frequency
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
 from tests.finite import slope

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from papers.spectra import spectrum
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.results.spectra import spectrum
 from pinflex.studies.modal_test import identify, modal_test
 from tests.scenes import published
 

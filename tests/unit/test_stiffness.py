@@ -12,7 +12,7 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanics.dynamics import Dynamics
-from pinflex.results.named import rotation_vector
+from pinflex.results.views import rotation_vector
 from pinflex.studies.stiffness import platform_compliance, stiffness_of
 from tests.scenes import Body, load, published
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.solver.advise import advise
-from pinflex.solver.fewer import richer
+from pinflex.advice.advise import advise
+from pinflex.advice.reduced_models import richer
 from tests.cli.small import call
 from tests.scenes import published
 

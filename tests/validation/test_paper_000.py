@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from papers.reports import platform_errors, statistics, torque_statistics, torque_table
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.results.reports import platform_errors, statistics, torque_statistics, torque_table
 from tests.finite import slope
 
 SYSTEM = "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}"

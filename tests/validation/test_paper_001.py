@@ -10,13 +10,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from papers.nodal_forces import NodalForces, nodal_forces
+from papers.reports import statistics
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.results.nodal_forces import NodalForces, nodal_forces
-from pinflex.results.reactions import joint_reaction, joint_reactions, shaking
-from pinflex.results.reports import statistics
-from pinflex.results.strength import point_stress, strain_forces, worst_section, worst_table
+from pinflex.recovery.reactions import joint_reaction, joint_reactions, shaking
+from pinflex.recovery.strength import point_stress, strain_forces, worst_section, worst_table
 
 WEIGHT = (0.152 + 6 * 0.008775) * 9.81  # [N]
 BASE = 0.12 * np.array([[np.cos(a), np.sin(a), 0.0] for a in np.radians([90, 210, 330])])  # [m]

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from papers.spectra import ModalForces, modal_forces, spectrum
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.results.spectra import ModalForces, modal_forces, spectrum
 from pinflex.studies.modal_test import identify, modal_test
 from tests.scenes import published
 

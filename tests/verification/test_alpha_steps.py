@@ -14,16 +14,16 @@ from scipy.interpolate import CubicSpline
 import pinflex as pf
 from pinflex.actuation.drive import motor_path, path_between
 from pinflex.arrays import Array
-from pinflex.benchmarks.loops import pendulum
 from pinflex.description.motion import Motion
-from pinflex.levels.alpha_adaptive import AlphaSteps, State
-from pinflex.levels.integrators import scheme
-from pinflex.levels.newton import Step
-from pinflex.levels.run import Run
+from pinflex.integrators.alpha_adaptive import AlphaSteps, State
+from pinflex.integrators.newton import Step
+from pinflex.integrators.run import Run
+from pinflex.integrators.schemes import scheme
+from pinflex.lab.loops import pendulum
+from pinflex.levels.outputs import Outputs
 from pinflex.levels.start import straight_start
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.solver.outputs import Outputs
 from pinflex.solver.solve import default_motion
 from tests.finite import slope
 from tests.hard.test_collocation_runs import ARM, BEAM, top

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import pinflex as pf
-from pinflex.benchmarks.scene import urdf
+from pinflex.lab.scene import urdf
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
 from pinflex.studies.study import study

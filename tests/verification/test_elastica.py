@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pinflex.benchmarks import elastica, princeton
-from pinflex.benchmarks.extrapolation import extrapolated
+from pinflex.lab import elastica, princeton
+from pinflex.lab.extrapolation import extrapolated
 from tests.analytical import cosserat_tip
 
 

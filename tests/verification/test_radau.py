@@ -15,10 +15,10 @@ from scipy.special import ellipj, ellipk
 import pinflex as pf
 from pinflex.actuation.drive import MotorPath, motor_path
 from pinflex.arrays import Array
-from pinflex.benchmarks.loops import pendulum
 from pinflex.description.motion import Motion, from_spec
-from pinflex.levels.collocation import radau
-from pinflex.levels.radau import Stages, Start, Step
+from pinflex.integrators.collocation import radau
+from pinflex.integrators.radau import Stages, Start, Step
+from pinflex.lab.loops import pendulum
 from pinflex.levels.start import straight_start
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
@@ -89,7 +89,7 @@ ORDERS = {
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Newton to round-off takes more corrections than a run allows a step."""
-    monkeypatch.setattr("pinflex.levels.radau._MAX_ITERATIONS", 60)
+    monkeypatch.setattr("pinflex.integrators.radau._MAX_ITERATIONS", 60)
 
 
 @pytest.mark.usefixtures("patient")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.benchmarks import simeon
+from pinflex.lab import simeon
 from tests import simeon as own
 
 # rtol of DOP853; over 0.1 s it leaves 1e-7 of the axial amplitudes (measured against 1e-12).
@@ -25,7 +25,7 @@ def test_our_integration_gives_the_consistent_reference() -> None:
 
 def test_pinflex_accelerates_the_same_masses_in_both_conventions() -> None:
     """One instant in the middle of nowhere: accelerations to round-off."""
-    from pinflex.levels.start import consistent_acceleration
+    from pinflex.integrators.consistent import consistent_acceleration
     from pinflex.mechanics.dynamics import Dynamics
 
     q, dq = np.array([2e-3, -1e-3, 1e-4, 2e-4]), np.array([0.7, -0.4, 0.05, 0.1])

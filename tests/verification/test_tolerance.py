@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.levels.run import Run
-from pinflex.solver.outputs import Outputs
+from pinflex.integrators.run import Run
+from pinflex.levels.outputs import Outputs
 from pinflex.solver.solve import _run, _spec, default_motion
 
 SAMPLES = 51

@@ -10,9 +10,9 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.benchmarks import verify
-from pinflex.benchmarks.published import CASES
-from pinflex.benchmarks.record import Case, Check, Outcome
+from pinflex.lab import verify
+from pinflex.lab.published import CASES
+from pinflex.lab.record import Case, Check, Outcome
 
 # Each as the command runs it by default, about two minutes in all; `--long` has the others.
 NAMES = [case.name for case in CASES if not case.slow]

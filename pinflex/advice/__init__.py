@@ -1,0 +1,1 @@
+"""Which level, links, planes, modes and tolerance a scene needs; error bars."""

@@ -1,0 +1,388 @@
+"""What a scene needs: level, links, planes, modes, segments and tolerance, with error bars.
+
+Everything is measured on the motion itself by cheap runs of a model richer than the scene's
+(`reduced_models`): every plane, stretch and twist, second order, one more mode. Its linear
+vibration, twice corrected for what is not linear (`probe`), is what the rigid
+torques, the balance of every instant, the linear vibration and smaller models are held against, and
+a short coupled run holds it to the full equations. At the end the model that is proposed is held
+against one of all that and one more segment in each link (`error_bars`). An error bar
+is twice what was measured, and what the corrections leave: of time integration and of the model;
+errors are relative, as in pinflex.levels.outputs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from pinflex.advice import error_bars
+from pinflex.advice import reduced_models as fewer
+from pinflex.advice.probe import Probe
+from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut, worst
+from pinflex.description.motion import Motion
+from pinflex.description.supplement import ASKED
+from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
+from pinflex.integrators.run import Run
+from pinflex.levels.outputs import Outputs
+from pinflex.levels.quasistatic_smooth import solve_equilibria
+from pinflex.levels.start import in_equilibrium
+from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.results.result import Result
+from pinflex.solver.scene import Scene
+from pinflex.text import brief
+from pinflex.threads import one_blas_thread
+
+_CONTRACTION = 0.7  # corrections that shrink by less say nothing
+_WINDOW = 8  # the coupled run that verifies covers this part of the time
+_STILL = 0.03  # of the tolerance: that of a quasistatic run, which hardly costs more for it
+# Modes beyond the last one tried, together: 9/16 + 9/25 + ... of what the third brings where their
+# parts fall with the square of their number, as those of a load along a beam.
+_TAIL = 3.0
+_MENDED = 0.35  # of what one more segment mends is left: bodies are right to second order
+_WORTH = 0.7  # of the error bar: segments that leave more do not pay
+_STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A proposal and what it rests on.
+
+    Attributes:
+        name: Of the scene. tol: Relative error wanted of every output asked for.
+        asked: Some of torque, deflection, platform.
+        level: rigid, quasistatic, ked or coupled.
+        run_tol: `solve.tol` of the run (levels quasistatic and coupled), or None.
+        overrides: "key=value" changes of the YAML, for `load` or --set.
+        error: Error bar of each output if the proposal is followed.
+        levels: Error bar of each output at each level of the richer model.
+        left_out: Planes, modes and links that were tried.
+        coordinates: Elastic coordinates: as loaded, of the richer model, proposed.
+        why: The reason for the level.
+        notes: What weakens the advice.
+        seconds: What it cost.
+    """
+
+    __repr__ = brief
+
+    name: str
+    tol: float
+    asked: tuple[str, ...]
+    level: str = "coupled"
+    run_tol: float | None = None
+    overrides: tuple[str, ...] = ()
+    error: Errors = field(default_factory=dict)
+    levels: dict[str, Errors] = field(default_factory=dict)
+    left_out: tuple[LeftOut, ...] = ()
+    coordinates: tuple[int, int, int] = (0, 0, 0)
+    why: str = ""
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+
+def advise(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    *,
+    tol: float = 1e-2,
+    asked: Sequence[str] = (),
+    until: float | None = None,
+    fixed: bool = False,
+) -> Advice:
+    """Propose level, links, planes, modes and tolerance for a scene.
+
+    Args:
+        mechanism: From `load`. motion: Default: the motion of the YAML.
+        tol: Error that each output may have, relative to its largest value; of the platform, to
+            its largest deviation from the rigid motion.
+        asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or all.
+        until: End in s; default: the YAML's, or the motion's duration.
+        fixed: Take the flexible links as they are: propose level and tolerance only.
+    Returns:
+        The advice.
+    Raises:
+        DescriptionError: An unknown output or a tolerance outside 1e-6 to 0.1.
+        MotionError, SingularityError: The nominal motion does not exist.
+    """
+    from pinflex.solver.solve import default_motion  # solve(level="auto") asks here
+
+    began, spec = time.perf_counter(), mechanism.description.solve
+    asked = tuple(asked) or spec.asked or ASKED
+    for name in asked:
+        if name not in ASKED:
+            raise DescriptionError(f"asked: {name}: no such output.{nearest(name, ASKED)}")
+    if not 1e-6 <= tol <= 0.1:
+        raise DescriptionError(f"tol: {tol}. Give a relative error, 1e-6 to 0.1.")
+    stepless = ("solve.dt=null",) if spec.dt is not None else ()  # beside tol it is refused
+    n = mechanism.flexible.n_eta
+    plain = Advice(mechanism.name, tol, asked, run_tol=tol / 4, coordinates=(n, n, n),
+                   error=dict.fromkeys(asked, tol / 2))  # fmt: skip
+    if any(mechanism.description.system_damping):
+        why = "damping.scope: system is known to ked only; no error bar can be had"
+        unknown = dict.fromkeys(asked, np.inf)
+        return replace(plain, level="ked", error=unknown, why=why, overrides=stepless)
+    only = _only_coupled(mechanism)
+    if only:
+        return replace(plain, why=only, overrides=stepless)
+    if not mechanism.compliant:
+        exact = dict.fromkeys(asked, 0.0)
+        return replace(plain, level="rigid", run_tol=None, error=exact, why="nothing is flexible")
+    motion = motion if motion is not None else default_motion(mechanism)
+    end = until or spec.until or motion.duration
+    rich, note = (mechanism, "") if fixed else fewer.richer(mechanism)
+    with one_blas_thread():
+        found = _Study(rich, motion, end, plain).advice(mechanism, fixed)
+    notes = (note, *found.notes) if note else found.notes
+    if found.run_tol is not None:
+        found = replace(found, overrides=(*found.overrides, *stepless))
+    return replace(found, notes=notes, seconds=time.perf_counter() - began)
+
+
+def solve_advised(
+    mechanism: Mechanism, motion: Motion | None, *, dt: float | None, **options: Any
+) -> Result:
+    """The run of `solve(level="auto")`: at the level advised, with the links as they are."""
+    from pinflex.advice.text import plain
+    from pinflex.solver.solve import solve_level as solve
+
+    if dt is not None:
+        raise DescriptionError('solve.dt: level="auto" chooses the step. Give tol instead.')
+    wanted = options.pop("tol", None) or mechanism.description.solve.tol or 1e-2
+    asked, until = tuple(options.pop("asked", ())), options.get("until")
+    found = advise(mechanism, motion, tol=wanted, asked=asked, until=until, fixed=True)
+    if found.run_tol is not None:
+        options |= {"tol": found.run_tol, "asked": found.asked}
+        spec = replace(mechanism.description.solve, dt=None)
+        mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
+    result = solve(mechanism, motion, found.level, **options)
+    return replace(result, meta={**result.meta, "advice": plain(found)})
+
+
+def in_words(x: float) -> str:
+    """A relative error; one that is not known is said to be so."""
+    return f"{100 * x:.2g} %" if x < 9.99 else "> 999 %" if x < np.inf else "not measured"
+
+
+def _only_coupled(mechanism: Mechanism) -> str:
+    """Why no level but coupled applies, "" if others do."""
+    if mechanism.description.solve.drive == "torque":
+        return "the motors push (drive: torque): only coupled lets them feel the links"
+    if mechanism.description.control is not None:
+        return "a control feeds vibration back, which only coupled has"
+    if mechanism.report.mobility != len(mechanism.rigid.motors) or len(mechanism.idle.base):
+        return "the motors do not determine the motion: only coupled lets the rest swing"
+    return ""
+
+
+def _covering(error: Errors, apart: Errors) -> Errors:
+    """Error bars that cover a measured difference of the whole model too."""
+    return {key: max(e, SAFETY * apart.get(key, 0.0)) for key, e in error.items()}
+
+
+class _Study:
+    """The probes of one scene."""
+
+    def __init__(self, rich: Mechanism, motion: Motion, end: float, plain: Advice) -> None:
+        self.rich, self.motion, self.plain, self.tol = rich, motion, plain, plain.tol
+        static, _ = in_equilibrium(rich, rich.description.solve.start)
+        self.probe = Probe(rich, motion, end, static)
+        self.outputs = Outputs(
+            self.probe.mechanism, motion, self.probe.t, plain.asked, self.probe.dynamics
+        )
+        self.notes = self._doubts()
+        self.fast: Errors = {}  # what a coupled run of the first part shows beyond the probes
+
+    def advice(self, mechanism: Mechanism, fixed: bool) -> Advice:
+        """The level first; then, where links bend at all, what they can do without."""
+        try:
+            once, levels, seconds = self._levels()
+        except ConvergenceError as failed:
+            why = f"linear vibration does not describe it ({failed})"
+            return replace(self.plain, why=why, notes=tuple(self.notes))
+        level, why = self._choose(levels, seconds)
+        error, tol = levels[level], self.tol
+        n = (mechanism.flexible.n_eta, self.rich.flexible.n_eta)
+        found = replace(
+            self.plain, level=level, error=error, levels=levels, why=why,
+            coordinates=(*n, 0 if level == "rigid" else n[0]),
+        )  # fmt: skip
+        if level == "rigid":
+            found = replace(found, run_tol=None)
+        if level == "quasistatic":
+            found = replace(found, run_tol=tol * _STILL)
+        if level != "rigid" and not fixed:
+            room = tol / 2 if worst(error) >= tol else tol - worst(error)
+            second = self._second_order(mechanism, once, room)
+            small = fewer.smaller(self.rich, self.probe, self.outputs, once, room)
+            for part, factor in ((small.error, SAFETY), (small.unsettled, _TAIL)):
+                error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
+            if small.unsettled:
+                self.notes.append(
+                    f"the last mode tried still changes an output by {worst(small.unsettled):.2g}, "
+                    "which is in the error bars: more modes may be needed"
+                )
+            tried = small.tried if second is None else (second, *small.tried)
+            on = fewer.second_order(mechanism) if second is not None and not second.out else ()
+            found = replace(
+                found, error=error, left_out=tried,
+                overrides=(*fewer.overrides(mechanism, small.parts), *on),
+                coordinates=(*n, small.coordinates),
+            )  # fmt: skip
+        found = self._segmented(mechanism, found)
+        return replace(found, notes=tuple(self.notes))
+
+    def _second_order(self, mechanism: Mechanism, whole: Run, room: float) -> LeftOut | None:
+        """What it costs to leave out second order where the scene has it off; None: nowhere."""
+        links = [p.link for p in fewer.beams(mechanism) if not p.spec.second_order]
+        if not links or self.rich is mechanism:
+            return None
+        off = [f"flexible.{link}.second_order=false" for link in links]
+        try:
+            linear = load(self.rich.description.with_overrides(off))
+            probe = Probe(
+                linear, self.motion, self.probe.end, self.probe.static, self.probe.steps - 1
+            )
+            run = probe.nonlinear(probe.corrected(probe.march()))
+        except (PinflexError, np.linalg.LinAlgError):
+            return LeftOut("second order: without it the motion runs away", {}, False)
+        error = Outputs(linear, self.motion, probe.t, self.plain.asked).differences(run, whole)
+        return LeftOut(f"second order of {', '.join(links)}", error, SAFETY * worst(error) <= room)
+
+    def _segmented(self, mechanism: Mechanism, found: Advice) -> Advice:
+        """The advice with the error of its whole model in its bars, and segments if they help."""
+        level = found.level if found.level in ("rigid", "quasistatic") else "coupled"
+        measure = partial(
+            error_bars.apart, motion=self.motion, end=self.probe.end, static=self.probe.static,
+            level=level,
+        )  # fmt: skip
+        try:
+            finer, _ = error_bars.finer_model(self.rich)
+            model = load(mechanism.description.with_overrides(list(found.overrides)))
+            apart = measure(model, finer)
+            error = _covering(found.error, apart)
+            more = fewer.segmented(model)
+            if level == "rigid" or worst(error) <= self.tol or self.rich is mechanism or not more:
+                return replace(found, error=error)
+            cut = load(model.description.with_overrides(list(more)))
+            rest = measure(cut, finer)
+            # What two segments leave is a quarter to a third of what they mend.
+            left = {k: e + _MENDED * apart.get(k, 0.0) for k, e in rest.items()}
+            better = _covering(found.error, left)
+            if worst(better) > _WORTH * worst(error):
+                return replace(found, error=error)
+            n = cut.flexible.n_eta
+            return replace(
+                found, error=better, overrides=(*found.overrides, *more),
+                coordinates=(*found.coordinates[:2], n),
+                left_out=(*found.left_out, LeftOut("segments beyond those it has", apart, False)),
+            )  # fmt: skip
+        except (PinflexError, np.linalg.LinAlgError) as failed:
+            self.notes.append(f"more segments were not tried, and are not in the bars: {failed}")
+            return found
+
+    def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
+        """The motion corrected once, error bars by level, and seconds a run would take."""
+        probe, differ = self.probe, self.outputs.differences
+        linear = probe.march()
+        corrected = probe.corrected(linear)
+        once, best = probe.nonlinear(corrected), probe.nonlinear(probe.corrected(corrected))
+        first, second = differ(probe.linear(linear), best), differ(once, best)
+        ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
+        rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf
+        if not np.isfinite(rest):
+            self.notes.append(
+                "the levels below coupled were not measured: corrections of the linear vibration "
+                "do not shrink, it is too far from the motion"
+            )
+        left = {k: e * rest if e else 0.0 for k, e in second.items()}
+        seconds = {"coupled": self._verify(best, left)}
+
+        def bars(error: Errors) -> Errors:
+            return {k: SAFETY * e + left[k] for k, e in error.items()}
+
+        levels = {"rigid": bars(differ(probe.rigid(), best))}
+        levels["quasistatic"], seconds["quasistatic"] = dict.fromkeys(left, np.inf), np.inf
+        began = time.perf_counter()
+        try:
+            still = solve_equilibria(
+                self.rich, self.motion, probe.t, self.tol * _STILL, self.plain.asked
+            )
+        except ConvergenceError as failed:
+            self.notes.append(f"quasistatic was not measured: there is no equilibrium ({failed})")
+        else:
+            seconds["quasistatic"] = time.perf_counter() - began
+            own = self.tol * _STILL
+            levels["quasistatic"] = {k: e + own for k, e in bars(differ(still, best)).items()}
+        levels["ked"] = bars(first)
+        # Twice the tolerance of its run, and what is too fast for the looks by which models are
+        # compared: in that two models may differ wholly.
+        levels["coupled"] = {k: self.tol / 2 + self.fast.get(k, 0.0) for k in left}
+        return once, levels, seconds
+
+    def _verify(self, best: Run, left: Errors) -> float:
+        """Hold the corrected motion against the coupled one; seconds that all of that would take.
+
+        Where they differ by more than expected, the difference goes into `left`.
+        """
+        probe, upto = self.probe, slice(0, (self.probe.steps - 1) // _WINDOW + 1)
+        spec = replace(self.rich.description.solve, level="coupled")
+        began = time.perf_counter()
+        try:
+            run = Scene(self.rich, self.motion, spec).resolved(probe.t[upto], self.tol)
+        except SceneError as failed:
+            self.notes.append(f"a coupled run of the first part stopped: {failed}")
+            return np.inf
+        seconds = time.perf_counter() - began
+        y, v, torque = best.y.copy(), best.v.copy(), best.torque.copy()
+        y[upto], v[upto], torque[upto] = run.y, run.v, run.torque
+        found = self.outputs.differences(replace(best, y=y, v=v, torque=torque), best)
+        self.fast = found
+        for key, apart in found.items():
+            if apart > left[key] + self.tol / 2:
+                left[key] = apart
+                self.notes.append(
+                    f"{key}: a coupled run of the first part differs from the estimate by "
+                    f"{apart:.2g}, which is in the error bars"
+                )
+        # A run within a tolerance is two of them, the second some 1.6 times as long.
+        return 2.6 * _WINDOW * seconds
+
+    def _choose(self, levels: dict[str, Errors], seconds: dict[str, float]) -> tuple[str, str]:
+        """The cheapest level whose error bars fit, and why."""
+        rigid, still, ked = (worst(levels[x]) for x in ("rigid", "quasistatic", "ked"))
+        bars = (("rigid", rigid), ("quasistatic", still), ("ked", ked))
+        why = "error bars: " + ", ".join(f"{name} {in_words(e)}" for name, e in bars)
+        if rigid <= self.tol:
+            return "rigid", why
+        if still <= self.tol:
+            now, then = seconds["quasistatic"], seconds["coupled"]
+            if now <= then:
+                return "quasistatic", why
+            return "coupled", (
+                f"{why}; quasistatic would do, but takes longer (about {now:.2g} s, "
+                f"coupled {then:.2g} s)"
+            )
+        if ked <= self.tol:
+            # Its steps resolve every period, however long those of coupled may be.
+            return "coupled", f"{why}; ked would do, but is hardly cheaper than coupled by tol"
+        return "coupled", why
+
+    def _doubts(self) -> list[str]:
+        """What weakens the probes themselves, in sentences."""
+        probe, said = self.probe, []
+        if probe.rough > 1e-2:
+            said.append(
+                f"the motion has corners: interpolation misses {100 * probe.rough:.0f} % of its "
+                "acceleration there, and error bars may be short of them"
+            )
+        seen = 1.0 / max(probe.third * probe.h, 1e-300)
+        if seen < _STEPS_SEEN:
+            said.append(
+                f"the third mode, {probe.third:.3g} Hz, was seen with {seen:.1f} steps a period: "
+                "a long run for so fast a mode; ask about a part of it (until)"
+            )
+        return said

@@ -1,0 +1,77 @@
+"""solve(): the public call, a level or the one that is advised, with error bars on demand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pinflex.advice.advise import solve_advised
+from pinflex.advice.error_bars import error_bars
+from pinflex.description.control import Control
+from pinflex.description.motion import Motion
+from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.error_bars import ErrorBars
+from pinflex.results.result import Result
+from pinflex.solver.solve import LEVELS, Progress, default_motion, solve_level
+
+__all__ = ["LEVELS", "solve"]
+
+
+def solve(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    level: str | None = None,
+    *,
+    until: float | None = None,
+    dt: float | None = None,
+    samples: int | None = None,
+    control: Control | bool | None = None,
+    progress: Progress | None = None,
+    resume: Result | str | Path | None = None,
+    **options: Any,
+) -> Result:
+    """Solve a scene at one level.
+
+    Args:
+        mechanism: From `load`.
+        motion: Default: the motion of the YAML.
+        level: rigid, quasistatic, ked or coupled; default: the YAML's. auto: the one that
+            `advise` proposes for `tol` (default 1e-2), with the links as they are; the result's
+            meta["advice"] says why.
+        until: End time in s; default: the YAML's, or the motion's duration.
+        dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
+        samples: Number of output times; default 401.
+        control: Feedback (level coupled); default: the YAML's, False: none.
+        progress: Called with (step, steps) on long work.
+        resume: A stopped or shorter run (or its file) of level coupled to go on with, to `until`,
+            in its own steps unless dt is given; the motion must be the same.
+        **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
+            theta, modes, ked, kp, kd, start, tol; and `tolerance` (Newton's).
+    Returns:
+        The result. If a run stops early, the error carries `.result` up to the last good step.
+    Raises:
+        DescriptionError: An unknown level or option.
+        MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
+    """
+    given: dict[str, Any] = {"until": until, "dt": dt, "samples": samples, "control": control}
+    if level == "auto":
+        return solve_advised(mechanism, motion, progress=progress, **given, **options)
+    start = options.get("start", mechanism.description.solve.start)
+    moved = motion if motion is not None else default_motion(mechanism)
+    look = partial(_look, mechanism, moved, start == "static")
+    try:
+        found = solve_level(
+            mechanism, motion, level, progress=progress, resume=resume, **given, **options
+        )
+    except (ConvergenceError, MotionError, RunInterrupted) as error:
+        if isinstance(error.result, Result):
+            error.result = replace(error.result, look=look)
+        raise
+    return replace(found, look=look)
+
+
+def _look(mechanism: Mechanism, motion: Motion, static: bool, result: Result) -> ErrorBars:
+    return error_bars(result, mechanism, motion, static)

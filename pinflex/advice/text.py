@@ -1,0 +1,80 @@
+"""Advice as text for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from pinflex.advice.advise import Advice, in_words
+from pinflex.text import paragraph, table
+
+_DOES = {
+    "rigid": "no link has to bend",
+    "quasistatic": "links bend, but do not vibrate",
+    "ked": "linear vibration",
+    "coupled": "everything",
+}
+
+
+def write(a: Advice, model: str | None = None) -> str:
+    """Proposal, how to follow it for a MODEL, its error bars, and the price of what is out."""
+    n, rich, kept = a.coordinates
+    far = max(a.error.values(), default=0.0)
+    short = f"; NOT REACHED: error bars up to {in_words(far)}" if far > a.tol else ""
+    blocks = [
+        f"{a.name}: {', '.join(a.asked)} within {in_words(a.tol)} of the largest value{short}",
+        f"Proposal: level {a.level} ({_DOES[a.level]})"
+        + (f", {kept} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
+        paragraph(_command(a, model or a.name), "      ", "  "),
+        paragraph(a.why, "     ", "why: ") if a.why else "",
+        _bars("Error bars if it is followed, of time integration and model", {a.level: a.error}),
+        _bars(f"Error bars by level (model of {rich} coordinates)", a.levels) if a.levels else "",
+        _left_out(a),
+        "\n".join(paragraph(note, "  ", "- ") for note in a.notes),
+    ]
+    return "\n\n".join(filter(None, blocks)) + "\n"
+
+
+def plain(a: Advice) -> dict[str, Any]:
+    """Advice for machines; an error bar that is not known is None."""
+
+    def clean(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {k: clean(x) for k, x in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [clean(x) for x in value]
+        return None if isinstance(value, float) and not np.isfinite(value) else value
+
+    cleaned: dict[str, Any] = clean(asdict(a))
+    return cleaned
+
+
+def _command(a: Advice, model: str) -> str:
+    changes = [*a.overrides, *([] if a.run_tol is None else [f"solve.tol={a.run_tol:g}"])]
+    return f"pinflex solve {model} --level {a.level}" + "".join(f" --set {x}" for x in changes)
+
+
+def _bars(title: str, rows: Mapping[str, Mapping[str, float]]) -> str:
+    outputs = list(next(iter(rows.values())))
+    cells = [[name, *(in_words(error[k]) for k in outputs)] for name, error in rows.items()]
+    return table(title, "|".join(["level", *outputs]), cells, (18,))
+
+
+def _left_out(a: Advice) -> str:
+    if not a.left_out:
+        return ""
+    outputs = list(a.left_out[0].error)
+    rows = [
+        ["out" if x.out else "kept", x.what, *(_price(x.error[k]) for k in outputs)]
+        for x in a.left_out
+    ]
+    header = "|".join(["", "what", *outputs])
+    return table("What leaving it out costs, relative", header, rows, (4, 44))
+
+
+def _price(x: float) -> str:
+    # Below this it is round-off of the comparison: nothing excites it.
+    return "not excited" if x < 1e-9 else f"{x:.1e}"

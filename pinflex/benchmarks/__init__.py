@@ -1,1 +1,0 @@
-"""What pinflex is measured by: published cases, work and precision, the race."""

@@ -1,0 +1,1 @@
+"""Time integration: schemes, Newton, steps and their control."""

@@ -1,0 +1,255 @@
+"""One step of the alpha family on the full index-3 equations: Newton on frozen tangents.
+
+Unknown in a step is the increment ds of the algorithmic acceleration, with the closure rows scaled
+by 1/(beta h^2), so that the conditioning of the iteration matrix does not depend on the step:
+
+    [ da/ds M + gamma h C + beta h^2 K    J' ] [  ds  ]     [ r            ]
+    [ J                                   0  ] [ -dlam] = - [ c/(beta h^2) ]
+
+Positions satisfy c = 0 at every step: they never drift off the closures.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from math import isfinite, sqrt
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath, TorqueDrive
+from pinflex.actuation.feedback import Feedback, FeedbackState
+from pinflex.actuation.motors import motor_axes
+from pinflex.arrays import Array
+from pinflex.integrators.consistent import consistent_acceleration
+from pinflex.integrators.newton import Newton, Step
+from pinflex.integrators.schemes import AlphaScheme
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+
+# Newton stops when the estimated error of the acceleration, weighted by the iteration matrix, is
+# this fraction of what the acceleration is at the time: measured on the race scenes, torques and
+# platform deviations then differ by 1e-6 at most from those of a tolerance of 1e-10.
+NEWTON = 1e-7
+MAX_ITERATIONS = 12
+_STUCK = 1e-8
+
+
+class NoConvergence(Exception):
+    """Newton did not converge in a step.
+
+    Attributes:
+        residual: Where it stopped, by free row (N | N m).
+    """
+
+    def __init__(self, residual: Array) -> None:
+        super().__init__()
+        self.residual = residual
+
+
+class March:
+    """One run: the step, its predictor and its Newton iteration."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        dynamics: Dynamics,
+        path: MotorPath,
+        scheme: AlphaScheme,
+        drive: TorqueDrive | None,
+        tolerance: float,
+        feedback: Feedback | None,
+    ) -> None:
+        h = float(path.t[-1] - path.t[0]) / (len(path.t) - 1)
+        self.dynamics, self.path, self.scheme, self.drive = dynamics, path, scheme, drive
+        self.axes, self.motors = motor_axes(mechanism), dynamics.system.motors
+        self.feedback = None if feedback is None else FeedbackState(feedback, dynamics, h)
+        self.newton = Newton(dynamics, scheme, h, drive, self.feedback)
+        self.tolerance, self.reference, self.peak = tolerance, 0.0, 0.0
+        self.iterations = 0
+        nv = dynamics.system.nv
+        self._change, self._known = np.zeros(nv), np.empty((4, nv))
+        self.set_step(h)
+        # Far from the motion the equations have other roots; ten lengths off is one of them.
+        self.farthest = 10.0 * max([1.0, *(s.body.length for s in dynamics.system.expansion.slots)])
+
+    def set_step(self, h: float) -> None:
+        """Let steps be of h (s) from now on, with a new tangent."""
+        scheme, self.h, self.newton.h, self.slow = self.scheme, h, h, True
+        am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+        # From a, and the a, s and v before it, to s, v and the move; and what ds adds to s, v, a.
+        algorithmic = np.array([1.0 - af, af, -am, 0.0]) / (1.0 - am)
+        self._to_y = beta * h * h
+        self._predict = np.array(
+            [
+                algorithmic,
+                gamma * h * algorithmic + [0.0, 0.0, h * (1.0 - gamma), 1.0],
+                self._to_y * algorithmic + [0.0, 0.0, h * h * (0.5 - beta), h],
+            ]
+        )
+        self._gains = np.array([[1.0], [gamma * h], [scheme.mass_factor]])
+
+    def control(self, k: int, y: Array, v: Array) -> None:
+        """Let the feedback act at a state of step k."""
+        if self.feedback is not None:
+            self.dynamics.push = self.feedback.force(float(self.path.t[k]), y, v)
+
+    def step(self, before: Step, guess: tuple[Array, Array], k: int) -> Step:
+        """The state at step k.
+
+        Frozen tangents first; where they fail, once more from the last acceleration with the exact
+        tangent in every iteration.
+
+        Args:
+            before: State at step k - 1.
+            guess: Predicted acceleration (nv,) and multipliers (rows,), taken over.
+            k: Step number.
+        Raises:
+            NoConvergence: With the residual it stopped at.
+        """
+        scale = self.reference, self.peak
+        with contextlib.suppress(NoConvergence):
+            now = self._attempt(before, guess, k, False)
+            if np.max(np.abs(now.y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest:
+                return now
+        # What ran away must not loosen the tolerance of what is tried next.
+        self.slow, (self.reference, self.peak) = True, scale
+        now = self._attempt(before, (before.a.copy(), before.lam.copy()), k, True)
+        if not np.max(np.abs(now.y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest:
+            raise NoConvergence(np.full(len(self.newton.free), np.nan))
+        return now
+
+    def _attempt(self, before: Step, guess: tuple[Array, Array], k: int, exact: bool) -> Step:
+        motors, newton, dynamics, path = self.motors, self.newton, self.dynamics, self.path
+        prescribed = self.drive is None
+        dynamics.loads.time = float(path.t[k])
+        a, lam = guess
+        if prescribed:
+            a[motors] = path.acceleration[k]
+        known = self._known
+        known[0], known[1], known[2], known[3] = a, before.a, before.s, before.v
+        # Rows s, v and a share one array, so that a correction is one product.
+        moving = self._predict @ known
+        s, v, move = moving[0], moving[1], moving[2].copy()
+        moving[2] = a
+        now = Step(dynamics.integrate(before.y, move), v, moving[2], s, lam, before.torque)
+        if prescribed:
+            s[motors] = path.acceleration[k]
+            self.axes.write(now.y, path.position[k])
+            v[motors] = path.velocity[k]
+        if self.slow or exact:
+            newton.refresh(now, exact)
+        fresh, change, gains, to_y = self.slow, self._change, self._gains, self._to_y
+        for iteration in range(MAX_ITERATIONS):
+            self.control(k, now.y, now.v)
+            r = dynamics.residual(now.y, now.v, now.a, now.lam)
+            if self.drive is not None:
+                now.torque = self.drive.torque(k, path, self.axes, now.y, now.v)
+                r[motors] -= now.torque
+            ds, dlam = newton.step(r[newton.free], dynamics.closed.c)
+            self.iterations += 1
+            size = sqrt((newton.weight * ds) @ ds)
+            if not isfinite(size):
+                break
+            change[newton.free] = ds
+            moving += gains * change
+            now.lam += dlam
+            if dynamics.vector_space:
+                now.y += to_y * change
+            else:
+                move += to_y * change
+                now.y = dynamics.integrate(before.y, move)
+                if prescribed:
+                    self.axes.write(now.y, path.position[k])
+            left = newton.left(iteration, size)
+            if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
+                self.reference = max(self.reference, newton.size(now.a))
+            goal = max(self.tolerance * self.reference, 0.01 * newton.noise)
+            # What cannot be moved any more has to balance to this part of the inertia forces.
+            rough = max(goal, _STUCK * self.reference)
+            if (left <= goal and newton.closed(dynamics.closed.c)) or (
+                newton.stuck and newton.spent(r[newton.free], dynamics.closed.c, rough)
+            ):
+                if prescribed:
+                    now.torque = r[motors] + newton.motor_rows @ ds
+                    if newton.rows:
+                        now.torque -= newton.J_motors.T @ dlam
+                self.slow = newton.rate > 0.1
+                self._follow(newton.size(now.a))
+                return now
+            if iteration >= 2 and newton.rate > 0.3 and (not fresh or iteration > 4):
+                newton.refresh(now, exact)
+                fresh = True
+            elif exact:
+                newton.refresh(now, exact)
+        raise NoConvergence(r[newton.free])
+
+    def _follow(self, size: float) -> None:
+        """Let the scale of the tolerance follow the acceleration.
+
+        A hard start must not loosen what comes after it; a thousandth of the peak stays, because
+        below that lies its round-off.
+        """
+        self.peak = max(self.peak, size)
+        self.reference = max(size, 0.9 * self.reference, 1e-3 * self.peak)
+
+    def quiet_start(self, first: Step, k: int) -> Step:
+        """A state at step k whose velocity lets the multipliers start without an O(h) transient.
+
+        The scheme's own solution meets J v = 0 only to O(h^2); an exact v0 is off that solution and
+        rings in lam. The normal part of v0 is set so that the first step ends with the multipliers
+        that belong to its pose and velocity (cf. Arnold, Bruels and Cardona 2015, section 5).
+        """
+        dynamics, newton = self.dynamics, self.newton
+        if not newton.rows:
+            return first
+        after = self.step(first, (first.a.copy(), first.lam.copy()), k + 1)
+        held = self.motors if self.drive is None else self.motors[:0]
+        tau = None if self.drive is None else after.torque
+        a_held = self.path.acceleration[k + 1][: len(held)]
+        _, lam = consistent_acceleration(dynamics, after.y, after.v, held, a_held, tau)
+        free, scheme = newton.free, self.scheme
+        M = dynamics.mass(first.y)[np.ix_(free, free)]
+        J = dynamics.close(first.y)[1][:, free]
+        mu = (scheme.beta * self.h / scheme.mass_factor) * (after.lam - lam)
+        v = first.v.copy()
+        v[free] += np.linalg.lstsq(M, J.T @ mu, rcond=1e-14)[0]
+        return Step(first.y, v, first.a, first.s, first.lam, first.torque)
+
+    def first(self, y: Array, v: Array, k: int) -> Step:
+        """Consistent accelerations and multipliers, s = a(t + (alpha_m - alpha_f) h), at step k.
+
+        The slope of a comes from a second consistent state a fraction of a step away.
+        """
+        dynamics, path, drive, scheme = self.dynamics, self.path, self.drive, self.scheme
+        motors, motor_a = self.motors, path.acceleration
+        dynamics.loads.time = float(path.t[k])
+
+        def accelerate(y: Array, v: Array, part: float) -> tuple[Array, Array]:
+            self.control(k, y, v)
+            if drive is None:
+                a_motor = motor_a[k] * (1 - part) + motor_a[k + 1] * part
+                return consistent_acceleration(dynamics, y, v, motors, a_motor, None)
+            tau = drive.torque(k, path, self.axes, y, v)
+            return consistent_acceleration(dynamics, y, v, motors[:0], np.zeros(0), tau)
+
+        a, lam = accelerate(y, v, 0.0)
+        part = 0.01
+        dt = part * self.h
+        ahead = dynamics.integrate(y, dt * v + 0.5 * dt * dt * a)
+        a_ahead, _ = accelerate(ahead, v + dt * a, part)
+        s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
+        self.control(k, y, v)
+        r = dynamics.residual(y, v, a, lam)
+        torque = r[motors] if drive is None else drive.torque(k, path, self.axes, y, v)
+        return Step(y.copy(), v.copy(), a, s, lam, torque)
+
+    def set_scale(self, now: Step) -> None:
+        """Acceleration scale of a run before it has moved: what its static forces could do."""
+        dynamics, newton = self.dynamics, self.newton
+        newton.refresh(now)
+        still, straight = np.zeros(dynamics.system.nv), now.y.copy()
+        straight[dynamics.nq_rigid :] = 0.0
+        none = np.zeros(dynamics.system.closed.n)
+        force = dynamics.residual(straight, still, still, none)[newton.free]
+        static = float(np.sqrt(force @ (force / np.maximum(newton.weight, 1e-300))))
+        self.reference = max(static, newton.size(now.a), 1e-12)

@@ -1,0 +1,56 @@
+"""Accelerations and multipliers that satisfy the equations in a state: where steps begin."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.mechanics.dynamics import Dynamics
+
+
+def consistent_acceleration(
+    dynamics: Dynamics, y: Array, v: Array, held: IntArray, a_held: Array, tau: Array | None
+) -> tuple[Array, Array]:
+    """Accelerations and multipliers that satisfy the equations at (y, v).
+
+    Args:
+        dynamics: Workspace. y: Shape (nq,). v: Shape (nv,).
+        held: Velocity rows with prescribed acceleration a_held.
+        tau: Motor torques when no row is held.
+    Returns:
+        a (nv,), lam (rows,), from the saddle system of M and J (least squares where coordinates
+        have no mass).
+    """
+    system = dynamics.system
+    nv, rows = system.nv, system.closed.n
+    free = np.setdiff1d(np.setdiff1d(np.arange(nv), held), system.held)
+    a = np.zeros(nv)
+    a[held] = a_held
+    r = dynamics.residual(y, v, a, np.zeros(rows))
+    if tau is not None:
+        r[system.motors] -= tau
+    M = dynamics.mass(y)
+    n = len(free)
+    S = np.zeros((n + rows, n + rows))
+    S[:n, :n] = M[np.ix_(free, free)]
+    b = np.concatenate([-r[free], np.zeros(rows)])
+    if rows:
+        _, J = dynamics.close(y)
+        S[:n, n:], S[n:, :n] = J[:, free].T, J[:, free]
+        b[n:] = -dynamics.closure_bias(y, v) - J[:, held] @ a_held
+    size = np.abs(np.diag(S))
+    scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size, initial=0.0)), 1e-300)))
+    scale[n:] = 1.0
+    S *= scale[:, None] * scale
+    b *= scale
+    # Massless coordinates (torsion without inertia) make S singular: their balance is algebraic and
+    # the least-norm answer only seeds the first step.
+    if n + rows == 0:
+        solution = np.zeros(0)
+    elif np.linalg.cond(S) < 1e14:
+        solution = np.linalg.solve(S, b)
+    else:
+        solution = np.linalg.lstsq(S, b, rcond=1e-13)[0]
+    solution = scale * solution
+    a[free] = solution[:n]
+    return a, -solution[n:]

@@ -1,0 +1,1 @@
+"""Published and exact benchmarks that `pinflex verify` measures."""

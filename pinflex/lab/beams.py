@@ -1,0 +1,203 @@
+"""Beams with closed-form frequencies: cantilever, hub, tip mass, turning, and the spin-up.
+
+All beams but the spin-up's have L = rho A = E I = 1, so that omega = b^2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.advice.solve import solve
+from pinflex.arrays import Array
+from pinflex.lab.record import Case, Check, Outcome, Picture, Series
+from pinflex.lab.scene import Body, scene
+from pinflex.levels.modes import modes
+from pinflex.levels.quasistatic import balance
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism, load
+
+LIMIT = 1e-6  # a converged discretisation
+# Wave numbers b: roots of the transcendental equations, to eight decimals.
+WAVES = {
+    "clamped_free": (1.87510407, 4.69409113, 7.85475744, 10.99554073),
+    "clamped_clamped": (4.73004074, 7.85320462, 10.99560784, 14.13716549),
+    "clamped_pinned": (3.92660231, 7.06858275, 10.21017612, 13.35176878),
+    "pinned_pinned": (np.pi, 2 * np.pi, 3 * np.pi, 4 * np.pi),
+}
+HUBS = {
+    0.1: (2.63892470, 4.79377085, 7.87565294, 11.00310416),
+    1.0: (2.01000332, 4.70379426, 7.85682355, 10.99629338),
+}
+TIPS = {0.1: 1.72274152, 0.5: 1.41996443, 1.0: 1.24791741, 10.0: 0.73578192}
+# eta = Omega sqrt(m L^4/EI): three flapping frequencies (Wright, Smith, Thresher, Wang 1982,
+# recomputed with 14 Ritz terms).
+FLAP = {
+    2.0: (4.13731957, 22.6149220, 62.2731841),
+    6.0: (7.36037302, 26.8090817, 66.6839144),
+    12.0: (13.1701505, 37.6031123, 79.6144785),
+}
+LAG = -0.573779  # [m] largest tip lag of the geometrically exact spinning beam
+
+
+def beam(head: str = "", extra: str = "", hub: Body | None = None, wall: bool = False) -> Mechanism:
+    """A unit beam along x in the plane of z, on the ground or on a hub."""
+    bodies = [Body("beam", "hub" if hub else "base"), Body("tip", "beam", xyz=(1, 0, 0))]
+    if hub is not None:
+        bodies.insert(0, hub)
+    if wall:
+        bodies.append(Body("wall", "base", xyz=(1, 0, 0)))
+    actuated = "" if "actuated" in head else "actuated: []\n"
+    yaml = f"""
+gravity: [0, 0, 0]
+{actuated}{head}
+flexible:
+  beam:
+    material: {{E: 1, nu: 0.3, rho: 1}}
+    section: {{shape: given, A: 1, Iy: 1, Iz: 1, J: 1}}
+    basis: {{kind: craig_bampton, internal: 12}}
+    end: tip
+    torsion: false
+    axial: false
+    {extra}
+"""
+    return scene("beam", bodies, yaml)
+
+
+IN_PLANE = "bending_y: true\n    bending_z: false"
+
+
+def _omega(m: Mechanism) -> Array:
+    return np.asarray(2 * np.pi * modes(m, preload="none").frequencies)
+
+
+def standing() -> Outcome:
+    """Frequencies of beams whose far end is free or held by a loop."""
+    hinge = Body("hub", "base", "revolute", inertia=(1e-9,) * 3, mass=1e-9)
+    checks = []
+    for ends, kind, root in (
+        ("clamped_free", "", None),
+        ("clamped_pinned", "planar", None),
+        ("clamped_clamped", "weld", None),
+        ("pinned_pinned", "planar", hinge),
+    ):
+        loop = f"loops: {{end: {{kind: {kind}, between: [tip, wall]}}}}" if kind else ""
+        found = _omega(beam(loop, IN_PLANE, root, bool(kind)))[:4]
+        exact = np.square(WAVES[ends])
+        worst = int(np.argmax(np.abs(found / exact - 1)))
+        checks.append(
+            Check(f"{ends.replace('_', '-')}, worst of 4 frequencies [rad/s]",
+                  float(found[worst]), float(exact[worst]), LIMIT)
+        )  # fmt: skip
+    return Outcome(tuple(checks))
+
+
+def carrying() -> Outcome:
+    """A free hub takes part in the vibration; a tip mass slows it."""
+    checks = []
+    for inertia, waves in HUBS.items():
+        hub = Body("hub", "base", "revolute", mass=1.0, inertia=(inertia,) * 3)
+        found = _omega(beam("", IN_PLANE, hub))[1:5]
+        exact = np.square(waves)
+        worst = int(np.argmax(np.abs(found / exact - 1)))
+        checks.append(
+            Check(f"free hub {inertia:g} m L^3, worst of 4 frequencies [rad/s]",
+                  float(found[worst]), float(exact[worst]), LIMIT)
+        )  # fmt: skip
+    for mass, wave in TIPS.items():
+        found = _omega(beam("", f"{IN_PLANE}\n    tip: {{mass: {mass}}}"))
+        checks.append(
+            Check(f"tip mass {mass:g} m L, first frequency [rad/s]", float(found[0]), wave**2,
+                  LIMIT)
+        )  # fmt: skip
+    return Outcome(tuple(checks))
+
+
+def turning(eta: float, plane: str) -> Array:
+    """Frequencies [rad/s] of the beam on a hub that turns with eta, about its steady state."""
+    hub = Body("hub", "base", "continuous", mass=1.0, inertia=(1, 1, 1))
+    chord = plane == "chord"
+    extra = f"bending_y: {str(chord).lower()}\n    bending_z: {str(not chord).lower()}"
+    m = beam("actuated: [hub_joint]", extra, hub)
+    system = m.flexible
+    d, free = Dynamics(system), system.free
+    v, still = np.zeros(system.nv), np.zeros(system.nv)
+    v[system.motors] = eta
+    rest = balance(d, m.undeformed(), v, still, free)
+    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam))
+    n = len(free)
+    right = np.hstack([-np.linalg.solve(M, K), -np.linalg.solve(M, C)])
+    roots = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), right]))
+    return np.asarray(np.sort(roots.imag[roots.imag > 1e-9]))
+
+
+def rotating() -> Outcome:
+    """Flapping stiffens as published, lagging by eta^2 less."""
+    checks = []
+    for plane in ("flap", "chord"):
+        for eta, flap in FLAP.items():
+            exact = np.sqrt(np.square(flap) - (eta**2 if plane == "chord" else 0.0))
+            found = turning(eta, plane)[:3]
+            worst = int(np.argmax(np.abs(found / exact - 1)))
+            checks.append(
+                Check(f"eta = {eta:g}, {plane}, worst of 3 frequencies", float(found[worst]),
+                      float(exact[worst]), 1e-5)
+            )  # fmt: skip
+    at = np.linspace(0.0, 12.0, 13)
+    lines = [Series(f"pinflex, {plane}", at, np.array([turning(e, plane)[0] for e in at]))
+             for plane in ("flap", "chord")]  # fmt: skip
+    speeds = np.array(list(FLAP))
+    first = np.array([f[0] for f in FLAP.values()])
+    lines += [Series("published, flap", speeds, first, True),
+              Series("published, chord", speeds, np.sqrt(first**2 - speeds**2), True)]  # fmt: skip
+    picture = Picture("B rotating cantilever", "speed of rotation, eta", "first frequency",
+                      tuple(lines))  # fmt: skip
+    return Outcome(tuple(checks), picture)
+
+
+def spin_up() -> Outcome:
+    """The manoeuvre that a linear flexible body fails, with one body and with three."""
+    checks, lines = [], []
+    for segments, limit in ((1, 5e-3), (3, 5e-4)):
+        m = load("spinning_beam", [f"flexible.beam.segments={segments}"])
+        r = solve(m, dt=1e-2, until=20.0, samples=1001)
+        c, s = r.arrays["joint/q"].T
+        x, y, _ = r.frame("tip").position.T
+        lag = -s * x + c * y
+        k = int(np.argmin(lag))
+        a, b, low = np.polyfit(r.t[k - 1 : k + 2] - r.t[k], lag[k - 1 : k + 2], 2)
+        checks.append(
+            Check(f"largest tip lag, {segments} segment(s) [m]", float(low - b * b / (4 * a)), LAG,
+                  limit, note="one second-order body: error of order (w/L)^2; segments: 1/n^2")
+        )  # fmt: skip
+        if segments == 3:
+            late = float(np.abs(lag[r.t > 15.0]).max())
+            checks.append(Check("largest lag after 15 s [m]", late, 3.65e-3, 0.1,
+                                note="the Galerkin solution's residual; limit 4e-3"))  # fmt: skip
+        lines.append(Series(f"pinflex, {segments} segment(s)", r.t, lag))
+    checks.append(
+        Check("steady stretch at 6 rad/s [m]", _steady_stretch(), 5.143175e-4, 1e-3,
+              note="L (tan kL / kL - 1); the project's limit")
+    )  # fmt: skip
+    lines.append(Series("geometrically exact", np.array([6.76]), np.array([LAG]), True))
+    picture = Picture("C spin-up to 6 rad/s", "time [s]", "tip lag [m]", tuple(lines))
+    return Outcome(tuple(checks), picture)
+
+
+def _steady_stretch() -> float:
+    """Stretch [m] of the spinning beam at its final speed."""
+    m = load("spinning_beam", ["flexible.beam.axial=true"])
+    system = m.flexible
+    v, still = np.zeros(system.nv), np.zeros(system.nv)
+    v[system.motors] = 6.0
+    rest = balance(Dynamics(system), m.undeformed(), v, still, system.free)
+    (slot,) = system.expansion.slots
+    eta = rest.y[int(system.rigid.nq) :]
+    return float(slot.body.rows(slot.body.length)[0][0] @ eta[slot.eta])
+
+
+CASES = (
+    Case("A beam frequencies", "transcendental equations", standing),
+    Case("A hub and tip mass", "transcendental equations", carrying),
+    Case("B rotating cantilever", "Wright, Smith, Thresher, Wang 1982; 14 Ritz terms", rotating),
+    Case("C spin-up of a beam", "Kane, Ryan, Banerjee 1987; geometrically exact", spin_up),
+)

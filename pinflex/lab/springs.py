@@ -1,0 +1,205 @@
+"""Mechanisms with springs between bodies: Andrews' squeezer and the stiff flyball governor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.integrators.run import Run
+from pinflex.lab.extrapolation import by_step
+from pinflex.lab.record import Case, Check, Outcome, Picture, Series
+from pinflex.lab.scene import Body, energy, release, scene
+from pinflex.mechanics.mechanism import Mechanism
+
+PROJECT = 1e-6  # extrapolated from 40, 20 and 10 us
+
+# A03 -------------------------------------------------------------------------------------------
+
+# q at 0.03 s: PSIDE with tolerance 1e-14 (IVP test set); beta, Theta, gamma, Phi, delta, Omega,
+# epsilon [rad], speeds [rad/s], and the closure forces at E by pairs [N].
+SQUEEZER = {
+    "beta": (15.81077119629904, 1139.920302151208),
+    "theta": (-15.75637105984298, -1424.379294994111),
+    "gamma": (0.04082224013073101, 11.03291221937134),
+    "phi": (-0.5347301163226948, 19.29337464421385),
+    "delta": (0.5244099658805304, 0.5735699284790808),
+    "omega": (0.5347301163226948, -19.29337464421385),
+    "epsilon": (1.048080741042263, 0.3231791658026955),
+}
+SQUEEZER_FORCES = (
+    (199.1753333731910, -29.75531228015052),
+    (23.06654119098399, 31.45271365475927),
+    (22.64249232082739, 11.61740700019673),
+)
+BETA_AT_50MS = 33.825867767  # [rad]
+
+
+def squeezer() -> Mechanism:
+    """Seven bodies, three loops at one point; constants of the IVP test set."""
+    xa, ya, xb, yb, xc, yc = -0.06934, -0.00227, -0.03635, 0.03273, 0.014, 0.072
+    d, da, e, ea, rr, ra = 0.028, 0.0115, 0.02, 0.01421, 0.007, 0.00092
+    ss, sa, sb, sc, sd, ta, tb = 0.035, 0.01874, 0.01043, 0.018, 0.02, 0.02308, 0.00916
+    u, ua, ub, zf, zt, fa = 0.04, 0.01228, 0.00449, 0.02, 0.04, 0.01421
+    masses = (0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498)
+    inertias = (2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5)
+    places = (
+        ("beta", "base", (0.0, 0.0), (ra, 0.0)),
+        ("theta", "beta", (rr, 0.0), (-da, 0.0)),
+        ("gamma", "base", (xb, yb), (sb, -sa)),
+        ("phi", "delta", (zt, 0.0), (0.0, -(e - ea))),
+        ("delta", "base", (xa, ya), (ta, tb)),
+        ("omega", "epsilon", (0.0, -u), (zf - fa, 0.0)),
+        ("epsilon", "base", (xa, ya), (-ub, -ua)),
+    )
+    bodies = [
+        Body(name, parent, "revolute", xyz=(*at, 0), mass=mass, com=(*com, 0), inertia=(i, i, i))
+        for (name, parent, at, com), mass, i in zip(places, masses, inertias, strict=True)
+    ]
+    for name, parent, at in (
+        ("e2", "theta", (-d, 0.0)), ("e3", "gamma", (0.0, -ss)), ("e4", "phi", (0.0, -e)),
+        ("e6", "omega", (zf, 0.0)), ("spring_end", "gamma", (sd, -sc)), ("c", "base", (xc, yc)),
+    ):  # fmt: skip
+        bodies.append(Body(name, parent, xyz=(*at, 0)))
+    start = {
+        "beta": -0.0617138900142764496, "theta": 0.0, "gamma": 0.455279819163070380,
+        "phi": 0.222668390165885885, "delta": 0.487364979543842550,
+        "omega": -0.222668390165885885, "epsilon": 1.23054744454982119,
+    }  # fmt: skip
+    home = ", ".join(f"{name}_joint: {value!r}" for name, value in start.items())
+    yaml = f"""
+gravity: [0, 0, 0]
+actuated: []
+home: {{{home}}}
+loops:
+  at_3: {{kind: planar, between: [e3, e2]}}
+  at_4: {{kind: planar, between: [e4, e2]}}
+  at_6: {{kind: planar, between: [e6, e2]}}
+forces: {{motor: {{at: beta, moment: [0, 0, 0.033]}}}}
+springs: {{spring: {{between: [spring_end, c], stiffness: 4530, length: 0.07785}}}}
+"""
+    return scene("squeezer", bodies, yaml)
+
+
+def a03() -> Outcome:
+    """Angles, speeds and closure forces at 0.03 s, the crank at 0.05 s, energy."""
+    m = squeezer()
+    names = [name.removesuffix("_joint") for name in m.coordinates]
+    beta = names.index("beta")
+    every = 1e-3
+    shown: list[Run] = []
+
+    def states(h: float) -> Array:
+        """y, v, lam and energy less the motor's work, every ms."""
+        r = release(m, 0.05, h, tolerance=1e-10)
+        shown[:] = [r]
+        k, kept = round(every / h), slice(None, None, round(every / h))
+        spent = energy(m, r, k) - 0.033 * r.y[kept, beta]
+        return np.column_stack([r.y[kept], r.v[kept], r.lam[kept], spent])
+
+    _, best = by_step(states, (4e-5, 2e-5, 1e-5))
+    q, v, lam, spent = (best[:, at] for at in (slice(7), slice(7, 14), slice(14, 20), 20))
+    k = round(0.03 / every)
+    angles, speeds = (np.array([SQUEEZER[n][i] for n in names]) for i in (0, 1))
+    # The two rows of a loop lie in the frame of its first body; the set counts forces from E.
+    angle = dict(zip(names, q[k], strict=True))
+    held = (angle["gamma"], angle["delta"] + angle["phi"], angle["epsilon"] + angle["omega"])
+    turned = np.exp(1j * np.array(held))
+    force = -(lam[k, 0::2] + 1j * lam[k, 1::2]) * turned
+    exact = np.array([complex(*pair) for pair in SQUEEZER_FORCES])
+    off = np.abs(q[k] / angles - 1)
+    checks = [
+        Check("worst of the seven angles at 0.03 s, relative", float(off.max()), 0.0, PROJECT,
+              False, "the project's limit; beta turns 2.5 times"),
+        Check("worst of the seven speeds at 0.03 s, relative",
+              float(np.abs(v[k] / speeds - 1).max()), 0.0, 1e-5, False,
+              "beta turns at 1140 rad/s: 1e-8 s off is 1e-5 of a speed that follows it"),
+        Check("beta at 0.05 s [rad]", float(q[-1, beta]), BETA_AT_50MS, PROJECT),
+        Check("energy less the motor's work, drift [J]", float(np.ptp(spent)), 0.0, 1e-6, False,
+              "of 1.44 J"),
+        Check("the same, its value [J]", float(spent[-1]), 1.4378329575321, PROJECT),
+    ]  # fmt: skip
+    checks += [
+        Check(f"closure force {n} at 0.03 s, off by [N]", float(np.abs(f - g)), 0.0,
+              1e-4 * abs(g), False, "the project's limit: 1e-4 of it, both components")
+        for n, f, g in zip(("E to K3", "E to K4", "E to K6"), force, exact, strict=True)
+    ]  # fmt: skip
+    r = shown[0]
+    picture = Picture(
+        "A03 Andrews' squeezer", "time [s]", "gamma [rad]",
+        (Series("pinflex", r.t[::20], r.y[::20, names.index("gamma")]),
+         Series("PSIDE", np.array([0.03]), np.array([SQUEEZER["gamma"][0]]), True)),
+    )  # fmt: skip
+    return Outcome(tuple(checks), picture)
+
+
+# A05 -------------------------------------------------------------------------------------------
+
+# Slider height [m] over time [s]: symmetric three-freedom reduction, Radau 1e-12.
+GOVERNOR = {0.1: 0.5238364756, 0.2: 0.5850798118, 0.5: 0.7432494248, 1.0: 0.5014209224,
+            2.0: 0.5059092943}  # fmt: skip
+
+
+def governor() -> Mechanism:
+    """A shaft, two arms with balls, a slider, and two very stiff springs with dampers."""
+    rho = 3000.0
+    rod, box = rho * 1.0 * 0.01**2, rho * 0.1**3
+    slim, thick = rod * (0.01**2 + 0.01**2) / 12, rod * (1.0 + 0.01**2) / 12
+    cube = box * 0.1**2 / 6
+    bodies = [
+        Body("shaft", "base", "continuous", mass=rod, com=(0, 0, 0.5),
+             inertia=(thick, thick, slim)),
+        Body("slider", "shaft", "prismatic", xyz=(0, 0, 0.5), mass=box, inertia=(cube,) * 3),
+    ]  # fmt: skip
+    springs = []
+    for side, turn in (("right", 0.0), ("left", math.pi)):
+        x = 0.05 * math.cos(turn)
+        # The arm's x axis points 30 degrees down, its joint turns about the arm's y.
+        bodies += [
+            Body(f"{side}_pin", "shaft", xyz=(x, 0, 1), rpy=(0, math.pi / 6, turn)),
+            Body(f"{side}_arm", f"{side}_pin", "revolute", axis=(0, 1, 0), mass=rod,
+                 com=(0.5, 0, 0), inertia=(slim, thick, thick)),
+            Body(f"{side}_ball", f"{side}_arm", xyz=(1, 0, 0), mass=5.0, inertia=(1e-12,) * 3),
+            Body(f"{side}_middle", f"{side}_arm", xyz=(0.5, 0, 0)),
+            Body(f"{side}_hook", "slider", xyz=(x, 0, 0)),
+        ]  # fmt: skip
+        springs.append(
+            f"  {side}: {{between: [{side}_hook, {side}_middle], stiffness: 8.0e5, "
+            "damper: 4.0e4, length: 0.5}"
+        )
+    yaml = "gravity: [0, 0, -9.81]\nactuated: []\nsprings:\n" + "\n".join(springs)
+    return scene("governor", bodies, yaml)
+
+
+def a05() -> Outcome:
+    """Slider height over two seconds: stiffness 5e3 1/s, steps of 1 ms."""
+    m = governor()
+    names = list(m.coordinates)
+    v = np.zeros(m.flexible.nv)
+    v[names.index("shaft_joint")] = 2 * math.pi
+    h = 1e-3
+    r = release(m, 2.0, h, v=v)
+    s = 0.5 + _coordinate(m, r.y, "slider_joint")
+    checks = [
+        Check(f"slider height at {t:g} s [m]", float(s[round(t / h)]), exact, 1e-4,
+              note="second order at 1 ms; explicit schemes need 0.6 ms to be stable")
+        for t, exact in GOVERNOR.items()
+    ]  # fmt: skip
+    picture = Picture(
+        "A05 flyball governor", "time [s]", "slider height [m]",
+        (Series("pinflex", r.t[::5], s[::5]),
+         Series("reduction", np.array(list(GOVERNOR)), np.array(list(GOVERNOR.values())), True)),
+    )  # fmt: skip
+    return Outcome(tuple(checks), picture)
+
+
+def _coordinate(m: Mechanism, y: Array, joint: str) -> Array:
+    model = m.flexible.rigid
+    return np.asarray(y[:, model.joints[model.getJointId(joint)].idx_q])
+
+
+CASES = (
+    Case("A03 Andrews' squeezer", "IVP test set; PSIDE 1e-14", a03),
+    Case("A05 flyball governor", "UDC library A05; Radau 1e-12", a05),
+)

@@ -1,0 +1,306 @@
+"""Level quasistatic: equilibria along a motion, many at a time.
+
+Instants do not depend on each other, and what they have in common is used: one tangent serves a
+neighbourhood, Newton's residuals are evaluated together, and between the corners of the motion the
+deviation is a smooth function of time, so that it is found at a few Chebyshev points and
+interpolated. With a tolerance that is all; without one the interpolated poses are where Newton
+starts at every sample. Where this does not go straight, `pinflex.levels.quasistatic` goes from
+instant to instant and finds out what is the matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pinflex.actuation.drive import breaks
+from pinflex.actuation.nominal import Nominal, between, nominal_and_more
+from pinflex.arrays import Array, IntArray
+from pinflex.description.motion import Motion
+from pinflex.description.supplement import ASKED
+from pinflex.errors import ConvergenceError
+from pinflex.integrators.chebyshev import Pieces
+from pinflex.integrators.run import Run
+from pinflex.levels.outputs import ROUND_OFF, Outputs, relative
+from pinflex.levels.quasistatic import (
+    LOOKS,
+    STIFFNESS,
+    give_way,
+    giving_way,
+    negative,
+    solve_quasistatic,
+)
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.moved import Moved
+from pinflex.mechanics.stacked import Stacked, spans
+
+_TOGETHER = 32  # states in one evaluation: numpy's price is spread, the workspace stays in cache
+_NODES = 12  # intervals between the nodes of a piece to begin with
+_ASTRAY = 0.1  # of the largest nominal acceleration: nodes that miss so much are too few
+_APART = 6  # nodes from one with a tangent to the next
+_MOST = 15  # iterations
+_STRIDE = 0.3  # m or rad: of a first approach, as in pinflex.levels.quasistatic
+_FAR = 0.5  # of the largest deviation: where a prediction is so far off, it is not smooth
+_SLOW = 0.3  # contraction above which an instant gets a tangent of its own,
+_ROUND_OFF = 1e-11  # m or rad: unless it is round-off that does not contract
+_CLOSE = 1e-3  # of the tolerance: forces and gaps that Newton may leave, of the largest ones
+_EXACT = 1e-13  # the same at samples without a tolerance: what round-off leaves
+_CLOSED = 1e-12  # m or rad, as in pinflex.mechanics.assembly
+
+
+class _Unclear(Exception):
+    """Newton did not go straight to an equilibrium."""
+
+
+class Equilibria:
+    """The equilibria of one run, and what is known between them.
+
+    They are packed: deviation from the nominal pose (nv), multipliers (rows), torques (nm); then
+    the nominal accelerations, which tell whether the nodes follow the motion.
+    """
+
+    def __init__(self, mechanism: Mechanism, motion: Motion, t: Array, close: float) -> None:
+        """`close`: the forces and gaps that Newton may leave at nodes, of the largest ones."""
+        from scipy.linalg import lapack  # dear to import: only runs pay for it
+
+        self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
+        self._system, self._close = mechanism.flexible, close
+        self.dynamics = Dynamics(self._system)
+        self._moved = Moved(self.dynamics)
+        corners = breaks(motion, self._system.loads)
+        self._pieces = Pieces(float(t[0]), float(t[-1]), corners)
+        first = self._pieces.nodes(_NODES).ravel()
+        self._path, self._first = nominal_and_more(mechanism, motion, t, first)
+        widths = self._system.nv, self._system.closed.n, len(self._system.motors)
+        self._ends = np.cumsum(widths)
+        width = int(self._ends[-1] + self._system.rigid.nv)
+        self._values = np.empty((len(self._pieces), 0, width))
+        self._factors: list[tuple[float, Array, Array]] = []  # time, LU, pivots
+        self._stacks: dict[int, Stacked] = {}
+        self._reach, self._force = np.inf, 0.0  # largest deviation and force, once known
+        self._doubtful = False  # whether some tangent gives way
+        self._counts = {"steps": 0.0, "newton": 0.0, "tangents": 0.0}
+
+    @property
+    def nodes(self) -> int:
+        """Number of instants that are interpolated between."""
+        return len(self._pieces) * self._values.shape[1]
+
+    def begin(self) -> None:
+        """Balance the first nodes, from straight links."""
+        path, guess = self._first, np.zeros((len(self._first.t), self._values.shape[2]))
+        self._prepare(path, guess)
+        guess = self._solve(path, guess, far=True, rounds=1)
+        self._factors, self._doubtful = [], False  # now with what the loads stiffen
+        self._prepare(path, guess)
+        found = self._solve(path, guess, far=True)
+        self._values = found.reshape(len(self._pieces), _NODES + 1, -1)
+        moved, lam, torque, _ = np.split(found, self._ends, axis=1)
+        self._reach, self._force = _largest(moved), max(_largest(lam), _largest(torque))
+
+    def refine(self) -> None:
+        """Balance the middles between the nodes too."""
+        known, n = self._values, 2 * (self._values.shape[1] - 1)
+        times = self._pieces.nodes(n)[:, 1::2].ravel()
+        found = self._solve(self._nominal(times), self._pieces.between(known, times))
+        self._values = np.empty((len(known), n + 1, known.shape[2]))
+        self._values[:, ::2], self._values[:, 1::2] = known, found.reshape(len(known), n // 2, -1)
+
+    def interpolated(self) -> tuple[Run, Run, float]:
+        """The run off the polynomials; off coarser ones; by how much nominal accelerations are off.
+
+        Samples at corners are balanced themselves.
+        """
+        path, pieces = self._path, self._pieces
+        both = np.concatenate([self._values, pieces.coarser(self._values)], axis=2)
+        fine, coarse = np.split(pieces.between(both, path.t), 2, axis=1)
+        at = pieces.at_corner(path.t)
+        fine[at] = coarse[at] = self._solve(path.at(at), fine[at])
+        return self._run(fine), self._run(coarse), relative(fine[:, self._ends[-1] :], path.a)
+
+    def exact(self) -> Run:
+        """The run with every sample balanced, from the polynomials and with tangents there."""
+        times = self._pieces.nodes(self._values.shape[1] - 1).ravel()
+        self._factors = []
+        self._prepare(self._nominal(times), self._values.reshape(len(times), -1), 1)
+        guess = self._pieces.between(self._values, self._path.t)
+        return self._run(self._solve(self._path, guess, close=_EXACT))
+
+    def _prepare(self, path: Nominal, values: Array, every: int = _APART) -> None:
+        """Tangents at every so manyth of packed states."""
+        states = (x[::every] for x in (*self._states(path, values), path.t))
+        for y, v, a, lam, t in zip(*states, strict=True):
+            self._tangent(y, v, a, lam, float(t))
+
+    def _nominal(self, t: Array) -> Nominal:
+        return between(self._mechanism, self._motion, self._path, t)
+
+    def _states(self, path: Nominal, values: Array) -> tuple[Array, Array, Array, Array]:
+        """y, v, a and lam of packed equilibria."""
+        d, system, n = self.dynamics, self._system, len(path.t)
+        v, a = np.zeros((n, system.nv)), np.zeros((n, system.nv))
+        v[:, : d.n_rigid], a[:, : d.n_rigid] = path.v, path.a
+        moved, lam, _, _ = np.split(values, self._ends, axis=1)
+        moved = moved.copy()
+        moved[:, system.motors] = 0.0
+        return self._moved.poses(path.straight(system.n_eta), moved), v, a, lam
+
+    def _run(self, values: Array) -> Run:
+        system, t = self._system, self._path.t
+        y, v, a, lam = self._states(self._path, values)
+        torque = values[:, self._ends[1] : self._ends[2]]
+        return Run(system, t, y, v, a, lam, torque, dict(self._counts))
+
+    def looked_at(self, run: Run) -> Run:
+        """The run with a warning where an equilibrium gives way."""
+        if not self._doubtful:
+            return run
+        for k in np.linspace(0, len(run.t) - 1, LOOKS).astype(int):
+            self.dynamics.loads.time = float(run.t[k])
+            state = run.y[k], run.v[k], run.a[k], run.lam[k]
+            if giving_way(self.dynamics, *state, run.system.free):
+                said = give_way(f"t = {run.t[k]:.6g} s: equilibrium")
+                return replace(run, warnings=(said,))
+        return run
+
+    # Newton --------------------------------------------------------------------------------
+
+    def _solve(
+        self,
+        path: Nominal,
+        guess: Array,
+        close: float | None = None,
+        far: bool = False,
+        rounds: int | None = None,
+    ) -> Array:
+        """Packed equilibria, shape (n, width).
+
+        Args:
+            path: Nominal motion at the instants. guess: Shape (n, width).
+            close: What may be left, if not that of all nodes.
+            far: A guess from afar: the equilibrium is approached in strides.
+            rounds: So many iterations, whatever they leave.
+        Raises:
+            _Unclear: An instant needs closer attention.
+        """
+        system, n = self._system, len(path.t)
+        free, close = system.free, close or self._close
+        gap = max(_CLOSED, close * _largest(guess[:, : system.nv]))
+        Y, V, A, lam = self._states(path, guess)
+        use, previous = self._nearest(path.t), np.full(n, np.inf)
+        for _ in range(rounds or _MOST):
+            R, C = self._residuals(Y, V, A, lam, path.t)
+            force = max(self._force, _largest(R[:, system.motors]), _largest(lam))
+            if _largest(R[:, free]) <= close * force and _largest(C) < gap:
+                break
+            right, x = np.hstack([R[:, free], C]), np.empty((n, len(free) + system.closed.n))
+            for one in np.unique(use):
+                _, lu, pivots = self._factors[one]
+                x[use == one] = self._lapack.dgetrs(lu, pivots, -right[use == one].T)[0].T
+            size = np.max(np.abs(x[:, : len(free)]), axis=1, initial=0.0)
+            if not np.all(size <= _FAR * self._reach + _ROUND_OFF):
+                raise _Unclear
+            if far:
+                x *= np.minimum(1.0, _STRIDE / np.maximum(size, _STRIDE))[:, None]
+            step = np.zeros((n, system.nv))
+            step[:, free] = x[:, : len(free)]
+            Y, lam = self._moved.poses(Y, step), lam + x[:, len(free) :]
+            self._counts["newton"] += n
+            for k in np.flatnonzero((size > _SLOW * previous) & (size > _ROUND_OFF)):
+                use[k] = self._tangent(Y[k], V[k], A[k], lam[k], float(path.t[k]))
+            previous = size
+        else:
+            if rounds is None:
+                raise _Unclear
+        self._counts["steps"] += 0 if rounds else n
+        moved = self._moved.between(path.straight(system.n_eta), Y)
+        return np.hstack([moved, lam, R[:, system.motors], path.a])
+
+    def _residuals(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
+        """Forces left (n, nv) and gaps of the closures (n, rows)."""
+        R, C = np.empty_like(V), np.empty_like(lam)
+        for at in spans(len(t), _TOGETHER):
+            size = at.stop - at.start
+            if size not in self._stacks:
+                self._stacks[size] = Stacked(self.dynamics, size)
+            R[at] = self._stacks[size].residual(Y[at], V[at], A[at], lam[at], t[at])
+            C[at] = self._stacks[size].c
+        return R, C
+
+    def _tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> int:
+        """Factors of the tangent at a state; their number."""
+        d, free = self.dynamics, self._system.free
+        d.loads.time = t
+        K = d.iteration_matrix(y, v, a, lam, STIFFNESS)[np.ix_(free, free)]
+        J = d.jacobian()[:, free] if d.looped else np.zeros((0, len(free)))
+        self._doubtful |= negative(K, J) > 0
+        S = np.block([[K, -J.T], [J, np.zeros((len(J), len(J)))]])
+        lu, pivots, info = self._lapack.dgetrf(S)
+        if info != 0 or not np.all(np.isfinite(lu)):
+            raise _Unclear
+        self._factors.append((t, lu, pivots))
+        self._counts["tangents"] += 1
+        return len(self._factors) - 1
+
+    def _nearest(self, t: Array) -> IntArray:
+        apart = np.abs(t[:, None] - np.array([at for at, _, _ in self._factors]))
+        return np.asarray(np.argmin(apart, axis=1), dtype=np.intp)
+
+
+def _largest(x: Array) -> float:
+    return float(np.max(np.abs(x), initial=0.0))
+
+
+def solve_equilibria(
+    mechanism: Mechanism,
+    motion: Motion,
+    t: Array,
+    tol: float | None = None,
+    asked: Sequence[str] = ASKED,
+    progress: Callable[[int, int], None] | None = None,
+) -> Run:
+    """Level quasistatic at samples t (s).
+
+    Args:
+        mechanism: Mechanism. motion: Motion. t: Increasing samples, shape (nt,).
+        tol: Relative error of the outputs asked for (see `pinflex.solver.tolerance`); None: every
+            sample is balanced to round-off.
+        asked: What the tolerance is about.
+        progress: Called with (samples done, samples) where it goes from instant to instant.
+    Returns:
+        The run; v and a are the nominal ones (no vibration).
+    Raises:
+        ConvergenceError: With `.result` up to the last balanced instant.
+    """
+    try:
+        if len(t) > 2 * _NODES:
+            return _smooth(mechanism, motion, t, tol, asked)
+    except (_Unclear, ConvergenceError):
+        pass  # from instant to instant it is found, or found out what is the matter
+    return solve_quasistatic(mechanism, motion, t, progress)
+
+
+def _smooth(
+    mechanism: Mechanism, motion: Motion, t: Array, tol: float | None, asked: Sequence[str]
+) -> Run:
+    """Refined until the last polynomials matter less than tol, or balanced at every sample."""
+    found = Equilibria(mechanism, motion, t, _CLOSE * (1e-2 if tol is None else tol))
+    found.begin()
+    if tol is None:
+        found.refine()
+        return found.looked_at(found.exact())
+    compare = Outputs(mechanism, motion, t, asked, found.dynamics)
+    while True:
+        fine, coarse, astray = found.interpolated()
+        differ = compare.differences(coarse, fine)
+        error = {key: max(e, ROUND_OFF) for key, e in differ.items()}
+        if max(error.values(), default=0.0) <= 0.5 * tol and astray < _ASTRAY:
+            break
+        if 2 * found.nodes >= len(t):
+            fine, error = found.exact(), dict.fromkeys(error, ROUND_OFF)
+            break
+        found.refine()
+    return replace(found.looked_at(fine), settings={"tol": tol, "error": error})

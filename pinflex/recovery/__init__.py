@@ -1,0 +1,1 @@
+"""From states to named quantities: poses, forces, stresses, validity."""

@@ -1,0 +1,220 @@
+"""What a result says about itself: names, units, settings, cost, warnings, sources, versions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.integrators.run import Run
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.recovery import grades, validity
+from pinflex.results.result import UNITS
+
+_LAID_OUT = {  # by number of coordinates, as Pinocchio has them
+    2: "cos, sin",
+    4: "qx, qy, qz, qw",
+    7: "m, m, m, qx, qy, qz, qw",
+}
+JUDGED = (
+    "energy_balance",
+    "grades",
+    "warnings",
+    "limits",
+    "monitors",
+)  # the keys that `judge` knows
+
+
+def version() -> str:
+    """Installed version of pinflex, or "0+checkout"."""
+    try:
+        return metadata.version("pinflex")
+    except metadata.PackageNotFoundError:
+        return "0+checkout"
+
+
+def describe(
+    mechanism: Mechanism,
+    run: Run,
+    level: str,
+    cost: dict[str, float],
+    stopped: str,
+) -> dict[str, Any]:
+    """The meta mapping of a Result (plain JSON types), but for what `judge` says."""
+    description = mechanism.description
+    return {
+        "name": mechanism.name,
+        "level": level,
+        "status": "stopped" if stopped else "complete",
+        "message": stopped,
+        "joints": list(mechanism.rigid.rigid.names)[1:],
+        "joint_index": _joint_index(mechanism.rigid.rigid),
+        "coordinates": list(mechanism.coordinates),
+        "actuated": list(mechanism.motors),
+        "frames": list(description.reported),
+        "platform": description.platform,
+        "loops": _loops(mechanism, run),
+        "links": _links(mechanism) if run.system.n_eta else {},
+        "bodies": _bodies(mechanism),
+        "gravity": list(description.gravity),
+        "settings": {k: _plain(v) for k, v in run.settings.items()},
+        "resume": None if run.s is None else run.s[-1].tolist(),
+        "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
+        "units": _units(mechanism),
+        "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
+        "sources": dict(description.sources),
+    }
+
+
+def judge(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Any]:
+    """The rest of the meta mapping: how far a run can be trusted, from all of its arrays."""
+    monitors = validity.monitors(mechanism, run, arrays)
+    limits = validity.warnings(mechanism, run, monitors)
+    balance = _energy_balance(arrays)
+    graded = grades.grades(run, arrays, balance)
+    poor = grades.sentences(run, arrays, balance, graded)
+    return {
+        "energy_balance": balance,
+        "grades": graded,
+        "warnings": [
+            *run.warnings,
+            *poor,
+            *_redundant(mechanism, run),
+            *_held(mechanism, run),
+            *limits,
+        ],
+        "limits": limits,
+        "monitors": {name: asdict(found) for name, found in monitors.items()},
+    }
+
+
+def _plain(value: object) -> object:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _joint_index(model: pin.Model) -> dict[str, list[int]]:
+    return {
+        name: [joint.idx_q, joint.nq, joint.idx_v, joint.nv]
+        for name, joint in zip(model.names[1:], model.joints[1:], strict=True)
+    }
+
+
+def _loops(mechanism: Mechanism, run: Run) -> list[dict[str, Any]]:
+    closed = run.system.closed
+    flexible = run.system is not mechanism.rigid
+    report = mechanism.flexible_report if flexible else mechanism.report
+    between = {p.name: [p.frame_a, p.frame_b] for p in mechanism.description.loops}
+    between |= {p.name: [p.frame_a, p.frame_b] for p in mechanism.idle.spins}
+    return [
+        {
+            "name": name,
+            "kind": kind,
+            "between": between[name],
+            "rows": [r for r, k in zip(closed.labels, closed.loop_of, strict=True) if k == number],
+            "redundant": [r for r in report.redundant if r.startswith(f"{name}: ")],
+        }
+        for number, (name, kind) in enumerate(zip(closed.names, closed.kinds, strict=True))
+    ]
+
+
+def _links(mechanism: Mechanism) -> dict[str, Any]:
+    links = {}
+    for name, part in mechanism.parts.items():
+        section, material = part.spec.section, part.spec.material
+        body = part.bodies[0]
+        links[name] = {
+            "length": part.length,
+            "mass": part.mass,
+            "section": {
+                "shape": section.shape,
+                "A": section.A,
+                "Iy": section.Iy,
+                "Iz": section.Iz,
+                "J": section.J,
+                "outline": [list(p) for p in section.outline],
+                "fibres": [list(p) for p in section.fibres],
+            },
+            "material": {
+                "name": material.name,
+                "E": material.E,
+                "G": material.G,
+                "rho": material.rho,
+                "yield_strength": material.yield_strength,
+            },
+            "frame": [[float(x) for x in row] for row in part.placement.rotation],
+            "origin": [float(x) for x in part.placement.translation],
+            "planes": list(part.planes),
+            "reason": part.reason,
+            "basis": f"{part.spec.basis.kind}, {body.n} coordinates x {len(part.bodies)}",
+        }
+    return links
+
+
+def _bodies(mechanism: Mechanism) -> dict[str, Any]:
+    """Skeleton of every rigid link: its own joint and where other links hang, in its frame."""
+    bodies: dict[str, Any] = {}
+    for number, link in enumerate(mechanism.links):
+        if link.name in mechanism.parts:
+            continue
+        points = [[0.0, 0.0, 0.0]] if link.parent >= 0 else []
+        points += [
+            [float(x) for x in child.placement.translation]
+            for child in mechanism.links
+            if child.parent == number
+        ]
+        bodies[link.name] = {"points": points, "mass": float(link.inertia.mass)}
+    size = max(
+        (float(np.max(np.abs(b["points"]))) for b in bodies.values() if b["points"]), default=0.1
+    )
+    size = max([size, *(part.length for part in mechanism.parts.values())])
+    for body in bodies.values():
+        body["radius"] = 0.02 * size
+    return bodies
+
+
+def _energy_balance(arrays: Mapping[str, Array]) -> float:
+    """Largest |E - E0 - work + dissipated| over the largest energy in play."""
+    stored = sum(arrays[f"energy/{k}"] for k in ("kinetic", "gravity", "elastic", "spring"))
+    flow = arrays["energy/work"] - arrays["energy/dissipated"]
+    drift = np.abs(np.asarray(stored) - np.asarray(stored)[0] - (flow - flow[0]))
+    parts = [np.ptp(arrays[f"energy/{k}"]) for k in ("kinetic", "gravity", "elastic", "work")]
+    # Below 1e-15 J there is only the rounding of a run that does not move.
+    scale = max([float(p) for p in parts] + [1e-15])
+    return float(np.max(drift, initial=0.0)) / scale
+
+
+def _redundant(mechanism: Mechanism, run: Run) -> list[str]:
+    report = mechanism.report if run.system is mechanism.rigid else mechanism.flexible_report
+    if not report.redundant:
+        return []
+    return [
+        f"{len(report.redundant)} redundant closure rows left out "
+        f"({', '.join(report.redundant[:4])}{', ...' if len(report.redundant) > 4 else ''}): "
+        "the motion is exact, reactions in these directions are not unique."
+    ]
+
+
+def _held(mechanism: Mechanism, run: Run) -> list[str]:
+    if not len(mechanism.idle.base) or not np.isin(mechanism.idle.base[0], run.system.held):
+        return []
+    return ["the free base is held where home has it: only level coupled lets it go."]
+
+
+def _units(mechanism: Mechanism) -> dict[str, str]:
+    units = {"t": "s", **UNITS}
+    model = mechanism.rigid.rigid
+    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
+        if joint.nq > joint.nv:  # on a circle or a sphere: no rad among its coordinates
+            flat = joint.shortname() == "JointModelPlanar"
+            units[f"joint/q/{name}"] = "m, m, cos, sin" if flat else _LAID_OUT[joint.nq]
+        if joint.shortname().startswith("JointModelP") and joint.nv == 1:
+            units[f"torque/{name}"] = "N"
+            units[f"joint/q/{name}"] = "m"
+            units[f"joint/v/{name}"] = "m/s"
+            units[f"joint/a/{name}"] = "m/s^2"
+    return units

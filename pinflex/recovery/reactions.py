@@ -1,0 +1,97 @@
+"""Joint reactions in one frame for tree joints and loops, and the shaking force on the frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.loads import Loads, LoadState
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.poses import columns
+from pinflex.recovery.kinematics import joint_poses
+from pinflex.recovery.replay import run_of, samples_of
+from pinflex.recovery.samples import Samples
+from pinflex.results.result import Result
+
+
+def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
+    """What every joint and loop carries, in the world frame, at the joint.
+
+    Args:
+        mechanism: The mechanism that was solved. result: A run at any level.
+    Returns:
+        By name of joint or loop: force (N) and moment (N m) on the child body (loop: on the body
+        of frame b), (nt, 6). A motor's moment has its torque in it, less what turns its rotor.
+    """
+    samples = samples_of(mechanism, result)
+    out: dict[str, Array] = {}
+    for name, (joint, R) in _rotations(mechanism, samples).items():
+        force = samples.forces.f[:, joint].reshape(-1, 2, 3)
+        out[name] = np.einsum("tij,tkj->tki", R, force).reshape(-1, 6)
+    for name in samples.run.system.closed.names:
+        out[name] = samples.forces.arrays[f"loop/{name}/wrench"]
+    return out
+
+
+def _rotations(mechanism: Mechanism, samples: Samples) -> dict[str, tuple[int, Array]]:
+    """Joint number and world rotations (nt, 3, 3) of the tree joints, where forces were taken."""
+    run, expanded, rigid = samples.run, samples.run.system.expansion.model, mechanism.rigid.rigid
+    poses = samples.moves.poses
+    nominal = joint_poses(mechanism, run.path) if run.linear and run.path is not None else None
+    found = {}
+    for number, name in enumerate(rigid.names[1:], start=1):
+        joint = int(expanded.getJointId(name))
+        R = poses[:, joint] if nominal is None else nominal[:, number]
+        found[name] = (joint, R[:, :, :3])
+    return found
+
+
+def joint_reaction(mechanism: Mechanism, result: Result, name: str) -> Array:
+    """One entry of `joint_reactions`, shape (nt, 6)."""
+    every = joint_reactions(mechanism, result)
+    if name not in every:
+        raise DescriptionError(
+            f"joint_reaction: {name}: no such joint or loop.{nearest(name, every)}"
+        )
+    return every[name]
+
+
+def shaking(mechanism: Mechanism, result: Result) -> Array:
+    """Shaking force (N) and moment (N m, about the world origin) on the frame, shape (nt, 6).
+
+    Weight, external loads and inertia of all that moves, motors' reactions included:
+    -(dh/dt - gravity - loads). A rotor's own spin counts as inertia about its joint's axis.
+    """
+    run = run_of(mechanism, result)
+    dynamics = Dynamics(run.system)
+    out = np.empty((len(run.t), 6))
+    for k in range(len(run.t)):
+        dynamics.loads.time = float(run.t[k])
+        y, v = run.acting(k)
+        out[k] = -_from_ground(dynamics, y, v, run.a[k])
+    return out
+
+
+def _from_ground(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:
+    """Wrench about the origin that the moving bodies need from the ground, shape (6,)."""
+    model, data = dynamics.model, dynamics.data
+    dynamics.place(y)
+    V, A = dynamics.expand_motion(v, a)
+    pin.computeCentroidalMomentumTimeVariation(model, data, dynamics.Q, V, A)
+    mass, center = float(pin.computeTotalMass(model)), data.com[0]
+    force = data.dhg.linear - mass * model.gravity.linear
+    moment = data.dhg.angular + np.cross(center, force)
+    pin.computeJointJacobians(model, data, dynamics.Q)
+    axes = columns(data.J)[3:]  # zero for joints that slide
+    moment = moment + axes @ (model.armature * A)
+    wrench = np.concatenate([force, moment])
+    given = dynamics.system.loads.forces
+    if given:
+        loads = LoadState(Loads(given, ()), model, data)
+        loads.time = dynamics.loads.time
+        for joint, load in loads.wrenches(V).items():
+            wrench -= load if joint else 0.0 * load
+    return wrench

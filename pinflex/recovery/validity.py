@@ -1,0 +1,216 @@
+"""How near a run comes to the edge of the theory, and plain warnings beyond it.
+
+Bodies are right to second order in their own deflection; without `second_order` they miss the
+stiffness that axial forces bring. Each monitor is a number without unit: small is safe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.integrators.run import Run
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.expanded import Slot
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.stacked import Stacked, spans
+from pinflex.recovery.kinematics import TOGETHER
+from pinflex.text import brief
+
+# Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
+DEFLECTION = 0.1
+# A section turned by this has cos = 1 - 2 %: what the same theory leaves out.
+ROTATION = 0.2  # [rad]
+# A linear body's stiffness is off by the square of speed over frequency: 6 % at a quarter.
+SPEED = 0.25
+# ... and by compression over buckling load: 10 % of the stiffness at a tenth.
+COMPRESSION = 0.1
+# What the fastest shape of a link carries, those left out carry too, within a factor.
+FASTEST = 0.05
+_INSTANTS = 200  # enough to meet every peak of a smooth motion within a per cent
+
+
+@dataclass(frozen=True)
+class Monitors:
+    """Largest values over a run of one flexible link.
+
+    Attributes:
+        deflection: Of one body, over its length. rotation: Of one body's end section, rad.
+        speed: Angular speed over the first clamped frequency: 1 is where a linear body diverges.
+        compression: Axial compression over the Euler load of the link with hinged ends.
+        fastest: Kinetic energy of the fastest bending mode of the clamped link over the largest
+            elastic kinetic energy of the run, in the worse plane: does the basis suffice?
+        when: Time of the first instant with speed above 1 (s), or None.
+    """
+
+    __repr__ = brief
+
+    deflection: float
+    rotation: float
+    speed: float
+    compression: float
+    fastest: float
+    when: float | None
+
+
+def monitors(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Monitors]:
+    """Monitors of every flexible link of a run.
+
+    Args:
+        mechanism: Mechanism. run: States. arrays: What `recover` made of them.
+    Returns:
+        By link name; empty for a rigid run.
+    """
+    if not run.system.n_eta:
+        return {}
+    rates = _angular_speeds(run)
+    M = Dynamics(run.system).mass(run.y[0])
+    ends = {}
+    for slot in run.system.expansion.slots:
+        if id(slot.body) not in ends:
+            x = np.linspace(0.0, slot.body.length, 9)[1:]
+            ends[id(slot.body)] = slot.body.fields(x)["deflection"]
+    found = {}
+    for name, part in mechanism.parts.items():
+        slots = [s for s in run.system.expansion.slots if s.link == name]
+        deflection = rotation = 0.0
+        for slot in slots:
+            eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
+            moved = np.einsum("xrk,tk->txr", ends[id(slot.body)], eta, optimize=True)
+            bent = np.linalg.norm(moved[:, :, :3], axis=2)
+            deflection = max(deflection, float(np.max(bent, initial=0.0)) / slot.body.length)
+            rotation = max(rotation, float(np.max(np.abs(moved[:, -1, 3:]), initial=0.0)))
+        fast = np.max([rates[1][s.root.joint] for s in slots], axis=0) / first_frequency(part)
+        beyond = np.flatnonzero(fast > 1.0)
+        key = f"link/{name}/resultant"
+        push = -float(np.min(arrays[key][:, :, 0], initial=0.0)) if key in arrays else 0.0
+        when = float(rates[0][beyond[0]]) if len(beyond) else None
+        speed = float(np.max(fast, initial=0.0))
+        fastest = max((_fastest(run, slot, M) for slot in slots), default=0.0)
+        found[name] = Monitors(deflection, rotation, speed, push / euler_load(part), fastest, when)
+    return found
+
+
+def _fastest(run: Run, slot: Slot, M: Array) -> float:
+    """Share of the fastest bending mode of a body in its elastic kinetic energy; M: all rows."""
+    from scipy.linalg import eigh
+
+    start = int(run.system.rigid.nv) + slot.eta.start
+    parts, totals = [0.0], np.zeros(len(run.t))
+    for plane, inside in slot.body.slices.items():
+        at = slice(start + inside.start, start + inside.stop)
+        if plane not in ("v", "w") or inside.stop - inside.start < 2:
+            continue
+        try:
+            shapes = eigh(slot.body.K[inside, inside], M[at, at])[1]
+        except np.linalg.LinAlgError:  # shapes without mass of their own
+            continue
+        energy = (run.v[:, at] @ M[at, at] @ shapes) ** 2
+        parts.append(float(np.max(energy[:, -1], initial=0.0)))
+        totals += energy.sum(axis=1)
+    total = float(np.max(totals, initial=0.0))
+    return max(parts) / total if total > 0 else 0.0
+
+
+def first_frequency(part: FlexiblePart) -> float:
+    """Lowest bending frequency of a link clamped at its root, rad/s (inf if it does not bend)."""
+    if part.share is not None and len(part.bodies) == 1:  # much of the link may ride on the beam
+        return _ridden_frequency(part.bodies[0])
+    stiffness = _stiffness(part)
+    rho = part.spec.material.rho or 0.0
+    if stiffness is None or rho <= 0:
+        return float("inf")
+    per_length = rho * part.spec.section.A
+    return float(1.8751040687**2 * np.sqrt(stiffness / (per_length * part.length**4)))
+
+
+def _ridden_frequency(body: FlexibleBody) -> float:
+    """The same of a body whose mass matrix has what rides on it, plane by plane."""
+    from scipy.linalg import eigh
+
+    planes = [body.slices[d] for d in ("v", "w") if d in body.slices]
+    lowest = [eigh(body.K[p, p], body.M[p, p], eigvals_only=True)[0] for p in planes]
+    return float(np.sqrt(min(lowest, default=np.inf)))
+
+
+def euler_load(part: FlexiblePart) -> float:
+    """Buckling load of a link with hinged ends, N (inf if it does not bend)."""
+    stiffness = _stiffness(part)
+    return float("inf") if stiffness is None else float(np.pi**2 * stiffness / part.length**2)
+
+
+def _stiffness(part: FlexiblePart) -> float | None:
+    section, E = part.spec.section, part.spec.material.E
+    ways = {"v": section.Iz, "w": section.Iy}
+    bending = [E * ways[d] for d in part.planes if d in ways]
+    return min(bending) if bending else None
+
+
+def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
+    """Some instants (n,), and the angular speeds (n,) then of the joints that carry a body."""
+    every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
+    dynamics = Dynamics(run.system)
+    model, data = dynamics.model, dynamics.data
+    turning = {s.root.joint: np.zeros((len(every), 3)) for s in run.system.expansion.slots}
+    y, v = run.y[every], run.v[every]
+    stacked = Stacked(dynamics, min(len(every), TOGETHER))
+    for at in spans(len(every), TOGETHER):
+        Q, V, _, _ = stacked.expanded(y[at], v[at], np.zeros_like(v[at]))
+        for k in range(at.start, at.stop):
+            pin.forwardKinematics(model, data, Q[k - at.start], V[k - at.start])
+            for joint, rate in turning.items():
+                rate[k] = data.v[joint].angular
+    return run.t[every], {joint: np.linalg.norm(w, axis=1) for joint, w in turning.items()}
+
+
+def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:
+    """One sentence for each link and limit that the run passes, with what to change."""
+    said = []
+    for name, m in found.items():
+        part = mechanism.parts[name]
+        segments, second = len(part.bodies), part.spec.second_order
+        if not np.isfinite(m.deflection) or m.deflection > DEFLECTION or m.rotation > ROTATION:
+            said.append(
+                f"{name}: deflection is {_percent(m.deflection)} of the length and "
+                f"{m.rotation:.2g} rad in one of {segments} segment(s), beyond what one carries; "
+                f"raise flexible.{name}.segments."
+            )
+        if m.fastest > FASTEST:
+            said.append(
+                f"{name}: the fastest of its shapes carries {_percent(m.fastest)} of its elastic "
+                "kinetic energy, so that those left out matter too; raise the number of shapes "
+                f"in flexible.{name}.basis (internal, elements or modes)."
+            )
+        if not second and m.speed > SPEED:
+            grows = "" if m.when is None else f" and it runs away from t = {m.when:.4g} s on"
+            said.append(
+                f"{name}: turns at {m.speed:.2g} of its first frequency without second order: its "
+                f"stiffness is wrong by {_percent(m.speed**2)}{grows}; set "
+                f"flexible.{name}.second_order: true."
+            )
+        if not second and m.compression > COMPRESSION:
+            said.append(
+                f"{name}: compressed by {_percent(m.compression)} of its Euler load without second "
+                f"order, which does not see buckling; set flexible.{name}.second_order: true."
+            )
+        elif m.compression > 1.0:
+            said.append(
+                f"{name}: compressed by {_percent(m.compression)} of its Euler load: it buckles "
+                f"unless its ends hold it; cut it (flexible.{name}.segments) or stiffen it."
+            )
+    if run.system.closed.n and run.settings.get("gamma") == 0.5:
+        said.append(
+            "no numerical dissipation (rho_inf: 1, or newmark: [0.5, 0.25]): loop forces may "
+            "zig-zag from step to step and grow; take rho_inf: 0.9 or less, or a larger gamma."
+        )
+    return said
+
+
+def _percent(ratio: float) -> str:
+    return f"{100 * ratio:.0f} %" if ratio < 100 else "more than 100 times"

@@ -1,0 +1,229 @@
+"""The levels that march in time, ked and coupled, with a step or a resolution of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
+from pinflex.actuation.feedback import place
+from pinflex.arrays import Array
+from pinflex.description.control import Control
+from pinflex.description.motion import Motion
+from pinflex.description.supplement import SolveSpec
+from pinflex.errors import MotionError, RunInterrupted, SceneError
+from pinflex.integrators import equal_steps as coupled
+from pinflex.integrators import march as adaptive
+from pinflex.integrators.alpha_adaptive import AlphaSteps
+from pinflex.integrators.collocation import radau
+from pinflex.integrators.radau import STAGES, Stages
+from pinflex.integrators.run import Run
+from pinflex.integrators.schemes import AlphaScheme, scheme
+from pinflex.integrators.steps import Steps
+from pinflex.levels.ked import march_of, solve_ked
+from pinflex.levels.modes import modes
+from pinflex.levels.rigid import solve_rigid
+from pinflex.levels.start import Start, start_of
+from pinflex.mechanics.cost import require_steps
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.resume import state
+
+Progress = Callable[[int, int], None]
+_FEW = 400  # steps below which a run may be too coarse for its first mode
+_PER_PERIOD = 10.0  # steps that a vibration needs at the least
+_SHORT = 1e-6  # of the run: shorter steps are looked at for round-off
+_FORWARD = 401  # instants between which the torques of the rigid motion are interpolated
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is solved: a mechanism, its motion and its control.
+
+    Attributes:
+        mechanism, motion: As given to `solve`.
+        spec: What to compute.
+        control: Feedback, or None.
+        tolerance: Newton's, of the alpha family; None: its own.
+        before: A run to go on with, or None.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    spec: SolveSpec
+    control: Control | None = None
+    tolerance: float | None = None
+    before: Run | None = None
+
+    def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
+        """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
+        spec, samples = self.spec, len(t)
+        every = max(1, int(min(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9), 1e12)))
+        steps = every * (samples - 1)
+        require_steps(self.mechanism, steps, float(t[-1]), "dt" if spec.dt else "until")
+        fine = np.linspace(t[0], t[-1], steps + 1)
+        if spec.level == "ked":
+            structural = spec.ked == "structural"
+            close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
+            run = solve_ked(
+                self.mechanism, self.motion, fine, march_of(spec), spec.start,
+                structural, progress, **close,
+            )  # fmt: skip
+            run.settings["integrator"] = spec.by_steps
+            return thin(self._judged(run, every), every)
+        dynamics, drive = Dynamics(self._system), self._drive(fine)
+        path = motor_path(self.mechanism, self.motion, fine)
+        keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
+        if self.control is not None:
+            keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
+        if self.before is None:
+            start = self._start
+        else:
+            begun = str(self.before.settings.get("start", "straight"))
+            start = Start(self.before.y[-1], self.before.v[-1], begun)
+            at = every * (len(self.before.t) - 1)
+            keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
+        try:
+            run = coupled.integrate(
+                self.mechanism, dynamics, (start.y, start.v), path, self._scheme, drive,
+                progress=progress, **keys,
+            )  # fmt: skip
+        except (SceneError, RunInterrupted) as stop:
+            _tell(stop, start)
+            if isinstance(stop, RunInterrupted):
+                stop.result = thin(stop.result, every)
+            raise
+        return thin(start.told(self._judged(run, every)), every)
+
+    def _judged(self, run: Run, every: int) -> Run:
+        """The run with what its step alone tells: samples that cut it, too long, round-off."""
+        dt, h, words = self.spec.dt, float(run.t[1] - run.t[0]), []
+        if dt is not None and every == 1 and h < 0.99 * dt:
+            words.append(
+                f"dt = {dt:g} s was cut to {h:.3g} s, as every sample takes a step. Ask for fewer "
+                "samples."
+            )
+        if len(run.t) < _FEW and run.system.n_eta:
+            first = modes(self.mechanism, count=9, preload="none").frequencies
+            period = 1.0 / float(np.min(first[first > 0], initial=np.inf))
+            if h > period / _PER_PERIOD:
+                words.append(
+                    f"steps of {h:.3g} s are long for the first natural period of {period:.3g} s: "
+                    f"vibration is lost or shifted. Take dt = {period / 40:.2g}, or a tol."
+                )
+        noise = self._round_off(run, h)
+        largest = float(np.max(np.abs(run.torque), initial=0.0))
+        if noise > 1e-2 * largest and noise > 1e-12:
+            words.append(
+                f"steps of {h:.3g} s are so short that torques carry round-off of about "
+                f"{noise:.2g} (positions over dt^2), against a largest of {largest:.2g} in all. "
+                f"Take dt above {h * (noise / (1e-3 * largest)) ** 0.5:.1g} s."
+            )
+        return replace(run, warnings=(*run.warnings, *words)) if words else run
+
+    def _round_off(self, run: Run, h: float) -> float:
+        """What rounding of positions makes of motor torques [N m | N]: inertia eps |y| / h^2."""
+        rows = run.system.motors
+        if not len(rows) or (h > _SHORT * float(run.t[-1]) and h > 1e-6):
+            return 0.0
+        M = np.abs(Dynamics(run.system).mass(run.y[-1])[rows])
+        size = float(np.max(np.abs(run.y)))
+        return float(np.finfo(float).eps * size / h**2 * np.max(M.sum(axis=1)))
+
+    def resolved(
+        self,
+        t: Array,
+        resolution: float,
+        progress: Progress | None = None,
+        coarser: Run | None = None,
+        pilot: bool = False,
+        alpha: bool = False,
+    ) -> Run:
+        """The run at samples t in steps that follow the motion; see `adaptive.integrate`.
+
+        By collocation, or `alpha`: by the alpha family. A coarser run tells how far the mechanism
+        moves in all; a pilot is the first of them.
+        """
+        scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
+        dynamics, drive = Dynamics(self._system), self._drive(t)
+        path, forces = self._path(t), not self.spec.asked or "torque" in self.spec.asked
+        steps: Steps
+        if alpha:
+            steps = AlphaSteps(
+                self.mechanism, dynamics, path, (t[0], t[-1]), self._scheme, resolution, drive,
+                forces, self.tolerance,
+            )  # fmt: skip
+        else:
+            steps = Stages(self.mechanism, dynamics, path, resolution, radau(STAGES), drive, forces)
+        start = self._start
+        try:
+            run = adaptive.integrate(
+                self.mechanism.name, steps, (start.y, start.v), t,
+                breaks(self.motion, dynamics.system.loads), resolution, scale, pilot, progress,
+            )  # fmt: skip
+        except (SceneError, RunInterrupted) as stop:
+            _tell(stop, start)
+            raise
+        return start.told(run)
+
+    @property
+    def _scheme(self) -> AlphaScheme:
+        rho = 0.8 if self.spec.rho_inf is None else self.spec.rho_inf
+        return scheme(self.spec.by_steps, rho, self.spec.newmark)
+
+    @property
+    def _system(self) -> Any:
+        return self.mechanism.rigid if self.spec.level == "rigid" else self.mechanism.loose
+
+    def _path(self, t: Array) -> Callable[[Array], MotorPath]:
+        return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))
+
+    @cached_property
+    def _start(self) -> Start:
+        """Found once, however often the scene is run."""
+        dynamics = Dynamics(self._system)
+        path = motor_path(self.mechanism, self.motion, np.zeros(1))
+        return start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+
+    def _drive(self, t: Array) -> TorqueDrive | None:
+        if self.spec.drive != "torque":
+            return None
+        from scipy.interpolate import PchipInterpolator
+
+        count = len(self.mechanism.rigid.motors)
+        # On a grid of its own: how often a run is sampled must not change what drives it.
+        coarse = np.linspace(t[0], t[-1], _FORWARD)
+        try:
+            rigid = solve_rigid(self.mechanism, self.motion, coarse).torque
+        except MotionError:
+            rigid = np.zeros((len(coarse), count))
+        forward = PchipInterpolator(coarse, rigid)
+        kp, kd = np.full(count, self.spec.kp), np.full(count, self.spec.kd)
+        return TorqueDrive(kp, kd, forward(t), forward)
+
+
+def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
+    if isinstance(stop.result, Run):
+        stop.result = start.told(stop.result)
+
+
+def default_step(mechanism: Mechanism, end: float) -> float:
+    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
+    step = end / 400.0
+    if not mechanism.compliant:
+        return step
+    found = modes(mechanism, count=9, preload="none").frequencies
+    alive = found[found > 0]
+    if not len(alive):
+        return step
+    third = float(alive[min(2, len(alive) - 1)])
+    return min(step, 1.0 / (40.0 * third))
+
+
+def thin(run: Run, every: int) -> Run:
+    """Every k-th step of a run."""
+    return run if every == 1 else run.at(slice(None, None, every))

@@ -1,0 +1,134 @@
+"""The report of `python -m tests.benchmarks.race`: Markdown, and numbers for machines."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+
+from tests.benchmarks.race.contest import REPEATS, Outcome
+from tests.benchmarks.race.scenes import Race
+
+_ABOUT = f"""\
+# The race scenes: time to reach an error
+
+Written by `python -m tests.benchmarks.race --report FILE`.
+Error of an output: max_t |x - ref| / max_t |ref| at 401 samples.
+Time is that of the solver call alone: for pinflex the march with its set-up, but neither
+loading nor recovery; for the peer, Exudyn, its solver. One thread; the best of {REPEATS}
+fresh processes, the two sides in turn; in a process of pinflex the second call (the first, with the
+imports it needs, is the column `first`). CPU seconds are what is compared: wall time on a busy
+machine says who else was there.
+
+`tol` is `solve(..., tol=)` with the largest tol that meets the error; `radau` and `alpha` are
+tuned by hand, as the peer is, by one rule for all: from coarse to fine, a setting counts if it and
+the next finer one meet the error. The peer's refined run against the reference says how far both
+models are the same physics; where that is above the error asked for, 1.2 times it is the limit.
+"""
+
+
+def _versions() -> str:
+    found = []
+    for name in ("pinflex", "pin", "numpy", "scipy", "exudyn"):
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(f"{name} {'(checkout)' if name == 'pinflex' else 'absent'}")
+    return ", ".join(found)
+
+
+def machine() -> dict[str, object]:
+    """Where and beside what it was measured."""
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "versions": _versions(),
+        "load": os.getloadavg(),
+    }
+
+
+def write_report(outcomes: Sequence[Outcome]) -> str:
+    """The whole report."""
+    here = machine()
+    load = ", ".join(f"{x:.2f}" for x in os.getloadavg())
+    blocks = [
+        _ABOUT,
+        f"{here['processor']}, {here['cores']} cores, Python {here['python']}; {here['versions']}. "
+        f"Load average at the end (1, 5, 15 min): {load}.\n",
+        _summary(outcomes),
+        *(_scene(o) for o in outcomes),
+    ]
+    return "\n".join(blocks)
+
+
+def _summary(outcomes: Sequence[Outcome]) -> str:
+    rows = ["| scene | target | tuned by hand | by tol | reached |", "|---|---|---|---|---|"]
+    for o in outcomes:
+        tuned, tol = o.ratio(("radau", "alpha")), o.ratio(("tol",))
+        verdict = "no peer here" if "peer" not in o.entries else _verdict(tuned, tol, o.race.target)
+        ratios = ["-" if x != x else f"{x:.1f}" for x in (tuned, tol)]
+        rows.append(f"| {o.race.key} | {o.race.target:g} | {' | '.join(ratios)} | {verdict} |")
+    return "Ratio of CPU time, peer over pinflex:\n\n" + "\n".join(rows) + "\n"
+
+
+def _verdict(tuned: float, tol: float, target: float) -> str:
+    if tuned >= target:
+        return "yes" if tol >= target else "tuned by hand; not by tol"
+    return "**no**" if not tol >= target else "by tol"
+
+
+def _scene(o: Outcome) -> str:
+    limits = ", ".join(f"{name} {limit:.2g}" for name, limit in o.limits.items())
+    asked = ", ".join(f"{name} {limit:.2g}" for name, limit in o.race.limits.items())
+    above = "" if o.limits == o.race.limits else f" (asked for: {asked}; the floor is higher)"
+    lines = [
+        f"pinflex/ {o.race.key}: {o.race.about}",
+        *_always(o.race),
+        "",
+        f"Error to reach: {limits}{above}.",
+    ]
+    lines += ["", "The reference against other methods and models:", ""]
+    checks = dict(o.checks) | ({"the refined peer": o.peer_floor} if o.peer_floor else {})
+    lines += [f"- {name}: {_errors(found)}" for name, found in checks.items()]
+    lines += [
+        "",
+        "| | setting | errors | CPU s | wall s | first, CPU s |",
+        "|---|---|---|---|---|---|",
+    ]
+    for key, e in o.entries.items():
+        first = "-" if e.first != e.first else f"{e.first:.3f}"
+        cells = [key, e.label, _errors(e.errors), f"{e.cpu:.4f}", f"{e.wall:.4f}", first]
+        lines.append(f"| {' | '.join(cells)} |")
+    missing = [key for key in ("tol", "radau", "alpha") if key not in o.entries]
+    if missing:
+        lines += ["", f"Not reached by {', '.join(missing)} within the settings tried."]
+    goal = min(o.race.limits.values())
+    model = " ".join(o.race.models[-1]) or "the model as shipped"
+    lines += ["", f"`tol={goal:g}` as asked, on {model}: {_errors(o.at_tol)}."]
+    return "\n".join(lines) + "\n"
+
+
+def _always(race: Race) -> list[str]:
+    overrides = ", ".join(f"`{change}`" for change in race.always)
+    return ["", f"The shipped `{race.model}` with {overrides}."] if overrides else []
+
+
+def _errors(found: dict[str, float]) -> str:
+    return ", ".join(f"{name} {error:.1e}" for name, error in found.items())
+
+
+def as_json(outcomes: Sequence[Outcome]) -> dict[str, object]:
+    """The same in numbers."""
+    scenes = {
+        o.race.key: {
+            "limits": o.limits, "reference": o.checks, "peer_floor": o.peer_floor,
+            "target": o.race.target, "ratio": o.ratio(("radau", "alpha")),
+            "ratio_tol": o.ratio(("tol",)), "at_tol": o.at_tol,
+            "entries": {key: asdict(e) for key, e in o.entries.items()},
+        }
+        for o in outcomes
+    }  # fmt: skip
+    return {"machine": machine(), "scenes": scenes}
