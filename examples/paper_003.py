@@ -31,7 +31,8 @@ STROKE = [
     "motion.platform={x: 0.2, y: 0, z: 0}",
 ]
 ROD = f"{{kind: mesh, modes: 4, rod: {{diameters: [0.020, 0.016], lengths: [{STEP}, 0.04]}}}}"
-SOLID = ["flexible.rod_?.section=null", f"flexible.rod_?.basis={ROD}"]
+NO_BEAM = ["flexible.rod_?.section=null", "flexible.rod_?.axial=null"]
+SOLID = [*NO_BEAM, f"flexible.rod_?.basis={ROD}"]
 LEGS = (1, 2, 3)
 INSIDE = 0.10267687200049563  # length of a rod inside its tube at the centre [m]
 
@@ -139,7 +140,7 @@ def refinement(path: Path) -> None:
     rows, sizes = [], (0.08, 0.04, 0.02, 0.01)
     for size in sizes:
         basis = f"{{kind: mesh, modes: 4, size: {size}, rod: {{diameters: [0.020]}}}}"
-        robot = pf.load("3tpt", ["flexible.rod_?.section=null", f"flexible.rod_?.basis={basis}"])
+        robot = pf.load("3tpt", [*NO_BEAM, f"flexible.rod_?.basis={basis}"])
         rows.append(pf.modes(robot, preload="none", count=8).frequencies)
     beam = pf.modes(pf.load("3tpt"), preload="none", count=8).frequencies
     figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")

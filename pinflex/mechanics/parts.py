@@ -356,6 +356,9 @@ def any_undecided(
     return False
 
 
+_WORDS = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
+
+
 def _asked(spec: FlexibleLink) -> dict[str, bool | str]:
     return {"u": spec.axial, "v": spec.bending_y, "w": spec.bending_z, "p": spec.torsion}
 
@@ -386,6 +389,7 @@ def _planes(
             f"{where}: every direction is off. Leave at least one of axial, bending_y, bending_z, "
             "torsion on, or take the link out of `flexible`."
         )
-    if any(value != "auto" for value in asked.values()):
-        reason = "as asked; otherwise " + reason
+    named = [f"{'no '[: 3 * (not asked[d])]}{_WORDS[d]}" for d in "uvwp" if asked[d] != "auto"]
+    if named:
+        reason = "as asked" + (f": {', '.join(named)}; {reason}" if len(named) < 4 else "")
     return tuple(d for d in "uvwp" if chosen[d]), reason

@@ -62,8 +62,9 @@ def left_out(
     cases = shares(description, links, parts, system, home)
     groups: dict[str, list[FlexiblePart]] = {}
     for name, part in parts.items():
-        if name not in given:  # equal links stay equal, wherever they are
-            groups.setdefault(f"{part.length:.9g} {replace(part.spec, link='')}", []).append(part)
+        if name not in given:  # equal links stay equal, wherever they are and whatever their names
+            like = replace(part.spec, link="", start=None, end=None)
+            groups.setdefault(f"{part.length:.9g} {like}", []).append(part)
     doubtful: list[tuple[Array, str, str]] = []
     for group, equal in groups.items():
         for d in undecided(equal[0].spec, equal[0].planes):

@@ -75,8 +75,7 @@ class Scene:
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
             return thin(self._judged(run, every), every)
-        dynamics, drive = Dynamics(self._system), self._drive(fine)
-        path = motor_path(self.mechanism, self.motion, fine)
+        drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
             keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
@@ -87,6 +86,7 @@ class Scene:
             start = Start(self.before.y[-1], self.before.v[-1], begun)
             at = every * (len(self.before.t) - 1)
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
+        dynamics = Dynamics(self._system)  # takes the workspace that the start has given back
         try:
             run = coupled.integrate(
                 self.mechanism, dynamics, (start.y, start.v), path, self._scheme, drive,
@@ -149,7 +149,8 @@ class Scene:
         moves in all; a pilot is the first of them.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
-        dynamics, drive = Dynamics(self._system), self._drive(t)
+        start, drive = self._start, self._drive(t)
+        dynamics = Dynamics(self._system)  # takes the workspace that the start has given back
         path, forces = self._path(t), not self.spec.asked or "torque" in self.spec.asked
         steps: Steps
         if alpha:
@@ -159,7 +160,6 @@ class Scene:
             )  # fmt: skip
         else:
             steps = Stages(self.mechanism, dynamics, path, resolution, radau(STAGES), drive, forces)
-        start = self._start
         try:
             run = adaptive.integrate(
                 self.mechanism.name, steps, (start.y, start.v), t,

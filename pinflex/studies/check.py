@@ -29,6 +29,7 @@ MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth 
 _OFF_AXIS = 1e-6  # of the largest holding torque: round-off of an axis written with ten digits
 CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
 SAG_FAR = 0.1  # share of the longest flexible link beyond which a sag is worth a warning
+SAG_NONE = 1e-6  # share below which it is none, as where a leg hangs straight
 SAG_APART = 0.2  # share by which linear and full statics may differ without a word
 _ALONG_MOTION = 101  # poses at which the motion is tried
 
@@ -335,7 +336,8 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
             f"link ({longest:.3g} m): look for a slip of units, a joint that gives way, or a link "
             "that is too soft."
         )
-    if len(far) == 2 and abs(far[0] - far[1]) > SAG_APART * max(far) and max(far) > 1e-9:
+    seen = len(far) == 2 and max(far) > SAG_NONE * longest
+    if seen and abs(far[0] - far[1]) > SAG_APART * max(far):
         found.append(
             f"linear statics give a sag of {far[0]:.3g} m, the full equilibrium {far[1]:.3g} m: "
             "deflections are not small, so level ked is off as well. Trust coupled."

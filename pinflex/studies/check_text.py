@@ -33,15 +33,15 @@ def write(c: Check) -> str:
 def _head(c: Check) -> str:
     r = c.report
     gravity = "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2"
-    closed = f"{c.joints} joint coordinates"
+    closed = f"{c.joints} joint coordinate{'s'[: c.joints != 1]}"
     if c.loops:
-        closed += f" - {r.rank} independent closure rows"
+        closed += f" - {r.rank} independent closure row{'s'[: r.rank != 1]}"
     if c.elastic_joints:
         closed += f" - {len(c.elastic_joints)} elastic joint{'s'[: len(c.elastic_joints) != 1]}"
     idle = c.joints - r.rank * bool(c.loops) - len(c.elastic_joints) - r.mobility
     if idle:
         closed += f" - {idle} idle"
-    motors = f"{len(c.motors)} motor{'' if len(c.motors) == 1 else 's'}"
+    motors = f"{len(c.motors)} motor{'s'[: len(c.motors) != 1]}" if c.motors else "none"
     if c.motors:
         motors += f" ({', '.join(c.motors)})"
     rows = [

@@ -108,7 +108,7 @@ def test_a_case_that_fails_gets_its_reason_and_the_others_go_on(arm, tmp_path, c
         (["--outputs", "stres"], 'Did you mean "stress"?'),
         (["--level", "coupld"], 'Did you mean "coupled"?'),
         (["--out", "table.xls"], "Allowed: .csv, .parquet."),
-        (["--jobs", "0"], "'0' is not a whole number above zero"),
+        (["--jobs", "0"], "'0' is not a whole number, 1 to 99999"),
     ],
 )
 def test_wrong_input_is_said_before_anything_runs(arm, capsys, options, said):
@@ -209,6 +209,6 @@ def test_a_map_is_a_table_and_a_figure(tmp_path, capsys):
     for wrong, said in (
         (["--grid", "elbow=1"], "neither a motor nor a platform coordinate"),
         (["--plot", "map.gif"], "Allowed: .png, .pdf, .svg"),
-        (["--count", "0"], "'0' is not a whole number above zero"),
+        (["--count", "0"], "'0' is not a whole number, 1 to 99999"),
     ):
         assert said in call(capsys, "map", arm, *wrong).err
