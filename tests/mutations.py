@@ -119,11 +119,11 @@ exec(source, moves.__dict__)
     ),
     "static start of ked off: it starts undeformed": (
         """
-import numpy as np
 import pinflex.levels.ked as ked
-ked._static_deviation = lambda now: np.zeros(len(now.r))
+plain = ked.linear_start
+ked.linear_start = lambda m, path, structural, start: plain(m, path, structural, "straight")
 """,
-        ["tests/levels", "tests/hard/test_starts.py"],
+        ["tests/hard/test_equilibrium_starts.py"],
     ),
     "sign of Mz in the stress of unsymmetric sections": (
         """
@@ -181,10 +181,11 @@ def failures(code: str, paths: list[str]) -> list[str]:
 
 
 def main(wanted: str = "") -> int:
-    missed = 0
+    missed = tried = 0
     for name, (code, paths) in MUTATIONS.items():
         if wanted not in name:
             continue
+        tried += 1
         healthy = failures("", paths)
         caught = [test for test in failures(code, paths) if test not in healthy]
         print(f"\n{name}: caught by {len(caught)}")
@@ -193,7 +194,7 @@ def main(wanted: str = "") -> int:
         if healthy:
             print(f"  (failed already without it: {', '.join(healthy)})")
         missed += not caught
-    print(f"\n{len(MUTATIONS) - missed} of {len(MUTATIONS)} mutations caught")
+    print(f"\n{tried - missed} of {tried} mutations caught")
     return 1 if missed else 0
 
 

@@ -171,6 +171,17 @@ def test_a_loose_structure_is_held_and_still_judged(tmp_path: Path) -> None:
     assert "u" in m.parts["rod"].planes
 
 
+def test_equal_links_stay_equal_whatever_their_frames_are_called() -> None:
+    """Three sliders of one machine, 120 degrees apart: what each alone would bend is not equal."""
+    beam = "material: steel, section: {shape: circle, diameter: 0.02}, inertia: beam, axial: false"
+    m = pf.load(
+        "3tpt",
+        [f"flexible.slider_{k}={{start: slider_{k}_end, end: rod_{k}, {beam}}}"
+         for k in (1, 2, 3)],
+    )  # fmt: skip
+    assert len({m.parts[f"slider_{k}"].planes for k in (1, 2, 3)}) == 1
+
+
 def test_explicit_directions_are_never_changed_and_rigid_scenes_are_not_looked_at(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
