@@ -162,7 +162,8 @@ def _statics(c: Check) -> str:
     ]
     if s.linear_reason == s.full_reason and s.linear_reason:
         lines = [f"  platform sag  none: {s.linear_reason}"]
-    return "\n".join([f"At rest at home{', motors locked' if c.motors else ''}", *lines, *filter(None, [_holding(c, s)])])
+    head = f"At rest at home{', motors locked' if c.motors else ''}"
+    return "\n".join([head, *lines, *filter(None, [_holding(c, s)])])
 
 
 def _sag(kind: str, sag: Sag | None, reason: str, platform: str | None) -> str:
