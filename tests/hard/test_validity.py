@@ -88,7 +88,7 @@ def test_every_flexible_result_has_its_monitors(level: str) -> None:
 
 def test_ked_says_where_the_links_buckle_and_that_it_is_wrong() -> None:
     """3rrs: level quasistatic finds no stable branch from 0.6 s on; ked marches on to 8.85 mm."""
-    run = pf.solve(pf.load("3rrs"), level="ked")
+    run = pf.solve(pf.load("3rrs"), level="ked", samples=401)
     said = next(text for text in run.meta["warnings"] if "static divergence" in text)
     assert 0.55 < float(said.split()[2]) <= 0.75
     assert run.meta["grades"] == {"closure": "wrong", "energy": "wrong"}  # 44 %, 9.5 %
@@ -103,7 +103,7 @@ def test_small_deflections_are_graded_good() -> None:
 
 def test_a_motion_that_runs_away_names_the_cause() -> None:
     """At 50 pi links without second order soften until forces are no numbers."""
-    changes = ["flexible.*.second_order=false", "flexible.*.axial=false"]
+    changes = ["flexible.*.second_order=false", "flexible.*.axial=false", "solve.start=straight"]
     robot = pf.load("3rrr", [*changes, "motion.omega=157.0796"])
     with pytest.raises(pf.ConvergenceError, match="has no second-order terms"):
         pf.solve(robot, level="coupled", until=0.02, dt=2e-5)
