@@ -85,7 +85,7 @@ def _scene(o: Outcome) -> str:
     asked = ", ".join(f"{name} {limit:.2g}" for name, limit in o.race.limits.items())
     above = "" if o.limits == o.race.limits else f" (asked for: {asked}; the floor is higher)"
     lines = [
-        f"pinflex/ {o.race.key}: {o.race.about}",
+        f"## {o.race.key}: {o.race.about}",
         *_always(o.race),
         "",
         f"Error to reach: {limits}{above}.",
