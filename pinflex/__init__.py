@@ -22,6 +22,7 @@ Where the code is; each package imports only those above it:
     recovery      from states to named quantities: poses, forces, stresses, validity
     solver        one call to a run: level, step or tolerance; going on
     advice        which level, links, planes, modes and tolerance a scene needs; error bars
+    inversion     motor motions that the flexible robot's platform follows; linear models
     viewer        a result as a page, pictures, films and figures; reads `results` alone
     studies       many runs of one scene: sweep, map of poses, work and precision; the check
     lab           published cases that `pinflex verify` measures
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         formula,
         harmonic,
         hold,
+        nonic,
         quintic,
         sampled,
         spin_up,
@@ -62,6 +64,8 @@ if TYPE_CHECKING:
         SingularityError,
     )
     from pinflex.integrators.schemes import generalized_alpha, hht, newmark
+    from pinflex.inversion.command import Command, command
+    from pinflex.inversion.linear_model import LinearModel, linearise
     from pinflex.levels.modes import Modes, modes
     from pinflex.levels.quasistatic import (
         Equilibrium,
@@ -82,12 +86,14 @@ __all__ = [
     "LEVELS",
     "Advice",
     "AssemblyError",
+    "Command",
     "Control",
     "ConvergenceError",
     "Deflection",
     "DescriptionError",
     "Effort",
     "Equilibrium",
+    "LinearModel",
     "Mechanism",
     "Modes",
     "Motion",
@@ -101,6 +107,7 @@ __all__ = [
     "Voltage",
     "advise",
     "circle",
+    "command",
     "comparison",
     "cycloid",
     "formula",
@@ -110,9 +117,11 @@ __all__ = [
     "hold",
     "inverse_dynamics",
     "linear_statics",
+    "linearise",
     "load",
     "modes",
     "newmark",
+    "nonic",
     "pid",
     "platform_compliance",
     "pose_map",
@@ -135,6 +144,7 @@ _HOME = {
         "formula",
         "harmonic",
         "hold",
+        "nonic",
         "quintic",
         "sampled",
         "spin_up",
@@ -150,6 +160,8 @@ _HOME = {
         "SingularityError",
     ),
     "integrators.schemes": ("generalized_alpha", "hht", "newmark"),
+    "inversion.command": ("Command", "command"),
+    "inversion.linear_model": ("LinearModel", "linearise"),
     "levels.modes": ("Modes", "modes"),
     "levels.quasistatic": (
         "Equilibrium",

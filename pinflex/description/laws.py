@@ -29,6 +29,13 @@ def quintic(u: Array) -> Kinematics:
     return s, 30.0 * (u * (1.0 - u)) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
 
 
+def nonic(u: Array) -> Kinematics:
+    """s(u) = 126 u^5 - 420 u^6 + 540 u^7 - 315 u^8 + 70 u^9: four rates vanish at both ends."""
+    s = u**5 * (126.0 - u * (420.0 - u * (540.0 - u * (315.0 - 70.0 * u))))
+    flat = u * (1.0 - u)
+    return s, 630.0 * flat**4, 2520.0 * flat**3 * (1.0 - 2.0 * u)
+
+
 def trapezoid(r: float, u: Array) -> Kinematics:
     """Speed 1/(1 - r) between ramps of length r; the acceleration is continuous from the right."""
     speed, past = 1.0 / (1.0 - r), u + SNAP

@@ -59,6 +59,18 @@ class Motion:
         moving = (t >= 0.0)[:, None]
         return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
 
+    def shaped(self, kind: str, modes: Sequence[float] | float, damping: float = 0.0) -> Motion:
+        """The motion convolved with an input shaper, so that vibrations cancel; it ends later.
+
+        Args:
+            kind: "zv", "zvd" or "ei". modes: Frequencies [Hz] to cancel.
+            damping: Damping ratio of all of them [-].
+        Source: see `pinflex.description.shaping`.
+        """
+        from pinflex.description.shaping import shaped
+
+        return shaped(self, kind, modes, damping)
+
 
 def _motion(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
     target, by_name, _ = moves
@@ -83,6 +95,18 @@ def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) ->
         keys.options("quintic", duration=duration),
     )
     return _motion("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
+
+
+def nonic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
+    """Displacements along a polynomial of ninth degree in t/duration [s]; then rest.
+
+    Speed, acceleration, jerk and its rate are zero at both ends: smooth enough for `command`.
+    """
+    moves, n = (
+        keys.moves_of(joints, platform, "nonic"),
+        keys.options("nonic", duration=duration),
+    )
+    return _motion("nonic", moves, partial(laws.move, laws.nonic, moves[2], n["duration"]), n)
 
 
 def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
@@ -301,7 +325,7 @@ def _formula_law(trees: tuple[ast.expr, ...], t: Array) -> Kinematics:
 
 
 KINDS: dict[str, Callable[..., Motion]] = {"cycloid": cycloid, "quintic": quintic, "hold": hold}
-KINDS |= {"spin_up": spin_up, "formula": formula}
+KINDS |= {"nonic": nonic, "spin_up": spin_up, "formula": formula}
 KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampled": sampled}
 
 

@@ -82,7 +82,7 @@ def modes(
     M = dynamics.mass(y)
     free = np.arange(system.nv) if free_motors else system.free
     Z = allowed_motions(dynamics, y, free)
-    every, x = _eigen(Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ M[np.ix_(free, free)] @ Z)
+    x, _, every = condensed(Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ M[np.ix_(free, free)] @ Z)
     order = np.argsort(every)[:count]
     omega2 = every[order]
     shapes = np.zeros((system.nv, len(order)))
@@ -112,13 +112,18 @@ def allowed_motions(dynamics: Dynamics, y: Array, free: IntArray) -> Array:
     return null_space(dynamics.close(y)[1][:, free])
 
 
-def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
-    """Generalised eigenvalues; massless coordinates follow statically and are condensed out."""
+def condensed(K: Array, M: Array) -> tuple[Array, Array, Array]:
+    """Unit-mass modes of what has mass, and the compliance of what has none.
+
+    Returns:
+        Modes x (n, k), the massless coordinates following statically; compliance (n, n) of the
+        massless ones with the others held; omega^2 (k,).
+    """
     from scipy.linalg import eigh
 
     K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
     if not len(K):
-        return np.zeros(0), np.zeros((0, 0))
+        return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
     scale = np.where(
         np.diag(M) > 1e-14 * np.max(np.diag(M)), scale, 1.0 / np.sqrt(np.max(np.diag(M)))
@@ -127,21 +132,21 @@ def _eigen(K: Array, M: Array) -> tuple[Array, Array]:
     heavy = values > 1e-13 * values[-1]
     V = scale[:, None] * V
     if np.all(heavy):
-        return _lowest_again(K, M, *eigh(K, M))
+        omega2, x = _lowest_again(K, M, *eigh(K, M))
+        return x, np.zeros_like(K), omega2
     H, L = V[:, heavy], V[:, ~heavy]
-    loose = np.linalg.eigvalsh(L.T @ K @ L)[0]
-    if loose < 1e-12 * float(np.max(np.abs(K * scale * scale[:, None]))):
+    soft = L.T @ K @ L
+    if np.linalg.eigvalsh(soft)[0] < 1e-12 * float(np.max(np.abs(K * scale * scale[:, None]))):
         raise SingularityError(
             "modes: a coordinate has neither mass nor stiffness: two coordinates make one motion "
             "(a basis with free ends on a joint that moves the same way), or a massless link "
             "swings freely. Take a basis clamped at its root, fix the joint, or give the link "
             "a mass."
         )
-    follow = -np.linalg.lstsq(L.T @ K @ L, L.T @ K @ H, rcond=None)[0]
-    T = H + L @ follow
+    T = H - L @ np.linalg.lstsq(soft, L.T @ K @ H, rcond=None)[0]
     K, M = T.T @ K @ T, T.T @ M @ T
     omega2, x = _lowest_again(K, M, *eigh(K, M))
-    return omega2, T @ x
+    return T @ x, L @ np.linalg.lstsq(soft, L.T, rcond=None)[0], omega2
 
 
 def _lowest_again(K: Array, M: Array, omega2: Array, x: Array) -> tuple[Array, Array]:

@@ -1,0 +1,253 @@
+"""command(): the motor motion with which the platform of a flexible mechanism follows its path."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.laws import Kinematics
+from pinflex.description.motion import Motion
+from pinflex.errors import DescriptionError, MotionError, nearest
+from pinflex.inversion.exact import invert
+from pinflex.inversion.instant import Balanced, Instant
+from pinflex.inversion.internal import rest_needed
+from pinflex.inversion.series import rigid_guess, series
+from pinflex.inversion.target import target
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.solve import default_motion
+from pinflex.threads import one_blas_thread
+
+LEVELS = ("rigid", "quasistatic", "exact")
+_INSTANTS = 150  # in the time of the motion
+_LEAST, _MOST = 120, 4000  # instants in all
+_REFINED = 1.6  # instants of a finer grid over those of the last
+_TAIL = 8  # instants beyond the end, where differences have no neighbours: solved, and cut off
+
+
+@dataclass(frozen=True, repr=False)
+class Command:
+    """Motor motion over time, and what is known of it.
+
+    Attributes:
+        name: Model. level: rigid, quasistatic or exact.
+        motors: Motor names. units: Of their torques.
+        t: Uniform times [s], shape (nt,).
+        position, velocity, acceleration: Of the motors [m | rad, per s, per s^2], each (nt, nm).
+        torque: Motor torques [N m | N], shape (nt, nm).
+        before, after: Rest ahead of the platform's motion and after it [s].
+        coordinates: Platform coordinates that follow the path.
+        reference: Their values [m | rad], shape (nt, k).
+        error: Estimated largest error of each coordinate [m | rad], shape (k,); of level rigid,
+            what the quasistatic command corrects.
+        changes: Level quasistatic: largest change of a motor position from pass to pass.
+        iterations: Level exact: linear systems solved.
+    """
+
+    name: str
+    level: str
+    motors: tuple[str, ...]
+    units: tuple[str, ...]
+    t: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    before: float
+    after: float
+    coordinates: tuple[str, ...]
+    reference: Array
+    error: Array
+    changes: tuple[float, ...] = ()
+    iterations: int = 0
+    curve: Callable[..., Array] = field(default=np.zeros, compare=False)
+
+    def __repr__(self) -> str:
+        error = ", ".join(
+            f"{name} {1e6 * e:.3g} {'um' if name in 'xyz' else 'urad'}"
+            for name, e in zip(self.coordinates, self.error, strict=True)
+        )
+        return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform error {error}>"
+
+    @property
+    def motion(self) -> Motion:
+        """The command as a motion of the joints, which `solve` takes."""
+        names = tuple(self.motors)
+        law = partial(_follow, self.curve, float(self.t[-1]))
+        return Motion("command", "joints", names, float(self.t[-1]), law, True)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write t, then position, velocity, acceleration and torque of every motor, SI units."""
+        path = Path(path)
+        groups = ("position", "velocity", "acceleration", "torque")
+        header = ["t", *(f"{motor}.{group}" for motor in self.motors for group in groups)]
+        columns = np.stack([getattr(self, group) for group in groups], axis=2)
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+            table = np.column_stack([self.t, columns.reshape(len(self.t), -1)])
+            writer.writerows([f"{x:.12g}" for x in row] for row in table)
+        return path
+
+
+def _follow(curve: Callable[..., Array], end: float, t: Array) -> Kinematics:
+    inside = np.clip(t, 0.0, end)
+    p, v, a = (curve(inside, k) for k in range(3))
+    rest = (t > end)[:, None]
+    return p, np.where(rest, 0.0, v), np.where(rest, 0.0, a)
+
+
+@one_blas_thread()
+def command(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    level: str = "exact",
+    *,
+    tol: float | None = None,
+    coordinates: tuple[str, ...] | list[str] | None = None,
+    before: float | None = None,
+    after: float | None = None,
+    instants: int | None = None,
+) -> Command:
+    """Find the motor motion with which the platform follows a path although the links deform.
+
+    Args:
+        mechanism: Flexible mechanism with a platform and motors of one axis each.
+        motion: Of the platform, or of joints (then of the platform of the rigid mechanism);
+            default: the motion of the YAML.
+        level: "rigid": inverse kinematics. "quasistatic": an asymptotic series, for motions slower
+            than the vibrations. "exact": stable inversion, for any motion that is smooth.
+        tol: Error of the platform as a share of what the rigid command misses; the grid is refined
+            until the estimate is below it. Default: one grid.
+        coordinates: Platform coordinates that follow, among x y z rz ry rx; default: those of the
+            motion, or as many independent ones as there are motors.
+        before, after: Rest ahead of the motion and after it, s; default: from the internal
+            dynamics (the vibration that is left when the platform is held on its path).
+        instants: Number of grid points; default: 150 over the motion.
+    Returns:
+        The command. Its `motion` goes into `solve`, with `start="static"`.
+    Raises:
+        DescriptionError: No platform, no flexible link, an unknown coordinate or level.
+        MotionError: A path with jumps in its acceleration, or beyond reach.
+        ConvergenceError: No motor motion found.
+    Source: see `pinflex.inversion.series` and `pinflex.inversion.exact`.
+    """
+    if level not in LEVELS:
+        raise DescriptionError(f"command: level: {level}.{nearest(level, LEVELS)}")
+    if not mechanism.flexible.n_eta and not len(mechanism.rigid.held):
+        raise DescriptionError(
+            f"{mechanism.name}: command: nothing deforms, so the rigid inverse kinematics is the "
+            "answer. Describe flexible links or elastic joints."
+        )
+    motion = motion if motion is not None else default_motion(mechanism)
+    _require_smooth(mechanism, motion)
+    rest = rest_needed(mechanism) if before is None or after is None else (0.0, 0.0)
+    ahead, behind = (rest[k] if x is None else x for k, x in enumerate((before, after)))
+    span = ahead + motion.duration + behind
+    n = instants or int(np.clip(_INSTANTS * span / motion.duration, _LEAST, _MOST))
+    while True:
+        found, rigid = _on_grid(mechanism, motion, level, coordinates, ahead, behind, n)
+        missed = float(np.max(found.error / np.maximum(rigid, 1e-300)))
+        if tol is None or missed <= tol or level != "exact" or n >= _MOST:
+            return found
+        n = min(int(_REFINED * n), _MOST)
+
+
+def _on_grid(
+    mechanism: Mechanism,
+    motion: Motion,
+    level: str,
+    coordinates: tuple[str, ...] | list[str] | None,
+    ahead: float,
+    behind: float,
+    n: int,
+) -> tuple[Command, Array]:
+    """A command on n instants, and by how much the rigid one misses, by coordinate."""
+    t = np.arange(n + _TAIL, dtype=float) * ((ahead + motion.duration + behind) / (n - 1))
+    wanted = target(mechanism, motion, t, ahead, coordinates)
+    instant = Instant(mechanism, wanted)
+    slow = series(instant)
+    answer, open_, iterations = slow.found, slow.error, 0
+    apart = instant.axes.read(slow.found.y) - wanted.motors
+    if level == "exact":
+        exact = invert(instant, slow.found)
+        answer, open_, iterations = exact.found, exact.error, exact.iterations
+    elif level == "rigid":
+        answer, open_ = _rigid(instant), apart
+    position = instant.axes.read(answer.y)
+    if len(instant.axes.paired):
+        position = np.unwrap(position, axis=0)
+    curve, kept = _spline(t, position), slice(n)
+    found = Command(
+        name=mechanism.name,
+        level=level,
+        motors=mechanism.motors,
+        units=_units(mechanism),
+        t=t[kept],
+        position=position[kept],
+        velocity=curve(t[kept], 1),
+        acceleration=curve(t[kept], 2),
+        torque=answer.torque[kept],
+        before=ahead,
+        after=behind,
+        coordinates=wanted.names,
+        reference=wanted.position[kept],
+        error=_at_platform(wanted.gain[kept], open_[kept]),
+        changes=slow.changes if level == "quasistatic" else (),
+        iterations=iterations,
+        curve=curve,
+    )
+    return found, _at_platform(wanted.gain[kept], apart[kept])
+
+
+def _rigid(instant: Instant) -> Balanced:
+    """The undeformed mechanism on the path, with the torques that its motion needs."""
+    guess, v, a = rigid_guess(instant)
+    torque = [instant.residual(k, guess.y[k], v[k], a[k], guess.lam[k])[1] for k in range(len(v))]
+    return replace(guess, torque=np.array(torque))
+
+
+def _at_platform(gain: Array, moves: Array) -> Array:
+    """Largest platform motion that moves of the motors (nt, nm) make, shape (k,)."""
+    return np.asarray(np.max(np.abs(np.einsum("tkm,tm->tk", gain, moves)), axis=0))
+
+
+def _units(mechanism: Mechanism) -> tuple[str, ...]:
+    model = mechanism.rigid.rigid
+    joints = (model.joints[model.getJointId(name)] for name in mechanism.description.actuated)
+    return tuple("N" if j.shortname().startswith("JointModelP") else "N m" for j in joints)
+
+
+def _spline(t: Array, position: Array) -> Callable[..., Array]:
+    """Quintic through the positions, from rest; the end is as the data have it."""
+    from scipy.interpolate import make_interp_spline
+
+    still = np.zeros(position.shape[1])
+    begin, end = ([(order, still) for order in orders] for orders in ((1, 2), (3, 4)))
+    return make_interp_spline(t, position, k=5, bc_type=(begin, end))  # type: ignore[no-any-return]
+
+
+def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:
+    """Refuse a motion whose acceleration jumps: no motor motion makes a platform do that."""
+    t = np.linspace(0.0, motion.duration, 2001)
+    a = motion.evaluate(t)[2]
+    if not a.shape[1]:
+        raise MotionError(
+            f"{mechanism.name}: command: the motion moves nothing. Give a motion of the platform "
+            "or of the joints."
+        )
+    size = np.max(np.abs(a), axis=0)
+    jump = np.max(np.abs(np.diff(a, axis=0)), axis=0)
+    edge = np.maximum(np.abs(a[0]), np.abs(a[-1]))
+    for name, most, inside, end in zip(motion.names, size, jump, edge, strict=True):
+        if most > 0.0 and max(inside, end) > 0.2 * most:
+            raise MotionError(
+                f"{mechanism.name}: command: the acceleration of {name} jumps in a "
+                f"{motion.kind} motion, and no motor makes a flexible robot follow that. Take a "
+                "cycloid, quintic or nonic motion, or samples of a smooth one."
+            )

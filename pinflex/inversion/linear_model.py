@@ -1,0 +1,294 @@
+"""linearise(): a state-space model of the mechanism about a balanced pose, for control design.
+
+On the closures y = N z + W theta, with theta the motor positions where their acceleration is the
+input (W: what follows them rigidly); where motor torque is the input, N spans their motion too:
+
+    N' M (N z'' + W u) + N' C (N z' + W theta') + N' K (N z + W theta) = N' f
+
+In unit-mass modes of (N' K N, N' M N) this is x' = A x + B u, out = C x + D u. Modes that are left
+out, and coordinates without mass, follow statically: their compliance is in D.
+
+Source: Craig, Kurdila (2006), Fundamentals of Structural Dynamics, ch. 9 and 15 (mode displacement
+with residual flexibility); Gawronski (2004), Advanced Structural Dynamics, ch. 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import eig
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError, nearest
+from pinflex.levels.modes import condensed
+from pinflex.levels.quasistatic import rest
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.structure import null_space
+from pinflex.threads import one_blas_thread
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+RATES = ("", "velocity", "acceleration")
+INPUTS = ("torque", "acceleration")
+
+
+@dataclass(frozen=True, repr=False)
+class LinearModel:
+    """x' = A x + B u, out = C x + D u about a balanced pose.
+
+    Attributes:
+        A, B, C, D: Matrices. states, inputs, outputs: Names, with units in brackets.
+        y: Pose that was linearised about, shape (nq,).
+        frequencies: Of the undamped modes kept [Hz]; 0 for rigid motion.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    y: Array
+    frequencies: Array
+
+    def __repr__(self) -> str:
+        first = ", ".join(f"{f:.4g}" for f in self.frequencies[:4])
+        sizes = f"{len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs"
+        return f"<LinearModel {sizes}; modes {first} ... Hz>"
+
+    @property
+    def poles(self) -> Array:
+        """Eigenvalues of A [1/s], slowest first."""
+        found = np.linalg.eigvals(self.A)
+        return np.asarray(found[np.argsort(np.abs(found))])
+
+    def zeros(self) -> Array:
+        """Transmission zeros [1/s] of a model with as many inputs as outputs, slowest first.
+
+        In the left half plane and on the axis feedback from these outputs can damp what these
+        inputs excite (minimum phase); one in the right half plane limits its bandwidth.
+        """
+        n, m = self.B.shape
+        if m != len(self.C):
+            raise DescriptionError(
+                f"zeros: {m} inputs and {len(self.C)} outputs. Take a model with as many of each."
+            )
+        S = np.block([[self.A, self.B], [self.C, self.D]])
+        E = np.zeros_like(S)
+        E[:n, :n] = np.eye(n)
+        alpha, beta = eig(S, E, right=False, homogeneous_eigvals=True)
+        finite = np.abs(beta) * np.max(np.abs(self.A), initial=1.0) > 1e-8 * np.abs(alpha)
+        found = alpha[finite] / beta[finite]
+        return np.asarray(found[np.argsort(np.abs(found))])
+
+    def response(self, frequencies: Array) -> Array:
+        """Frequency response at frequencies [Hz], shape (nf, outputs, inputs), complex."""
+        unit = np.eye(len(self.A))
+        s = 2j * np.pi * np.atleast_1d(np.asarray(frequencies, float))
+        found = [self.C @ np.linalg.solve(x * unit - self.A, self.B) + self.D for x in s]
+        return np.array(found)
+
+    def to_scipy(self) -> Any:
+        """As scipy.signal.StateSpace."""
+        from scipy.signal import StateSpace
+
+        return StateSpace(self.A, self.B, self.C, self.D)
+
+    def to_control(self) -> Any:
+        """As control.StateSpace with names; needs python-control."""
+        try:
+            import control
+        except ImportError as error:
+            raise DescriptionError(
+                "to_control: python-control is not installed. pip install control, or take "
+                "to_scipy()."
+            ) from error
+        plain = [
+            [name.split(" [")[0].replace(".", "_") for name in names]  # it forbids dots
+            for names in (self.inputs, self.outputs)
+        ]
+        return control.ss(self.A, self.B, self.C, self.D, inputs=plain[0], outputs=plain[1])
+
+
+@one_blas_thread()
+def linearise(
+    mechanism: Mechanism,
+    q: Array | None = None,
+    *,
+    motors: str = "torque",
+    forces: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    modes: int | None = None,
+) -> LinearModel:
+    """Linear model of the closed mechanism about its static equilibrium.
+
+    Args:
+        mechanism: Mechanism.
+        q: Rigid pose, default home; the links are balanced there under gravity and loads.
+        motors: Input of the motors: "torque" (they are free to move) or "acceleration".
+        forces: Further inputs, "FRAME.x" ... "FRAME.z" (force, N, world axes) and "FRAME.rx" ...
+            (moment, N m).
+        outputs: "FRAME.x" ... "FRAME.rz" (small displacement or rotation, world axes), a joint by
+            name, each with ".velocity" or ".acceleration" as wanted, or "LINK.curvature_v@X" and
+            "LINK.curvature_w@X" (1/m at x = X m of a flexible link). Default: the platform's six,
+            and the motors' positions.
+        modes: How many modes to keep beside rigid motion, the rest following statically; default
+            all.
+    Returns:
+        The model.
+    Raises:
+        DescriptionError: An unknown input or output.
+        ConvergenceError: No static equilibrium.
+    """
+    if motors not in INPUTS:
+        raise DescriptionError(f"motors: {motors}.{nearest(motors, INPUTS)}")
+    system, dynamics = mechanism.flexible, Dynamics(mechanism.flexible)
+    found, still = rest(mechanism, q), np.zeros(system.nv)
+    M, C, K = dynamics.tangent(found.y, still, still, found.lam)
+    J = dynamics.close(found.y)[1] if system.closed.n else np.zeros((0, system.nv))
+    driven = motors == "acceleration"
+    nm = len(system.motors)
+    free = system.free if driven else system.unheld
+    N = np.zeros((system.nv, len(free)))
+    N[free] = np.eye(len(free))
+    N = N @ (null_space(J[:, free]) if len(J) else np.eye(len(free)))
+    W = _followers(system.nv, system.motors, free, J) if driven else np.zeros((system.nv, 0))
+    names = [f"{name} [{'rad/s^2 | m/s^2' if driven else 'N m | N'}]" for name in mechanism.motors]
+    push = np.zeros((system.nv, 0 if driven else nm))
+    if not driven:
+        push[system.motors] = np.eye(nm)
+    rows = [_frame_row(mechanism, dynamics, found.y, text) for text in forces]
+    F = np.column_stack([push, *rows]) if rows else push
+    names += [f"{text} [{'N m' if '.r' in text else 'N'}]" for text in forces]
+    wanted = tuple(outputs) or _usual_outputs(mechanism)
+    H, order = _output_rows(mechanism, dynamics, found.y, wanted)
+
+    heavy, compliance, omega2 = condensed(N.T @ K @ N, N.T @ M @ N)
+    kept = np.arange(len(omega2))
+    if modes is not None:
+        rigid = int(np.sum(omega2 < 1e-9 * max(float(np.max(omega2)), 1e-300)))
+        kept, left = kept[: rigid + modes], kept[rigid + modes :]
+        compliance = compliance + (heavy[:, left] / omega2[left]) @ heavy[:, left].T
+    P = N @ heavy[:, kept]
+    n, nt = P.shape[1], W.shape[1]
+    # x = (p, theta, p', theta'): modal coordinates and prescribed motors, then their rates.
+    T = np.hstack([P, W])
+    size = n + nt
+    A, B = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, nt + F.shape[1]))
+    A[:size, size:] = np.eye(size)
+    A[size : size + n, :size], A[size : size + n, size:] = -P.T @ K @ T, -P.T @ C @ T
+    B[size : size + n, :nt], B[size : size + n, nt:] = -P.T @ M @ W, P.T @ F
+    B[size + n :, :nt] = np.eye(nt)
+    static = N @ compliance @ N.T
+    by_state = np.hstack([T - static @ K @ W @ _last(nt, size), np.zeros((len(T), size))])
+    by_input = np.hstack([-static @ M @ W, static @ F])
+    C_out, D_out = np.zeros((len(H), 2 * size)), np.zeros((len(H), B.shape[1]))
+    by_rate = (
+        (by_state, by_input),
+        (by_state @ A, by_state @ B),
+        (by_state @ A @ A, by_state @ A @ B),
+    )
+    for rate, (of_x, of_u) in enumerate(by_rate):
+        C_out[order == rate], D_out[order == rate] = (
+            H[order == rate] @ of_x,
+            H[order == rate] @ of_u,
+        )
+    states = [f"mode {k + 1}" for k in range(n)] + [f"{m} position" for m in mechanism.motors][:nt]
+    frequencies = np.sqrt(np.maximum(omega2[kept], 0.0)) / (2.0 * np.pi)
+    return LinearModel(
+        A, B, C_out, D_out, tuple(states + [f"{s}'" for s in states]), tuple(names),
+        tuple(f"{text} [{_unit(text)}]" for text in wanted), found.y, frequencies,
+    )  # fmt: skip
+
+
+def _last(nt: int, size: int) -> Array:
+    """Picks the prescribed motors out of (p, theta)."""
+    return np.eye(size)[size - nt :]
+
+
+def _followers(nv: int, motors: Any, free: Any, J: Array) -> Array:
+    """Motion of every coordinate that follows the motors on the closures, shape (nv, nm)."""
+    W = np.zeros((nv, len(motors)))
+    W[motors] = np.eye(len(motors))
+    if len(J):
+        W[free] = -np.linalg.lstsq(J[:, free], J[:, motors], rcond=1e-12)[0]
+    return W
+
+
+def _usual_outputs(mechanism: Mechanism) -> tuple[str, ...]:
+    frame = mechanism.description.platform
+    platform = () if frame is None else tuple(f"{frame}.{axis}" for axis in AXES)
+    return (*platform, *mechanism.motors)
+
+
+def _split(text: str) -> tuple[str, int]:
+    name, _, last = text.rpartition(".")
+    return (name, RATES.index(last)) if name and last in RATES[1:] else (text, 0)
+
+
+def _unit(text: str) -> str:
+    name, rate = _split(text)
+    if "@" in name:
+        return "1/m"
+    base = "rad | m" if "." not in name else "rad" if name.rpartition(".")[2][0] == "r" else "m"
+    return base + ("", "/s", "/s^2")[rate]
+
+
+def _frame_row(mechanism: Mechanism, dynamics: Dynamics, y: Array, text: str) -> Array:
+    """How a frame's point or rotation moves with the coordinates, shape (nv,)."""
+    name, _, axis = text.rpartition(".")
+    if axis not in AXES or not name:
+        raise DescriptionError(
+            f"{text}: write FRAME.AXIS with one of the axes {', '.join(AXES)}, or a joint's name."
+        )
+    here = mechanism.frame(name)
+    dynamics.place(y)
+    pin.computeJointJacobians(dynamics.model, dynamics.data, dynamics.Q)
+    J = pin.getFrameJacobian(
+        dynamics.model, dynamics.data, here.joint, here.placement,
+        pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+    )  # fmt: skip
+    return np.asarray(dynamics.times_map(np.asarray(J).reshape(6, -1))[AXES.index(axis)])
+
+
+def _output_rows(
+    mechanism: Mechanism, dynamics: Dynamics, y: Array, wanted: Sequence[str]
+) -> tuple[Array, Array]:
+    """Rows of positions by velocity rows, shape (outputs, nv), and the order of each's rate."""
+    rows, order = [], []
+    for text in wanted:
+        name, rate = _split(text)
+        order.append(rate)
+        if name in mechanism.coordinates:
+            row = np.zeros(mechanism.flexible.nv)
+            row[mechanism.coordinates.index(name)] = 1.0
+        elif "@" in name:
+            row = _curvature(mechanism, name)
+        else:
+            row = _frame_row(mechanism, dynamics, y, name)
+        rows.append(row)
+    return np.array(rows), np.array(order, dtype=int)
+
+
+def _curvature(mechanism: Mechanism, text: str) -> Array:
+    """Curvature of a flexible link's axis by velocity rows, shape (nv,)."""
+    name, _, place = text.partition("@")
+    link, _, what = name.rpartition(".")
+    slots = [s for s in mechanism.flexible.expansion.slots if s.link == link]
+    if not slots or what not in ("curvature_v", "curvature_w"):
+        raise DescriptionError(
+            f"{text}: write LINK.curvature_v@X or LINK.curvature_w@X with a flexible link."
+            f"{nearest(link, mechanism.parts)}"
+        )
+    x = float(place)
+    slot = next((s for s in slots if x <= s.offset + s.body.length * (1 + 1e-9)), slots[-1])
+    row = np.zeros(mechanism.flexible.nv)
+    start = int(mechanism.rigid.nv) + slot.eta.start
+    fields = slot.body.fields(np.array([x - slot.offset]))
+    row[start : start + slot.body.n] = fields[what][0]
+    return row

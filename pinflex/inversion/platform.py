@@ -1,0 +1,67 @@
+"""Coordinates of the platform on a system, rigid or flexible: values and Jacobian at a pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.closed_poses import COORDINATES
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.expanded import Attachment
+
+
+class PlatformCoordinates:
+    """World position x y z [m] and intrinsic Z-Y-X angles rz ry rx [rad] of a frame.
+
+    Attributes:
+        names: Coordinates that are read, in order.
+        turning: Which of them are angles, shape (k,).
+    """
+
+    def __init__(self, dynamics: Dynamics, frame: Attachment, names: Sequence[str]) -> None:
+        for name in names:
+            if name not in COORDINATES:
+                raise DescriptionError(
+                    f"coordinates: {name}: no platform coordinate.{nearest(name, COORDINATES)}"
+                )
+        self.names = tuple(names)
+        self.turning = np.array([name.startswith("r") for name in names], dtype=bool)
+        self._dynamics, self._frame = dynamics, frame
+        self._columns = [COORDINATES.index(name) for name in names]
+
+    def at(self, y: Array) -> tuple[Array, Array]:
+        """Values, shape (k,), and Jacobian by velocity rows, shape (k, nv), at y (nq,)."""
+        d, frame = self._dynamics, self._frame
+        d.place(y)
+        pin.computeJointJacobians(d.model, d.data, d.Q)
+        world = d.data.oMi[frame.joint] * frame.placement
+        values = np.concatenate([world.translation, _zyx(world.rotation)])
+        J = pin.getFrameJacobian(
+            d.model, d.data, frame.joint, frame.placement, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        J = d.times_map(np.asarray(J).reshape(6, -1))
+        J[3:] = np.linalg.solve(_angular(values[3:]), J[3:])
+        return values[self._columns], J[self._columns]
+
+    def error(self, values: Array, wanted: Array) -> Array:
+        """values - wanted, angles within half a turn, shape (..., k)."""
+        error = values - wanted
+        turned = (error[..., self.turning] + np.pi) % (2.0 * np.pi) - np.pi
+        error[..., self.turning] = turned
+        return np.asarray(error)
+
+
+def _zyx(R: Array) -> Array:
+    """Angles (rz, ry, rx) of R = Rz Ry Rx."""
+    ry = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    return np.array([np.arctan2(R[1, 0], R[0, 0]), ry, np.arctan2(R[2, 1], R[2, 2])])
+
+
+def _angular(angles: Array) -> Array:
+    """B in omega = B (rz', ry', rx'), world axes."""
+    (cz, sz), (cy, sy) = ((np.cos(x), np.sin(x)) for x in angles[:2])
+    return np.array([[0.0, -sz, cz * cy], [0.0, cz, sz * cy], [1.0, 0.0, -sy]])

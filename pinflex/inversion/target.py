@@ -1,0 +1,124 @@
+"""The path that the platform has to follow, on a uniform grid with rest before and after it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.nominal import Nominal, nominal
+from pinflex.arrays import Array
+from pinflex.description.motion import Motion
+from pinflex.errors import DescriptionError, MotionError
+from pinflex.inversion.platform import PlatformCoordinates
+from pinflex.mechanics.assembly import independent_rows
+from pinflex.mechanics.closed_poses import COORDINATES
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the platform shall do.
+
+    Attributes:
+        t: Uniform times [s], shape (nt,). before: Rest before the motion begins [s].
+        names: Platform coordinates that are imposed.
+        position: Their values [m | rad], shape (nt, k).
+        motors: Motor positions of the rigid mechanism on the path [m | rad], shape (nt, nm).
+        gain: Platform coordinates by motor positions of the rigid mechanism, shape (nt, k, nm).
+        idle: Motions of the motors that do not move the platform, shape (nt, nm - k, nm).
+        path: The rigid mechanism's motion.
+    """
+
+    t: Array
+    before: float
+    names: tuple[str, ...]
+    position: Array
+    motors: Array
+    gain: Array
+    idle: Array
+    path: Nominal
+
+
+def delayed(motion: Motion, before: float) -> Motion:
+    """The motion with a rest of `before` [s] ahead of it."""
+    law = motion.law
+
+    def later(t: Array) -> tuple[Array, Array, Array]:
+        p, v, a = law(np.maximum(t - before, 0.0))
+        moving = (t >= before)[:, None]
+        return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
+
+    return replace(motion, law=later, duration=motion.duration + before, spec={})
+
+
+def target(
+    mechanism: Mechanism,
+    motion: Motion,
+    t: Array,
+    before: float,
+    names: Sequence[str] | None = None,
+) -> Target:
+    """The platform's path of a motion of the platform, or of joints of the rigid mechanism.
+
+    Args:
+        mechanism: Mechanism with a platform.
+        motion: Motion that begins at t = before.
+        t: Uniform times, shape (nt,), s.
+        before: Rest before the motion, s.
+        names: Platform coordinates to impose; default: those of the motion, or as many
+            independent ones as there are motors.
+    Raises:
+        DescriptionError: No platform, or more coordinates than motors.
+        MotionError: The rigid mechanism cannot follow the path.
+    """
+    frame = mechanism.description.platform
+    if frame is None:
+        raise DescriptionError(
+            f"{mechanism.name}: a command needs the frame that shall follow the path. Write "
+            "`platform: FRAME`."
+        )
+    path = nominal(mechanism, delayed(motion, before), t)
+    dynamics, axes = Dynamics(mechanism.rigid), motor_axes(mechanism)
+    every = PlatformCoordinates(dynamics, mechanism.rigid.expansion.frames[frame], COORDINATES)
+    poses = [every.at(q) for q in path.q]
+    position = np.array([values for values, _ in poses])
+    position[:, 3:] = np.unwrap(position[:, 3:], axis=0)
+    gains = [_by_motors(mechanism, dynamics, q, J) for q, (_, J) in zip(path.q, poses, strict=True)]
+    gain, nm = np.array(gains), len(axes.v_at)
+    chosen = tuple(names or (motion.names if motion.target == "platform" else ()))
+    if not chosen:
+        size = np.linalg.norm(position[:, :3] - position[0, :3], axis=1).max()
+        unit = np.array([1.0, 1.0, 1.0, size, size, size])[:, None]
+        kept, _ = independent_rows(gain[0] * unit, COORDINATES)
+        chosen = tuple(COORDINATES[k] for k in kept[:nm])
+    if len(chosen) > nm:
+        raise DescriptionError(
+            f"{mechanism.name}: {len(chosen)} platform coordinates ({', '.join(chosen)}) for {nm} "
+            f"motors. Name at most {nm} of them in `coordinates`."
+        )
+    columns = [COORDINATES.index(name) for name in chosen]
+    gain = gain[:, columns]
+    idle = np.array([np.linalg.svd(G)[2][len(chosen) :] for G in gain]).reshape(len(t), -1, nm)
+    motors = axes.read(path.q)
+    if len(axes.paired):
+        motors = np.unwrap(motors, axis=0)
+    if np.linalg.matrix_rank(gain[0]) < len(chosen):
+        raise MotionError(
+            f"{mechanism.name}: the motors cannot move {', '.join(chosen)} independently at the "
+            "start. Name other platform coordinates."
+        )
+    return Target(t, before, chosen, position[:, columns], motors, gain, idle, path)
+
+
+def _by_motors(mechanism: Mechanism, dynamics: Dynamics, q: Array, J: Array) -> Array:
+    """Platform coordinates by motor positions, shape (6, nm): the passive joints follow."""
+    motors, passive = mechanism.rigid.motors, mechanism.rigid.free
+    if not dynamics.looped:
+        return np.asarray(J[:, motors])
+    c = dynamics.close(q)[1]
+    follow = -np.linalg.lstsq(c[:, passive], c[:, motors], rcond=1e-12)[0]
+    return np.asarray(J[:, motors] + J[:, passive] @ follow)
