@@ -14,7 +14,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, NoReturn
 
-from pinflex.cli import advise, batch_arguments, bench_arguments, process
+from pinflex.cli import advise, batch_arguments, bench_arguments, command, process
 from pinflex.errors import DescriptionError, PinflexError, quoted
 
 _ISSUES = "please report it with the model and the output of --debug"
@@ -136,6 +136,7 @@ otherwise.""",
     )
 
     advise.add(partial(_command, commands), _positive, _names)
+    command.add(partial(_command, commands), _positive)
 
     p = _command(
         commands,
@@ -303,6 +304,7 @@ examples:
   pinflex check 3rrr                   what was understood of the model
   pinflex modes ur5 --count 6          natural frequencies
   pinflex advise race_r1 --tol 0.02    what the scene needs for that
+  pinflex command delta -o command.csv the motor motion with which the platform follows its path
   pinflex solve 3rrr -o run.npz        one run
   pinflex sweep ur5 --set flexible.*.material.E=5e10:9e10:5 --out table.csv
   pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png

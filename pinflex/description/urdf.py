@@ -288,3 +288,34 @@ def _check_tree(links: tuple[str, ...], joints: dict[str, UrdfJoint], file: str)
             f"{file}: the links {', '.join(roots[:8])} have no parent, but one tree has one root. "
             "Join the others to it, with fixed joints if they stand still."
         )
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a joint in a URDF; nothing written is inf.
+
+    Attributes:
+        effort: [N m | N]. velocity: [rad/s | m/s].
+    """
+
+    effort: float
+    velocity: float
+
+
+def limits(text: str) -> dict[str, Limits]:
+    """Effort and velocity limits by joint; zero means that nobody wrote one."""
+    found = {}
+    for joint in ET.fromstring(text.strip()).findall("joint"):
+        limit = joint.find("limit")
+        if limit is not None:
+            effort, velocity = (_positive(limit.get(key)) for key in ("effort", "velocity"))
+            found[joint.get("name", "")] = Limits(effort, velocity)
+    return found
+
+
+def _positive(text: str | None) -> float:
+    try:
+        value = float(text or "0")
+    except ValueError:
+        value = 0.0
+    return value if value > 0.0 else math.inf

@@ -13,6 +13,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.laws import Kinematics
 from pinflex.description.motion import Motion
+from pinflex.description.urdf import Limits, limits
 from pinflex.errors import DescriptionError, MotionError, nearest
 from pinflex.inversion.exact import invert
 from pinflex.inversion.instant import Balanced, Instant
@@ -113,6 +114,7 @@ def command(
     before: float | None = None,
     after: float | None = None,
     instants: int | None = None,
+    limited: bool = True,
 ) -> Command:
     """Find the motor motion with which the platform follows a path although the links deform.
 
@@ -129,11 +131,13 @@ def command(
         before, after: Rest ahead of the motion and after it, s; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
         instants: Number of grid points; default: 150 over the motion.
+        limited: Refuse a command beyond the URDF's effort and velocity limits.
     Returns:
         The command. Its `motion` goes into `solve`, with `start="static"`.
     Raises:
         DescriptionError: No platform, no flexible link, an unknown coordinate or level.
-        MotionError: A path with jumps in its acceleration, or beyond reach.
+        MotionError: A path with jumps in its acceleration, beyond reach, or beyond what the URDF
+            lets the motors do.
         ConvergenceError: No motor motion found.
     Source: see `pinflex.inversion.series` and `pinflex.inversion.exact`.
     """
@@ -154,8 +158,11 @@ def command(
         found, rigid = _on_grid(mechanism, motion, level, coordinates, ahead, behind, n)
         missed = float(np.max(found.error / np.maximum(rigid, 1e-300)))
         if tol is None or missed <= tol or level != "exact" or n >= _MOST:
-            return found
+            break
         n = min(int(_REFINED * n), _MOST)
+    if limited:
+        _require_within_limits(mechanism, found)
+    return found
 
 
 def _on_grid(
@@ -230,6 +237,25 @@ def _spline(t: Array, position: Array) -> Callable[..., Array]:
     still = np.zeros(position.shape[1])
     begin, end = ([(order, still) for order in orders] for orders in ((1, 2), (3, 4)))
     return make_interp_spline(t, position, k=5, bc_type=(begin, end))  # type: ignore[no-any-return]
+
+
+def _require_within_limits(mechanism: Mechanism, found: Command) -> None:
+    known = limits(mechanism.description.urdf_text)
+    for k, name in enumerate(mechanism.description.actuated):
+        limit = known.get(name, Limits(np.inf, np.inf))
+        speed = "m/s" if found.units[k] == "N" else "rad/s"
+        for values, most, unit, what in (
+            (found.torque[:, k], limit.effort, found.units[k], "effort"),
+            (found.velocity[:, k], limit.velocity, speed, "velocity"),
+        ):
+            at = int(np.argmax(np.abs(values)))
+            if abs(values[at]) > most:
+                raise MotionError(
+                    f"{mechanism.name}: command: {name} needs {abs(values[at]):.4g} {unit} at t = "
+                    f"{found.t[at]:.4g} s, the URDF's {what} limit is {most:g}. Slow the motion "
+                    "down, or lift the check (limited=False, --beyond-limits).",
+                    joint=name,
+                )
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

@@ -1,0 +1,140 @@
+"""The command `command`: motor motions that the flexible robot's platform follows."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+from pinflex.cli.console import load_model, print_json
+from pinflex.text import length, number, paragraph, table
+from pinflex.writing import writable
+
+
+def add(command: Callable[..., argparse.ArgumentParser], positive: Callable[[str], float]) -> None:
+    """Add the command.
+
+    Args:
+        command: Makes the parser of a command from its name, summary, text and example.
+        positive: Reads a number above zero.
+    """
+    p = command(
+        "command",
+        "the motor motion with which the platform follows its path",
+        """
+Finds the motor motion that makes the platform, not the motors, follow the motion of the YAML
+although links and joints deform, and writes it for a controller. Level exact inverts the whole
+motion at once; quasistatic is cheaper and enough where the motion is slow beside the vibrations.
+With --verify a forward run of level coupled tells what is left, beside the rigid command.""",
+        "pinflex command delta -o command.csv --verify",
+    )
+    p.add_argument("-o", "--output", metavar="FILE.csv", help="write t, motor motion and torques")
+    p.add_argument(
+        "--level", choices=("rigid", "quasistatic", "exact"), default="exact", metavar="LEVEL",
+        help="rigid, quasistatic or exact (default)",
+    )  # fmt: skip
+    p.add_argument(
+        "--tol", type=positive, metavar="X",
+        help="platform error wanted, over that of the rigid command (level exact)",
+    )  # fmt: skip
+    for name, text in (("before", "rest ahead of the motion"), ("after", "rest after it")):
+        p.add_argument(
+            f"--{name}", type=positive, metavar="S",
+            help=f"{text} in s (default: from the internal dynamics)",
+        )  # fmt: skip
+    p.add_argument("--instants", type=int, metavar="N", help="grid points (default 150 a motion)")
+    p.add_argument(
+        "--beyond-limits", action="store_true", help="do not refuse what the URDF limits forbid"
+    )
+    p.add_argument(
+        "--verify", action="store_true", help="run level coupled with it and with the rigid one"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find a command, write it, hold it against a forward run."""
+    from pinflex.inversion.command import command
+    from pinflex.inversion.verify import followed
+    from pinflex.solver.solve import default_motion
+
+    mechanism = load_model(args)
+    writable(args.output)
+    motion = default_motion(mechanism)
+    given = {"limited": not args.beyond_limits, "instants": args.instants}
+    found = command(
+        mechanism, motion, args.level, tol=args.tol, before=args.before, after=args.after, **given
+    )
+    runs = {}
+    if args.verify:
+        runs[args.level] = followed(mechanism, motion, found)
+        if args.level != "rigid":
+            rigid = command(
+                mechanism, motion, "rigid", before=found.before, after=found.after,
+                coordinates=found.coordinates, instants=len(found.t), limited=False,
+            )  # fmt: skip
+            runs["rigid"] = followed(mechanism, motion, rigid)
+    files = [] if args.output is None else [found.to_csv(args.output)]
+    data = _numbers(found, runs) | {"files": files}
+    if args.json:
+        print_json(data)
+    else:
+        print(_text(data))
+        print("".join(f"wrote {path}" for path in files) or "nothing saved (-o FILE.csv saves it)")
+    return 0
+
+
+def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "name": found.name,
+        "level": found.level,
+        "duration": float(found.t[-1]),
+        "before": found.before,
+        "after": found.after,
+        "instants": len(found.t),
+        "error": dict(zip(found.coordinates, map(float, found.error), strict=True)),
+        "motors": {
+            name: {
+                "unit": unit,
+                "torque": float(abs(found.torque[:, k]).max()),
+                "rms": float((found.torque[:, k] ** 2).mean() ** 0.5),
+                "speed": float(abs(found.velocity[:, k]).max()),
+            }
+            for k, (name, unit) in enumerate(zip(found.motors, found.units, strict=True))
+        },
+        "followed": {
+            level: {
+                "during": x.during, "after": x.after, "turned_during": x.turned_during,
+                "turned_after": x.turned_after, "swing": x.swing,
+            }
+            for level, x in runs.items()
+        },
+    }  # fmt: skip
+
+
+def _text(data: dict[str, Any]) -> str:
+    rest = f"{data['before']:.3g} s of rest ahead and {data['after']:.3g} s after"
+    error = ", ".join(
+        f"{name} {length(e) if len(name) == 1 else f'{1e3 * e:.2g} mrad'}"
+        for name, e in data["error"].items()
+    )
+    head = (
+        f"{data['name']}: the {data['level']} command takes {data['duration']:.4g} s, with {rest}. "
+        f"Estimated error of the platform: {error}."
+    )
+    motors = [
+        [name, m["unit"], number(m["torque"]), number(m["rms"]), number(m["speed"])]
+        for name, m in data["motors"].items()
+    ]
+    blocks = [
+        paragraph(head),
+        table("Motors", "motor|unit|peak|rms|top speed [rad/s or m/s]", motors, (24, 4)),
+    ]
+    rows = [
+        [level, length(x["during"]), length(x["after"]), length(x["swing"]),
+         f"{1e3 * x['turned_during']:.2g}", f"{1e3 * x['turned_after']:.2g}"]
+        for level, x in data["followed"].items()
+    ]  # fmt: skip
+    if rows:
+        heads = "command|during|after|swing after|turn during [mrad]|turn after [mrad]"
+        blocks.append(table("Platform off its path in a coupled run", heads, rows, (14,)))
+    return "\n\n".join(blocks) + "\n"

@@ -1,0 +1,81 @@
+"""A command held against the equations: forward coupled runs with it and with the rigid one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.advice.solve import solve
+from pinflex.arrays import Array
+from pinflex.description.motion import Motion
+from pinflex.inversion.command import Command
+from pinflex.inversion.target import delayed
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.result import Result
+from pinflex.results.views import rotation_vector
+
+_SAMPLES = 401
+_TOL = 1e-4  # of time integration, relative to the largest deflection
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How well the platform followed its path in a forward run.
+
+    Attributes:
+        during, after: Largest distance from the path while it moves and in the rest after it [m].
+        turned_during, turned_after: The same of its orientation [rad].
+        swing: Largest peak-to-peak motion along an axis in the rest after it [m].
+        run: The coupled run.
+    """
+
+    during: float
+    after: float
+    turned_during: float
+    turned_after: float
+    swing: float
+    run: Result
+
+
+def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = _TOL) -> Followed:
+    """Run level coupled with a command from equilibrium, and look at the platform.
+
+    The path is that of the rigid mechanism, in the coordinates that the command imposes; the run
+    knows nothing of how the command was found.
+
+    Args:
+        mechanism: As in `command`. motion: The platform's motion, as in `command`.
+        found: The command. tol: Of the run's time integration.
+    """
+    until, frame = float(found.t[-1]), str(mechanism.description.platform)
+    run = solve(
+        mechanism, found.motion, level="coupled", start="static", tol=tol, samples=_SAMPLES,
+        until=until,
+    )  # fmt: skip
+    path = delayed(motion, found.before)
+    ideal = solve(mechanism, path, level="rigid", samples=_SAMPLES, until=until)
+    (p, R), (p_ideal, R_ideal) = _pose(run, frame), _pose(ideal, frame)
+    names = [[name for name in found.coordinates if len(name) == n] for n in (1, 2)]
+    shift = (p - p_ideal)[:, ["xyz".index(name) for name in names[0]]]
+    turn = rotation_vector(R @ R_ideal.transpose(0, 2, 1))
+    turn = turn[:, ["xyz".index(name[1]) for name in names[1]]]
+    moving = run.t <= until - found.after
+    swing = np.ptp(shift[~moving], axis=0) if np.any(~moving) else np.zeros(0)
+
+    def largest(x: Array, at: Array) -> float:
+        return float(np.max(np.linalg.norm(x, axis=1)[at], initial=0.0))
+
+    return Followed(
+        during=largest(shift, moving),
+        after=largest(shift, ~moving),
+        turned_during=largest(turn, moving),
+        turned_after=largest(turn, ~moving),
+        swing=float(np.max(swing, initial=0.0)),
+        run=run,
+    )
+
+
+def _pose(run: Result, frame: str) -> tuple[Array, Array]:
+    view = run.frame(frame)
+    return np.asarray(view.position), np.asarray(view.rotation)
