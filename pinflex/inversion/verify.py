@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
     moving = run.t <= until - found.after
     swing = np.ptp(shift[~moving], axis=0) if np.any(~moving) else np.zeros(0)
 
-    def largest(x: Array, at: Array) -> float:
+    def largest(x: Array, at: Any) -> float:
         return float(np.max(np.linalg.norm(x, axis=1)[at], initial=0.0))
 
     return Followed(
