@@ -1,0 +1,44 @@
+"""`pinflex command`: what it prints and writes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.cli.small import call, write_model
+
+
+@pytest.fixture(scope="module")
+def fourbar(tmp_path_factory) -> str:
+    return write_model(tmp_path_factory.mktemp("fourbar"), "fourbar")
+
+
+def test_a_command_is_written_and_held_against_a_forward_run(capsys, fourbar, tmp_path):
+    file = tmp_path / "command.csv"
+    nonic = "motion.kind=nonic"
+    done = call(capsys, "command", fourbar, "--set", nonic, "--verify", "--json", "-o", file)
+    assert done.code == 0
+    found = json.loads(done.out)
+    exact, rigid = found["followed"]["exact"], found["followed"]["rigid"]
+    assert exact["during"] < 1e-2 * rigid["during"]  # of 66 nm
+    table = np.genfromtxt(file, delimiter=",", names=True)
+    assert table.dtype.names[:2] == ("t", "motorposition")
+    assert table["t"][-1] == pytest.approx(found["duration"])
+    assert np.abs(table["motortorque"]).max() == pytest.approx(found["motors"]["motor"]["torque"])
+
+
+def test_the_text_says_time_error_and_torque(capsys, fourbar):
+    done = call(capsys, "command", fourbar, "--level", "quasistatic")
+    assert done.code == 0
+    assert "fourbar: the quasistatic command takes" in done.out
+    assert "Estimated error of the platform" in done.out
+    assert "nothing saved" in done.out
+
+
+def test_a_jerky_motion_and_a_weak_motor_are_refused(capsys, fourbar):
+    jerky = "motion={kind: trapezoid, joints: {motor: 0.5}, duration: 0.1, ramp: 0.03}"
+    done = call(capsys, "command", fourbar, "--set", jerky)
+    assert done.code == 1
+    assert "acceleration of motor jumps in a trapezoid motion" in done.err
