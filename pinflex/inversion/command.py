@@ -69,11 +69,14 @@ class Command:
     curve: Callable[..., Array] = field(default=np.zeros, compare=False)
 
     def __repr__(self) -> str:
-        error = ", ".join(
-            f"{name} {1e6 * e:.3g} {'um' if name in 'xyz' else 'urad'}"
-            for name, e in zip(self.coordinates, self.error, strict=True)
+        parts = zip(self.coordinates, self.error, strict=True)
+        largest = {len(name): 0.0 for name in self.coordinates}
+        for name, error in parts:
+            largest[len(name)] = max(largest[len(name)], float(error))
+        words = " and ".join(
+            f"{1e6 * error:.3g} {'um' if n == 1 else 'urad'}" for n, error in largest.items()
         )
-        return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform error {error}>"
+        return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}>"
 
     @property
     def motion(self) -> Motion:
