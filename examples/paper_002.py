@@ -16,7 +16,11 @@ import pinflex as pf
 from pinflex.studies.modal_test import ModalTest, identify, modal_test
 
 # links that bend, to first order, and do not stretch: models/3rrr/published.yaml
-PUBLISHED = ("flexible.*.second_order=false", "flexible.*.axial=false")
+PUBLISHED = (
+    "flexible.*.second_order=false",
+    "flexible.*.axial=false",
+    "solve.start=straight",
+)
 BENCH = "flexible.*.basis={kind: craig_bampton, internal: 4}"
 SPEED = "motion.omega=157.07963267948966"  # [rad/s] 50 pi
 FAMILY = "flexible.*.basis={{kind: assumed, boundary: {}, modes: {}}}"
