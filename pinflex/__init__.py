@@ -26,7 +26,7 @@ Where the code is; each package imports only those above it:
     viewer        a result as a page, pictures, films and figures; reads `results` alone
     studies       many runs of one scene: sweep, map of poses, work and precision; the check
     lab           published cases that `pinflex verify` measures
-    cli           the commands, whose arguments `__main__` reads
+    cli           the commands: one module each, its arguments and what it does
 
 Beside them stand errors, arrays, text, threads and writing, which import none of these. Names are
 imported when first used, so that a page from a saved run needs no Pinocchio.

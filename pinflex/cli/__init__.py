@@ -1,1 +1,1 @@
-"""The commands of the command line; pinflex/__main__.py reads their arguments."""
+"""The commands of the command line: one module each, with `add(commands)` and `run(args)`."""

@@ -1,25 +1,17 @@
-"""The command `advise`: its arguments, and what it does."""
+"""`pinflex advise`: what a scene needs."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 
+from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json
 
 
-def add(
-    command: Callable[..., argparse.ArgumentParser],
-    positive: Callable[[str], float],
-    names: Callable[[str], tuple[str, ...]],
-) -> None:
-    """Add the command.
-
-    Args:
-        command: Makes the parser of a command from its name, summary, text and example.
-        positive: Reads a number above zero. names: Reads words joined by commas.
-    """
-    p = command(
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
         "advise",
         "what a scene needs: level, links, planes, modes, tolerance",
         """
@@ -33,14 +25,14 @@ level and the step.""",
         "pinflex advise race_r1 --asked torque --tol 0.03\n  pinflex advise 3rrs --tol 1e-2 --json",
     )
     p.add_argument(
-        "--tol", type=positive, default=1e-2, metavar="X",
+        "--tol", type=parser.positive, default=1e-2, metavar="X",
         help="relative error wanted, 1e-6 to 0.1 (default 1e-2)",
     )  # fmt: skip
     p.add_argument(
-        "--asked", type=names, default=(), metavar="A,B,...",
+        "--asked", type=parser.names, default=(), metavar="A,B,...",
         help="torque, deflection, platform (default: the YAML's solve.asked, or all)",
     )  # fmt: skip
-    p.add_argument("--until", type=positive, metavar="S", help="end time in s")
+    p.add_argument("--until", type=parser.positive, metavar="S", help="end time in s")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""The command `pinflex bench`: work and precision on a scene."""
+"""`pinflex bench`: work and precision on a scene."""
 
 from __future__ import annotations
 
@@ -6,18 +6,42 @@ import argparse
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from pinflex.cli import parser
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import DescriptionError
-from pinflex.studies.bench import Bench, Point, bench
 from pinflex.text import number, paragraph, table
 from pinflex.writing import plain, writable, write_text
+
+if TYPE_CHECKING:
+    from pinflex.studies.bench import Bench, Point
 
 _ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
 
 
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
+        "bench",
+        "time against error on a scene",
+        """
+Solves the scene by every level, by more and fewer internal modes, by several integrators and steps,
+and compares time and error with a converged solution that it refines until two runs agree.""",
+        "pinflex bench 3rrs -o out",
+        model=False,
+    )
+    p.add_argument("model", nargs="?", metavar="MODEL", help="YAML file, its folder, or a name")
+    parser.repeated(p, "--set", "KEY=VALUE", "change the YAML; may be repeated")
+    p.add_argument("-o", "--output", metavar="DIR", help="write table, numbers and figure there")
+    p.add_argument("--race", nargs="?", const="", help=argparse.SUPPRESS)
+
+
 def run(args: argparse.Namespace) -> int:
     """Solve the scene in many ways; print time against error."""
+    from pinflex.studies.bench import bench
+
     if args.race is not None:
         raise DescriptionError(
             "bench --race: the race beside Exudyn is part of the source, not of the package. In a "

@@ -1,24 +1,20 @@
-"""The command `command`: motor motions that the flexible robot's platform follows."""
+"""`pinflex command`: motor motions that the flexible robot's platform follows."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from typing import Any
 
+from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json
 from pinflex.text import length, number, paragraph, table
 from pinflex.writing import writable
 
 
-def add(command: Callable[..., argparse.ArgumentParser], positive: Callable[[str], float]) -> None:
-    """Add the command.
-
-    Args:
-        command: Makes the parser of a command from its name, summary, text and example.
-        positive: Reads a number above zero.
-    """
-    p = command(
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
         "command",
         "the motor motion with which the platform follows its path",
         """
@@ -34,12 +30,12 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
         help="rigid, quasistatic or exact (default)",
     )  # fmt: skip
     p.add_argument(
-        "--tol", type=positive, metavar="X",
+        "--tol", type=parser.positive, metavar="X",
         help="platform error wanted, over that of the rigid command (level exact)",
     )  # fmt: skip
     for name, text in (("before", "rest ahead of the motion"), ("after", "rest after it")):
         p.add_argument(
-            f"--{name}", type=positive, metavar="S",
+            f"--{name}", type=parser.positive, metavar="S",
             help=f"{text} in s (default: from the internal dynamics)",
         )  # fmt: skip
     p.add_argument("--instants", type=int, metavar="N", help="grid points (default 150 a motion)")

@@ -8,17 +8,51 @@ import sys
 from pathlib import Path
 from textwrap import fill
 
+from pinflex.cli import parser
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import SceneError
 from pinflex.results.result import Result
-from pinflex.solver.solve import LEVELS
-from pinflex.studies.study import file_name, study, write
 from pinflex.text import COLUMNS
 from pinflex.writing import writable
 
 
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
+        "compare",
+        "the main job: rigid against flexible",
+        """
+Solves the scene rigid and flexible and says what shakes by how much, how far the torques are off,
+what the links bear and which level suffices; writes tables, figures, the runs and an animation. A
+level that cannot be solved does not stop the others.""",
+        "pinflex compare delta\n  pinflex compare arm.yaml -o out --levels ked,coupled --band 1e-5",
+    )
+    p.add_argument("-o", "--output", metavar="DIR", help="folder (default NAME-compare)")
+    p.add_argument(
+        "--levels",
+        type=parser.names,
+        metavar="A,B,...",
+        help="beside rigid: quasistatic, ked, coupled (default all)",
+    )
+    p.add_argument(
+        "--band",
+        type=parser.positive,
+        default=50e-6,
+        metavar="M",
+        help="platform deviation in m that does no harm: settling time, verdict (default 50e-6)",
+    )
+    p.add_argument(
+        "--errors", action="store_true", help="error bars also of large models (some seconds)"
+    )
+    p.add_argument("-v", "--verbose", action="store_true", help="print the long tables too")
+
+
 def run(args: argparse.Namespace) -> int:
-    """The main job: rigid against flexible."""
+    """Compare rigid and flexible; write tables, figures, runs and the page."""
+    from pinflex.solver.solve import LEVELS
+    from pinflex.studies.study import file_name, study, write
+
     bars: list[Progress] = []
 
     def tell(text: str) -> None:

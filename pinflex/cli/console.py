@@ -10,11 +10,13 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.writing import plain
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 _WIDTH = 30  # [characters]
 _PAUSE = 0.1  # [s] between drawings
@@ -56,6 +58,8 @@ class Progress:
 
 def load_model(args: argparse.Namespace) -> Mechanism:
     """Load the model; what the C++ parser of URDFs prints by itself becomes part of the error."""
+    from pinflex.mechanics.mechanism import load
+
     with _parser_noise(args.debug) as noise:
         try:
             return load(args.model, args.set)

@@ -3,20 +3,49 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.cli import batch
+from pinflex.cli import parser
 from pinflex.cli.console import Progress, load_model
-from pinflex.studies.cases import parsed
-from pinflex.studies.frequency_map import check_figure
-from pinflex.studies.plot_pose_map import save_pose_map
-from pinflex.studies.pose_map import PoseMap, pose_map
 from pinflex.writing import writable
+
+if TYPE_CHECKING:
+    from pinflex.studies.pose_map import PoseMap
+
+
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
+        "map",
+        "natural frequencies and platform stiffness over a grid of poses",
+        """
+Grids are displacements from home: of the platform's x, y, z [m], rz, ry, rx [rad], or of motors.
+Coordinates that are not named stay as at home. A frequency's column follows one mode shape from
+pose to pose. The 6x6 stiffness is that of the platform in world axes, motors
+locked: K_xx (others held) and 1/C_xx (others free); rigid where nothing gives way.""",
+        "pinflex map 3rrr --grid x=-.05:.05:9 --grid y=-.05:.05:9 --out map.csv --plot map.png",
+    )
+    parser.repeated(p, "--grid", "COORDINATE=A:B:N", "values of a coordinate; may be repeated")
+    p.add_argument(
+        "--count", type=parser.count, default=6, metavar="N", help="frequencies (default 6)"
+    )
+    parser.preload(p)
+    p.add_argument("--free-motors", action="store_true", help="frequencies with free motors")
+    p.add_argument("--plot", metavar="FILE.png", help="write a figure (.png, .pdf, .svg)")
+    parser.table(p)
 
 
 def run(args: argparse.Namespace) -> int:
     """Frequencies and stiffness over a grid of poses: table and figure."""
+    from pinflex.cli import batch
+    from pinflex.studies.cases import parsed
+    from pinflex.studies.frequency_map import check_figure
+    from pinflex.studies.plot_pose_map import save_pose_map
+    from pinflex.studies.pose_map import pose_map
+
     out, options = batch.options(args)
     if args.plot is not None:
         writable(check_figure(args.plot))

@@ -4,81 +4,138 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json
 from pinflex.errors import DescriptionError
-from pinflex.levels.modes import modes
-from pinflex.studies.check import is_loaded
-from pinflex.studies.mode_shapes import first_modes, mode_runs, rigid_body
-from pinflex.studies.pose import pose
 from pinflex.text import number, table
+
+if TYPE_CHECKING:
+    from pinflex.levels.modes import Modes
+    from pinflex.mechanics.mechanism import Mechanism
+
+
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
+        "modes",
+        "natural frequencies and mode shapes at a pose",
+        """
+Linearises about the static equilibrium under gravity with the motors locked, unless told
+otherwise.""",
+        "pinflex modes 3rrs --preload none\n"
+        "  pinflex modes 3rrr --pose motor_1=1.7,motor_2=3.5 --view modes.html",
+    )
+    p.add_argument(
+        "--count", type=parser.count, default=12, metavar="N", help="how many (default 12)"
+    )
+    parser.preload(p)
+    p.add_argument("--free-motors", action="store_true", help="let the motors swing")
+    p.add_argument(
+        "--pose",
+        type=parser.pose,
+        default={},
+        metavar="MOTOR=VALUE,...",
+        help="motor positions in rad or m; loops are closed on the way from home",
+    )
+    p.add_argument("--view", metavar="FILE.html", help="write the shapes as a page for a browser")
+    p.add_argument(
+        "--map",
+        metavar="FILE.png",
+        help="write a figure of the frequencies along the motion (.png, .pdf, .svg)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Natural frequencies and mode shapes at a pose."""
+    from pinflex.levels.modes import modes
+    from pinflex.studies.check import is_loaded
+    from pinflex.studies.mode_shapes import first_modes
+    from pinflex.studies.pose import pose
+
     mechanism = load_model(args)
     if not mechanism.flexible.n_eta and not len(mechanism.flexible.springs.v_at):
         raise DescriptionError(
             f"{mechanism.name}: no flexible link and no spring, so nothing vibrates. Write some "
             "under `flexible`."
         )
-    motors = dict(args.pose or {})
     # without a load the equilibrium is the undeformed pose, which also exists where motors are free
     preload = args.preload if is_loaded(mechanism) else "none"
-    found = first_modes(
-        modes(
-            mechanism,
-            pose(mechanism, motors),
-            count=mechanism.flexible.nv,
-            preload=preload,
-            free_motors=args.free_motors,
-        ),
-        args.count,
+    every = modes(
+        mechanism,
+        pose(mechanism, args.pose),
+        count=mechanism.flexible.nv,
+        preload=preload,
+        free_motors=args.free_motors,
     )
+    first = first_modes(every, args.count)
+    page, figure = _write(args, mechanism, first, preload)
+    if args.json:
+        print_json(_json(mechanism.name, first, args.pose) | {"view": page, "map": figure})
+        return 0
+    where = ", ".join(f"{k} = {v:g}" for k, v in args.pose.items()) or "home"
+    state = "free" if args.free_motors else "locked"
+    about = "the static equilibrium" if preload == "gravity" else "the undeformed pose"
+    print(f"{mechanism.name} at {where}, motors {state}, linearised about {about}\n")
+    print(_text(first))
+    if page or figure:
+        print("".join(f"\nwrote {path}" for path in (page, figure) if path is not None))
+    return 0
+
+
+def _write(
+    args: argparse.Namespace, mechanism: Mechanism, first: Modes, preload: str
+) -> tuple[Path | None, Path | None]:
+    """Write page and figure where they are asked for."""
     page = figure = None
     if args.view is not None:
+        from pinflex.studies.mode_shapes import mode_runs
         from pinflex.viewer.view import write_modes_html
 
-        page = write_modes_html(mode_runs(mechanism, found), args.view)
+        page = write_modes_html(mode_runs(mechanism, first), args.view)
     if args.map is not None:
         from pinflex.studies.frequency_map import frequency_map, save_frequency_map
 
         along = frequency_map(mechanism, count=min(args.count, 8), preload=preload)
         figure = save_frequency_map(along, args.map)
-    shares = [dict(zip(found.links, map(float, row), strict=True)) for row in found.share]
-    if args.json:
-        print_json(
-            {
-                "name": mechanism.name,
-                "preload": found.preload,
-                "free_motors": found.free_motors,
-                "rigid_body_modes": found.rigid_body,
-                "pose": motors,
-                "modes": [
-                    {"frequency": f, "period": 1 / f if f > 0 else None, "share": share}
-                    for f, share in zip(map(float, found.frequencies), shares, strict=True)
-                ],
-                "view": page,
-                "map": figure,
-            }
-        )
-        return 0
-    where = ", ".join(f"{k} = {v:g}" for k, v in motors.items()) or "home"
-    state = "free" if args.free_motors else "locked"
-    about = "the static equilibrium" if preload == "gravity" else "the undeformed pose"
-    print(f"{mechanism.name} at {where}, motors {state}, linearised about {about}\n")
+    return page, figure
+
+
+def _shares(modes: Modes) -> list[tuple[float, dict[str, float]]]:
+    """Frequency [Hz] and share of the elastic energy by link, of every mode."""
+    return [
+        (float(f), dict(zip(modes.links, map(float, row), strict=True)))
+        for f, row in zip(modes.frequencies, modes.share, strict=True)
+    ]
+
+
+def _json(name: str, modes: Modes, motors: Mapping[str, float]) -> dict[str, object]:
+    return {
+        "name": name,
+        "preload": modes.preload,
+        "free_motors": modes.free_motors,
+        "rigid_body_modes": modes.rigid_body,
+        "pose": motors,
+        "modes": [
+            {"frequency": f, "period": 1 / f if f > 0 else None, "share": share}
+            for f, share in _shares(modes)
+        ],
+    }
+
+
+def _text(modes: Modes) -> str:
+    from pinflex.studies.mode_shapes import rigid_body
+
     rows = [
         [str(i), number(f), _period(f), _who(share, f)]
-        for i, (f, share) in enumerate(zip(map(float, found.frequencies), shares, strict=True), 1)
+        for i, (f, share) in enumerate(_shares(modes), 1)
     ]
     header = "mode|frequency [Hz]|period [s]|share of the elastic energy"
-    print(table("Natural frequencies", header, rows, (4,), last_is_text=True))
-    if found.rigid_body:
-        print(rigid_body(found))
-    files = [f"wrote {path}" for path in (page, figure) if path is not None]
-    if files:
-        print("\n" + "\n".join(files))
-    return 0
+    text = table("Natural frequencies", header, rows, (4,), last_is_text=True)
+    return f"{text}\n{rigid_body(modes)}" if modes.rigid_body else text
 
 
 def _period(f: float) -> str:

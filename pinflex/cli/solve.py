@@ -3,18 +3,58 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from pinflex.advice.solve import solve
-from pinflex.cli.checkpoint import saved_meanwhile
+from pinflex.cli import parser
 from pinflex.cli.console import Progress, load_model, print_json
 from pinflex.errors import RunInterrupted, SceneError
-from pinflex.results.result import Result, peak, rms
-from pinflex.studies.study import reason
 from pinflex.text import length, number, table
 from pinflex.writing import writable
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
+    from pinflex.results.result import Result
+
+
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
+        "solve",
+        "one level of the scene",
+        """
+Levels, from cheap to faithful: rigid, quasistatic, ked (linear vibration), coupled (everything). A
+run that stops early is saved up to its last good step.""",
+        "pinflex solve 3rrr --level coupled --dt 1e-4 -o run.npz\n"
+        "  pinflex solve arm.yaml --set flexible.*.section.thickness=1e-3 --csv run.csv",
+    )
+    p.add_argument("--level", help="rigid, quasistatic, ked, coupled or auto (default: the YAML's)")
+    p.add_argument("--until", type=parser.positive, metavar="S", help="end time in s")
+    step = p.add_mutually_exclusive_group()
+    step.add_argument("--dt", type=parser.positive, metavar="S", help="largest step in s")
+    step.add_argument(
+        "--tol",
+        type=parser.positive,
+        metavar="E",
+        help="relative error of time integration instead of a step, such as 1e-3",
+    )
+    p.add_argument(
+        "--samples", type=parser.samples, metavar="N", help="instants to keep (default 401)"
+    )
+    p.add_argument(
+        "--resume", metavar="RUN.npz", help="go on with a stopped or shorter run, to --until"
+    )
+    p.add_argument("-o", "--output", metavar="RUN.npz", help="save the run")
+    p.add_argument(
+        "--checkpoint",
+        type=parser.positive,
+        metavar="S",
+        help="save the run to -o every S seconds; --resume goes on with it",
+    )
+    p.add_argument("--csv", metavar="FILE.csv", help="save the main columns as a table")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -22,53 +62,81 @@ def run(args: argparse.Namespace) -> int:
     mechanism = load_model(args)
     for path in (args.output, args.csv):
         writable(path)
-    level = args.level or mechanism.description.solve.level
-    bar = Progress(level)
-    options = {key: getattr(args, key) for key in ("level", "until", "dt", "tol", "samples")}
-    options |= {"progress": bar, "resume": args.resume}
+    bar = Progress(args.level or mechanism.description.solve.level)
     try:
-        if args.checkpoint is None:
-            result = solve(mechanism, **options)
-        else:
-            result = saved_meanwhile(mechanism, args.output, args.checkpoint, options)
+        result = _solve(args, mechanism, bar)
     except RunInterrupted as stop:
-        if args.output is None or not isinstance(stop.result, Result):
-            raise
-        stop.result.save(args.output)
-        at = f"t = {stop.result.t[-1]:.6g} s"
-        raise KeyboardInterrupt(
-            f"interrupted; the run up to {at} was saved, --resume {args.output} goes on"
-        ) from None
+        _interrupted(args, stop)
     except SceneError as error:
-        if not isinstance(error.result, Result):
-            raise
-        kept = f"-o RUN.npz saves the run up to t = {error.result.t[-1]:.6g} s."
-        if args.output is not None:
-            kept = f"The run up to t = {error.result.t[-1]:.6g} s was saved to {args.output}."
-            error.result.save(args.output)
-        if args.csv is not None:
-            error.result.to_csv(args.csv)
-        raise type(error)(f"{reason(error)} {kept}", **error.data) from error
+        _stopped(args, error)
     finally:
         bar.close()
     if result.meta["settings"].get("tol") is not None:  # who asks for one wants both errors
         result = result.with_errors()
+    files = _save(args, result)
+    numbers = _numbers(result)
+    if args.json:
+        print_json(numbers | {"files": files})
+        return 0
+    print(result.summary())
+    print("".join(f"\n{block}\n" for block in _tables(numbers)), end="")
+    print("".join(f"\nwrote {path}" for path in files) or "\nnothing saved (-o run.npz saves it)")
+    return 0
+
+
+def _solve(args: argparse.Namespace, mechanism: Mechanism, bar: Progress) -> Result:
+    from pinflex.advice.solve import solve
+
+    level = args.level or mechanism.description.solve.level
+    options = {key: getattr(args, key) for key in ("until", "dt", "tol", "samples", "resume")}
+    options |= {"level": level, "progress": bar}
+    if args.checkpoint is None:
+        return solve(mechanism, **options)
+    from pinflex.cli.checkpoint import saved_meanwhile
+
+    return saved_meanwhile(mechanism, args.output, args.checkpoint, options)
+
+
+def _save(args: argparse.Namespace, result: Result) -> list[Path]:
+    """Write the run and its table where they are asked for."""
     files = []
     if args.output is not None:
         files.append(result.save(args.output))
     if args.csv is not None:
         files.append(result.to_csv(args.csv))
-    if args.json:
-        print_json(_numbers(result) | {"files": files})
-        return 0
-    print(result.summary())
-    print("".join(f"\n{block}\n" for block in _tables(result)), end="")
-    print("".join(f"\nwrote {path}" for path in files) or "\nnothing saved (-o run.npz saves it)")
-    return 0
+    return files
 
 
-def _tables(result: Result) -> list[str]:
-    data = _numbers(result)
+def _interrupted(args: argparse.Namespace, stop: RunInterrupted) -> NoReturn:
+    """Save the run so far and say how it goes on."""
+    from pinflex.results.result import Result
+
+    if args.output is None or not isinstance(stop.result, Result):
+        raise stop
+    stop.result.save(args.output)
+    raise KeyboardInterrupt(
+        f"interrupted; the run up to t = {stop.result.t[-1]:.6g} s was saved, "
+        f"--resume {args.output} goes on"
+    ) from None
+
+
+def _stopped(args: argparse.Namespace, error: SceneError) -> NoReturn:
+    """Save the run up to its last good step and say where it is."""
+    from pinflex.results.result import Result
+    from pinflex.studies.study import reason
+
+    if not isinstance(error.result, Result):
+        raise error
+    _save(args, error.result)
+    until = f"t = {error.result.t[-1]:.6g} s"
+    note = f"-o RUN.npz saves the run up to {until}."
+    if args.output is not None:
+        note = f"The run up to {until} was saved to {args.output}."
+    raise type(error)(f"{reason(error)} {note}", **error.data) from error
+
+
+def _tables(data: dict[str, Any]) -> list[str]:
+    """Motors and links of `_numbers`."""
     motors = [
         [name, m["unit"], number(m["peak"]), number(m["rms"])] for name, m in data["motors"].items()
     ]
@@ -96,6 +164,8 @@ def _tables(result: Result) -> list[str]:
 
 def _numbers(result: Result) -> dict[str, Any]:
     """A run in few numbers, SI units."""
+    from pinflex.results.views import peak, rms
+
     links: dict[str, Any] = {}
     for name in result.links:
         link = result.link(name)

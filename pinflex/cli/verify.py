@@ -1,33 +1,53 @@
-"""The command `verify`: published benchmarks on this machine, as a table, JSON or a page."""
+"""`pinflex verify`: published benchmarks on this machine, as a table, JSON or a page."""
 
 from __future__ import annotations
 
 import argparse
 
+from pinflex.cli import parser
 from pinflex.cli.console import Progress, print_json
-from pinflex.lab.verify import verdict, verify, write_page
 from pinflex.writing import writable
 
 
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
+        "verify",
+        "published benchmarks on this machine",
+        """
+Runs beams, rotating beams, closed loops and large deflection against published or exact references
+and prints measured, reference, error and limit; takes about two minutes, with --long more.""",
+        "pinflex verify\n  pinflex verify A02 Princeton -o verify.html",
+        model=False,
+    )
+    p.add_argument("cases", nargs="*", metavar="CASE", help="parts of case names (default all)")
+    p.add_argument("--long", action="store_true", help="also cases that take minutes")
+    p.add_argument("-o", "--output", metavar="FILE.html", help="write a page with plots")
+
+
 def run(args: argparse.Namespace) -> int:
-    """`pinflex verify`: print the table or JSON, write the page; 1 if something fails."""
+    """Print the table or JSON, write the page; 1 if something fails."""
+    from pinflex.lab.verify import verdict, verify, write_page
+
     writable(args.output)
     bar = Progress("verify")
 
-    def tell(table: str) -> None:  # case by case: the whole takes minutes
+    def show(table: str) -> None:  # case by case: all of them take minutes
         bar.close()
         print(f"{table}\n", flush=True)
 
-    ended = None if args.json else tell
     try:
-        found = verify(args.cases, lambda _, k, n: bar(k, n), args.long, ended)
+        outcome = verify(
+            args.cases, lambda _, k, n: bar(k, n), args.long, None if args.json else show
+        )
     finally:
         bar.close()
-    page = None if args.output is None else write_page(found, args.output)
+    page = None if args.output is None else write_page(outcome, args.output)
     if args.json:
-        print_json({"passed": found.passed, "records": found.to_json(), "page": page})
+        print_json({"passed": outcome.passed, "records": outcome.to_json(), "page": page})
     else:
-        print(verdict(found))
+        print(verdict(outcome))
         if page is not None:
             print(f"\nwrote {page}")
-    return 0 if found.passed else 1
+    return 0 if outcome.passed else 1

@@ -4,22 +4,66 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from pinflex.cli import parser
 from pinflex.cli.console import print_json
 from pinflex.errors import DescriptionError
-from pinflex.results import checked
-from pinflex.results.result import Result
-from pinflex.viewer import pictures, serve
-from pinflex.viewer.view import view
 
-_AMISS = (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError)
+if TYPE_CHECKING:
+    from pinflex.results.result import Result
+    from pinflex.viewer.pictures import Picture
+
+_MISFITS = (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError)
+
+
+def add(commands: parser.Commands) -> None:
+    """Add the command."""
+    p = parser.command(
+        commands,
+        "view",
+        "an animation of a saved run",
+        """
+Writes one page that plays in any browser, offline, and opens it.""",
+        "pinflex view run.npz --field bending --scale 20\n  pinflex view run.npz --png worst --gif",
+        model=False,
+    )
+    p.add_argument("run", metavar="RUN.npz", help="from `pinflex solve -o` or `pinflex compare`")
+    p.add_argument("-o", "--output", metavar="FILE.html", help="default: beside the run")
+    p.add_argument(
+        "--field",
+        default="von_mises",
+        metavar="NAME",
+        help="colour: von_mises, bending, axial, shear or displacement",
+    )
+    p.add_argument("--scale", default="auto", metavar="X", help="magnification (default auto)")
+    p.add_argument(
+        "--limit", type=parser.positive, metavar="X", help="read runs of up to X times 2 GB"
+    )
+    p.add_argument("--rigid", metavar="RUN.npz", help="rigid run to compare with")
+    parser.repeated(p, "--meshes", "DIR", "folder with the URDF's meshes; may be repeated")
+    p.add_argument("--no-open", action="store_true", help="only write the page")
+    p.add_argument("--png", metavar="T", help="also a picture at T s, or at the worst instant")
+    p.add_argument("--gif", action="store_true", help="also a film as .gif")
+    p.add_argument("--mp4", action="store_true", help="also a film as .mp4 (needs ffmpeg)")
+    p.add_argument(
+        "--serve",
+        nargs="?",
+        const=0,
+        type=parser.port,
+        metavar="PORT",
+        help="serve the page to this machine only, until Ctrl-C (default: a free port)",
+    )
+    p.add_argument(
+        "--live", action="store_true", help="play in meshcat, this machine only, until Ctrl-C"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the page that plays a run, and what else was asked for."""
+    """Write the page that plays a run, and the pictures and films asked for."""
     try:
         return _run(args)
-    except _AMISS as error:
+    except _MISFITS as error:
         if args.debug:
             raise
         raise DescriptionError(
@@ -29,37 +73,57 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
+    from pinflex.results import checked
+    from pinflex.results.result import Result
+    from pinflex.viewer import pictures, serve
+    from pinflex.viewer.view import view
+
     most = checked.MOST * (args.limit or 1.0)
     result = Result.load(args.run, most)
     rigid = None if args.rigid is None else Result.load(args.rigid, most)
     path = Path(args.output) if args.output is not None else Path(args.run).with_suffix(".html")
-    at = None if args.png is None else pictures.instant(result, args.png)
-    stays = args.serve is not None or args.live
+    instant = None if args.png is None else pictures.instant(result, args.png)
     page = view(
         result,
         path,
-        open_browser=not (args.no_open or stays or args.png or args.gif or args.mp4),
+        open_browser=_opens(args),
         field=args.field,
         scale=args.scale,
         rigid=rigid,
         meshes=args.meshes,
     ).path
-    made = []
-    if at is not None:
-        to = page.with_suffix(".png")
-        made.append(pictures.still(result, page, to, at, args.field, args.scale))
-    for wanted, suffix in ((args.gif, ".gif"), (args.mp4, ".mp4")):
-        if wanted:
-            to = page.with_suffix(suffix)
-            made.append(pictures.film(result, page, to, args.field, args.scale))
+    written = _pictures(args, result, page, instant)
     if args.json:
-        files = {"file": page, "pictures": [p.path for p in made]}
+        files = {"file": page, "pictures": [p.path for p in written]}
         print_json({**files, "name": result.meta.get("name"), "level": result.level})
     else:
         print(page)
-        print("".join(f"{p.path}{f' ({p.note})' if p.note else ''}\n" for p in made), end="")
+        print("".join(f"{p.path}{f' ({p.note})' if p.note else ''}\n" for p in written), end="")
     if args.serve is not None:
         serve.page_until_interrupted(page, args.serve)
     elif args.live:
         serve.live_until_interrupted(result, args.field, args.scale, args.meshes)
     return 0
+
+
+def _opens(args: argparse.Namespace) -> bool:
+    """Whether a browser shows the page: not where something else was asked for."""
+    served = args.serve is not None or args.live
+    return not (args.no_open or served or args.png or args.gif or args.mp4)
+
+
+def _pictures(
+    args: argparse.Namespace, result: Result, page: Path, instant: float | None
+) -> list[Picture]:
+    """Still and films beside the page."""
+    from pinflex.viewer import pictures
+
+    written = []
+    if instant is not None:
+        to = page.with_suffix(".png")
+        written.append(pictures.still(result, page, to, instant, args.field, args.scale))
+    for wanted, suffix in ((args.gif, ".gif"), (args.mp4, ".mp4")):
+        if wanted:
+            to = page.with_suffix(suffix)
+            written.append(pictures.film(result, page, to, args.field, args.scale))
+    return written

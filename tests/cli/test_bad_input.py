@@ -100,7 +100,6 @@ def test_files_that_are_none_are_refused(capsys, tmp_path):
 # Arguments -------------------------------------------------------------------------------------
 
 BAD_ARGUMENTS = {
-    "no command": ((), "COMMAND"),
     "another command": (("chek", "3rrr"), "invalid choice: 'chek'"),
     "no model": (("check",), "MODEL"),
     "two models": (("check", "3rrr", "3rrs"), "unrecognized arguments: 3rrs"),
@@ -162,7 +161,7 @@ def test_what_cannot_be_written_is_found_out_before_the_run(capsys, monkeypatch,
     model = write_model(tmp_path, "arm")
     (tmp_path / "file").write_text("in the way")
     inside = tmp_path / "file" / "run.npz"
-    for name in ("pinflex.cli.solve", "pinflex.studies.study"):
+    for name in ("pinflex.advice.solve", "pinflex.studies.study"):
         module = importlib.import_module(name)
         monkeypatch.setattr(module, "solve", lambda *a, **k: pytest.fail("solved first"))
     refused(call(capsys, "solve", model, "-o", inside), 2, "cannot be written")
