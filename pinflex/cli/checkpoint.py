@@ -24,21 +24,10 @@ def saved_meanwhile(
         mechanism: From `load`. output: Where to save. seconds: Between two savings [s].
         options: Of `solve`; level coupled in steps alone has a state to go on from.
     """
-    if output is None:
-        raise DescriptionError("--checkpoint: where to? Give -o RUN.npz.")
-    if not hasattr(signal, "setitimer"):
-        raise DescriptionError("--checkpoint: this system has no timers. Leave it out.")
-    spec, options = mechanism.description.solve, dict(options)
-    by_tol = options.get("tol") or (spec.tol if options.get("dt") is None else None)
-    if (options.get("level") or spec.level) != "coupled" or by_tol or spec.integrator == "radau":
-        raise DescriptionError(
-            f"{mechanism.name}: --checkpoint: only level coupled in steps (dt) can go on from a "
-            "saved state. Leave it out, or give --level coupled --dt."
-        )
-    if mechanism.description.control is not None:
-        raise DescriptionError(
-            f"{mechanism.name}: --checkpoint: a run with a control cannot go on. Leave it out."
-        )
+    options = dict(options)
+    _check(mechanism, output, options)
+    assert output is not None
+    spec = mechanism.description.solve
     reached = -1.0
     while True:
         with _alarm(seconds) as rung:
@@ -59,6 +48,25 @@ def saved_meanwhile(
             options["samples"] = None
         else:
             seconds *= 2.0  # not one sample further: what is between samples would be done again
+
+
+def _check(mechanism: Mechanism, output: str | None, options: Mapping[str, Any]) -> None:
+    """Raise where a run has no state that it can go on from."""
+    if output is None:
+        raise DescriptionError("--checkpoint: where to? Give -o RUN.npz.")
+    if not hasattr(signal, "setitimer"):
+        raise DescriptionError("--checkpoint: this system has no timers. Leave it out.")
+    spec = mechanism.description.solve
+    by_tol = options.get("tol") or (spec.tol if options.get("dt") is None else None)
+    if (options.get("level") or spec.level) != "coupled" or by_tol or spec.integrator == "radau":
+        raise DescriptionError(
+            f"{mechanism.name}: --checkpoint: only level coupled in steps (dt) can go on from a "
+            "saved state. Leave it out, or give --level coupled --dt."
+        )
+    if mechanism.description.control is not None:
+        raise DescriptionError(
+            f"{mechanism.name}: --checkpoint: a run with a control cannot go on. Leave it out."
+        )
 
 
 def _end(mechanism: Mechanism) -> float:

@@ -7,10 +7,9 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.contact import section_forces
-from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.expanded import Attachment, Slot
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery import solids as mesh_stress
-from pinflex.recovery import stress
+from pinflex.recovery import solids, stress
 from pinflex.recovery.kinematics import pose_of
 from pinflex.recovery.samples import Samples
 
@@ -25,69 +24,76 @@ def links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) ->
         mechanism: Mechanism. run: States. samples: What they move and take.
         reference: Joint poses of the rigid mechanism, shape (nt, joints, 3, 4).
     """
-    out, g = dict[str, Array](), samples.forces.g
+    out = dict[str, Array]()
     bodies = {id(s.body): s.body for s in run.system.expansion.slots}
     cuts = {key: stress.cut(body, _SECTIONS) for key, body in bodies.items()}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
-        pieces: dict[str, list[Array]] = {}
-        home = pose_of(samples.moves.poses, slots[0].root)
-        for number, slot in enumerate(slots):
-            section = cuts[id(slot.body)]
-            eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
-            d = stress.deflections(section, eta)
-            # A linear run has its forces on the undeformed link.
-            bent, moved = (0.0 * d, 0.0 * eta) if run.linear else (d, eta)
-            loads = [
-                (i.x, *samples.interface_load(i.attachment.joint, i.force_rows))
-                for i in slot.interfaces
-            ]
-            if slot.body.solid is not None:
-                solid, pull = slot.body.solid, g[:, slot.stations]
-                hung = [load[1:] for load in loads]
-                forces = mesh_stress.resultants(solid, bent, pull, hung, moved)
-                for key, value in mesh_stress.surface(solid, pull, hung).items():
-                    out[f"link/{name}/mesh/{key}"] = value
-            else:
-                forces = stress.resultants(
-                    section, slot.body, bent, g[:, slot.stations],
-                    g[:, slot.twists], loads, moved,
-                )  # fmt: skip
-            for contact, table in samples.forces.sleeves:
-                if contact.sleeve.link == name:
-                    forces += section_forces(section.x, table)
-            root = pose_of(samples.moves.poses, slot.root)
-            local = d[:, :, :3].copy()
-            local[:, :, 0] += section.x
-            line = local @ root[:, :, :3].swapaxes(1, 2) + root[:, None, :, 3]
-            turned = root[:, None, :, :3] @ _turn(d[:, :, 3:])
-            keep = slice(0 if number == 0 else 1, None)
-            for key, value in (
-                ("x", (slot.offset + section.x)[None]),
-                ("resultant", forces),
-                ("centreline", line),
-                ("turned", turned),
-            ):
-                pieces.setdefault(key, []).append(value[:, keep])
-        joined = {key: np.concatenate(value, axis=1) for key, value in pieces.items()}
-        x, line, turned = joined["x"][0], joined["centreline"], joined["turned"]
+        pieces = [_piece(run, samples, slot, cuts[id(slot.body)], out) for slot in slots]
+        # two bodies share the section between them
+        x, resultant, line, turned = (
+            np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
+            for values in zip(*pieces, strict=True)
+        )
+        x, home = x[0], pose_of(samples.moves.poses, slots[0].root)
         back = (line - home[:, None, :, 3]) @ home[:, :, :3]
         back[:, :, 0] -= x
         spin = _rotation_vectors(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
         key = f"link/{name}"
         out[f"{key}/x"] = x
         out[f"{key}/deflection"] = np.concatenate([back, spin], axis=2)
-        out[f"{key}/resultant"] = joined["resultant"]
-        for kind, value in stress.stresses(part.spec.section, joined["resultant"]).items():
+        out[f"{key}/resultant"] = resultant
+        for kind, value in stress.stresses(part.spec.section, resultant).items():
             out[f"{key}/stress/{kind}"] = value
         out[f"{key}/centreline"] = line
         out[f"{key}/section_y"] = turned[:, :, :, 1]
         frame = mechanism.rigid.expansion.frames[name]
-        straight = pose_of(reference, Attachment(frame.joint, frame.placement * part.placement))
+        rigid = pose_of(reference, Attachment(frame.joint, frame.placement * part.placement))
         out[f"{key}/centreline_rigid"] = (
-            straight[:, None, :, 3] + straight[:, None, :, 0] * x[None, :, None]
+            rigid[:, None, :, 3] + rigid[:, None, :, 0] * x[None, :, None]
         )
     return out
+
+
+def _piece(
+    run: Run, samples: Samples, slot: Slot, section: stress.Cut, out: dict[str, Array]
+) -> tuple[Array, Array, Array, Array]:
+    """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
+
+    A solid body adds the stress on its surface to `out`.
+    """
+    eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
+    d = stress.deflections(section, eta)
+    # A linear run has its forces on the undeformed link.
+    deflected = (0.0 * d, 0.0 * eta) if run.linear else (d, eta)
+    forces = _section_forces(samples, slot, section, *deflected, out)
+    for contact, table in samples.forces.sleeves:
+        if contact.sleeve.link == slot.link:
+            forces += section_forces(section.x, table)
+    root = pose_of(samples.moves.poses, slot.root)
+    local = d[:, :, :3].copy()
+    local[:, :, 0] += section.x
+    line = local @ root[:, :, :3].swapaxes(1, 2) + root[:, None, :, 3]
+    turned = root[:, None, :, :3] @ _turn(d[:, :, 3:])
+    return (slot.offset + section.x)[None], forces, line, turned
+
+
+def _section_forces(
+    samples: Samples, slot: Slot, section: stress.Cut, d: Array, eta: Array, out: dict[str, Array]
+) -> Array:
+    """Section forces (nt, nx, 6) under deflections d (nt, nx, 6) at coordinates eta (nt, n)."""
+    g = samples.forces.g
+    loads = [
+        (i.x, *samples.interface_load(i.attachment.joint, i.force_rows)) for i in slot.interfaces
+    ]
+    if slot.body.solid is None:
+        return stress.resultants(
+            section, slot.body, d, g[:, slot.stations], g[:, slot.twists], loads, eta
+        )
+    solid, pull, hung = slot.body.solid, g[:, slot.stations], [load[1:] for load in loads]
+    for key, value in solids.surface(solid, pull, hung).items():
+        out[f"link/{slot.link}/mesh/{key}"] = value
+    return solids.resultants(solid, d, pull, hung, eta)
 
 
 def _turn(angles: Array) -> Array:

@@ -88,20 +88,28 @@ def check(meta: Any, arrays: Mapping[str, Array], t: Array) -> None:
     for name, link in meta.get("links", {}).items():
         for key in sorted(_NEEDED - link.keys()):
             raise _wrong(f"meta.links.{name}.{key}", None)
-    columns = {"joint/q": 0, "joint/v": 0, "joint/a": 0}
-    for key in columns:
+    _check_joints(meta.get("joint_index", {}), arrays)
+    _check_shapes(meta, arrays, len(t))
+
+
+def _check_joints(index: Mapping[str, list[int]], arrays: Mapping[str, Array]) -> None:
+    """Columns [iq, nq, iv, nv] of each joint are there."""
+    sizes = {}
+    for key in ("joint/q", "joint/v"):
         array = arrays.get(key)
-        columns[key] = array.shape[1] if array is not None and array.ndim == 2 else 0
-    for name, index in meta.get("joint_index", {}).items():
-        fits = len(index) == 4 and min(index) >= 0
-        if not fits or index[0] + index[1] > columns["joint/q"]:
-            raise _wrong(f"meta.joint_index.{name}", index)
-        if index[2] + index[3] > columns["joint/v"]:
-            raise _wrong(f"meta.joint_index.{name}", index)
-    wanted: dict[str, tuple[int, ...]] = {"torque": (len(t), len(meta.get("actuated", ())))}
+        sizes[key] = array.shape[1] if array is not None and array.ndim == 2 else 0
+    for name, at in index.items():
+        fits = len(at) == 4 and min(at) >= 0
+        if not fits or at[0] + at[1] > sizes["joint/q"] or at[2] + at[3] > sizes["joint/v"]:
+            raise _wrong(f"meta.joint_index.{name}", at)
+
+
+def _check_shapes(meta: Mapping[str, Any], arrays: Mapping[str, Array], nt: int) -> None:
+    """Torques and frames have the shapes that their names ask for."""
+    wanted: dict[str, tuple[int, ...]] = {"torque": (nt, len(meta.get("actuated", ())))}
     for name in meta.get("frames", ()):
-        wanted[f"frame/{name}/position"] = (len(t), 3)
-        wanted[f"frame/{name}/rotation"] = (len(t), 3, 3)
+        wanted[f"frame/{name}/position"] = (nt, 3)
+        wanted[f"frame/{name}/rotation"] = (nt, 3, 3)
     for key, shape in wanted.items():
         if key in arrays and arrays[key].shape != shape:
             raise _wrong(key, f"shape {arrays[key].shape} instead of {shape}")

@@ -182,29 +182,14 @@ def comparison(
         start: What to know of the start.
         falls: Last instant with an equilibrium, where there is none to the end [s].
     """
-    torques: list[TorqueRow] = []
-    for label, run in others.items():
-        if rigid is not None:
-            same_grid(run, rigid)
-            if run.motors != rigid.motors:
-                raise DescriptionError(
-                    f"comparison: {label} has the motors {', '.join(run.motors) or 'none'}, the "
-                    f"rigid run {', '.join(rigid.motors) or 'none'}. Compare runs of one model."
-                )
-        torques += [_torque_row(label, rigid, run, i) for i in range(len(run.motors))]
-    every = {} if rigid is None else {"rigid": rigid}
-    every |= others
-    order = [motor for run in every.values() for motor in run.motors]
-    torques.sort(key=lambda row: order.index(row.motor))
-    strengths = yield_strengths or {}
-    listed, times = tuple(float(f) for f in frequencies)[:first], cpu or {}
+    every = ({} if rigid is None else {"rigid": rigid}) | dict(others)
+    strengths, times = yield_strengths or {}, cpu or {}
+    listed = tuple(float(f) for f in frequencies)[:first]
     frame = None if rigid is None else str(rigid.meta.get("platform") or "") or None
     table = Comparison(
         name=next((str(run.meta.get("name", "scene")) for run in every.values()), "scene"),
-        torques=tuple(torques),
-        platform=tuple(_platform_row(label, rigid, run) for label, run in others.items())
-        if rigid is not None and frame
-        else (),
+        torques=_torque_rows(rigid, others),
+        platform=_platform_rows(rigid, others, frame),
         stresses=tuple(
             _stress_row(label, run, link, strengths.get(link))
             for label, run in others.items()
@@ -215,9 +200,7 @@ def comparison(
         frequency_note=frequency_note,
         notes=tuple(notes),
         unsolved=dict(unsolved or {}),
-        residuals=()
-        if rigid is None or frame is None or stop is None or not stops(rigid, frame, stop)
-        else _residual_rows(rigid, others, frame, stop, band, listed),
+        residuals=_residual_rows(rigid, others, frame, stop, band, listed),
         band=band,
         start=start,
         falls=falls,
@@ -226,15 +209,45 @@ def comparison(
     return replace(table, verdict=verdict.words(table))
 
 
+def _torque_rows(rigid: Result | None, others: Mapping[str, Result]) -> tuple[TorqueRow, ...]:
+    """Motor by motor, in the order of the first run."""
+    for label, run in others.items():
+        if rigid is None:
+            break
+        same_grid(run, rigid)
+        if run.motors != rigid.motors:
+            raise DescriptionError(
+                f"comparison: {label} has the motors {', '.join(run.motors) or 'none'}, the "
+                f"rigid run {', '.join(rigid.motors) or 'none'}. Compare runs of one model."
+            )
+    rows = [
+        _torque_row(label, rigid, run, i)
+        for label, run in others.items()
+        for i in range(len(run.motors))
+    ]
+    motors = list(dict.fromkeys(motor for run in others.values() for motor in run.motors))
+    return tuple(sorted(rows, key=lambda row: motors.index(row.motor)))
+
+
+def _platform_rows(
+    rigid: Result | None, others: Mapping[str, Result], frame: str | None
+) -> tuple[PlatformRow, ...]:
+    if rigid is None or frame is None:
+        return ()
+    return tuple(_platform_row(label, rigid, run) for label, run in others.items())
+
+
 def _residual_rows(
-    rigid: Result,
+    rigid: Result | None,
     others: Mapping[str, Result],
-    frame: str,
-    stop: float,
+    frame: str | None,
+    stop: float | None,
     band: float,
     frequencies: tuple[float, ...],
 ) -> tuple[ResidualRow, ...]:
-    """Rest is where the quasistatic run ends, if there is one: it does not vibrate."""
+    """Vibration after the stop, about where the quasistatic run ends: it does not vibrate."""
+    if rigid is None or frame is None or stop is None or not stops(rigid, frame, stop):
+        return ()
     period = next((1.0 / f for f in frequencies if f > 0), 0.0)
     still = others.get("quasistatic")
     rest = None if still is None else still.deviation_from(rigid, frame).position[-1]

@@ -63,27 +63,37 @@ def level_rows(
     if not runs:
         return ()
     best = list(runs.values())[-1]
-    rows = []
-    for level, run in runs.items():
-        off, percent = furthest(c, level), 0.0 if level == "rigid" and run.motors else None
-        far = [r.position for r in c.platform if r.level == level]
-        stress = [r.von_mises for r in c.stresses if r.level == level]
-        torque_off, platform_off = off_best(run, best, frame)
-        judged = torque_off is not None or platform_off is not None
-        fits = (torque_off or 0.0) <= SHARE and (platform_off or 0.0) <= allowed(c)
-        rows.append(
-            LevelRow(
-                level,
-                percent if off is None else off.max_percent,
-                max(far, default=0.0 if level == "rigid" and frame else None),
-                max(stress, default=None),
-                cpu.get(level),
-                torque_off,
-                platform_off,
-                fits if judged else None,
-            )
-        )
-    return tuple(rows)
+    return tuple(
+        _level_row(c, level, run, off_best(run, best, frame), frame, cpu.get(level))
+        for level, run in runs.items()
+    )
+
+
+def _level_row(
+    c: Comparison,
+    level: str,
+    run: Result,
+    off: tuple[float | None, float | None],
+    frame: str | None,
+    cpu: float | None,
+) -> LevelRow:
+    """`off`: torques and platform from the best run, as `off_best` gives them."""
+    rigid, worst = level == "rigid", furthest(c, level)
+    percent = 0.0 if rigid and run.motors else None
+    far = [r.position for r in c.platform if r.level == level]
+    stress = [r.von_mises for r in c.stresses if r.level == level]
+    torque, platform = off
+    fits = (torque or 0.0) <= SHARE and (platform or 0.0) <= allowed(c)
+    return LevelRow(
+        level=level,
+        torque_percent=percent if worst is None else worst.max_percent,
+        deviation=max(far, default=0.0 if rigid and frame else None),
+        stress=max(stress, default=None),
+        cpu=cpu,
+        torque_off=torque,
+        platform_off=platform,
+        suffices=None if torque is None and platform is None else fits,
+    )
 
 
 def allowed(c: Comparison) -> float:

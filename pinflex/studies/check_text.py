@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from pinflex.studies.check import Check, LinkCheck
+from pinflex.studies.check import Check
+from pinflex.studies.check_parts import LinkCheck
 from pinflex.studies.check_statics import Sag, Statics
 from pinflex.text import angle, length, number, paragraph, table
 

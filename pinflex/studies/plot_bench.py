@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from pinflex.studies.bench import Bench
@@ -18,8 +19,6 @@ _PANEL = 3.0  # [in]
 
 def figure(found: Bench) -> Figure:
     """CPU seconds against error, log-log, one panel an output; the Pareto set is joined."""
-    from matplotlib.lines import Line2D
-
     outputs = [name for name in found.own_error if any(p.errors.get(name) for p in found.points)]
     columns = min(2, len(outputs))
     rows = -(-len(outputs) // columns)
@@ -28,30 +27,46 @@ def figure(found: Bench) -> Figure:
     modes = sorted({p.case.modes for p in found.points if p.case.modes is not None})
     markers = dict(zip(modes, _MARKERS, strict=False))
     for ax, name in zip(axes.flat, outputs, strict=False):
-        for p in found.points:
-            if p.errors.get(name):
-                marker = markers.get(p.case.modes or 0, "o")
-                ax.loglog(p.cpu, p.errors[name], marker, color=colours[p.case.method], ms=5, mew=0)
-        front = [p for p in found.pareto(name) if p.errors[name]]
-        ax.loglog(
-            [p.cpu for p in front], [p.errors[name] for p in front],
-            "-o", color="0.25", lw=0.8, mfc="none", mec="0.25", ms=9, mew=0.8, zorder=1,
-        )  # fmt: skip
-        ax.axhspan(1e-12, found.own_error[name], color="0.92", zorder=0)
-        low = min(found.own_error[name], *(p.errors[name] for p in front))
-        ax.set_ylim(0.4 * low, 3.0)
-        ax.grid(True, which="major", color="0.9", lw=0.6)
-        ax.set_ylabel("relative error [-]")
-        ax.set_xlabel("CPU time [s]")
-        title(ax, name)
+        _panel(ax, found, name, colours, markers)
     for spare in axes.flat[len(outputs) :]:
         spare.remove()
-    used = [m for m in _METHODS if any(p.case.method == m and not p.failed for p in found.points)]
-    dot: dict[str, Any] = {"ls": "", "mew": 0, "ms": 5}
-    handles = [Line2D([], [], marker="o", color=colours[m], label=_NAMES.get(m, m), **dot)
-               for m in used]  # fmt: skip
-    handles += [Line2D([], [], marker=markers[n], color="0.5", label=f"{found.key} {n}", **dot)
-                for n in modes]  # fmt: skip
-    handles.append(Line2D([], [], marker="o", mfc="none", color="0.25", lw=0.8, label="Pareto set"))
+    handles = _handles(found, colours, markers)
     fig.legend(handles=handles, loc="outside upper center", ncols=5, frameon=False, fontsize=8)
     return fig
+
+
+def _panel(
+    ax: Any, found: Bench, name: str, colours: Mapping[str, str], markers: Mapping[int, str]
+) -> None:
+    """One output."""
+    for p in found.points:
+        if p.errors.get(name):
+            marker = markers.get(p.case.modes or 0, "o")
+            ax.loglog(p.cpu, p.errors[name], marker, color=colours[p.case.method], ms=5, mew=0)
+    front = [p for p in found.pareto(name) if p.errors[name]]
+    ax.loglog(
+        [p.cpu for p in front], [p.errors[name] for p in front],
+        "-o", color="0.25", lw=0.8, mfc="none", mec="0.25", ms=9, mew=0.8, zorder=1,
+    )  # fmt: skip
+    ax.axhspan(1e-12, found.own_error[name], color="0.92", zorder=0)
+    low = min(found.own_error[name], *(p.errors[name] for p in front))
+    ax.set_ylim(0.4 * low, 3.0)
+    ax.grid(True, which="major", color="0.9", lw=0.6)
+    ax.set_ylabel("relative error [-]")
+    ax.set_xlabel("CPU time [s]")
+    title(ax, name)
+
+
+def _handles(found: Bench, colours: Mapping[str, str], markers: Mapping[int, str]) -> list[Any]:
+    """Of the legend: methods, numbers of modes, the Pareto set."""
+    from matplotlib.lines import Line2D
+
+    used = [m for m in _METHODS if any(p.case.method == m and not p.failed for p in found.points)]
+    dot: dict[str, Any] = {"ls": "", "mew": 0, "ms": 5}
+    return [
+        *(Line2D([], [], marker="o", color=colours[m], label=_NAMES.get(m, m), **dot)
+          for m in used),
+        *(Line2D([], [], marker=marker, color="0.5", label=f"{found.key} {n}", **dot)
+          for n, marker in markers.items()),
+        Line2D([], [], marker="o", mfc="none", color="0.25", lw=0.8, label="Pareto set"),
+    ]  # fmt: skip

@@ -45,17 +45,25 @@ def plot_pose_map(found: PoseMap) -> Figure:
     labels = [f"{name} from home [{found.units[name]}]" for name in names]
     draw = _curves if len(drawn) == 1 else _maps
     figure: Figure = draw(frequencies, stiffness, x, labels)
-    about = "under gravity" if found.preload == "gravity" else "undeformed"
-    motors = "free in frequencies" if found.free_motors else "locked"
+    figure.suptitle(_title(found, drawn), x=0.01, ha="left", fontsize=10)
+    return figure
+
+
+def _title(found: PoseMap, drawn: list[int]) -> str:
+    """State of the motors, load, coordinates that are not drawn, rigid directions."""
     rest = [
         f"{name} = {values[len(values) // 2]:.4g}"
         for k, (name, values) in enumerate(found.grid.items())
         if k not in drawn
     ]
-    rigid = [f"platform rigid along {', '.join(found.rigid)}"] if found.rigid else []
-    text = ", ".join([f"{found.name}: motors {motors}", about, *rest, *rigid])
-    figure.suptitle(text, x=0.01, ha="left", fontsize=10)
-    return figure
+    return ", ".join(
+        [
+            f"{found.name}: motors {'free in frequencies' if found.free_motors else 'locked'}",
+            "under gravity" if found.preload == "gravity" else "undeformed",
+            *rest,
+            *([f"platform rigid along {', '.join(found.rigid)}"] if found.rigid else []),
+        ]
+    )
 
 
 def save_pose_map(found: PoseMap, path: str | Path) -> Path:

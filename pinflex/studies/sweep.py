@@ -107,10 +107,16 @@ def _table(named: Sequence[str], cases: Sequence[Case], records: Mapping[str, Re
     """Parameters, status, error and outputs of the cases that ended."""
     pairs = zip(named, cases, strict=True)
     ended = [(case, records[key]) for key, case in pairs if key in records]
-    parameters = dict.fromkeys(name for case, _ in ended for name in case)
-    names = dict.fromkeys(name for _, record in ended for name in record.found)
-    arrays = {name: column([case[name] for case, _ in ended]) for name in parameters}
+    names = _keys(record.found for _, record in ended)
+    arrays = {
+        name: column([case[name] for case, _ in ended]) for name in _keys(case for case, _ in ended)
+    }
     arrays["status"] = column(["failed" if record.error else "done" for _, record in ended])
     arrays["error"] = column([record.error for _, record in ended])
     arrays |= {name: column([record.found.get(name) for _, record in ended]) for name in names}
     return Columns(arrays, {name: unit(name) for name in names if unit(name)})
+
+
+def _keys(mappings: Iterable[Mapping[str, object]]) -> list[str]:
+    """Every key once, in the order of its first appearance."""
+    return list(dict.fromkeys(key for mapping in mappings for key in mapping))

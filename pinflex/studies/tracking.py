@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+
+Place = tuple[int, ...]  # of a pose in the grid
 
 
 def matched(before: Array, now: Array, M: Array) -> tuple[IntArray, Array]:
@@ -34,10 +36,8 @@ def matched(before: Array, now: Array, M: Array) -> tuple[IntArray, Array]:
 
 
 def tracked(
-    shapes: Mapping[tuple[int, ...], Array],
-    mass: Callable[[tuple[int, ...]], Array],
-    count: int,
-) -> dict[tuple[int, ...], tuple[IntArray, float]]:
+    shapes: Mapping[Place, Array], mass: Callable[[Place], Array], count: int
+) -> dict[Place, tuple[IntArray, float]]:
     """Follow modes over a grid of poses, away from its middle, along the neighbours most alike.
 
     Of all poses that border on one already followed, the next is always the one whose modes agree
@@ -57,33 +57,36 @@ def tracked(
         return {}
     far = [max(place[axis] for place in shapes) for axis in range(len(next(iter(shapes))))]
     middle = min(shapes, key=lambda place: _distance(place, tuple(n / 2 for n in far)))
-    found = {middle: (np.arange(shapes[middle].shape[1], dtype=np.intp), 1.0)}
-    border: list[tuple[float, int, tuple[int, ...], IntArray]] = []
+    orders = {middle: (np.arange(shapes[middle].shape[1], dtype=np.intp), 1.0)}
+    border: list[tuple[float, int, Place, IntArray]] = []
     number = itertools.count()  # of two that agree alike the earlier
 
-    def look(place: tuple[int, ...], there: tuple[int, ...]) -> None:
-        order, agreement = matched(shapes[place][:, found[place][0]], shapes[there], mass(there))
+    def look(place: Place, there: Place) -> None:
+        order, agreement = matched(shapes[place][:, orders[place][0]], shapes[there], mass(there))
         least = float(np.min(agreement[:count], initial=1.0))
         heapq.heappush(border, (-least, next(number), there, order))
 
     place = middle
-    while True:
+    while len(orders) < len(shapes):
         for there in _neighbours(place):
-            if there in shapes and there not in found:
+            if there in shapes and there not in orders:
                 look(place, there)
-        while border and border[0][2] in found:
+        while border and border[0][2] in orders:
             heapq.heappop(border)
         if not border:
-            rest = [p for p in shapes if p not in found]
-            if not rest:
-                return found
             # an island behind poses that do not exist: over the shortest gap
-            look(*min(((a, b) for a in found for b in rest), key=lambda pair: _distance(*pair)))
+            look(*_shortest_gap(orders, [p for p in shapes if p not in orders]))
         least, _, place, order = heapq.heappop(border)
-        found[place] = (order, -least)
+        orders[place] = (order, -least)
+    return orders
 
 
-def _neighbours(place: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+def _shortest_gap(followed: Iterable[Place], rest: Sequence[Place]) -> tuple[Place, Place]:
+    """The followed pose and the other one that are closest."""
+    return min(((a, b) for a in followed for b in rest), key=lambda pair: _distance(*pair))
+
+
+def _neighbours(place: Place) -> Iterator[Place]:
     for axis in range(len(place)):
         for step in (-1, 1):
             yield (*place[:axis], place[axis] + step, *place[axis + 1 :])

@@ -59,26 +59,31 @@ def _instances(
     if node is None or depth > _DEEPEST:
         return
     for child in node:
-        numbers = np.array((child.text or "").split(), dtype=float) if len(child) == 0 else None
-        if child.tag == "matrix" and numbers is not None:
-            pose = pose @ numbers.reshape(4, 4)
-        elif child.tag in ("translate", "scale") and numbers is not None:
-            step = np.eye(4)
-            if child.tag == "translate":
-                step[:3, 3] = numbers
-            else:
-                step[:3, :3] = np.diag(numbers)
-            pose = pose @ step
-        elif child.tag == "rotate" and numbers is not None:
-            step = np.eye(4)
-            step[:3, :3] = _about(numbers[:3], np.deg2rad(numbers[3]))
-            pose = pose @ step
-        elif child.tag == "instance_geometry":
+        if child.tag == "instance_geometry":
             yield child.get("url", ""), pose
         elif child.tag == "node":
             yield from _instances(child, pose, byid, depth + 1)
         elif child.tag == "instance_node":
             yield from _instances(byid.get(child.get("url", "")), pose, byid, depth + 1)
+        elif len(child) == 0:
+            pose = pose @ _transform(child)
+
+
+def _transform(element: _Element) -> Array:
+    """Transform (4, 4) of an element; the identity for one that is none."""
+    if element.tag not in ("matrix", "translate", "scale", "rotate"):
+        return np.eye(4)
+    numbers = np.array((element.text or "").split(), dtype=float)
+    if element.tag == "matrix":
+        return numbers.reshape(4, 4)
+    step = np.eye(4)
+    if element.tag == "translate":
+        step[:3, 3] = numbers
+    elif element.tag == "scale":
+        step[:3, :3] = np.diag(numbers)
+    else:
+        step[:3, :3] = _about(numbers[:3], np.deg2rad(numbers[3]))
+    return step
 
 
 def _meshes(mesh: _Element, byid: dict[str, _Element]) -> Iterator[tuple[Array, IntArray]]:

@@ -23,42 +23,49 @@ def with_rigid_torque(run: Result, rigid: Result) -> Result:
 
 def track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
     """Path of the platform (or of the tip that moves most) and how far it is from rigid."""
-    name = result.meta.get("platform")
-    other: Array | None
-    turn: Array | None
-    turned: Array | None
+    name, angle = result.meta.get("platform"), np.zeros(len(result.t))
     if name and f"frame/{name}/position" in result.arrays:
         position = result.arrays[f"frame/{name}/position"]
+        other, turned = _rigid_platform(result, rigid, name)
         turn = result.arrays.get(f"frame/{name}/rotation")
-        if rigid is not None and f"frame/{name}/position" in rigid.arrays:
-            other, turned = _at(rigid, f"frame/{name}/position", result.t), None
-            if turn is not None and len(rigid.t) == len(result.t):
-                turned = rigid.arrays.get(f"frame/{name}/rotation")
-        else:
-            other, turned = Carrier(result).rigid_frame(name)
+        if turn is not None and turned is not None:
+            angle = np.linalg.norm(rotation_vector(turn @ np.swapaxes(turned, 1, 2)), axis=1)
     elif result.links:
-        ends = {n: result.arrays[f"link/{n}/centreline"][:, -1] for n in result.links}
-        still = {
-            n: result.arrays.get(
-                f"link/{n}/centreline_rigid", result.arrays[f"link/{n}/centreline"]
-            )[:, -1]
-            for n in result.links
-        }
-        link = max(ends, key=lambda n: float(np.abs(ends[n] - still[n]).max()))
-        name, position, other, turn, turned = f"tip of {link}", ends[link], still[link], None, None
+        name, position, other = _furthest_tip(result)
     else:
         return None
     other = position if other is None else other
-    angle = np.zeros(len(result.t))
-    if turn is not None and turned is not None:
-        angle = np.linalg.norm(rotation_vector(turn @ np.swapaxes(turned, 1, 2)), axis=1)
     disp = position - other
     deviation = np.linalg.norm(disp, axis=1)
-    found = {"name": name, "rigid": other, "disp": disp, "deviation": deviation, "angle": angle}
+    path = {"name": name, "rigid": other, "disp": disp, "deviation": deviation, "angle": angle}
     fine, finer = deviation.max() < 1e-5, angle.max() < 1e-4
-    found |= {"factor": 1e6, "unit": "µm"} if fine else {"factor": 1e3, "unit": "mm"}
-    found |= {"angle_factor": 1e6 if finer else 1e3, "angle_unit": "µrad" if finer else "mrad"}
-    return found
+    path |= {"factor": 1e6, "unit": "µm"} if fine else {"factor": 1e3, "unit": "mm"}
+    path |= {"angle_factor": 1e6 if finer else 1e3, "angle_unit": "µrad" if finer else "mrad"}
+    return path
+
+
+def _rigid_platform(
+    result: Result, rigid: Result | None, name: str
+) -> tuple[Array | None, Array | None]:
+    """Positions (nt, 3) and rotations (nt, 3, 3) of the platform were the robot rigid."""
+    if rigid is None or f"frame/{name}/position" not in rigid.arrays:
+        return Carrier(result).rigid_frame(name)
+    position = _at(rigid, f"frame/{name}/position", result.t)
+    same = len(rigid.t) == len(result.t)
+    return position, rigid.arrays.get(f"frame/{name}/rotation") if same else None
+
+
+def _furthest_tip(result: Result) -> tuple[str, Array, Array]:
+    """Name, path and rigid path (nt, 3) of the link's end that moves most."""
+    ends = {n: result.arrays[f"link/{n}/centreline"][:, -1] for n in result.links}
+    rigid = {
+        n: result.arrays.get(f"link/{n}/centreline_rigid", result.arrays[f"link/{n}/centreline"])[
+            :, -1
+        ]
+        for n in result.links
+    }
+    link = max(ends, key=lambda n: float(np.abs(ends[n] - rigid[n]).max()))
+    return f"tip of {link}", ends[link], rigid[link]
 
 
 def plots(

@@ -60,11 +60,6 @@ def build_scene(
     )
     peaks = {name: largest(link, "von_mises") for name, link in links.items()}
     stress = {name: p for name, p in peaks.items() if p is not None}
-    notes = [*result.meta.get("warnings", ()), *missing]
-    if len(keep) < len(result.t):
-        notes.insert(0, f"{len(keep)} of {len(result.t)} instants kept, extremes among them")
-    if result.meta.get("status", "complete") != "complete":
-        notes.insert(0, f"{result.meta['status']}: {result.meta.get('message', '')}")
     return {
         "name": str(result.meta.get("name", "result")),
         "level": LEVELS.get(result.level, result.level),
@@ -85,8 +80,18 @@ def build_scene(
         "torques": [_rows(arrow, keep) for arrow in carrier.torques()],
         "plots": plots(result, rigid, stress, path, keep),
         "fields": _fields(links),
-        "notes": notes,
+        "notes": _notes(result, len(keep)) + missing,
     }
+
+
+def _notes(result: Result, kept: int) -> list[str]:
+    """Why the run ended early, the number of instants kept, warnings."""
+    notes = list(result.meta.get("warnings", ()))
+    if kept < len(result.t):
+        notes.insert(0, f"{kept} of {len(result.t)} instants kept, extremes among them")
+    if result.meta.get("status", "complete") != "complete":
+        notes.insert(0, f"{result.meta['status']}: {result.meta.get('message', '')}")
+    return notes
 
 
 def _remark(result: Result) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
-from pinflex.viewer.carried import Carrier
+from pinflex.viewer.carried import Carrier, Joint
 from pinflex.viewer.surfaces import Surface, joined, packed
 
 
@@ -51,66 +51,80 @@ def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface])
         carrier: Finds what moves with what.
         surfaces: What the URDF draws, by link.
     """
-    about = result.meta.get("bodies", {})
     names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
     joints = [j for j in carrier.joints.values() if j.child in names]
     fixed = [j for j in joints if j.kind == "fixed" and _together(result, j.parent, j.child)]
-    above = {j.child: j.parent for j in fixed}
-    moved = {j.child for j in joints if j not in fixed}
+    moving = {j.child for j in joints if j not in fixed}
+    bodies = []
+    for head, links in _groups(names, {j.child: j.parent for j in fixed}).items():
+        points, surface = _shape(result, head, links, surfaces)
+        if len(points) or surface is not None:
+            bodies.append(_skeleton(result, head, links, points, surface, joints, moving))
+    return bodies
+
+
+def _groups(names: Sequence[str], above: Mapping[str, str]) -> dict[str, list[str]]:
+    """Links that move as one body, by the uppermost of them; `above`: parents by fixed joints."""
     groups: dict[str, list[str]] = {}
     for name in names:
         head = name
         while above.get(head) in names:
             head = above[head]
         groups.setdefault(head, []).append(name)
-    platform = result.meta.get("platform")
-    bones = []
-    for head, links in groups.items():
-        pose = result.arrays[f"body/{head}/pose"]
-        parts, aim, skins = [np.empty((0, 3))], None, []
-        for link in links:
-            own = result.arrays[f"body/{link}/pose"][0]
-            turn, shift = (
-                pose[0, :, :3].T @ own[:, :3],
-                pose[0, :, :3].T @ (own[:, 3] - pose[0, :, 3]),
-            )
-            points = np.asarray(about.get(link, {}).get("points", ()), dtype=float).reshape(-1, 3)
-            parts.append(points @ turn.T + shift)
-            aim = shift if link == platform else aim
-            if link in surfaces:
-                skins.append(surfaces[link].moved(turn, shift))
-        points = _distinct(np.concatenate(parts))
-        if aim is not None and len(points) > 3:  # the platform's origin is no joint of it
-            points = points[np.linalg.norm(points - aim, axis=1) > 1e-6]
-        if len(points) or skins:
-            radius = max(float(about.get(link, {}).get("radius") or 0.0) for link in links)
-            rigid = result.arrays.get(f"body/{head}/pose_rigid", pose)
-            root = not moved & set(links)
-            skin = joined(skins) if skins else None
-            above_it = [j for j in joints if j.child == head and j.kind == "fixed"]
-            on_beam = any(j.parent in result.links for j in above_it)
-            massless = not any(about.get(link, {}).get("mass") for link in links)
-            frame = on_beam and massless and len(points) < 2
-            rails = [
-                _way(pose, result.arrays[f"body/{j.child}/pose"])
-                for j in joints
-                if j.kind == "prismatic" and j.parent in links
-            ]
-            bones.append(
-                Skeleton(
-                    head,
-                    points,
-                    radius,
-                    pose,
-                    rigid,
-                    root,
-                    platform in links,
-                    skin,
-                    frame,
-                    tuple(rails),
-                )
-            )
-    return bones
+    return groups
+
+
+def _shape(
+    result: Result, head: str, links: Sequence[str], surfaces: Mapping[str, Surface]
+) -> tuple[Array, Surface | None]:
+    """Joint origins (n, 3) of a body and what the URDF draws of it, in the frame of its head."""
+    about, platform = result.meta.get("bodies", {}), result.meta.get("platform")
+    rotation, origin = np.split(result.arrays[f"body/{head}/pose"][0], [3], axis=1)
+    parts, centre, skins = [np.empty((0, 3))], None, []
+    for link in links:
+        own = result.arrays[f"body/{link}/pose"][0]
+        turn, shift = rotation.T @ own[:, :3], rotation.T @ (own[:, 3] - origin[:, 0])
+        points = np.asarray(about.get(link, {}).get("points", ()), dtype=float).reshape(-1, 3)
+        parts.append(points @ turn.T + shift)
+        centre = shift if link == platform else centre
+        if link in surfaces:
+            skins.append(surfaces[link].moved(turn, shift))
+    points = _distinct(np.concatenate(parts))
+    if centre is not None and len(points) > 3:  # the platform's origin is no joint of it
+        points = points[np.linalg.norm(points - centre, axis=1) > 1e-6]
+    return points, joined(skins) if skins else None
+
+
+def _skeleton(
+    result: Result,
+    head: str,
+    links: Sequence[str],
+    points: Array,
+    surface: Surface | None,
+    joints: Sequence[Joint],
+    moving: Collection[str],
+) -> Skeleton:
+    """One body, and what it is to the mechanism; `moving`: children of joints that move."""
+    about, pose = result.meta.get("bodies", {}), result.arrays[f"body/{head}/pose"]
+    on_beam = any(j.parent in result.links for j in joints if j.child == head and j.kind == "fixed")
+    massless = not any(about.get(link, {}).get("mass") for link in links)
+    rails = [
+        _way(pose, result.arrays[f"body/{j.child}/pose"])
+        for j in joints
+        if j.kind == "prismatic" and j.parent in links
+    ]
+    return Skeleton(
+        name=head,
+        points=points,
+        radius=max(float(about.get(link, {}).get("radius") or 0.0) for link in links),
+        pose=pose,
+        rigid=result.arrays.get(f"body/{head}/pose_rigid", pose),
+        root=not any(link in moving for link in links),
+        platform=result.meta.get("platform") in links,
+        surface=surface,
+        frame=on_beam and massless and len(points) < 2,
+        rails=tuple(rails),
+    )
 
 
 def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
@@ -121,25 +135,11 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         keep: Instants kept, shape (n,).
         size: Size of the robot [m]; nothing is drawn thinner than a share of it.
     """
-    points, pose, rigid = bone.points, bone.pose, bone.rigid
+    pose, rigid = bone.pose, bone.rigid
     radius = float(np.clip(bone.radius, 0.007 * size, 0.03 * size))
-    if len(points):
-        _, spread, axes = np.linalg.svd(points - points.mean(axis=0))
-        across = np.append(spread, np.zeros(3))[:3] / max(float(spread[0]), 1e-12)
-    rods: list[Any] = []
-    plate = None
     mesh = None if bone.surface is None else packed(bone.surface)[0]
-    if mesh is not None:
-        pass  # it says more than any simple shape
-    elif len(points) == 2:
-        rods = [points.tolist()]
-    elif len(points) > 2 and across[1] < 0.05:  # on one line
-        order = points[np.argsort(points @ axes[0])]
-        rods = [[order[0].tolist(), order[-1].tolist()]]
-    elif len(points) > 2 and across[2] < 0.2:  # flat
-        plate = _plate(points, axes, 1.5 * radius)
-    elif len(points) > 2:
-        rods = [[points.mean(axis=0).tolist(), p.tolist()] for p in points]
+    # a mesh says more than any simple shape
+    rods, plate = _simple(bone.points, radius) if mesh is None else ([], None)
     still = bool(np.ptp(pose, axis=0).max() < 1e-9 and np.abs(rigid - pose).max() < 1e-9)
     return {
         "name": bone.name,
@@ -147,7 +147,7 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "base": still and bone.root,
         "platform": bone.platform,
         "frame": bone.frame,
-        "points": points.tolist(),
+        "points": bone.points.tolist(),
         "rods": rods,
         "plate": plate,
         "mesh": mesh,
@@ -155,6 +155,22 @@ def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
         "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
     }
+
+
+def _simple(points: Array, radius: float) -> tuple[list[Any], dict[str, Any] | None]:
+    """Rods between joints (n, 3) [m], or a plate across them where they are flat."""
+    if len(points) < 2:
+        return [], None
+    if len(points) == 2:
+        return [points.tolist()], None
+    _, spread, axes = np.linalg.svd(points - points.mean(axis=0))
+    across = np.append(spread, np.zeros(3))[:3] / max(float(spread[0]), 1e-12)
+    if across[1] < 0.05:  # on one line
+        order = points[np.argsort(points @ axes[0])]
+        return [[order[0].tolist(), order[-1].tolist()]], None
+    if across[2] < 0.2:  # flat
+        return [], _plate(points, axes, 1.5 * radius)
+    return [[points.mean(axis=0).tolist(), p.tolist()] for p in points], None
 
 
 def _together(result: Result, parent: str, child: str) -> bool:
