@@ -16,7 +16,8 @@ from papers.reports import statistics
 
 import pinflex as pf
 from pinflex.recovery.reactions import joint_reactions, shaking
-from pinflex.recovery.strength import THEORIES, point_stress, worst_section, worst_table
+from pinflex.recovery.strength import strain_forces
+from pinflex.results.strength import THEORIES, point_stress, worst_table
 
 CHANGES = (
     "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}",
@@ -72,11 +73,12 @@ def main(folder: str = "paper_001") -> float:
         save(f"fig_{number}_{kind}_stress", curves(t, roots, "MPa"))
     # The article's point (0, -b/2, h/10): its z is our y, across the thickness.
     at = (2 * HALF_THICKNESS / 10, -HALF_WIDTH)
-    point = point_stress(robot, run, "crank_2", *at, source="strain", warping=False)
+    forces = strain_forces(robot, run, "crank_2")
+    point = point_stress(run, "crank_2", *at, warping=False, forces=forces)
     title = "$\\sigma$ at (0, -b/2, h/10) of B2C2"
     save("fig_14_point", curves(t, {title: {"": point.sigma[:, 0] / 1e6}}, "MPa"))
     # Where torsion tells the theories apart: the middle of the wide side at the root of B1C1.
-    side = point_stress(robot, run, "crank_1", HALF_THICKNESS, 0.0)
+    side = run.link("crank_1").point_stress(HALF_THICKNESS, 0.0)
     theories = {name: side.equivalent(name)[:, 0] / 1e6 for name in THEORIES}
     first = theories["first"]
     more = {name: values - first for name, values in theories.items()}
@@ -93,7 +95,7 @@ def main(folder: str = "paper_001") -> float:
     rows = [statistics(f"M_B{k}y", ends[f"crank_{k}"][:, 5]) for k in (1, 2, 3)]
     lines = [f"{'moment [N m]':<14}{'max':>9}{'min':>9}{'mean |.|':>10}"]
     lines += [f"{s.name:<14}{s.max:9.4f}{s.min:9.4f}{s.mean_abs:10.4f}" for s in rows]
-    worst = worst_section(run)
+    worst = run.worst_stress()
     lines += [
         "",
         worst_table(run),

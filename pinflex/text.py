@@ -13,8 +13,10 @@ COLUMNS = 100  # width that every block of text fits
 _BRIEF = 180  # characters of a record in one line
 
 
-def number(x: float) -> str:
-    """Four significant digits in at most eight characters (nine if negative)."""
+def number(x: float | None) -> str:
+    """Four significant digits in at most eight characters (nine if negative); "-" for None."""
+    if x is None:
+        return "-"
     return "0" if x == 0 else f"{x:#.4g}".rstrip(".") if 1e-3 <= abs(x) < 1e4 else f"{x:.2e}"
 
 
@@ -31,6 +33,11 @@ def angle(x: float) -> str:
     if x == 0:
         return "0"
     return f"{number(1e3 * x)} mrad" if abs(x) >= 1e-5 else f"{number(1e6 * x)} urad"
+
+
+def plural(count: int, noun: str) -> str:
+    """Count with its noun: 1 link, 2 links."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def brief(record: object) -> str:

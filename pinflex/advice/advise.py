@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -146,8 +146,8 @@ def solve_advised(
     mechanism: Mechanism, motion: Motion | None, *, dt: float | None, **options: Any
 ) -> Result:
     """The run of `solve(level="auto")`: at the level advised, with the links as they are."""
-    from pinflex.advice.text import plain
     from pinflex.solver.solve import solve_level as solve
+    from pinflex.writing import plain
 
     if dt is not None:
         raise DescriptionError('solve.dt: level="auto" chooses the step. Give tol instead.')
@@ -159,7 +159,7 @@ def solve_advised(
         spec = replace(mechanism.description.solve, dt=None)
         mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
     result = solve(mechanism, motion, found.level, **options)
-    return replace(result, meta={**result.meta, "advice": plain(found)})
+    return replace(result, meta={**result.meta, "advice": plain(asdict(found))})
 
 
 def in_words(x: float) -> str:

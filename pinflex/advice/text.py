@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
-
-import numpy as np
 
 from pinflex.advice.advise import Advice, in_words
 from pinflex.text import paragraph, table
@@ -36,20 +32,6 @@ def write(a: Advice, model: str | None = None) -> str:
         "\n".join(paragraph(note, "  ", "- ") for note in a.notes),
     ]
     return "\n\n".join(filter(None, blocks)) + "\n"
-
-
-def plain(a: Advice) -> dict[str, Any]:
-    """Advice for machines; an error bar that is not known is None."""
-
-    def clean(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {k: clean(x) for k, x in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [clean(x) for x in value]
-        return None if isinstance(value, float) and not np.isfinite(value) else value
-
-    cleaned: dict[str, Any] = clean(asdict(a))
-    return cleaned
 
 
 def _command(a: Advice, model: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 
 from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
     found = advise(load_model(args), tol=args.tol, asked=args.asked, until=args.until)
     if args.json:
-        print_json(advise_text.plain(found))
+        print_json(asdict(found))
     else:
         print(advise_text.write(found, args.model), end="")
     return 0

@@ -12,7 +12,7 @@ import numpy as np
 from pinflex.cli.console import print_json
 from pinflex.errors import SceneError
 from pinflex.studies.columns import Columns, check_suffix
-from pinflex.text import number, paragraph, table
+from pinflex.text import number, paragraph, plural, table
 from pinflex.writing import writable
 
 _SHOWN = 5  # failures in the answer for people; the table has them all
@@ -50,8 +50,8 @@ def answer(
         print(_ranges(found))
         for note in notes:
             print(paragraph(note, "  ", "\n  "))
-        cases = "1 case" if len(found) == 1 else f"{len(found)} cases"
-        print(f"\n{cases}, {len(found) - len(failed)} done, {len(failed)} failed")
+        done = len(found) - len(failed)
+        print(f"\n{plural(len(found), 'case')}, {done} done, {len(failed)} failed")
         for row, why in [*errors.items()][:_SHOWN]:
             print(paragraph(why, "    ", f"  case {row}: "))
         if len(failed) > _SHOWN:

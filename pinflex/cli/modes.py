@@ -130,16 +130,12 @@ def _text(modes: Modes) -> str:
     from pinflex.studies.mode_shapes import rigid_body
 
     rows = [
-        [str(i), number(f), _period(f), _who(share, f)]
+        [str(i), number(f), number(1 / f if f > 0 else None), _who(share, f)]
         for i, (f, share) in enumerate(_shares(modes), 1)
     ]
     header = "mode|frequency [Hz]|period [s]|share of the elastic energy"
     text = table("Natural frequencies", header, rows, (4,), last_is_text=True)
     return f"{text}\n{rigid_body(modes)}" if modes.rigid_body else text
-
-
-def _period(f: float) -> str:
-    return number(1 / f) if f > 0 else "-"
 
 
 def _who(share: Mapping[str, float], f: float) -> str:

@@ -130,15 +130,7 @@ def _links(mechanism: Mechanism) -> dict[str, Any]:
         links[name] = {
             "length": part.length,
             "mass": part.mass,
-            "section": {
-                "shape": section.shape,
-                "A": section.A,
-                "Iy": section.Iy,
-                "Iz": section.Iz,
-                "J": section.J,
-                "outline": [list(p) for p in section.outline],
-                "fibres": [list(p) for p in section.fibres],
-            },
+            "section": asdict(section),
             "material": {
                 "name": material.name,
                 "E": material.E,

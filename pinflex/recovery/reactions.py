@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
+from pinflex.integrators.run import Run
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.loads import Loads, LoadState
 from pinflex.mechanics.mechanism import Mechanism
@@ -27,12 +28,18 @@ def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
         of frame b), (nt, 6). A motor's moment has its torque in it, less what turns its rotor.
     """
     samples = samples_of(mechanism, result)
+    out = world_reactions(mechanism, samples)
+    for name in samples.run.system.closed.names:
+        out[name] = samples.forces.arrays[f"loop/{name}/wrench"]
+    return out
+
+
+def world_reactions(mechanism: Mechanism, samples: Samples) -> dict[str, Array]:
+    """Wrench on the child of every tree joint, in world axes at the joint, (nt, 6), by name."""
     out: dict[str, Array] = {}
     for name, (joint, R) in _rotations(mechanism, samples).items():
         force = samples.forces.f[:, joint].reshape(-1, 2, 3)
         out[name] = np.einsum("tij,tkj->tki", R, force).reshape(-1, 6)
-    for name in samples.run.system.closed.names:
-        out[name] = samples.forces.arrays[f"loop/{name}/wrench"]
     return out
 
 
@@ -60,12 +67,16 @@ def joint_reaction(mechanism: Mechanism, result: Result, name: str) -> Array:
 
 
 def shaking(mechanism: Mechanism, result: Result) -> Array:
+    """Shaking force and moment of a result; see `shaking_of`."""
+    return shaking_of(run_of(mechanism, result))
+
+
+def shaking_of(run: Run) -> Array:
     """Shaking force (N) and moment (N m, about the world origin) on the frame, shape (nt, 6).
 
     Weight, external loads and inertia of all that moves, motors' reactions included:
     -(dh/dt - gravity - loads). A rotor's own spin counts as inertia about its joint's axis.
     """
-    run = run_of(mechanism, result)
     dynamics = Dynamics(run.system)
     out = np.empty((len(run.t), 6))
     for k in range(len(run.t)):

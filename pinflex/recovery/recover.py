@@ -17,6 +17,7 @@ from pinflex.recovery.deviation import frame_deviations
 from pinflex.recovery.kinematics import joint_poses, pose_of
 from pinflex.recovery.links import links
 from pinflex.recovery.meta import JUDGED, describe, judge
+from pinflex.recovery.reactions import shaking_of, world_reactions
 from pinflex.recovery.samples import Samples
 from pinflex.results.lazy import Late
 from pinflex.results.result import Result, plain
@@ -45,6 +46,10 @@ def result_of(
             ("frame", "body", "energy"): lambda: _found(find.moves),
             ("loop", "reaction", "residual"): lambda: _found(find.forces),
             ("link",): lambda: _found(find.links),
+        },
+        {
+            ("reaction_world",): lambda: _found(find.world_reactions),
+            ("shaking",): lambda: _found(find.shaking),
         },
     )
 
@@ -113,6 +118,15 @@ class Recovery:
     def forces(self) -> dict[str, Array]:
         """loop, reaction and residual."""
         return self._samples.forces.arrays
+
+    def world_reactions(self) -> dict[str, Array]:
+        """reaction_world: of tree joints, in world axes."""
+        found = world_reactions(self._mechanism, self._samples)
+        return {f"reaction_world/{name}": wrench for name, wrench in found.items()}
+
+    def shaking(self) -> dict[str, Array]:
+        """shaking."""
+        return {"shaking": shaking_of(self._run)}
 
     def links(self) -> dict[str, Array]:
         """link."""

@@ -1,16 +1,43 @@
-"""Arrays written as an .npz in which only those that shrink are compressed."""
+"""File of a result: an .npz in which only arrays that shrink are compressed."""
 
 from __future__ import annotations
 
+import json
+import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
-from typing import IO
+from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.errors import DescriptionError
+from pinflex.results import checked
 
+FORMAT = 1  # raised when an older pinflex could no longer read the file
+HEADER = "pinflex"  # the npz member that says whose file it is, and holds meta
+_DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json raise
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    OSError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    SyntaxError,
+    tokenize.TokenError,
+    NotImplementedError,
+    OverflowError,
+    RecursionError,
+    IndexError,
+    MemoryError,
+    struct.error,
+)
 _SAMPLE = 1 << 15  # bytes tried of each array
 _WORTH = 0.75  # digits of a motion shrink to 0.85 at most, for a second of a run's ten
 
@@ -35,3 +62,51 @@ def _shrinks(array: Array) -> bool:
     middle = max((flat.size - count) // 2, 0)
     sample = flat[middle : middle + count].tobytes()
     return len(zlib.compress(sample, 1)) < _WORTH * len(sample)
+
+
+def read(path: str | Path, most: float) -> tuple[Array, dict[str, Array], dict[str, Any]]:
+    """Instants, arrays and meta of a file; nothing in it is ever executed (no pickle).
+
+    Args:
+        path: The .npz.
+        most: Largest size of all arrays together [bytes].
+    """
+    if not isinstance(path, (str, Path)):
+        raise DescriptionError(f"result: {path!r:.80} is no path. Give that of a .npz.")
+    path = Path(path)
+    remake = "Give a file written by `pinflex solve -o` or Result.save."
+    if not path.is_file():
+        raise DescriptionError(f"{path}: no such result file. {remake}", path=path)
+    try:
+        with path.open("rb") as stream:
+            if stream.read(4) != b"PK\x03\x04":
+                raise DescriptionError(f"{path}: not an .npz archive. {remake}", path=path)
+            checked.require_size(path, most)
+            stream.seek(0)
+            npz = np.load(stream, allow_pickle=False)
+            if HEADER not in npz.files:
+                raise DescriptionError(
+                    f"{path}: an .npz of another program (no {HEADER!r} header). {remake}",
+                    path=path,
+                )
+            header = json.loads(str(npz[HEADER]))
+            if int(header["format"]) > FORMAT:
+                raise DescriptionError(
+                    f"{path}: result format {header['format']}, this pinflex reads up to "
+                    f"{FORMAT}. Update pinflex, or solve again with this version.",
+                    path=path,
+                )
+            arrays = {key: npz[key] for key in npz.files if key != HEADER}
+        t = arrays.pop("t")
+        checked.check(header["meta"], arrays, np.atleast_1d(t))
+        return t, arrays, header["meta"]
+    except DescriptionError as error:
+        if str(path) in str(error):
+            raise
+        raise DescriptionError(f"{path}: {error}", path=path) from None
+    except _DAMAGE as error:
+        raise DescriptionError(
+            f"{path}: truncated or damaged ({type(error).__name__}: {error}). "
+            "Copy the file again, or repeat the run that wrote it.",
+            path=path,
+        ) from error

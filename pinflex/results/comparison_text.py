@@ -42,9 +42,9 @@ def brief(c: Comparison) -> str:
 
 
 def _head(c: Comparison) -> list[str]:
-    said = paragraph(f"{c.name}: {c.verdict}" if c.verdict else f"{c.name}: rigid against flexible")
+    answer = paragraph(f"{c.name}: {c.verdict or 'rigid against flexible'}")
     start = "\n" + paragraph(c.start, "  ", "! ") if c.start else ""
-    return [said + start, _level_table(c)]
+    return [answer + start, _level_table(c)]
 
 
 def _level_table(c: Comparison) -> str:
@@ -79,24 +79,19 @@ def _brief(x: float | None, digits: int) -> str:
 def _torque_table(c: Comparison) -> str:
     units = list(dict.fromkeys(r.unit for r in c.torques))
     rows: list[list[str]] = []
-    motor = None
+    rigid_listed = set[str]()
     for r in c.torques:
-        if r.motor != motor:
-            motor = r.motor
-            name = f"{short(motor, 15)} {r.unit}" if len(units) > 1 else motor
-            if r.rigid_peak is not None and r.rigid_rms is not None:
-                rows.append([name, "rigid", number(r.rigid_peak), number(r.rigid_rms)])
-                rows[-1] += [""] * 4
-                name = ""
-        else:
-            name = ""
+        name = f"{short(r.motor, 15)} {r.unit}" if len(units) > 1 else r.motor
+        if r.motor not in rigid_listed and r.rigid_peak is not None:
+            rows.append([name, "rigid", number(r.rigid_peak), number(r.rigid_rms), *[""] * 4])
+        rigid_listed.add(r.motor)
         rows.append([name, r.level, number(r.peak), number(r.rms)])
-        rows[-1] += ["-" if x is None else number(x) for x in (r.max_difference, r.rms_difference)]
+        rows[-1] += [number(r.max_difference), number(r.rms_difference)]
         rows[-1] += ["-" if x is None else _percent(x) for x in (r.max_percent, r.rms_percent)]
     return table(
         f"Motor torque [{' | '.join(units)}]; diff is from rigid, in % of the rigid peak",
         "motor|level|peak|rms|max diff|rms diff|max|rms",
-        rows,
+        _once(rows),
         (20, 16),
     )
 
@@ -155,7 +150,8 @@ def _stress_table(c: Comparison) -> str:
 
 def _frequency_table(c: Comparison) -> str:
     rows = [
-        [str(i), number(f), number(1 / f) if f > 0 else "-"] for i, f in enumerate(c.frequencies, 1)
+        [str(i), number(f), number(1 / f if f > 0 else None)]
+        for i, f in enumerate(c.frequencies, 1)
     ]
     title = "Natural frequencies" + (f" ({c.frequency_note})" if c.frequency_note else "")
     return table(title, "mode|frequency [Hz]|period [s]", rows, (4,))
@@ -163,7 +159,7 @@ def _frequency_table(c: Comparison) -> str:
 
 def _cost_table(c: Comparison) -> str:
     rows = [
-        [r.level, *("-" if x is None else number(x) for x in (r.cpu, r.seconds))]
+        [r.level, number(r.cpu), number(r.seconds)]
         + ["-" if n is None else str(n) for n in (r.steps, r.newton)]
         + [_LEFT_OUT.get(r.level, "")]
         for r in c.costs

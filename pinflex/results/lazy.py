@@ -1,4 +1,4 @@
-"""A mapping part of whose values are found when they are first asked for."""
+"""A mapping that computes groups of its values on first use."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from threading import RLock
 from typing import TypeVar
 
 T = TypeVar("T")
+Groups = Mapping[tuple[str, ...], Callable[[], Mapping[str, T]]]
 
 
 class Late(Mapping[str, T]):
@@ -18,14 +19,23 @@ class Late(Mapping[str, T]):
     """
 
     def __init__(
-        self, known: Mapping[str, T], later: Mapping[tuple[str, ...], Callable[[], Mapping[str, T]]]
+        self, known: Mapping[str, T], later: Groups[T], unlisted: Groups[T] | None = None
     ) -> None:
-        """`later`: by the heads of its keys, what finds a group."""
+        """Values at hand, and functions for the others.
+
+        Args:
+            known: Values at hand.
+            later: By the heads of its keys, the function that finds a group.
+            unlisted: Groups that are found by name alone: neither listed nor saved.
+        """
         self._known, self._later, self._lock = dict(known), dict(later), RLock()
+        self._unlisted = None if unlisted is None else Late({}, unlisted)
 
     def __getitem__(self, key: str) -> T:
         if key not in self._known:
             self._find(key.partition("/")[0])
+        if key not in self._known and self._unlisted is not None:
+            return self._unlisted[key]
         return self._known[key]
 
     def __iter__(self) -> Iterator[str]:

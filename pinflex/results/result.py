@@ -1,13 +1,9 @@
-"""What a run leaves behind: arrays, names and source texts, read by name, kept in one file."""
+"""Result of a run: arrays, names and source texts, read by name, kept in one file."""
 
 from __future__ import annotations
 
 import csv
 import json
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,10 +14,10 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
-from pinflex.results import checked
-from pinflex.results.archive import write_arrays
-from pinflex.results.error_bars import ErrorBars, percent, time_error
+from pinflex.results import archive, checked, report
+from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.results.lazy import Late
+from pinflex.results.strength import Worst, worst_section
 from pinflex.results.views import (
     Deviation,
     FrameView,
@@ -37,27 +33,6 @@ from pinflex.writing import replaced
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
-FORMAT = 1  # raised when an older pinflex could no longer read the file
-_HEADER = "pinflex"  # the npz member that says whose file it is, and holds meta
-_DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json raise
-    zipfile.BadZipFile,
-    zlib.error,
-    EOFError,
-    OSError,
-    RuntimeError,
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    SyntaxError,
-    tokenize.TokenError,
-    NotImplementedError,
-    OverflowError,
-    RecursionError,
-    IndexError,
-    MemoryError,
-    struct.error,
-)
 _WITHOUT_TIME = ("/x", "/mesh/nodes", "/mesh/triangles")
 UNITS = {
     "torque": "N m",
@@ -79,7 +54,7 @@ class Result:
         t: Instants [s], shape (nt,), increasing.
         arrays: Read-only arrays by flat key ("joint/q", "link/distal_1/x"), time first, SI units.
         meta: Names, settings, cost, warnings and source texts, as plain JSON values.
-        look: What measures the error of the model when `errors` is asked for; not stored.
+        look: Function that measures the error of the model for `errors`; not stored.
 
     Of a run just solved, poses, forces, stresses and warnings are found when first asked for; a
     plain dictionary of all is dict(result.arrays), or dict(result.meta).
@@ -104,12 +79,12 @@ class Result:
             object.__setattr__(self, "meta", plain(self.meta))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Whole into another process."""
+        """Pickle with every array evaluated."""
         return Result, (self.t, dict(self.arrays), dict(self.meta))
 
     @cached_property
     def errors(self) -> ErrorBars:
-        """Errors of time integration and of the model, by output; the model is looked at now."""
+        """Errors of time integration and of the model, by output; the model's is measured now."""
         known = self.meta.get("errors")
         if known:
             return ErrorBars(**known)
@@ -127,6 +102,16 @@ class Result:
         if key not in self.arrays:
             raise DescriptionError(
                 f"result of level {self.level}: no array {key!r}." + nearest(key, self.arrays),
+                key=key,
+            )
+        return self.arrays[key]
+
+    def fresh(self, key: str) -> Array:
+        """Array that is computed from the mechanism while a run is fresh, and not stored."""
+        if key not in self.arrays:
+            raise DescriptionError(
+                f"result of level {self.level}: {key} is computed from the mechanism and not "
+                "stored. Ask for it before the run is saved or copied, or solve again.",
                 key=key,
             )
         return self.arrays[key]
@@ -196,13 +181,33 @@ class Result:
         turn = mine.rotation @ np.swapaxes(theirs.rotation, 1, 2)
         return Deviation(self.t, mine.position - theirs.position, rotation_vector(turn))
 
+    def worst_stress(self, kind: str = "von_mises", link: str | None = None) -> Worst:
+        """Largest stress over time, sections and links.
+
+        Args:
+            kind: normal, shear, von_mises, axial or bending (largest on each section).
+            link: One link only.
+        """
+        return worst_section(self, kind, link)
+
+    @property
+    def shaking(self) -> Array:
+        """Shaking force [N] and moment about the world origin [N m] on the frame, (nt, 6)."""
+        return self.fresh("shaking")
+
+    def load_all(self) -> Result:
+        """Compute every array and every entry of meta now; returns the result itself."""
+        for part in (self.arrays, self.meta):
+            len(part)  # of a lazy mapping it takes all of them
+        return self
+
     def save(self, path: str | Path) -> Path:
         """Write one .npz; a file already there is replaced only by a complete one."""
         path = Path(path)
-        header = {"program": "pinflex", "format": FORMAT, "meta": dict(self.meta)}
-        contents = {_HEADER: np.array(json.dumps(header)), "t": self.t, **self.arrays}
+        header = {"program": "pinflex", "format": archive.FORMAT, "meta": dict(self.meta)}
+        contents = {archive.HEADER: np.array(json.dumps(header)), "t": self.t, **self.arrays}
         with replaced(path) as part, part.open("wb") as stream:
-            write_arrays(stream, contents)
+            archive.write_arrays(stream, contents)
         return path
 
     @classmethod
@@ -212,118 +217,25 @@ class Result:
         Args:
             path: The .npz. most: Largest size of all arrays together [bytes].
         """
-        if not isinstance(path, (str, Path)):
-            raise DescriptionError(f"result: {path!r:.80} is no path. Give that of a .npz.")
-        path = Path(path)
-        remake = "Give a file written by `pinflex solve -o` or Result.save."
-        if not path.is_file():
-            raise DescriptionError(f"{path}: no such result file. {remake}", path=path)
-        try:
-            with path.open("rb") as stream:
-                if stream.read(4) != b"PK\x03\x04":
-                    raise DescriptionError(f"{path}: not an .npz archive. {remake}", path=path)
-                checked.require_size(path, most)
-                stream.seek(0)
-                archive = np.load(stream, allow_pickle=False)
-                if _HEADER not in archive.files:
-                    raise DescriptionError(
-                        f"{path}: an .npz of another program (no {_HEADER!r} header). {remake}",
-                        path=path,
-                    )
-                header = json.loads(str(archive[_HEADER]))
-                if int(header["format"]) > FORMAT:
-                    raise DescriptionError(
-                        f"{path}: result format {header['format']}, this pinflex reads up to "
-                        f"{FORMAT}. Update pinflex, or solve again with this version.",
-                        path=path,
-                    )
-                arrays = {key: archive[key] for key in archive.files if key != _HEADER}
-            t = arrays.pop("t")
-            checked.check(header["meta"], arrays, np.atleast_1d(t))
-            return cls(t, arrays, header["meta"])
-        except DescriptionError as error:
-            if str(path) in str(error):
-                raise
-            raise DescriptionError(f"{path}: {error}", path=path) from None
-        except _DAMAGE as error:
-            raise DescriptionError(
-                f"{path}: truncated or damaged ({type(error).__name__}: {error}). "
-                "Copy the file again, or repeat the run that wrote it.",
-                path=path,
-            ) from error
+        return cls(*archive.read(path, most))
 
     def to_csv(self, path: str | Path) -> Path:
         """Write one wide table: a row per instant, a unit in every header."""
-        columns: dict[str, Array] = {"t [s]": self.t}
-        for i, motor in enumerate(self.motors):
-            columns[f"torque {motor} [{self.unit('torque/' + motor)}]"] = self.torque[:, i]
-        for name in self.meta.get("joints", ()):
-            unit, position = self.unit(f"joint/q/{name}"), self.joint(name).position
-            if position.ndim == 1 or position.shape[1] == 2:  # 2: cosine and sine
-                unit = "rad" if position.ndim == 2 else unit
-                columns[f"position {name} [{unit}]"] = self.joint(name).angle
-                continue
-            units = unit.split(", ") if unit.count(",") == position.shape[1] - 1 else None
-            for i, column in enumerate(position.T):
-                columns[f"position {name}[{i}] [{units[i] if units else unit}]"] = column
-        if self.meta.get("platform"):
-            platform = self.frame(self.meta["platform"])
-            turn = rotation_vector(platform.rotation)
-            for i, axis in enumerate("xyz"):
-                columns[f"platform {axis} [m]"] = platform.position[:, i]
-            for i, axis in enumerate("xyz"):
-                columns[f"platform r{axis} [rad]"] = turn[:, i]
-        for name in self.links:
-            columns[f"max von Mises {name} [Pa]"] = self.link(name).von_mises.max(axis=1)
+        table = report.columns(self)
         path = Path(path)
         with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(columns)
-            writer.writerows(zip(*(map(repr, c.tolist()) for c in columns.values()), strict=True))
+            writer.writerow(table)
+            writer.writerows(zip(*(map(repr, c.tolist()) for c in table.values()), strict=True))
         return path
 
     def summary(self) -> str:
         """The run in a few aligned lines of text."""
-        cost, balance = self.meta.get("cost", {}), self.meta.get("energy_balance")
-        rows = [("level", self.level)]
-        if self.meta.get("status", "complete") != "complete":
-            rows.append(("status", f"{self.meta['status']}: {self.meta.get('message', '')}"))
-        rows.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} instants"))
-        if "steps" in cost:
-            several = cost.get("runs", 1) > 1
-            last = f" in {cost.get('runs')} runs, {cost.get('last_steps')} in the last"
-            rows.append(("steps", f"{cost['steps']}{last if several else ''}"))
-        if "newton" in cost:
-            each = f" ({cost['newton'] / cost['steps']:.2f} a step)" if cost.get("steps") else ""
-            rows.append(("Newton iterations", f"{cost['newton']}{each}"))
-        rows += [("wall time", f"{cost['seconds']:.3g} s")] if "seconds" in cost else []
-        time, how = time_error(self.meta.get("settings", {}), self.level)
-        errors = self._known_errors() or ErrorBars(time, {}, how, "not looked at (run.errors does)")
-        for line in errors.lines():
-            what, _, said = line.partition(": ")
-            rows.append((what, f"error {said}"))
-        graded = {k: f", {word}" for k, word in self.meta.get("grades", {}).items()}
-        rows.append(("worst closure", f"{self.worst_closure:.2e}{graded.get('closure', '')}"))
-        known = "not computed" if balance is None else f"{balance:.2e}{graded.get('energy', '')}"
-        rows.append(("energy balance", known))
-        rows += [("warning", text) for text in self.meta.get("warnings", ())]
-        return "\n".join([self._first_line()] + [f"  {a:<18}{b}" for a, b in rows])
+        return report.summary(self)
 
-    def _first_line(self) -> str:
-        """Its name; and a model error above the tolerance asked, where that has been looked at."""
-        name, advised = str(self.meta.get("name", "result")), self.meta.get("advice")
-        tol = (advised or self.meta.get("settings", {})).get("tol")
-        errors = self._known_errors()
-        worst = None if errors is None else errors.worst()
-        if worst is None or tol is None or worst[1] <= tol:
-            return name
-        return (
-            f"{name}: THE MODEL is off by up to {percent(worst[1])} ({worst[0]}), more than "
-            f"tol = {tol:g}{'' if advised else ', which is of time integration only'}"
-        )
-
-    def _known_errors(self) -> ErrorBars | None:
-        """`errors`, where somebody has asked for them."""
+    @property
+    def known_errors(self) -> ErrorBars | None:
+        """`errors` as far as they are known without measuring."""
         stored = self.meta.get("errors")
         found = self.__dict__.get("errors")
         return found if isinstance(found, ErrorBars) else ErrorBars(**stored) if stored else None

@@ -1,4 +1,4 @@
-"""What one name of a result gives: a joint, a frame, a flexible link, a loop, a deviation."""
+"""Views of a result by name: a joint, a frame, a flexible link, a loop, a deviation."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
+from pinflex.results.strength import PointStress, point_stress
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -66,6 +67,11 @@ class JointView:
     def reaction(self) -> Array:
         """Wrench [N; N m] of the parent on the child, in the child's joint frame, (nt, 6)."""
         return self.result.array(f"reaction/{self.name}")
+
+    @property
+    def reaction_world(self) -> Array:
+        """Wrench [N; N m] of the parent on the child, in world axes at the joint, (nt, 6)."""
+        return self.result.fresh(f"reaction_world/{self.name}")
 
     def _columns(self, key: str) -> Array:
         values, names = self.result.array(key), self.result.meta["joints"]
@@ -165,6 +171,15 @@ class LinkView:
     def stress(self, kind: str = "von_mises") -> Array:
         """Stress [Pa] by kind: normal, axial, bending, shear or von_mises; shape (nt, nx)."""
         return self._field(f"stress/{kind}")
+
+    def point_stress(self, y: float, z: float, warping: bool = True) -> PointStress:
+        """Stress over time at one point of every section.
+
+        Args:
+            y, z: Point in the section [m], in the beam frame.
+            warping: St-Venant's shear of the section; False: plane sections.
+        """
+        return point_stress(self.result, self.name, y, z, warping)
 
     def _field(self, key: str) -> Array:
         return self.result.array(f"link/{self.name}/{key}")

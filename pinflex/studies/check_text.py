@@ -7,7 +7,7 @@ import math
 from pinflex.studies.check import Check
 from pinflex.studies.check_parts import LinkCheck
 from pinflex.studies.check_statics import Sag, Statics
-from pinflex.text import angle, length, number, paragraph, table
+from pinflex.text import angle, length, number, paragraph, plural, table
 
 _PLANES = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
 # sigma_min of a well-placed machine is 0.05 to 0.5; below this a motor must push hard
@@ -34,15 +34,15 @@ def write(c: Check) -> str:
 def _head(c: Check) -> str:
     r = c.report
     gravity = "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2"
-    closed = f"{c.joints} joint coordinate{'s'[: c.joints != 1]}"
+    closed = plural(c.joints, "joint coordinate")
     if c.loops:
-        closed += f" - {r.rank} independent closure row{'s'[: r.rank != 1]}"
+        closed += f" - {plural(r.rank, 'independent closure row')}"
     if c.elastic_joints:
-        closed += f" - {len(c.elastic_joints)} elastic joint{'s'[: len(c.elastic_joints) != 1]}"
+        closed += f" - {plural(len(c.elastic_joints), 'elastic joint')}"
     idle = c.joints - r.rank * bool(c.loops) - len(c.elastic_joints) - r.mobility
     if idle:
         closed += f" - {idle} idle"
-    motors = f"{len(c.motors)} motor{'s'[: len(c.motors) != 1]}" if c.motors else "none"
+    motors = plural(len(c.motors), "motor") if c.motors else "none"
     if c.motors:
         motors += f" ({', '.join(c.motors)})"
     rows = [
@@ -52,7 +52,7 @@ def _head(c: Check) -> str:
         ("motors", motors),
         (
             "elastic",
-            f"{c.elastic} coordinates in {len(c.links)} flexible link{'s'[: len(c.links) != 1]}"
+            f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
             + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else ""),
         ),
         *([("idle", f"{', '.join(c.idle)}: nothing hangs on it, held at home")] if c.idle else []),
@@ -77,10 +77,9 @@ def _loop_table(c: Check) -> str:
     lines = [text, f"{c.report.rows} rows, rank {c.report.rank}"]
     lines += [f"redundant: {row}" for row in c.report.redundant]
     if c.report.starts:
-        tried = f"{c.report.starts} start{'s'[: c.report.starts != 1]}"
         words = (
-            f"home: found by a search ({tried}), as the loops are far from closed at the values "
-            "given, zero for the others. `pinflex check MODEL --write-home` keeps it in the YAML"
+            f"home: found by a search ({plural(c.report.starts, 'start')}), as the loops are far "
+            "from closed at the values given, zero for the others. `pinflex check MODEL --write-home` keeps it in the YAML"
         )
         lines.append(paragraph(words, "    ", ""))
     sigma = c.report.sigma_min

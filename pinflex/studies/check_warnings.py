@@ -12,6 +12,7 @@ from pinflex.mechanics.plausible import heavy
 from pinflex.studies import check_urdf
 from pinflex.studies.check_parts import LinkCheck
 from pinflex.studies.check_statics import Statics, rigid_holding
+from pinflex.text import plural
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
 _OFF_AXIS = 1e-6  # of the largest holding torque: round-off of an axis written with ten digits
@@ -105,7 +106,7 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
 
 def _freedom_warnings(mechanism: Mechanism) -> list[str]:
     report, motors = mechanism.report, len(mechanism.motors)
-    count = f"{motors} motor{'' if motors == 1 else 's'} for {report.mobility} degrees of freedom"
+    count = f"{plural(motors, 'motor')} for {report.mobility} degrees of freedom"
     warnings = []
     if motors < report.mobility:
         warnings.append(

@@ -12,6 +12,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.recovery import samples
+from pinflex.recovery.reactions import joint_reactions, shaking
 from pinflex.recovery.recover import recover
 from pinflex.recovery.replay import run_of
 from pinflex.results.lazy import Late
@@ -108,3 +109,50 @@ def test_a_result_travels_whole():
     for other in (pickle.loads(pickle.dumps(run)), copy.deepcopy(run)):
         assert set(other.arrays) == set(run.arrays) and dict(other.meta) == dict(run.meta)
         assert all(np.array_equal(other.arrays[key], x) for key, x in run.arrays.items())
+
+
+def test_unlisted_groups_are_found_by_name_alone():
+    late = Late({"now": 0}, {}, {("more",): lambda: {"more/x": 1}})
+    assert list(late) == ["now"] and len(late) == 1
+    assert late["more/x"] == 1 and "more/y" not in late and list(late) == ["now"]
+
+
+def test_doors_that_need_the_mechanism_are_open_while_the_run_is_fresh(tmp_path):
+    robot = pf.load("3rrr")
+    run = pf.solve(robot, level="quasistatic", samples=5)
+    again = joint_reactions(robot, run)
+    for name in ("motor_1", "knee_2"):
+        wrench = run.joint(name).reaction_world
+        scale = np.abs(again[name]).max()  # the same forces from the stored states
+        np.testing.assert_allclose(wrench, again[name], atol=1e-12 * scale)
+    np.testing.assert_allclose(run.shaking, shaking(robot, run), atol=1e-12)
+    assert not any(key.startswith(("reaction_world", "shaking")) for key in run.arrays)
+    stored = pf.Result.load(run.save(tmp_path / "run.npz"))
+    with pytest.raises(pf.DescriptionError, match="reaction_world/motor_1 is computed from the"):
+        _ = stored.joint("motor_1").reaction_world
+    with pytest.raises(pf.DescriptionError, match="shaking is computed from the mechanism"):
+        _ = stored.shaking
+
+
+def test_stress_at_a_point_and_the_worst_one_come_from_a_file_too(tmp_path):
+    run = pf.solve(pf.load("3rrr"), level="quasistatic", samples=5)
+    stored = pf.Result.load(run.save(tmp_path / "run.npz"))
+    link = run.links[0]
+    fibre = run.meta["links"][link]["section"]["fibres"][0]
+    point = stored.link(link).point_stress(*fibre)
+    np.testing.assert_array_equal(point.sigma, run.link(link).point_stress(*fibre).sigma)
+    normal = run.link(link).stress("normal")
+    assert np.abs(point.sigma).max() == pytest.approx(normal.max(), rel=1e-9)
+    worst = stored.worst_stress("normal", link)
+    assert (worst.link, worst.value) == (link, normal.max())
+    old = dict(stored.meta)
+    old["links"] = {link: {**old["links"][link], "section": {"shape": "rectangle"}}}
+    with pytest.raises(pf.DescriptionError, match="an older pinflex wrote it"):
+        pf.Result(stored.t, dict(stored.arrays), old).link(link).point_stress(*fibre)
+    with pytest.raises(pf.DescriptionError, match="rigid run has no stresses"):
+        pf.solve(pf.load("3rrr"), level="rigid", samples=5).worst_stress()
+
+
+def test_load_all_computes_everything_now():
+    run = pf.solve(pf.load("3rrr"), level="rigid", samples=5)
+    assert run.load_all() is run and "0 groups not yet" in repr(run.arrays)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from pinflex.errors import DescriptionError
-from pinflex.results.result import FORMAT, Result, peak, rms
+from pinflex.results.archive import FORMAT
+from pinflex.results.result import Result, peak, rms
 from tests.synthetic import synthetic_result
 
 
@@ -217,7 +218,7 @@ def test_a_failed_save_keeps_the_old_file(flexible, tmp_path, monkeypatch):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pinflex.results.result.write_arrays", full)
+    monkeypatch.setattr("pinflex.results.archive.write_arrays", full)
     with pytest.raises(DescriptionError, match=r"cannot be written \(No space left"):
         flexible.save(path)
     assert path.read_bytes() == before

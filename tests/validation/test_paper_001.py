@@ -16,7 +16,8 @@ from papers.reports import statistics
 import pinflex as pf
 from pinflex.errors import DescriptionError
 from pinflex.recovery.reactions import joint_reaction, joint_reactions, shaking
-from pinflex.recovery.strength import point_stress, strain_forces, worst_section, worst_table
+from pinflex.recovery.strength import strain_forces
+from pinflex.results.strength import worst_section, worst_table
 
 WEIGHT = (0.152 + 6 * 0.008775) * 9.81  # [N]
 BASE = 0.12 * np.array([[np.cos(a), np.sin(a), 0.0] for a in np.radians([90, 210, 330])])  # [m]
@@ -138,19 +139,19 @@ def test_strains_and_balance_give_the_same_section_forces(link: str) -> None:
 def test_the_point_stress_is_that_of_the_formula() -> None:
     """The article's point (0, -b/2, h/10) of B2C2: its z is ours y, across the thickness."""
     y, z = 0.15e-3, -2.5e-3
-    found = point_stress(robot(), run(), "crank_2", y, z)
+    found = run().link("crank_2").point_stress(y, z)
     N, T, My, Mz = (run().link("crank_2").resultant[:, :, k] for k in (0, 3, 4, 5))
     sigma = N / 7.5e-6 + My * z / (1.5e-3 * 5e-3**3 / 12) - Mz * y / (5e-3 * 1.5e-3**3 / 12)
     np.testing.assert_allclose(found.sigma, sigma, rtol=1e-12, atol=1e-3)
     assert found.tau.max() < np.abs(T).max() * 1.001 / robot().parts["crank_2"].spec.section.Wt
     assert found.equivalent("third").max() >= found.equivalent("fourth").max()
     with pytest.raises(DescriptionError, match="outside the section"):
-        point_stress(robot(), run(), "crank_2", 2.5e-3, 0.0)
+        run().link("crank_2").point_stress(2.5e-3, 0.0)
 
 
 def test_corners_reach_the_largest_normal_stress() -> None:
     corners = [
-        point_stress(robot(), run(), "crank_3", sy * 0.75e-3, sz * 2.5e-3).sigma
+        run().link("crank_3").point_stress(sy * 0.75e-3, sz * 2.5e-3).sigma
         for sy in (-1, 1)
         for sz in (-1, 1)
     ]
@@ -162,7 +163,7 @@ def test_the_worst_sections_are_the_roots_of_the_drive_links() -> None:
     """As printed: always at the root, and sigma far above tau."""
     for k in (1, 2, 3):
         assert worst_section(run(), "normal", f"crank_{k}").x == 0.0
-    sigma, tau = worst_section(run(), "normal"), worst_section(run(), "shear")
+    sigma, tau = run().worst_stress("normal"), run().worst_stress("shear")
     assert sigma.link == "crank_2"
     assert sigma.value > 8 * tau.value
     # The largest moment over the section modulus b h^2 / 6, and a little from the other plane.

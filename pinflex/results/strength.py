@@ -1,0 +1,216 @@
+"""Dynamic stress at any point of a section, the worst section, and the four strength theories.
+
+    sigma = N/A + My z/Iy - Mz y/Iz,     tau from the torque T alone
+
+x runs along the beam, (y, z) lie in the section. Shear from transverse forces is left out, as in
+the source; it is of the order of (thickness / length) of the bending stress.
+
+Source: Liu et al. (2017), J. Cent. South Univ. 24, eqs. 27 to 30; Timoshenko and Goodier, Theory
+of Elasticity, section 109, for the torsion of a rectangle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.section import Section
+from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.results.result import Result
+
+THEORIES = ("first", "second", "third", "fourth")
+
+
+@dataclass(frozen=True)
+class PointStress:
+    """Stress at one point of every section of a link.
+
+    Attributes:
+        t: Times, shape (nt,), s. x: Sections, shape (nx,), m.
+        sigma: Normal stress, Pa, shape (nt, nx). tau_xy, tau_xz: Shear stress, Pa, (nt, nx).
+        nu: Poisson's ratio, for the second theory.
+    """
+
+    __repr__ = brief
+
+    t: Array
+    x: Array
+    sigma: Array
+    tau_xy: Array
+    tau_xz: Array
+    nu: float
+
+    @property
+    def tau(self) -> Array:
+        """Magnitude of the shear stress, Pa."""
+        return np.hypot(self.tau_xy, self.tau_xz)
+
+    def equivalent(self, theory: str = "fourth") -> Array:
+        """Equivalent stress by a strength theory, Pa, shape (nt, nx)."""
+        return equivalent(self.sigma, self.tau, theory, self.nu)
+
+
+def point_stress(
+    result: Result,
+    link: str,
+    y: float,
+    z: float,
+    warping: bool = True,
+    forces: Array | None = None,
+) -> PointStress:
+    """Stress over time at the point (y, z) of every section of a link.
+
+    Args:
+        result: A flexible run.
+        link: Flexible link.
+        y, z: Point in the section, m, in the beam frame.
+        warping: St-Venant's shear of the section; False: plane sections, G p' times the radius,
+            as in the source.
+        forces: Section forces N Vy Vz T My Mz, shape (nt, nx, 6); None: those of the run, from the
+            balance of forces.
+    """
+    view = result.link(link)
+    section = section_of(result, link)
+    _inside(section, y, z, link)
+    forces = view.resultant if forces is None else forces
+    N, T, My, Mz = (forces[:, :, k] for k in (0, 3, 4, 5))
+    sigma = N / section.A + My * (z / section.Iy) - Mz * (y / section.Iz)
+    per_y, per_z = torsion_shear(section, y, z, warping)
+    material = result.meta["links"][link]["material"]
+    nu = material["E"] / (2 * material["G"]) - 1.0
+    return PointStress(result.t, view.x, sigma, T * per_y, T * per_z, nu)
+
+
+def section_of(result: Result, link: str) -> Section:
+    """Cross-section of a link, from the meta of a run.
+
+    Raises:
+        DescriptionError: A file of an older pinflex lacks its dimensions.
+    """
+    try:
+        return Section(**result.meta["links"][link]["section"])
+    except TypeError:
+        raise DescriptionError(
+            f"{link}: the run does not hold all of the section (an older pinflex wrote it). "
+            "Solve again."
+        ) from None
+
+
+def torsion_shear(
+    section: Section, y: float, z: float, warping: bool = True
+) -> tuple[float, float]:
+    """Shear stresses tau_xy and tau_xz at (y, z) for a torque of one, 1/m^3."""
+    if not warping or section.shape in ("circle", "tube"):
+        return -z / section.J, y / section.J
+    if section.shape != "rectangle":
+        raise DescriptionError(
+            f"torsion_shear: no field of shear stress for the shape {section.shape}. "
+            "Use the largest one, torque / Wt (link stress `shear`), or warping=False."
+        )
+    size = dict(section.dimensions)
+    if size["thickness"] <= size["width"]:
+        ds, dl = _prandtl(size["thickness"] / 2, size["width"] / 2, y, z)
+        return dl / section.J, -ds / section.J
+    ds, dl = _prandtl(size["width"] / 2, size["thickness"] / 2, z, y)
+    return ds / section.J, -dl / section.J
+
+
+def _prandtl(a: float, b: float, s: float, long: float) -> tuple[float, float]:
+    """d phi/ds and d phi/dl of the stress function for G twist = 1, half sides a <= b."""
+    n = np.arange(1.0, 400.0, 2.0)  # ends at 1e-5 of the largest stress, beside the corners
+    k = n * np.pi / (2 * a)
+    sign = np.where(n % 4 == 1, 1.0, -1.0)
+    far, near = np.exp(-k * (b - abs(long))), np.exp(-k * (b + abs(long)))
+    whole = 1 + np.exp(-2 * k * b)
+    cosh, sinh = (far + near) / whole, np.sign(long) * (far - near) / whole
+    gain = 32 * a**2 / np.pi**3 * sign / n**3 * k
+    # The part without cosh is the parabola a^2 - s^2, summed in closed form.
+    ds = -2 * s + float(np.sum(gain * cosh * np.sin(k * s)))
+    return ds, -float(np.sum(gain * sinh * np.cos(k * s)))
+
+
+def _inside(section: Section, y: float, z: float, link: str) -> None:
+    ys, zs = (max(abs(p[k]) for p in section.fibres) for k in (0, 1))
+    if abs(y) > ys * (1 + 1e-9) or abs(z) > zs * (1 + 1e-9):
+        raise DescriptionError(
+            f"{link}: ({y:g}, {z:g}) m is outside the section: |y| <= {ys:g}, |z| <= {zs:g}. "
+            "Give a point in the beam frame."
+        )
+
+
+def principal(sigma: Array, tau: Array) -> tuple[Array, Array, Array]:
+    """Principal stresses s1 >= s2 = 0 >= s3 of a beam point, Pa."""
+    radius = np.hypot(0.5 * sigma, tau)
+    return 0.5 * sigma + radius, np.zeros_like(radius), 0.5 * sigma - radius
+
+
+def equivalent(sigma: Array, tau: Array, theory: str = "fourth", nu: float = 0.3) -> Array:
+    """Equivalent stress of the four strength theories, Pa.
+
+    Args:
+        sigma: Normal stress. tau: Shear stress.
+        theory: first (largest tension s1), second (largest strain s1 - nu (s2 + s3)), third
+            (largest shear s1 - s3), fourth (distortion energy, von Mises).
+        nu: Poisson's ratio; second theory only.
+    """
+    s1, s2, s3 = principal(sigma, tau)
+    if theory == "first":
+        return s1
+    if theory == "second":
+        return np.asarray(s1 - nu * (s2 + s3))
+    if theory == "third":
+        return np.asarray(s1 - s3)
+    if theory == "fourth":
+        return np.asarray(np.sqrt(0.5 * ((s1 - s2) ** 2 + (s2 - s3) ** 2 + (s3 - s1) ** 2)))
+    raise DescriptionError(f"theory: {theory}.{nearest(theory, THEORIES)}")
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Where a stress is largest: link, section x (m), time t (s), value (Pa)."""
+
+    link: str
+    kind: str
+    x: float
+    t: float
+    value: float
+
+
+def worst_section(result: Result, kind: str = "von_mises", link: str | None = None) -> Worst:
+    """Largest stress over time, sections and links.
+
+    Args:
+        result: A flexible run.
+        kind: normal, shear, von_mises, axial or bending (largest on each section).
+        link: One link only.
+    """
+    names = [link] if link is not None else list(result.links)
+    if not names:
+        raise DescriptionError(
+            "worst_section: a rigid run has no stresses. Solve a flexible level."
+        )
+    best: Worst | None = None
+    for name in names:
+        view = result.link(name)
+        values = np.abs(view.stress(kind))
+        k, j = np.unravel_index(int(np.argmax(values)), values.shape)
+        if best is None or values[k, j] > best.value:
+            best = Worst(name, kind, float(view.x[j]), float(result.t[k]), float(values[k, j]))
+    assert best is not None
+    return best
+
+
+def worst_table(result: Result, kinds: tuple[str, ...] = ("normal", "shear", "von_mises")) -> str:
+    """Worst section of every link, one line each."""
+    lines = [f"{'link':<14}{'stress':<11}{'MPa':>9}{'x [m]':>9}{'t [s]':>9}"]
+    for name in result.links:
+        for kind in kinds:
+            w = worst_section(result, kind, name)
+            lines.append(f"{name:<14}{kind:<11}{w.value / 1e6:9.3f}{w.x:9.4f}{w.t:9.4f}")
+    return "\n".join(lines)
