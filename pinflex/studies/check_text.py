@@ -79,7 +79,8 @@ def _loop_table(c: Check) -> str:
     if c.report.starts:
         words = (
             f"home: found by a search ({plural(c.report.starts, 'start')}), as the loops are far "
-            "from closed at the values given, zero for the others. `pinflex check MODEL --write-home` keeps it in the YAML"
+            "from closed at the values given, zero for the others. `pinflex check MODEL "
+            "--write-home` keeps it in the YAML"
         )
         lines.append(paragraph(words, "    ", ""))
     sigma = c.report.sigma_min

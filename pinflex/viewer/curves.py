@@ -9,7 +9,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
 from pinflex.results.views import rotation_vector
-from pinflex.viewer.carried import Carrier
+from pinflex.viewer.frames import FrameLocator
 
 RIGID_TORQUE = "rigid/torque"  # array of a flexible run that was compared with the rigid one
 
@@ -49,7 +49,7 @@ def _rigid_platform(
 ) -> tuple[Array | None, Array | None]:
     """Positions (nt, 3) and rotations (nt, 3, 3) of the platform were the robot rigid."""
     if rigid is None or f"frame/{name}/position" not in rigid.arrays:
-        return Carrier(result).rigid_frame(name)
+        return FrameLocator(result).rigid_frame(name)
     position = _at(rigid, f"frame/{name}/position", result.t)
     same = len(rigid.t) == len(result.t)
     return position, rigid.arrays.get(f"frame/{name}/rotation") if same else None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.viewer.bent import FIELDS
+from pinflex.viewer.links import FIELDS
 from pinflex.viewer.skin import triangles
 from pinflex.writing import replaced
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
-from pinflex.viewer.bent import FIELDS, bent, kept, largest, moving
-from pinflex.viewer.carried import Carrier
 from pinflex.viewer.curves import plots, track
-from pinflex.viewer.skeleton import Skeleton, drawn, skeletons
+from pinflex.viewer.frames import FrameLocator
+from pinflex.viewer.links import FIELDS, largest, link_geometry, thinned, time_arrays
+from pinflex.viewer.skeleton import Skeleton, body_shapes, skeletons
 from pinflex.viewer.surfaces import surfaces
 
 FRAMES = 1200  # a page holds at most this many instants
@@ -47,12 +47,12 @@ def build_scene(
         meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
     """
     skins, missing = ({}, []) if meshes is None else surfaces(result, meshes)
-    links = {name: bent(result, name, skins.get(name)) for name in result.links}
+    links = {name: link_geometry(result, name, skins.get(name)) for name in result.links}
     path = track(result, rigid)
-    carrier = Carrier(result)
-    bones = skeletons(result, carrier, skins)
-    keep = _frames(result, links, len(bones), path)
-    size = _size(bones, links, keep)
+    locator = FrameLocator(result)
+    bodies = skeletons(result, locator, skins)
+    keep = _instants(result, links, len(bodies), path)
+    size = _size(bodies, links, keep)
     most = max(
         [float(np.linalg.norm(link["disp"], axis=2).max()) for link in links.values()]
         + ([float(path["deviation"].max())] if path else [])
@@ -71,13 +71,13 @@ def build_scene(
         "scale": automatic_scale(most, size) if scale == "auto" else float(scale),
         "largest": most,
         "links": [
-            {**kept(link, keep), "strength": _strength(result, name)}
+            {**thinned(link, keep), "strength": _strength(result, name)}
             for name, link in links.items()
         ],
-        "bodies": [drawn(bone, keep, size) for bone in bones],
+        "bodies": [body_shapes(body, keep, size) for body in bodies],
         "track": path and _rows(path, keep),
-        "forces": [_rows(arrow, keep) for arrow in carrier.forces()],
-        "torques": [_rows(arrow, keep) for arrow in carrier.torques()],
+        "forces": [_rows(arrow, keep) for arrow in locator.forces()],
+        "torques": [_rows(arrow, keep) for arrow in locator.torques()],
         "plots": plots(result, rigid, stress, path, keep),
         "fields": _fields(links),
         "notes": _notes(result, len(keep)) + missing,
@@ -130,12 +130,12 @@ def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
     return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
 
 
-def _frames(
+def _instants(
     result: Result, links: dict[str, dict[str, Any]], bodies: int, path: dict[str, Any] | None
 ) -> IntArray:
     """Instants to keep: evenly spread, and every one where something is largest or smallest."""
     n = len(result.t)
-    each = sum(a[0].size for link in links.values() for a in moving(link)) + BODY * bodies
+    each = sum(a[0].size for link in links.values() for a in time_arrays(link)) + BODY * bodies
     most = max(min(FRAMES, NUMBERS // max(each, 1)), 2)
     if n <= most:
         return np.arange(n)
@@ -164,11 +164,11 @@ def _fields(links: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _size(bones: list[Skeleton], links: dict[str, dict[str, Any]], keep: IntArray) -> float:
+def _size(bodies: list[Skeleton], links: dict[str, dict[str, Any]], keep: IntArray) -> float:
     """Largest diagonal of the box about the rigid mechanism [m]."""
     clouds = [link["rigid"][keep] for link in links.values()]
-    for bone in bones:
-        pose, points = bone.pose[keep], bone.points
+    for body in bodies:
+        pose, points = body.pose[keep], body.points
         clouds.append(np.einsum("tij,pj->tpi", pose[:, :, :3], points) + pose[:, None, :, 3])
     if not clouds:
         return 1.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
-from pinflex.viewer.carried import Carrier, Joint
+from pinflex.viewer.frames import FrameLocator, Joint
 from pinflex.viewer.surfaces import Surface, joined, packed
 
 
@@ -43,16 +43,18 @@ class Skeleton:
     rails: tuple[Array, ...] = ()
 
 
-def skeletons(result: Result, carrier: Carrier, surfaces: Mapping[str, Surface]) -> list[Skeleton]:
+def skeletons(
+    result: Result, locator: FrameLocator, surfaces: Mapping[str, Surface]
+) -> list[Skeleton]:
     """The rigid bodies of a result that have something to draw.
 
     Args:
         result: The run.
-        carrier: Finds what moves with what.
+        locator: Finds what moves with what.
         surfaces: What the URDF draws, by link.
     """
     names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
-    joints = [j for j in carrier.joints.values() if j.child in names]
+    joints = [j for j in locator.joints.values() if j.child in names]
     fixed = [j for j in joints if j.kind == "fixed" and _together(result, j.parent, j.child)]
     moving = {j.child for j in joints if j not in fixed}
     bodies = []
@@ -127,31 +129,31 @@ def _skeleton(
     )
 
 
-def drawn(bone: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
+def body_shapes(body: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
     """Shapes in the body's own frame, and its motion at the instants kept.
 
     Args:
-        bone: The body.
+        body: The body.
         keep: Instants kept, shape (n,).
         size: Size of the robot [m]; nothing is drawn thinner than a share of it.
     """
-    pose, rigid = bone.pose, bone.rigid
-    radius = float(np.clip(bone.radius, 0.007 * size, 0.03 * size))
-    mesh = None if bone.surface is None else packed(bone.surface)[0]
+    pose, rigid = body.pose, body.rigid
+    radius = float(np.clip(body.radius, 0.007 * size, 0.03 * size))
+    mesh = None if body.surface is None else packed(body.surface)[0]
     # a mesh says more than any simple shape
-    rods, plate = _simple(bone.points, radius) if mesh is None else ([], None)
+    rods, plate = _simple(body.points, radius) if mesh is None else ([], None)
     still = bool(np.ptp(pose, axis=0).max() < 1e-9 and np.abs(rigid - pose).max() < 1e-9)
     return {
-        "name": bone.name,
+        "name": body.name,
         "radius": radius,
-        "base": still and bone.root,
-        "platform": bone.platform,
-        "frame": bone.frame,
-        "points": bone.points.tolist(),
+        "base": still and body.root,
+        "platform": body.platform,
+        "frame": body.frame,
+        "points": body.points.tolist(),
         "rods": rods,
         "plate": plate,
         "mesh": mesh,
-        "rails": [rail.tolist() for rail in bone.rails] if bone.root else [],
+        "rails": [rail.tolist() for rail in body.rails] if body.root else [],
         "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
         "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
     }

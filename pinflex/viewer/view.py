@@ -25,7 +25,7 @@ from typing import Any
 from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.results.result import Result
 from pinflex.text import brief
-from pinflex.viewer.bent import FIELDS
+from pinflex.viewer.links import FIELDS
 from pinflex.viewer.packing import deflated, pack
 from pinflex.viewer.scene import build_scene
 from pinflex.writing import write_text

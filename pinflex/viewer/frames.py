@@ -30,7 +30,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Carrier:
+class FrameLocator:
     """Finds the world pose of links and frames of a result, as they are and as rigid ones."""
 
     result: Result
@@ -122,7 +122,7 @@ class Carrier:
     def rigid_frame(self, name: str) -> tuple[Array | None, Array | None]:
         """Position and rotation of a frame in the rigid mechanism, from what carries it.
 
-        The carrier is the body (or end of a link) to which the frame keeps its place all the time.
+        The locator is the body (or end of a link) to which the frame keeps its place all the time.
         """
         arrays = self.result.arrays
         position = arrays[f"frame/{name}/position"]

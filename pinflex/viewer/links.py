@@ -23,7 +23,7 @@ FIELDS = {  # key: label, unit, shown = SI * factor
 }
 
 
-def bent(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
+def link_geometry(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
     """One flexible link at every instant, with the stations worth keeping.
 
     Args:
@@ -65,7 +65,7 @@ def bent(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
     }
 
 
-def kept(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
     """The link at the instants kept, shape (n,)."""
     out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid", "y_disp")}}
     for kind in ("fields", "surface"):
@@ -78,7 +78,7 @@ def kept(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
     return out
 
 
-def moving(link: dict[str, Any]) -> list[Array]:
+def time_arrays(link: dict[str, Any]) -> list[Array]:
     """Arrays of a link that have a row for every instant."""
     own = [link[k] for k in ("rigid", "disp", "y_rigid", "y_disp")]
     return [*own, *link["fields"].values(), *link["surface"].values()]
