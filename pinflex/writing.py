@@ -17,7 +17,7 @@ from pinflex.errors import DescriptionError
 
 
 def writable(path: str | Path | None) -> None:
-    """Find out before a long run, not after it, that its file cannot be written."""
+    """Raise before a long run if its file cannot be written."""
     if path is None:
         return
     try:
@@ -60,7 +60,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def _target(path: Path) -> Path:
-    """Where a path leads, in a folder that exists; only a regular file may be there already."""
+    """Resolve a path and make its folder; only a regular file may be there already."""
     if path.is_dir():
         raise DescriptionError(f"{path}: is a folder. Give the name of a file in it.")
     try:
@@ -83,7 +83,7 @@ def _unwritable(path: Path, error: OSError) -> DescriptionError:
 
 
 def plain(value: Any) -> Any:
-    """Only what JSON knows: a number that is none (nan, inf) becomes null."""
+    """Values as JSON has them: a non-finite number (nan, inf) becomes null."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

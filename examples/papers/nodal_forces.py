@@ -122,7 +122,7 @@ def nodal_forces(
         poses = pose_of(joint_poses(mechanism, run.path), frame)
         rotation = poses[:, :, :3] @ part.placement.rotation
     else:
-        rotation = pose_of(samples.moves.poses, slots[0].root)[:, :, :3]
+        rotation = pose_of(samples.kinematics.poses, slots[0].root)[:, :, :3]
     return NodalForces(run.t, link, x, force, moment, generalised, rotation)
 
 

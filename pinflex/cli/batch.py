@@ -1,4 +1,4 @@
-"""What `pinflex sweep` and `pinflex map` share: options of a batch, and the answer."""
+"""Options and answer of a batch of cases, for `pinflex sweep` and `pinflex map`."""
 
 from __future__ import annotations
 

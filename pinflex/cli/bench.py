@@ -100,7 +100,7 @@ def write(found: Bench) -> str:
 
 
 def advice(found: Bench) -> str:
-    """What to take for which error, in one sentence."""
+    """Cheapest method for each error, in one sentence."""
     parts: list[str] = []
     last: Point | None = None
     for error in _ERRORS:

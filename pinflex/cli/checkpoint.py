@@ -1,4 +1,4 @@
-"""A long run that is saved every so often: against what no process can catch."""
+"""Checkpoints of a long run, against an end that no process can catch."""
 
 from __future__ import annotations
 

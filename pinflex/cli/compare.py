@@ -105,7 +105,7 @@ def _close(bars: list[Progress]) -> None:
 
 
 def _list(folder: Path, files: list[Path], runs: list[Path]) -> None:
-    """Where the page is, and all that was written."""
+    """Print the address of the page and the files written."""
     for page in (path for path in files if path.suffix == ".html"):
         print(f"Watch it in a browser: {page.resolve().as_uri()}")
     names = ", ".join(path.name for path in (*files, *runs))

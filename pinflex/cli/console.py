@@ -1,4 +1,4 @@
-"""What the commands share: the progress bar, loading, JSON."""
+"""Console of the commands: progress bar, loading a model, JSON."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _notes(found: PoseMap) -> list[str]:
-    """What the words and the missing numbers of the table mean."""
+    """Notes on the words and the missing numbers of the table."""
     if not np.isfinite(found.compliance).any():
         return []
     notes = [

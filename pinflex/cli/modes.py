@@ -139,7 +139,7 @@ def _text(modes: Modes) -> str:
 
 
 def _who(share: Mapping[str, float], f: float) -> str:
-    """Which links bend, largest first; what has no frequency is named."""
+    """Links by their share of the elastic energy, largest first; or a name for no frequency."""
     if f == 0:
         return "free motion, no stiffness"
     ranked = sorted(share.items(), key=lambda item: -item[1])

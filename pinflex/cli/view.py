@@ -107,7 +107,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _opens(args: argparse.Namespace) -> bool:
-    """Whether a browser shows the page: not where something else was asked for."""
+    """True if a browser shows the page: not where something else was asked for."""
     served = args.serve is not None or args.live
     return not (args.no_open or served or args.png or args.gif or args.mp4)
 

@@ -1,4 +1,4 @@
-"""What the motion of a run takes: forces of the expanded model, of joints, loops and sleeves.
+"""Forces of a run: of the expanded model, of joints, loops and sleeves.
 
 Scenes with loads or sleeves, controls and linear runs take their forces sample by sample.
 """

@@ -77,7 +77,7 @@ def _open_share(run: Run, arrays: Mapping[str, Array]) -> float:
 
 
 def _unseen(run: Run, arrays: Mapping[str, Array]) -> float:
-    """What the sampled power misses of the work, relative: by every other instant (trapezia)."""
+    """Relative error of the work from the sampled power: by every other instant (trapezia)."""
     if run.work is not None:
         return 0.0
     power = np.sum(run.torque * run.v[:, run.system.motors], axis=1)

@@ -1,4 +1,4 @@
-"""How the expanded model moves at the samples of a run: poses, rates of frames, energies."""
+"""Kinematics of the expanded model at the samples of a run: poses, rates, energies."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ TOGETHER = 64  # samples at a time: numpy's price for a call is spread, little m
 
 
 @dataclass(frozen=True)
-class Moves:
-    """Moves of one run.
+class Kinematics:
+    """Kinematics of one run.
 
     Attributes:
         poses: Of the joints of the expanded model, shape (nt, joints, 3, 4).
@@ -34,8 +34,8 @@ class Moves:
     arrays: dict[str, Array]
 
 
-def moves(mechanism: Mechanism, run: Run) -> Moves:
-    """Moves of a run: Pinocchio takes the samples one after the other, numpy many at once."""
+def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
+    """Kinematics of a run: Pinocchio takes the samples one after the other, numpy many at once."""
     dynamics, nt = Dynamics(run.system), len(run.t)
     model, data, here = dynamics.model, dynamics.data, dynamics.closed.poses
     reported = mechanism.description.reported
@@ -70,7 +70,7 @@ def moves(mechanism: Mechanism, run: Run) -> Moves:
         found = _frame(poses[:, frame.joint], rates[frame.joint], frame.placement)
         keys = ("position", "rotation", "velocity", "acceleration")
         arrays |= {f"frame/{name}/{key}": x for key, x in zip(keys, found, strict=True)}
-    return Moves(poses, arrays)
+    return Kinematics(poses, arrays)
 
 
 def _frame(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:

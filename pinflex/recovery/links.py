@@ -35,7 +35,7 @@ def links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) ->
             np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
             for values in zip(*pieces, strict=True)
         )
-        x, home = x[0], pose_of(samples.moves.poses, slots[0].root)
+        x, home = x[0], pose_of(samples.kinematics.poses, slots[0].root)
         back = (line - home[:, None, :, 3]) @ home[:, :, :3]
         back[:, :, 0] -= x
         spin = _rotation_vectors(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
@@ -70,7 +70,7 @@ def _piece(
     for contact, table in samples.forces.sleeves:
         if contact.sleeve.link == slot.link:
             forces += section_forces(section.x, table)
-    root = pose_of(samples.moves.poses, slot.root)
+    root = pose_of(samples.kinematics.poses, slot.root)
     local = d[:, :, :3].copy()
     local[:, :, 0] += section.x
     line = local @ root[:, :, :3].swapaxes(1, 2) + root[:, None, :, 3]

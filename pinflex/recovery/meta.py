@@ -1,4 +1,4 @@
-"""What a result says about itself: names, units, settings, cost, warnings, sources, versions."""
+"""Meta of a result: names, units, settings, cost, warnings, sources, versions."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
     4: "qx, qy, qz, qw",
     7: "m, m, m, qx, qy, qz, qw",
 }
-JUDGED = (
+ASSESSED = (
     "energy_balance",
     "grades",
     "warnings",
     "limits",
     "monitors",
-)  # the keys that `judge` knows
+)  # the keys that `assess` knows
 
 
 def version() -> str:
@@ -45,7 +45,7 @@ def describe(
     cost: dict[str, float],
     stopped: str,
 ) -> dict[str, Any]:
-    """The meta mapping of a Result (plain JSON types), but for what `judge` says."""
+    """The meta mapping of a Result (plain JSON types), but for what `assess` says."""
     description = mechanism.description
     return {
         "name": mechanism.name,
@@ -71,7 +71,7 @@ def describe(
     }
 
 
-def judge(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Any]:
+def assess(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Any]:
     """The rest of the meta mapping: how far a run can be trusted, from all of its arrays."""
     monitors = validity.monitors(mechanism, run, arrays)
     limits = validity.warnings(mechanism, run, monitors)

@@ -19,7 +19,7 @@ from pinflex.results.result import Result
 
 
 def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
-    """What every joint and loop carries, in the world frame, at the joint.
+    """Loads of every joint and loop, in the world frame, at the joint.
 
     Args:
         mechanism: The mechanism that was solved. result: A run at any level.
@@ -46,7 +46,7 @@ def world_reactions(mechanism: Mechanism, samples: Samples) -> dict[str, Array]:
 def _rotations(mechanism: Mechanism, samples: Samples) -> dict[str, tuple[int, Array]]:
     """Joint number and world rotations (nt, 3, 3) of the tree joints, where forces were taken."""
     run, expanded, rigid = samples.run, samples.run.system.expansion.model, mechanism.rigid.rigid
-    poses = samples.moves.poses
+    poses = samples.kinematics.poses
     nominal = joint_poses(mechanism, run.path) if run.linear and run.path is not None else None
     found = {}
     for number, name in enumerate(rigid.names[1:], start=1):

@@ -1,4 +1,4 @@
-"""From a run to a Result: what takes another look at every sample is found when asked for."""
+"""From a run to a Result: arrays that need another pass over the samples are lazy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.deviation import frame_deviations
 from pinflex.recovery.kinematics import joint_poses, pose_of
 from pinflex.recovery.links import links
-from pinflex.recovery.meta import JUDGED, describe, judge
+from pinflex.recovery.meta import ASSESSED, assess, describe
 from pinflex.recovery.reactions import shaking_of, world_reactions
 from pinflex.recovery.samples import Samples
 from pinflex.results.lazy import Late
@@ -43,7 +43,7 @@ def result_of(
     arrays = Late(
         _found(find.states),
         {
-            ("frame", "body", "energy"): lambda: _found(find.moves),
+            ("frame", "body", "energy"): lambda: _found(find.motion),
             ("loop", "reaction", "residual"): lambda: _found(find.forces),
             ("link",): lambda: _found(find.links),
         },
@@ -53,14 +53,14 @@ def result_of(
         },
     )
 
-    def judged() -> dict[str, Any]:
+    def assessed() -> dict[str, Any]:
         with one_blas_thread(), workspace.held():
-            return plain(judge(mechanism, run, arrays))
+            return plain(assess(mechanism, run, arrays))
 
     def described() -> dict[str, Any]:
         return plain(describe(mechanism, run, level, cost, stopped))
 
-    return Result(run.t, arrays, Late({}, {JUDGED: judged, (): described}))
+    return Result(run.t, arrays, Late({}, {ASSESSED: assessed, (): described}))
 
 
 def _found(find: Callable[[], dict[str, Array]]) -> dict[str, Array]:
@@ -83,7 +83,7 @@ class Recovery:
         self._samples = Samples(mechanism, run)
 
     def states(self) -> dict[str, Array]:
-        """What a run has found itself: joint, torque, multiplier, eta, nominal."""
+        """States of the run itself: joint, torque, multiplier, eta, nominal."""
         run = self._run
         nq, nv = int(run.system.rigid.nq), int(run.system.rigid.nv)
         out: dict[str, Array] = {
@@ -102,9 +102,9 @@ class Recovery:
             out |= {"nominal/q": run.path.q, "nominal/v": run.path.v, "nominal/a": run.path.a}
         return out
 
-    def moves(self) -> dict[str, Array]:
+    def motion(self) -> dict[str, Array]:
         """frame, body and energy; of a linear run, the deviations of frames too."""
-        mechanism, found = self._mechanism, self._samples.moves
+        mechanism, found = self._mechanism, self._samples.kinematics
         out, bodies = found.arrays | _energy_flow(self._run), _bodies(mechanism)
         frames = self._run.system.expansion.frames
         out.update(_poses("pose", found.poses, bodies, frames))
@@ -132,7 +132,7 @@ class Recovery:
         """link."""
         if not self._run.system.n_eta:
             return {}
-        reference = self._samples.moves.poses if self._reference is None else self._reference
+        reference = self._samples.kinematics.poses if self._reference is None else self._reference
         return links(self._mechanism, self._run, self._samples, reference)
 
     @cached_property
@@ -153,7 +153,7 @@ def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[
         Arrays as documented in `pinflex.results.result`.
     """
     all_of = Recovery(mechanism, run, lambda: rigid_path)
-    return all_of.states() | all_of.moves() | all_of.forces() | all_of.links()
+    return all_of.states() | all_of.motion() | all_of.forces() | all_of.links()
 
 
 def _bodies(mechanism: Mechanism) -> list[str]:

@@ -1,4 +1,4 @@
-"""The samples of a run: how it moves and what that takes, each found when first asked for."""
+"""Kinematics and forces at the samples of a run, each computed on first use."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.forces import Forces, forces, slide
-from pinflex.recovery.kinematics import Moves, moves
+from pinflex.recovery.kinematics import Kinematics, kinematics
 
 
 class Samples:
@@ -18,14 +18,14 @@ class Samples:
         self.mechanism, self.run = mechanism, run
 
     @cached_property
-    def moves(self) -> Moves:
+    def kinematics(self) -> Kinematics:
         """Poses, rates and energies."""
-        return moves(self.mechanism, self.run)
+        return kinematics(self.mechanism, self.run)
 
     @cached_property
     def forces(self) -> Forces:
         """Expanded forces, and those of joints, loops and sleeves."""
-        return forces(self.mechanism, self.run, self.moves.poses)
+        return forces(self.mechanism, self.run, self.kinematics.poses)
 
     def interface_load(self, joint: int, rows: IntArray) -> tuple[Array, Array]:
         """Force and moment, in the beam frame, that what hangs on an interface needs."""

@@ -1,4 +1,4 @@
-"""How near a run comes to the edge of the theory, and plain warnings beyond it.
+"""Validity of a run: monitors of the limits of the theory, and warnings beyond them.
 
 Bodies are right to second order in their own deflection; without `second_order` they miss the
 stiffness that axial forces bring. Each monitor is a number without unit: small is safe.

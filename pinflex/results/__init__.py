@@ -1,1 +1,1 @@
-"""What a run leaves behind, by name: arrays, views, comparison. No Pinocchio."""
+"""Result of a run, by name: arrays, views, comparison. No Pinocchio."""

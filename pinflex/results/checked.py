@@ -1,4 +1,4 @@
-"""A stored run, checked before anything is made of it: whoever wrote the file may have been wrong.
+"""Checks of a stored run before it is used: its file may be damaged or made by another program.
 
 Only what is there is checked; what a reader needs and does not find it names itself.
 """

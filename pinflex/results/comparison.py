@@ -72,7 +72,7 @@ class StressRow:
 
 @dataclass(frozen=True)
 class ResidualRow:
-    """What still shakes after the stop; `settling` None: beyond the band to the end of the run.
+    """Residual vibration; `settling` None: beyond the band to the end of the run.
 
     Attributes:
         stop: End of the motion [s]. watched: How long the run goes on after it [s].
@@ -91,7 +91,7 @@ class ResidualRow:
 
 @dataclass(frozen=True)
 class CostRow:
-    """What a level cost: wall and CPU time [s], steps, Newton iterations; None: not recorded."""
+    """Cost of a level: wall and CPU time [s], steps, Newton iterations; None: not recorded."""
 
     __repr__ = brief
 

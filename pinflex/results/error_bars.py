@@ -1,4 +1,4 @@
-"""The two errors of a result, of time integration and of the model, and how they are said."""
+"""Error bars of a result: of time integration and of the model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NOT_MEASURED = "not measured"
 
 @dataclass(frozen=True)
 class ErrorBars:
-    """What the outputs of a run may be off by, relative to their largest values.
+    """Errors of the outputs of a run, relative to their largest values.
 
     Attributes:
         time: Of time integration, by output; empty: not measured.

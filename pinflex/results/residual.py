@@ -1,4 +1,4 @@
-"""What still shakes after a motion has stopped: amplitude about the rest, and settling time."""
+"""Residual vibration after a motion: amplitude about the rest, and settling time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Residual:
 
 
 def stops(rigid: Result, frame: str, stop: float) -> bool:
-    """Whether the rigid frame rests from the instant `stop` [s] to the end, long enough to read."""
+    """True if the rigid frame rests from the instant `stop` [s] to the end, long enough to read."""
     after = rigid.t >= stop * (1 - 1e-9)
     place = rigid.frame(frame).position
     way = float(np.ptp(place, axis=0).max(initial=0.0))

@@ -168,7 +168,7 @@ class Result:
         return LoopView(self, _known("loop", name, [x["name"] for x in self.meta.get("loops", ())]))
 
     def deviation_from(self, other: Result, frame: str = "platform") -> Deviation:
-        """How far a frame is from where another run has it, at the same instants.
+        """Deviation of a frame from its pose in another run, at the same instants.
 
         position = p - p_other, rotation = log(R R_other'), both in the world frame.
 

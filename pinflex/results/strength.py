@@ -173,7 +173,7 @@ def equivalent(sigma: Array, tau: Array, theory: str = "fourth", nu: float = 0.3
 
 @dataclass(frozen=True)
 class Worst:
-    """Where a stress is largest: link, section x (m), time t (s), value (Pa)."""
+    """Largest stress: link, section x (m), time t (s), value (Pa)."""
 
     link: str
     kind: str

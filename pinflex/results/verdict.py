@@ -1,4 +1,4 @@
-"""Which level suffices, and the answer of a comparison in words."""
+"""Verdict of a comparison: the simplest level that suffices, and the answer in words."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _level_row(
 
 
 def allowed(c: Comparison) -> float:
-    """How far the platform of a level that suffices may be from that of the best one [m]."""
+    """Largest distance of the platform from the best level at which a level suffices [m]."""
     return max([c.band, *(SHARE * row.position for row in c.platform[-1:])])
 
 

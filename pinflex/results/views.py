@@ -187,7 +187,7 @@ class LinkView:
 
 @dataclass(frozen=True)
 class LoopView:
-    """What one loop joint carries: the action on the body of its frame b, in the world frame."""
+    """Load of one loop joint: the action on the body of its frame b, in the world frame."""
 
     __repr__ = brief
 

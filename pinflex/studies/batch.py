@@ -32,7 +32,7 @@ Work = Callable[[Any], dict[str, Any]]
 
 @dataclass(frozen=True)
 class Record:
-    """What became of a case: numbers and texts by name, or one line that says why there are none.
+    """Outcome of a case: numbers and texts by name, or one line on why there are none.
 
     Numbers that are not finite are None.
     """
@@ -103,7 +103,7 @@ def run(
 
 
 def _outcome(work: Work, case: Any) -> Record:
-    """What a case gives, or why it fails: nothing that goes wrong in one stops the others."""
+    """Outcome of a case; an error in one does not stop the others."""
     try:
         return Record(plain(work(case)))
     except PinflexError as error:

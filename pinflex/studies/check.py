@@ -1,4 +1,4 @@
-"""What pinflex understood of a model: freedoms, loops, masses, planes, frequencies, warnings."""
+"""Check of a model: freedoms, loops, masses, planes, frequencies, warnings."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
 
 
 def is_loaded(mechanism: Mechanism) -> bool:
-    """Whether anything acts on the mechanism at rest: gravity, a spring, a load, a frame spring."""
+    """True if gravity, a spring, a load or a frame spring acts on the mechanism at rest."""
     description = mechanism.description
     acting = any(force.scale(0.0) for force in description.forces)
     springs = len(mechanism.flexible.springs.v_at) > 0 or len(description.springs) > 0

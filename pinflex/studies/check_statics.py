@@ -23,7 +23,7 @@ _ROUND_OFF = 1e-12  # [m | rad], and the same share of the largest torque: shown
 
 @dataclass(frozen=True)
 class Sag:
-    """How far the platform moves from the undeformed pose: [m], rotation vector [rad]."""
+    """Displacement of the platform from the undeformed pose: [m], rotation vector [rad]."""
 
     position: tuple[float, float, float]
     rotation: tuple[float, float, float]

@@ -106,7 +106,7 @@ def _link_table(c: Check) -> str:
 
 
 def _inertia(c: Check) -> str:
-    """Who carries what of the URDF's inertia; links that say the same are named together."""
+    """Distribution of the URDF's inertia; links with the same text are named together."""
     groups: dict[str, list[str]] = {}
     for link in c.links:
         if link.share is not None:

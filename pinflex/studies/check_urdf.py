@@ -1,4 +1,4 @@
-"""What a URDF says and pinflex does not use, or what the model goes beyond."""
+"""Parts of a URDF that pinflex does not use, and its limits that the model exceeds."""
 
 from __future__ import annotations
 

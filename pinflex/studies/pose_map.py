@@ -172,7 +172,7 @@ def _loaded(packed: bytes) -> Mechanism:
 def _at(
     packed: bytes, count: int, preload: str, free_motors: bool, by: Mapping[str, float]
 ) -> dict[str, Any]:
-    """What one pose has, as plain lists."""
+    """Frequencies, shapes and compliance of one pose, as plain lists."""
     mechanism = _loaded(packed)
     q = moved(mechanism, by)
     every = modes(

@@ -264,7 +264,7 @@ def _starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result])
 
 
 def _remark(mechanism: Mechanism, record: _Record, run: Result) -> str:
-    """What somebody who sees the run alone should know, in a line."""
+    """Remark for a reader of the run alone, in a line."""
     said = []
     falls = _falls(record)
     if falls is not None and run.level != "quasistatic":

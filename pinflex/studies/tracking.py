@@ -1,4 +1,4 @@
-"""Which mode of one pose is which of the next, where frequencies cross."""
+"""Tracking of modes from pose to pose, where frequencies cross."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Place = tuple[int, ...]  # of a pose in the grid
 
 
 def matched(before: Array, now: Array, M: Array) -> tuple[IntArray, Array]:
-    """Which shape of now follows which one before: the largest sum of squared cosines.
+    """Match shapes to those of a neighbouring pose by the largest sum of squared cosines.
 
     Cosines are those of the mass matrix: shapes of different frequencies are at right angles, and
     shapes of equal ones, which may turn among themselves, stay among themselves.

@@ -75,7 +75,7 @@ def plots(
     path: dict[str, Any] | None,
     keep: IntArray,
 ) -> list[dict[str, Any]]:
-    """What is plotted under the time bar: {title, unit, curves}.
+    """Plots under the time bar: {title, unit, curves}.
 
     Args:
         result: The run.

@@ -1,4 +1,4 @@
-"""What moves with what: joint positions, reaction forces and motor torques in the world frame.
+"""Joint positions, reaction forces and motor torques of a result in the world frame.
 
 A Result gives a reaction in the frame of the joint's child link. Which link that is, and about
 which axis a motor turns, is read from the URDF text that the Result carries.

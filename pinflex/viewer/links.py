@@ -1,4 +1,4 @@
-"""Flexible links as a page draws them: a section, or a surface, carried along a centreline."""
+"""Geometry of flexible links on a page: a section, or a surface, along a centreline."""
 
 from __future__ import annotations
 

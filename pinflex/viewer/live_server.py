@@ -18,7 +18,7 @@ _START = 5.0  # [s] for the server to come up
 
 
 class Window:
-    """What meshcat's Visualizer sends to; its own one opens two sockets and prints."""
+    """Window that meshcat's Visualizer sends to; its own one opens two sockets and prints."""
 
     def __init__(self, zmq_url: str) -> None:
         import zmq

@@ -1,4 +1,4 @@
-"""What a picture of a run needs, from its Result alone: world positions, fields, arrows, curves.
+"""Scene of a run, from its Result alone: world positions, fields, arrows, curves.
 
 Everything that moves is kept twice, as it is and as the rigid mechanism has it, so that a drawing
 can put a material point at r_rigid + mag (r - r_rigid). Scaled that way (and not link by link) the
@@ -95,7 +95,7 @@ def _notes(result: Result, kept: int) -> list[str]:
 
 
 def _remark(result: Result) -> str:
-    """What a viewer should know before believing the picture, in one line; "" for nothing."""
+    """Caution for a viewer of the picture, in one line; "" for none."""
     if result.meta.get("status", "complete") != "complete":
         return f"{result.meta['status']} at {result.t[-1]:.4g} s"
     said = [*filter(None, [result.meta.get("remark")]), *result.meta.get("warnings", ())]

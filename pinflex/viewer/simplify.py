@@ -64,7 +64,7 @@ def _clustered(
 
 
 def _nearest(vertices: Array, faces: IntArray, group: IntArray, cell: float) -> Array:
-    """Where each cell's planes come closest to one point, about the mean of its vertices."""
+    """Point closest to each cell's planes, about the mean of its vertices."""
     count = int(group.max()) + 1
     total = np.stack([np.bincount(group, vertices[:, a], count) for a in range(3)], axis=1)
     mean = total / np.bincount(group, minlength=count)[:, None]

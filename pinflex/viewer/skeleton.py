@@ -176,7 +176,7 @@ def _simple(points: Array, radius: float) -> tuple[list[Any], dict[str, Any] | N
 
 
 def _together(result: Result, parent: str, child: str) -> bool:
-    """Whether a joint that the URDF calls fixed is so: a YAML may make it universal."""
+    """True if a joint that the URDF calls fixed is so: a YAML may make it universal."""
     a, b = (result.arrays.get(f"body/{name}/pose") for name in (parent, child))
     if a is None or b is None:
         return True

@@ -45,7 +45,7 @@ class Skin:
 
 
 def skin(link: dict[str, Any], field: str, least: float, most: int) -> Skin:
-    """What is drawn of a flexible link.
+    """Surface that is drawn of a flexible link.
 
     Args:
         link: From `build_scene`.

@@ -1,4 +1,4 @@
-"""What a URDF draws of its links: meshes and simple shapes, made light enough for a page.
+"""Visuals of a URDF's links: meshes and simple shapes, made light enough for a page.
 
 Files are looked for in the package example-robot-data and in the folders given, nowhere else, so
 that a saved run names no file of the machine that reads it.

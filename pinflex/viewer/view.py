@@ -171,7 +171,7 @@ def view(
 
 
 def has_desktop() -> bool:
-    """Whether a browser window opened now would be seen by somebody."""
+    """True if a browser window opened now would be seen by somebody."""
     if os.environ.get("CI") or os.environ.get("SSH_CONNECTION"):
         return False
     shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")

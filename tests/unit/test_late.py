@@ -69,7 +69,7 @@ def test_what_could_not_be_found_is_tried_again():
 def passes(monkeypatch):
     """The passes over the samples that were made, by name."""
     made = []
-    for name in ("moves", "forces"):
+    for name in ("kinematics", "forces"):
         done = getattr(samples, name)
         monkeypatch.setattr(
             samples, name, lambda *given, n=name, f=done: (made.append(n), f(*given))[1]
@@ -82,10 +82,10 @@ def test_torques_cost_no_pass_over_the_samples_and_poses_one(passes):
     run = pf.solve(robot, level="quasistatic", tol=1e-2, samples=41)
     assert run.torque.shape == (41, 3) and run.links and run.level == "quasistatic"
     assert run.motors and run.array("eta").shape[0] == 41 and not passes
-    assert run.frame("platform").position.shape == (41, 3) and passes == ["moves"]
-    assert np.max(run.link(run.links[0]).von_mises) > 0 and passes == ["moves", "forces"]
+    assert run.frame("platform").position.shape == (41, 3) and passes == ["kinematics"]
+    assert np.max(run.link(run.links[0]).von_mises) > 0 and passes == ["kinematics", "forces"]
     assert run.meta["warnings"] == [] and run.worst_closure < 1e-6
-    assert passes == ["moves", "forces"]  # nothing is done twice
+    assert passes == ["kinematics", "forces"]  # nothing is done twice
 
 
 @pytest.mark.parametrize(
