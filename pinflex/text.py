@@ -61,7 +61,12 @@ def brief(record: object) -> str:
 
 
 def short(name: str, width: int) -> str:
-    """A long name keeps both ends, which carry the side and the number."""
+    """A long name keeps both ends, which carry the side and the number.
+
+    Args:
+        name: Any text.
+        width: Most characters.
+    """
     if len(name) <= width:
         return name
     tail = (width - 2) // 2
@@ -75,7 +80,12 @@ def _distinct(names: list[str], width: int) -> list[str]:
 
 
 def paragraph(text: str, indent: str = "", first: str | None = None) -> str:
-    """Text broken into lines that fit, each indented."""
+    """Text broken into lines that fit, each indented.
+
+    Args:
+        text: One paragraph.
+        indent: Ahead of every line. first: Ahead of the first, where it differs.
+    """
     start = indent if first is None else first
     return textwrap.fill(
         text, COLUMNS, initial_indent=start, subsequent_indent=indent, break_long_words=False

@@ -39,7 +39,15 @@ def answer(
     figures: list[Path],
     notes: Sequence[str] = (),
 ) -> int:
-    """Write the table and say what is in it; an error where no case has an answer."""
+    """Write the table and say what is in it; an error where no case has an answer.
+
+    Args:
+        args: Of the command.
+        found: Table of all cases.
+        out: File of the table, or None.
+        figures: Files written besides.
+        notes: Paragraphs below the table.
+    """
     files = [*([] if out is None else [found.save(out)]), *figures]
     failed = np.flatnonzero(found["status"] == "failed")
     errors = {int(k) + 1: str(found["error"][k]) for k in failed}

@@ -71,7 +71,12 @@ def command(
 
 
 def repeated(parser: argparse.ArgumentParser, option: str, metavar: str, text: str) -> None:
-    """Add an option that may be given several times; a list of texts."""
+    """Add an option that may be given several times; a list of texts.
+
+    Args:
+        parser: Of a command.
+        option: Name with dashes. metavar: Its value. text: Help.
+    """
     parser.add_argument(option, action="append", default=[], metavar=metavar, help=text)
 
 

@@ -41,7 +41,13 @@ class Forces:
 
 
 def forces(mechanism: Mechanism, run: Run, poses: Array) -> Forces:
-    """Forces of a run whose joints have the poses (nt, joints, 3, 4)."""
+    """Forces of a run whose joints have the poses (nt, joints, 3, 4).
+
+    Args:
+        mechanism: Mechanism that was solved.
+        run: Its states.
+        poses: Joint poses, shape (nt, joints, 3, 4).
+    """
     found = _Pass(mechanism, run, poses)
     found.collect()
     return Forces(found.g, found.f, tuple(found.sleeves), found.arrays())

@@ -35,7 +35,12 @@ class Kinematics:
 
 
 def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
-    """Kinematics of a run: Pinocchio takes the samples one after the other, numpy many at once."""
+    """Kinematics of a run: Pinocchio takes the samples one after the other, numpy many at once.
+
+    Args:
+        mechanism: Mechanism that was solved.
+        run: Its states.
+    """
     dynamics, nt = Dynamics(run.system), len(run.t)
     model, data, here = dynamics.model, dynamics.data, dynamics.closed.poses
     reported = mechanism.description.reported
@@ -93,7 +98,12 @@ def _frame(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array
 
 
 def joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
-    """Poses of the rigid joints along a nominal motion, shape (nt, joints, 3, 4)."""
+    """Poses of the rigid joints along a nominal motion, shape (nt, joints, 3, 4).
+
+    Args:
+        mechanism: Mechanism that was solved.
+        path: Motion of the rigid mechanism.
+    """
     dynamics = Dynamics(mechanism.rigid)
     model, here = dynamics.model, dynamics.closed.poses
     poses = np.empty((len(path.t), model.njoints, 3, 4))
@@ -105,7 +115,12 @@ def joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
 
 
 def pose_of(poses: Array, here: Attachment) -> Array:
-    """Poses (nt, 3, 4) of something attached to a joint."""
+    """Poses (nt, 3, 4) of something attached to a joint.
+
+    Args:
+        poses: Joint poses, shape (nt, joints, 3, 4).
+        here: Joint and placement in its frame.
+    """
     joint = poses[:, here.joint]
     local = np.column_stack([here.placement.rotation, here.placement.translation])
     moved: Array = joint[:, :, :3] @ local

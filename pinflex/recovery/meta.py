@@ -45,7 +45,15 @@ def describe(
     cost: dict[str, float],
     stopped: str,
 ) -> dict[str, Any]:
-    """The meta mapping of a Result (plain JSON types), but for what `assess` says."""
+    """The meta mapping of a Result (plain JSON types), but for what `assess` says.
+
+    Args:
+        mechanism: Mechanism that was solved.
+        run: Its states.
+        level: Fidelity.
+        cost: Counts and seconds.
+        stopped: Why it ended early; "" for complete.
+    """
     description = mechanism.description
     return {
         "name": mechanism.name,
@@ -72,7 +80,13 @@ def describe(
 
 
 def assess(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Any]:
-    """The rest of the meta mapping: how far a run can be trusted, from all of its arrays."""
+    """The rest of the meta mapping: how far a run can be trusted, from all of its arrays.
+
+    Args:
+        mechanism: Mechanism that was solved.
+        run: Its states.
+        arrays: Of the result.
+    """
     monitors = validity.monitors(mechanism, run, arrays)
     limits = validity.warnings(mechanism, run, monitors)
     balance = _energy_balance(arrays)

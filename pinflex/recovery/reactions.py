@@ -35,7 +35,12 @@ def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
 
 
 def world_reactions(mechanism: Mechanism, samples: Samples) -> dict[str, Array]:
-    """Wrench on the child of every tree joint, in world axes at the joint, (nt, 6), by name."""
+    """Wrench on the child of every tree joint, in world axes at the joint, (nt, 6), by name.
+
+    Args:
+        mechanism: Mechanism that was solved.
+        samples: Of its run.
+    """
     out: dict[str, Array] = {}
     for name, (joint, R) in _rotations(mechanism, samples).items():
         force = samples.forces.f[:, joint].reshape(-1, 2, 3)
@@ -57,7 +62,13 @@ def _rotations(mechanism: Mechanism, samples: Samples) -> dict[str, tuple[int, A
 
 
 def joint_reaction(mechanism: Mechanism, result: Result, name: str) -> Array:
-    """One entry of `joint_reactions`, shape (nt, 6)."""
+    """One entry of `joint_reactions`, shape (nt, 6).
+
+    Args:
+        mechanism: The mechanism that was solved.
+        result: A run at any level.
+        name: Joint or loop.
+    """
     every = joint_reactions(mechanism, result)
     if name not in every:
         raise DescriptionError(
@@ -67,7 +78,12 @@ def joint_reaction(mechanism: Mechanism, result: Result, name: str) -> Array:
 
 
 def shaking(mechanism: Mechanism, result: Result) -> Array:
-    """Shaking force and moment of a result; see `shaking_of`."""
+    """Shaking force and moment of a result; see `shaking_of`.
+
+    Args:
+        mechanism: The mechanism that was solved.
+        result: A run at any level.
+    """
     return shaking_of(run_of(mechanism, result))
 
 

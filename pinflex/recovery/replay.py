@@ -15,6 +15,10 @@ from pinflex.results.result import Result
 def run_of(mechanism: Mechanism, result: Result) -> Run:
     """The states of a result as a run of the mechanism that it came from.
 
+    Args:
+        mechanism: The mechanism that was solved.
+        result: Its run.
+
     Raises:
         DescriptionError: Another mechanism: its coordinates differ.
     """
@@ -42,5 +46,10 @@ def run_of(mechanism: Mechanism, result: Result) -> Run:
 
 
 def samples_of(mechanism: Mechanism, result: Result) -> Samples:
-    """Forces at every station, section and joint over the run."""
+    """Forces at every station, section and joint over the run.
+
+    Args:
+        mechanism: The mechanism that was solved.
+        result: Its run.
+    """
     return Samples(mechanism, run_of(mechanism, result))

@@ -18,6 +18,11 @@ def strain_forces(mechanism: Mechanism, result: Result, link: str) -> Array:
 
     N = EA u', T = GJ p', My = -EIy w'', Mz = EIz v'': equal to the balance where the shapes have
     converged. Directions in which the link does not deform stay zero.
+
+    Args:
+        mechanism: The mechanism that was solved.
+        result: A flexible run.
+        link: Flexible link.
     """
     run = run_of(mechanism, result)
     part, x = mechanism.parts[link], result.link(link).x

@@ -37,7 +37,12 @@ class Cut:
 
 
 def cut(body: FlexibleBody, count: int = 21) -> Cut:
-    """Sections at equal distances along a body."""
+    """Sections at equal distances along a body.
+
+    Args:
+        body: Flexible body.
+        count: Sections.
+    """
     if body.solid is not None:
         solid = body.solid
         return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))
@@ -82,7 +87,12 @@ def _outer(x: Array, stations: Array, breaks: Array) -> Array:
 
 
 def deflections(section: Cut, eta: Array) -> Array:
-    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n)."""
+    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n).
+
+    Args:
+        section: From `cut`.
+        eta: Elastic coordinates of the body, shape (nt, n).
+    """
     d: Array = np.einsum("xkn,tn->txk", section.Phi, eta, optimize=True)
     if section.G is not None:
         bent = np.einsum("xkij,tj->txki", section.G, eta, optimize=True)
@@ -136,6 +146,10 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
 
     normal = axial + bending at the worst fibre; shear from torsion, largest on the section;
     von_mises = sqrt(normal^2 + 3 shear^2): an upper bound where the maxima are at two points.
+
+    Args:
+        section: Cross-section.
+        forces: Section forces N Vy Vz T My Mz, shape (nt, nx, 6).
     """
     N, T = forces[:, :, 0], forces[:, :, 3]
     My, Mz = forces[:, :, 4], forces[:, :, 5]

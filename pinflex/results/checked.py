@@ -59,7 +59,12 @@ _NEEDED = {"section", "length", "material"}  # of a link
 
 
 def require_size(path: Path, most: float) -> None:
-    """Raise where an archive says of itself that its arrays are larger than `most` [bytes]."""
+    """Raise where an archive says of itself that its arrays are larger than `most` [bytes].
+
+    Args:
+        path: The archive.
+        most: Largest size of all arrays [bytes].
+    """
     with zipfile.ZipFile(path) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > most:

@@ -41,7 +41,12 @@ class ErrorBars:
 
 
 def time_error(settings: Mapping[str, Any], level: str) -> tuple[dict[str, float], str]:
-    """The error of time integration that a run has found of itself, and how or why not."""
+    """The error of time integration that a run has found of itself, and how or why not.
+
+    Args:
+        settings: Of the run.
+        level: Its level of fidelity.
+    """
     known = settings.get("error")
     if known:
         return dict(known), f"by two runs, tol = {settings.get('tol', 0):g}"

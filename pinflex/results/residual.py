@@ -29,7 +29,13 @@ class Residual:
 
 
 def stops(rigid: Result, frame: str, stop: float) -> bool:
-    """True if the rigid frame rests from the instant `stop` [s] to the end, long enough to read."""
+    """True if the rigid frame rests from the instant `stop` [s] to the end, long enough to read.
+
+    Args:
+        rigid: Rigid run.
+        frame: Output frame.
+        stop: Instant [s].
+    """
     after = rigid.t >= stop * (1 - 1e-9)
     place = rigid.frame(frame).position
     way = float(np.ptp(place, axis=0).max(initial=0.0))

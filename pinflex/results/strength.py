@@ -90,6 +90,10 @@ def point_stress(
 def section_of(result: Result, link: str) -> Section:
     """Cross-section of a link, from the meta of a run.
 
+    Args:
+        result: A flexible run.
+        link: Flexible link.
+
     Raises:
         DescriptionError: A file of an older pinflex lacks its dimensions.
     """
@@ -105,7 +109,13 @@ def section_of(result: Result, link: str) -> Section:
 def torsion_shear(
     section: Section, y: float, z: float, warping: bool = True
 ) -> tuple[float, float]:
-    """Shear stresses tau_xy and tau_xz at (y, z) for a torque of one, 1/m^3."""
+    """Shear stresses tau_xy and tau_xz at (y, z) for a torque of one, 1/m^3.
+
+    Args:
+        section: Rectangle, circle or tube.
+        y, z: Point in the section, m.
+        warping: St-Venant's field; False: as if plane sections stayed plane.
+    """
     if not warping or section.shape in ("circle", "tube"):
         return -z / section.J, y / section.J
     if section.shape != "rectangle":
@@ -145,7 +155,12 @@ def _inside(section: Section, y: float, z: float, link: str) -> None:
 
 
 def principal(sigma: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """Principal stresses s1 >= s2 = 0 >= s3 of a beam point, Pa."""
+    """Principal stresses s1 >= s2 = 0 >= s3 of a beam point, Pa.
+
+    Args:
+        sigma: Normal stress, Pa.
+        tau: Shear stress, Pa, same shape.
+    """
     radius = np.hypot(0.5 * sigma, tau)
     return 0.5 * sigma + radius, np.zeros_like(radius), 0.5 * sigma - radius
 
@@ -207,7 +222,12 @@ def worst_section(result: Result, kind: str = "von_mises", link: str | None = No
 
 
 def worst_table(result: Result, kinds: tuple[str, ...] = ("normal", "shear", "von_mises")) -> str:
-    """Worst section of every link, one line each."""
+    """Worst section of every link, one line each.
+
+    Args:
+        result: A flexible run.
+        kinds: Of stress, as in `worst_section`.
+    """
     lines = [f"{'link':<14}{'stress':<11}{'MPa':>9}{'x [m]':>9}{'t [s]':>9}"]
     for name in result.links:
         for kind in kinds:

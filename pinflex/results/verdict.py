@@ -41,7 +41,12 @@ class LevelRow:
 
 
 def off_best(run: Result, best: Result, frame: str | None) -> tuple[float | None, float | None]:
-    """Difference of torques (share of the largest of their unit) and of the platform [m]."""
+    """Difference of torques (share of the largest of their unit) and of the platform [m].
+
+    Args:
+        run, best: Runs of one scene.
+        frame: Of the platform, or None.
+    """
     units = [best.unit(f"torque/{motor}") for motor in best.motors]
     torque = None
     for unit in dict.fromkeys(units):
@@ -59,7 +64,14 @@ def off_best(run: Result, best: Result, frame: str | None) -> tuple[float | None
 def level_rows(
     c: Comparison, runs: Mapping[str, Result], frame: str | None, cpu: Mapping[str, float]
 ) -> tuple[LevelRow, ...]:
-    """A row for each run, simplest level first; the last run is the best one."""
+    """A row for each run, simplest level first; the last run is the best one.
+
+    Args:
+        c: Comparison with its torques, platform and stresses.
+        runs: By level.
+        frame: Of the platform, or None.
+        cpu: CPU time by level [s].
+    """
     if not runs:
         return ()
     best = list(runs.values())[-1]
@@ -102,7 +114,12 @@ def allowed(c: Comparison) -> float:
 
 
 def furthest(c: Comparison, level: str) -> TorqueRow | None:
-    """The motor whose torque is furthest from rigid."""
+    """The motor whose torque is furthest from rigid.
+
+    Args:
+        c: Comparison.
+        level: One of its levels.
+    """
     off = [(r.max_difference, r) for r in c.torques if r.level == level and r.max_difference]
     return max(off, key=lambda pair: pair[0])[1] if off else None
 
@@ -183,7 +200,12 @@ def _suffices(c: Comparison) -> str:
 
 
 def miss(row: LevelRow, c: Comparison) -> str:
-    """By how much a level is off that does not suffice, or that it does."""
+    """By how much a level is off that does not suffice, or that it does.
+
+    Args:
+        row: Of one level.
+        c: Its comparison.
+    """
     if row.suffices is None:
         return ""
     if row.suffices:

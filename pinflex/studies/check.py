@@ -135,6 +135,10 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
     """Natural frequencies [Hz] at home with locked motors, and the words for that state.
 
     Where gravity leaves no equilibrium, those of the undeformed pose.
+
+    Args:
+        mechanism: From `load`.
+        count: Most frequencies.
     """
     if not mechanism.flexible.n_eta and not len(mechanism.flexible.springs.v_at):
         return (), "no flexible link and no spring: nothing vibrates"

@@ -79,7 +79,12 @@ def loop_checks(mechanism: Mechanism) -> tuple[LoopCheck, ...]:
 
 
 def link_check(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
-    """Beam of a flexible link beside the URDF's inertia."""
+    """Beam of a flexible link beside the URDF's inertia.
+
+    Args:
+        mechanism: From `load`.
+        part: One of its flexible links.
+    """
     spec, section = part.spec, part.spec.section
     urdf = next(link.inertia for link in mechanism.links if link.name == part.link)
     beam = np.zeros((6, 6))  # about the link's frame

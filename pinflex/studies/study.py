@@ -159,7 +159,12 @@ def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: 
 
 
 def file_name(run: Result, complete: bool = True) -> str:
-    """Name of the file of a run: NAME-LEVEL.npz, or NAME-LEVEL-partial.npz."""
+    """Name of the file of a run: NAME-LEVEL.npz, or NAME-LEVEL-partial.npz.
+
+    Args:
+        run: Of one level.
+        complete: Whether it reached its end.
+    """
     return f"{run.meta['name']}-{run.level}{'' if complete else '-partial'}.npz"
 
 

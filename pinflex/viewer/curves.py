@@ -15,14 +15,24 @@ RIGID_TORQUE = "rigid/torque"  # array of a flexible run that was compared with 
 
 
 def with_rigid_torque(run: Result, rigid: Result) -> Result:
-    """The run with the torques of the same motion without elasticity beside its own."""
+    """The run with the torques of the same motion without elasticity beside its own.
+
+    Args:
+        run: A flexible run.
+        rigid: The same motion without elasticity.
+    """
     if not run.motors or run.motors != rigid.motors or run is rigid:
         return run
     return Result(run.t, {**run.arrays, RIGID_TORQUE: _at(rigid, "torque", run.t)}, run.meta)
 
 
 def track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
-    """Path of the platform (or of the tip that moves most) and how far it is from rigid."""
+    """Path of the platform (or of the tip that moves most) and how far it is from rigid.
+
+    Args:
+        result: The run.
+        rigid: The same motion without elasticity, or None: as the run itself has it.
+    """
     name, angle = result.meta.get("platform"), np.zeros(len(result.t))
     if name and f"frame/{name}/position" in result.arrays:
         position = result.arrays[f"frame/{name}/position"]

@@ -66,7 +66,12 @@ def link_geometry(result: Result, name: str, skin: Surface | None) -> dict[str, 
 
 
 def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
-    """The link at the instants kept, shape (n,)."""
+    """The link at the instants kept, shape (n,).
+
+    Args:
+        link: From `link_geometry`.
+        keep: Instants, shape (n,).
+    """
     out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid", "y_disp")}}
     for kind in ("fields", "surface"):
         out[kind] = {k: f[keep] for k, f in link[kind].items()}
@@ -85,7 +90,12 @@ def time_arrays(link: dict[str, Any]) -> list[Array]:
 
 
 def largest(link: dict[str, Any], field: str) -> Array | None:
-    """Largest magnitude of a field in a link over time, shape (nt,); None without that field."""
+    """Largest magnitude of a field in a link over time, shape (nt,); None without that field.
+
+    Args:
+        link: From `link_geometry`.
+        field: One of `FIELDS`.
+    """
     values = link["surface"].get(field, link["fields"].get(field))
     return None if values is None else np.abs(values).max(axis=1)
 

@@ -122,6 +122,11 @@ def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
     """Magnification 1, 2 or 5 times a power of ten that shows `largest` as a share of `size`.
 
     A displacement that is large as it is stays at 1: nothing is ever drawn smaller.
+
+    Args:
+        largest: Displacement [m].
+        size: Of the robot [m].
+        share: Of the size that the displacement should fill.
     """
     if not 0.0 < largest < share * size:
         return 1.0
