@@ -47,7 +47,7 @@ exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    process.speakable()
+    process.escape_unprintable()
     try:
         with process.ending() as end:
             return _run(arguments)

@@ -41,9 +41,9 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.advice import text as advise_text
     from pinflex.advice.advise import advise
 
-    found = advise(load_model(args), tol=args.tol, asked=args.asked, until=args.until)
+    advice = advise(load_model(args), tol=args.tol, asked=args.asked, until=args.until)
     if args.json:
-        print_json(asdict(found))
+        print_json(asdict(advice))
     else:
-        print(advise_text.write(found, args.model), end="")
+        print(advise_text.write(advice, args.model), end="")
     return 0

@@ -34,7 +34,7 @@ def options(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
 
 def answer(
     args: argparse.Namespace,
-    found: Columns,
+    cases_table: Columns,
     out: Path | None,
     figures: list[Path],
     notes: Sequence[str] = (),
@@ -43,41 +43,41 @@ def answer(
 
     Args:
         args: Of the command.
-        found: Table of all cases.
+        cases_table: Table of all cases.
         out: File of the table, or None.
         figures: Files written besides.
         notes: Paragraphs below the table.
     """
-    files = [*([] if out is None else [found.save(out)]), *figures]
-    failed = np.flatnonzero(found["status"] == "failed")
-    errors = {int(k) + 1: str(found["error"][k]) for k in failed}
+    files = [*([] if out is None else [cases_table.save(out)]), *figures]
+    failed = np.flatnonzero(cases_table["status"] == "failed")
+    errors = {int(k) + 1: str(cases_table["error"][k]) for k in failed}
     if args.json:
-        columns = {name: values.tolist() for name, values in found.arrays.items()}
-        print_json({"columns": columns, "units": found.units, "files": files, "notes": notes})
+        columns = {name: values.tolist() for name, values in cases_table.arrays.items()}
+        print_json({"columns": columns, "units": cases_table.units, "files": files, "notes": notes})
     else:
-        print(_ranges(found))
+        print(_ranges(cases_table))
         for note in notes:
             print(paragraph(note, "  ", "\n  "))
-        done = len(found) - len(failed)
-        print(f"\n{plural(len(found), 'case')}, {done} done, {len(failed)} failed")
+        done = len(cases_table) - len(failed)
+        print(f"\n{plural(len(cases_table), 'case')}, {done} done, {len(failed)} failed")
         for row, why in [*errors.items()][:_SHOWN]:
             print(paragraph(why, "    ", f"  case {row}: "))
         if len(failed) > _SHOWN:
             print(f"  and {len(failed) - _SHOWN} more")
         print("\n".join(f"wrote {path}" for path in files) or "nothing saved (--out FILE saves it)")
-    if len(failed) == len(found):
+    if len(failed) == len(cases_table):
         raise SceneError(f"none of the cases has an answer: {errors[1]}")
     return 0
 
 
-def _ranges(found: Columns) -> str:
+def _ranges(cases_table: Columns) -> str:
     """Least and largest value of every column that has any but zero, and their rows."""
     rows = []
-    for name, values in found.arrays.items():
+    for name, values in cases_table.arrays.items():
         if values.dtype.kind != "f" or not np.any(values[~np.isnan(values)]):
             continue
         low, high = int(np.nanargmin(values)), int(np.nanargmax(values))
         ends = ["rigid" if np.isinf(x) else number(float(x)) for x in values[[low, high]]]
-        unit = found.units.get(name, "")
+        unit = cases_table.units.get(name, "")
         rows.append([name, unit, ends[0], str(low + 1), ends[1], str(high + 1)])
     return table("Range of every number", "column|unit|least|in row|largest|in row", rows, (44, 8))

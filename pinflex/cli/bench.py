@@ -55,12 +55,12 @@ def run(args: argparse.Namespace) -> int:
         writable(folder / "bench.png")
     bar = Progress("bench")
     try:
-        found = bench(mechanism, bar)
+        study = bench(mechanism, bar)
     finally:
         bar.close()
-    data = _json(found)
-    text = write(found)
-    files = [] if folder is None else _save(found, folder, text, data)
+    data = _json(study)
+    text = write(study)
+    files = [] if folder is None else _save(study, folder, text, data)
     if args.json:
         print_json(data)
     else:
@@ -69,45 +69,45 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def write(found: Bench) -> str:
+def write(study: Bench) -> str:
     """Table, reference and advice."""
-    best = {id(p) for p in found.pareto()}
-    outputs = list(found.own_error)
+    best = {id(p) for p in study.pareto()}
+    outputs = list(study.own_error)
     rows = [
         [p.case.method, p.case.setting, str(p.case.modes if p.case.modes is not None else "-"),
          number(p.wall), number(p.cpu), *(f"{p.errors[name]:.1e}" for name in outputs),
          "*" if id(p) in best else ""]
-        for p in found.points if not p.failed
+        for p in study.points if not p.failed
     ]  # fmt: skip
     header = "|".join(
-        ["method", "setting", found.key or "modes", "wall s", "CPU s"]
+        ["method", "setting", study.key or "modes", "wall s", "CPU s"]
         + [name.replace("platform ", "") for name in outputs]
         + ["Pareto"]
     )
-    own = ", ".join(f"{name} {error:.1e}" for name, error in found.own_error.items())
+    own = ", ".join(f"{name} {error:.1e}" for name, error in study.own_error.items())
     failed = [paragraph(f"{p.case.method}, {p.case.setting}: {p.failed}", indent="  ") + "\n"
-              for p in found.points if p.failed]  # fmt: skip
+              for p in study.points if p.failed]  # fmt: skip
     return (
-        table(f"{found.name}: time and relative error", header, rows, (12, 20))
+        table(f"{study.name}: time and relative error", header, rows, (12, 20))
         + "\n\n"
-        + paragraph(f"Reference: {found.reference}. Its own error: {own}.")
+        + paragraph(f"Reference: {study.reference}. Its own error: {own}.")
         + "\n"
         + "".join(failed)
         + "\n"
-        + paragraph(advice(found))
+        + paragraph(advice(study))
         + "\n"
     )
 
 
-def advice(found: Bench) -> str:
+def advice(study: Bench) -> str:
     """Cheapest method for each error, in one sentence."""
     parts: list[str] = []
     last: Point | None = None
     for error in _ERRORS:
-        point = next((p for p in found.pareto() if p.worst <= error), None)
+        point = next((p for p in study.pareto() if p.worst <= error), None)
         if point is not None and point is not last:
             c = point.case
-            modes = "" if c.modes is None else f", {found.key} {c.modes}"
+            modes = "" if c.modes is None else f", {study.key} {c.modes}"
             setting = "" if not c.value else f" ({c.setting}{modes})"
             parts.append(f"{error:g} costs {number(point.cpu)} s by {c.method}{setting}")
             last = point
@@ -116,21 +116,21 @@ def advice(found: Bench) -> str:
     return f"An error of every output within {'; within '.join(parts)}."
 
 
-def _json(found: Bench) -> dict[str, object]:
-    best = {id(p) for p in found.pareto()}
-    points = [{**asdict(p), "pareto": id(p) in best} for p in found.points]
+def _json(study: Bench) -> dict[str, object]:
+    best = {id(p) for p in study.pareto()}
+    points = [{**asdict(p), "pareto": id(p) in best} for p in study.points]
     return {
-        "name": found.name, "reference": found.reference, "reference_error": found.own_error,
-        "points": points, "advice": advice(found),
+        "name": study.name, "reference": study.reference, "reference_error": study.own_error,
+        "points": points, "advice": advice(study),
     }  # fmt: skip
 
 
-def _save(found: Bench, folder: Path, text: str, data: dict[str, object]) -> list[Path]:
+def _save(study: Bench, folder: Path, text: str, data: dict[str, object]) -> list[Path]:
     from pinflex.studies.plot_bench import figure
 
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"bench.{kind}" for kind in ("txt", "json", "png")]
     write_text(paths[0], text)
     write_text(paths[1], json.dumps(plain(data), indent=2))
-    figure(found).savefig(paths[2])
+    figure(study).savefig(paths[2])
     return paths

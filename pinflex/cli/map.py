@@ -52,27 +52,27 @@ def run(args: argparse.Namespace) -> int:
     mechanism = load_model(args)
     bar = Progress("map")
     try:
-        found = pose_map(
+        poses = pose_map(
             mechanism, parsed(args.grid, "--grid"), count=args.count, preload=args.preload,
             free_motors=args.free_motors, progress=bar, **options,
         )  # fmt: skip
     finally:
         bar.close()
-    figures = [] if args.plot is None else [save_pose_map(found, args.plot)]
-    return batch.answer(args, found.table, out, figures, _notes(found))
+    figures = [] if args.plot is None else [save_pose_map(poses, args.plot)]
+    return batch.answer(args, poses.table, out, figures, _notes(poses))
 
 
-def _notes(found: PoseMap) -> list[str]:
+def _notes(poses: PoseMap) -> list[str]:
     """Notes on the words and the missing numbers of the table."""
-    if not np.isfinite(found.compliance).any():
+    if not np.isfinite(poses.compliance).any():
         return []
     notes = [
         "K_xx (others held) is the force for a displacement along x with the other displacements "
         "zero; 1/C_xx (others free) that with the platform free to give way in them."
     ]
-    if found.rigid:
+    if poses.rigid:
         notes.append(
-            f"The platform is rigid along {', '.join(found.rigid)}: no flexible link or spring "
+            f"The platform is rigid along {', '.join(poses.rigid)}: no flexible link or spring "
             "gives way there, so there is no number (null in JSON, inf in tables)."
         )
     return notes

@@ -28,10 +28,10 @@ class Ending:
 @contextmanager
 def ending() -> Iterator[Ending]:
     """Signals that end a process become an interruption, so that what is done is saved."""
-    found = Ending()
+    end = Ending()
 
     def stop(number: int, _: FrameType | None) -> None:
-        found.code = 128 + number
+        end.code = 128 + number
         raise KeyboardInterrupt
 
     before = {}
@@ -40,13 +40,13 @@ def ending() -> Iterator[Ending]:
             if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP: so do we
                 before[number] = signal.signal(number, stop)
     try:
-        yield found
+        yield end
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def speakable() -> None:
+def escape_unprintable() -> None:
     """Every name can be printed, as an escape where the terminal has no such letter."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)

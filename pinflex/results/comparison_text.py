@@ -123,7 +123,7 @@ def _residual_table(c: Comparison) -> str:
     ]
     return table(
         "Vibration after the stop, about the place of rest",
-        f"frame|level|stop [s]|amplitude [mm]|within {verdict.said_length(c.band)} after [s]",
+        f"frame|level|stop [s]|amplitude [mm]|within {verdict.rounded_length(c.band)} after [s]",
         _once(rows),
     )
 

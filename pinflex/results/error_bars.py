@@ -31,8 +31,8 @@ class ErrorBars:
     def lines(self) -> tuple[str, str]:
         """Both in words."""
         return (
-            f"time integration: {_said(self.time, self.time_note)}",
-            f"model: {_said(self.model, self.model_note)}",
+            f"time integration: {_in_words(self.time, self.time_note)}",
+            f"model: {_in_words(self.model, self.model_note)}",
         )
 
     def plain(self) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def time_error(settings: Mapping[str, Any], level: str) -> tuple[dict[str, float
     return {}, f"{NOT_MEASURED}: equal steps; solve with tol to have it"
 
 
-def _said(errors: Mapping[str, float], note: str) -> str:
+def _in_words(errors: Mapping[str, float], note: str) -> str:
     if not errors:
         return note or NOT_MEASURED
     known = ", ".join(f"{key} {percent(value)}" for key, value in errors.items())

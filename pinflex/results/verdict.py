@@ -148,7 +148,7 @@ def _shakes(c: Comparison, best: str) -> str:
     place = next((r for r in c.platform if r.level == best), None)
     if place is None:
         return ""
-    text = f"The {place.frame} is off by up to {said_length(place.position)}"
+    text = f"The {place.frame} is off by up to {rounded_length(place.position)}"
     after = next((r for r in c.residuals if r.level == best), None)
     return f"{text}{_after(after, c.band)}."
 
@@ -156,12 +156,12 @@ def _shakes(c: Comparison, best: str) -> str:
 def _after(row: ResidualRow | None, band: float) -> str:
     if row is None:
         return ""
-    start = f"; after the stop it still shakes by {said_length(row.amplitude)}"
+    start = f"; after the stop it still shakes by {rounded_length(row.amplitude)}"
     if row.settling is None:
-        return f"{start} and does not settle to {said_length(band)} within {row.watched:.2g} s"
+        return f"{start} and does not settle to {rounded_length(band)} within {row.watched:.2g} s"
     if row.settling == 0:
-        return f"{start}, within {said_length(band)} at once"
-    return f"{start} and settles to {said_length(band)} in {row.settling:.2g} s"
+        return f"{start}, within {rounded_length(band)} at once"
+    return f"{start} and settles to {rounded_length(band)} in {row.settling:.2g} s"
 
 
 def _torques(c: Comparison, best: str) -> str:
@@ -212,14 +212,14 @@ def miss(row: LevelRow, c: Comparison) -> str:
         return "suffices"
     parts = []
     if row.platform_off is not None and row.platform_off > allowed(c):
-        parts.append(said_length(row.platform_off))
+        parts.append(rounded_length(row.platform_off))
     if row.torque_off is not None and row.torque_off > SHARE:
         parts.append(f"torque {_percent(100 * row.torque_off)}")
     return f"misses {', '.join(parts)}"
 
 
-def said_length(x: float) -> str:
-    """A length [m] as one says it: two digits or more."""
+def rounded_length(x: float) -> str:
+    """Length [m] of two digits or more in a handy unit."""
     if x < 1e-12:
         return "0"
     units = ((1.0, "m", 1.0), (1e-4, "mm", 1e3), (1e-7, "um", 1e6), (0.0, "nm", 1e9))

@@ -1,4 +1,4 @@
-"""Natural frequencies along a motion: how a closed mechanism changes its tune with its pose."""
+"""Natural frequencies along a motion."""
 
 from __future__ import annotations
 
@@ -89,29 +89,29 @@ def frequency_map(
     rows, last, missing = [], None, ""
     for time, q in zip(t, poses, strict=True):
         try:
-            found = modes(mechanism, q, count=count + _SPARE, preload=preload)
+            pose_modes = modes(mechanism, q, count=count + _SPARE, preload=preload)
         except SceneError as error:
             missing = missing or f"no equilibrium at {time:.4g} s: {error}"
             rows.append(np.full(count, np.nan))
             continue
-        order: IntArray = np.arange(len(found.frequencies))
+        order: IntArray = np.arange(len(pose_modes.frequencies))
         if last is not None:
-            order, _ = matched(last, found.shapes, dynamics.mass(found.y))
-        last = found.shapes[:, order]
-        rows.append(_first(found, order, count))
+            order, _ = matched(last, pose_modes.shapes, dynamics.mass(pose_modes.y))
+        last = pose_modes.shapes[:, order]
+        rows.append(_first(pose_modes, order, count))
     if all(np.isnan(row).all() for row in rows):
         raise ConvergenceError(f"{mechanism.name}: {missing}")
     return FrequencyMap(mechanism.name, t, np.array(rows), preload, missing)
 
 
-def plot_frequency_map(found: FrequencyMap) -> Figure:
+def plot_frequency_map(along: FrequencyMap) -> Figure:
     """Frequency against time along the motion, one line a mode; the lowest of the first marked."""
     figure, axes = panels(1, 1, HEIGHT, None)
     ax = axes[0, 0]
-    draw_frequencies(ax, found.t, found.frequencies, "s", "no static equilibrium")
+    draw_frequencies(ax, along.t, along.frequencies, "s", "no static equilibrium")
     ax.set_xlabel("time along the motion [s]")
-    about = "under gravity" if found.preload == "gravity" else "undeformed"
-    title(ax, f"{found.name}: natural frequencies along the motion, motors locked, {about}")
+    about = "under gravity" if along.preload == "gravity" else "undeformed"
+    title(ax, f"{along.name}: natural frequencies along the motion, motors locked, {about}")
     return figure
 
 
@@ -169,11 +169,11 @@ def draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str, gap: str
     ax.set_ylabel("natural frequency [Hz]")
 
 
-def save_frequency_map(found: FrequencyMap, path: str | Path) -> Path:
+def save_frequency_map(along: FrequencyMap, path: str | Path) -> Path:
     """Write the figure (.png, .pdf, .svg); returns the file."""
     path = check_figure(path)
     with replaced(path) as part:
-        plot_frequency_map(found).savefig(part, dpi=DPI)
+        plot_frequency_map(along).savefig(part, dpi=DPI)
     return path
 
 
@@ -186,8 +186,8 @@ def check_figure(path: str | Path) -> Path:
     return path
 
 
-def _first(found: Modes, order: IntArray, count: int) -> Array:
-    frequencies = found.frequencies[order][:count]
+def _first(pose_modes: Modes, order: IntArray, count: int) -> Array:
+    frequencies = pose_modes.frequencies[order][:count]
     return np.append(frequencies, np.full(count - len(frequencies), np.nan))
 
 

@@ -17,39 +17,39 @@ _MARKERS = ("o", "s", "^", "D")
 _PANEL = 3.0  # [in]
 
 
-def figure(found: Bench) -> Figure:
+def figure(study: Bench) -> Figure:
     """CPU seconds against error, log-log, one panel an output; the Pareto set is joined."""
-    outputs = [name for name in found.own_error if any(p.errors.get(name) for p in found.points)]
+    outputs = [name for name in study.own_error if any(p.errors.get(name) for p in study.points)]
     columns = min(2, len(outputs))
     rows = -(-len(outputs) // columns)
     fig, axes = panels(rows, columns, rows * _PANEL + 0.5, None)
     colours = dict(zip(_METHODS, COLOURS[4:] + COLOURS[:3], strict=False))
-    modes = sorted({p.case.modes for p in found.points if p.case.modes is not None})
+    modes = sorted({p.case.modes for p in study.points if p.case.modes is not None})
     markers = dict(zip(modes, _MARKERS, strict=False))
     for ax, name in zip(axes.flat, outputs, strict=False):
-        _panel(ax, found, name, colours, markers)
+        _panel(ax, study, name, colours, markers)
     for spare in axes.flat[len(outputs) :]:
         spare.remove()
-    handles = _handles(found, colours, markers)
+    handles = _handles(study, colours, markers)
     fig.legend(handles=handles, loc="outside upper center", ncols=5, frameon=False, fontsize=8)
     return fig
 
 
 def _panel(
-    ax: Any, found: Bench, name: str, colours: Mapping[str, str], markers: Mapping[int, str]
+    ax: Any, study: Bench, name: str, colours: Mapping[str, str], markers: Mapping[int, str]
 ) -> None:
     """One output."""
-    for p in found.points:
+    for p in study.points:
         if p.errors.get(name):
             marker = markers.get(p.case.modes or 0, "o")
             ax.loglog(p.cpu, p.errors[name], marker, color=colours[p.case.method], ms=5, mew=0)
-    front = [p for p in found.pareto(name) if p.errors[name]]
+    front = [p for p in study.pareto(name) if p.errors[name]]
     ax.loglog(
         [p.cpu for p in front], [p.errors[name] for p in front],
         "-o", color="0.25", lw=0.8, mfc="none", mec="0.25", ms=9, mew=0.8, zorder=1,
     )  # fmt: skip
-    ax.axhspan(1e-12, found.own_error[name], color="0.92", zorder=0)
-    low = min(found.own_error[name], *(p.errors[name] for p in front))
+    ax.axhspan(1e-12, study.own_error[name], color="0.92", zorder=0)
+    low = min(study.own_error[name], *(p.errors[name] for p in front))
     ax.set_ylim(0.4 * low, 3.0)
     ax.grid(True, which="major", color="0.9", lw=0.6)
     ax.set_ylabel("relative error [-]")
@@ -57,16 +57,16 @@ def _panel(
     title(ax, name)
 
 
-def _handles(found: Bench, colours: Mapping[str, str], markers: Mapping[int, str]) -> list[Any]:
+def _handles(study: Bench, colours: Mapping[str, str], markers: Mapping[int, str]) -> list[Any]:
     """Of the legend: methods, numbers of modes, the Pareto set."""
     from matplotlib.lines import Line2D
 
-    used = [m for m in _METHODS if any(p.case.method == m and not p.failed for p in found.points)]
+    used = [m for m in _METHODS if any(p.case.method == m and not p.failed for p in study.points)]
     dot: dict[str, Any] = {"ls": "", "mew": 0, "ms": 5}
     return [
         *(Line2D([], [], marker="o", color=colours[m], label=_NAMES.get(m, m), **dot)
           for m in used),
-        *(Line2D([], [], marker=marker, color="0.5", label=f"{found.key} {n}", **dot)
+        *(Line2D([], [], marker=marker, color="0.5", label=f"{study.key} {n}", **dot)
           for n, marker in markers.items()),
         Line2D([], [], marker="o", mfc="none", color="0.25", lw=0.8, label="Pareto set"),
     ]  # fmt: skip

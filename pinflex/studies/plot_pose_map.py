@@ -23,54 +23,54 @@ _PREFIXES = (("M", 1e6), ("k", 1e3), ("", 1.0))
 _FLAT = 0.02  # of the largest value: what varies less needs no lines of equal height
 
 
-def plot_pose_map(found: PoseMap) -> Figure:
+def plot_pose_map(poses: PoseMap) -> Figure:
     """Frequencies, and below them how stiff the platform is along each axis that gives way.
 
     Stiffness is here 1/C_xx (others free), the force per displacement along its own axis. Axes
     along which the platform is rigid are named in the title.
     Of a grid with more than two coordinates, the others are drawn at their middle.
     """
-    sizes = [len(values) for values in found.grid.values()]
+    sizes = [len(values) for values in poses.grid.values()]
     wide = [k for k, size in enumerate(sizes) if size > 1]
     if not wide:
-        raise DescriptionError(f"{found.name}: one pose makes no plot. Give a grid with a:b:n.")
+        raise DescriptionError(f"{poses.name}: one pose makes no plot. Give a grid with a:b:n.")
     drawn = wide[:2]
     cut = tuple(slice(None) if k in drawn else size // 2 for k, size in enumerate(sizes))
-    frequencies, stiffness = found.frequencies[cut], _stiffness(found.compliance[cut])
+    frequencies, stiffness = poses.frequencies[cut], _stiffness(poses.compliance[cut])
     frequencies = frequencies[..., np.isfinite(frequencies).any(axis=tuple(range(len(drawn))))]
     if not frequencies.size:
-        raise DescriptionError(f"{found.name}: no pose of the middle of the grid has an answer.")
-    x = [list(found.grid.values())[k] for k in drawn]
-    names = [list(found.grid)[k] for k in drawn]
-    labels = [f"{name} from home [{found.units[name]}]" for name in names]
+        raise DescriptionError(f"{poses.name}: no pose of the middle of the grid has an answer.")
+    x = [list(poses.grid.values())[k] for k in drawn]
+    names = [list(poses.grid)[k] for k in drawn]
+    labels = [f"{name} from home [{poses.units[name]}]" for name in names]
     draw = _curves if len(drawn) == 1 else _maps
     figure: Figure = draw(frequencies, stiffness, x, labels)
-    figure.suptitle(_title(found, drawn), x=0.01, ha="left", fontsize=10)
+    figure.suptitle(_title(poses, drawn), x=0.01, ha="left", fontsize=10)
     return figure
 
 
-def _title(found: PoseMap, drawn: list[int]) -> str:
+def _title(poses: PoseMap, drawn: list[int]) -> str:
     """State of the motors, load, coordinates that are not drawn, rigid directions."""
     rest = [
         f"{name} = {values[len(values) // 2]:.4g}"
-        for k, (name, values) in enumerate(found.grid.items())
+        for k, (name, values) in enumerate(poses.grid.items())
         if k not in drawn
     ]
     return ", ".join(
         [
-            f"{found.name}: motors {'free in frequencies' if found.free_motors else 'locked'}",
-            "under gravity" if found.preload == "gravity" else "undeformed",
+            f"{poses.name}: motors {'free in frequencies' if poses.free_motors else 'locked'}",
+            "under gravity" if poses.preload == "gravity" else "undeformed",
             *rest,
-            *([f"platform rigid along {', '.join(found.rigid)}"] if found.rigid else []),
+            *([f"platform rigid along {', '.join(poses.rigid)}"] if poses.rigid else []),
         ]
     )
 
 
-def save_pose_map(found: PoseMap, path: str | Path) -> Path:
+def save_pose_map(poses: PoseMap, path: str | Path) -> Path:
     """Write the figure (.png, .pdf, .svg); returns the file."""
     path = check_figure(path)
     with replaced(path) as part:
-        plot_pose_map(found).savefig(part, dpi=DPI)
+        plot_pose_map(poses).savefig(part, dpi=DPI)
     return path
 
 
@@ -133,12 +133,12 @@ def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], label
 
 def _stiffness(compliance: Array) -> dict[str, Array]:
     """1/C_ii (others free) of the axes that give way at every pose that has numbers."""
-    found = {}
+    shown = {}
     for i, values in enumerate(np.moveaxis(free_stiffness(compliance), -1, 0)):
         known = np.isfinite(compliance[..., i, i])
         if known.any() and np.all((values[known] > 0) & (values[known] < np.inf)):
             size = float(np.max(values[known]))
             prefix, factor = next((p, f) for p, f in _PREFIXES if size > f or not p)
             unit = "N/m" if i < 3 else "N m/rad"
-            found[f"{free(i)} [{prefix}{unit}]"] = values / factor
-    return found
+            shown[f"{free(i)} [{prefix}{unit}]"] = values / factor
+    return shown

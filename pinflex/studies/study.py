@@ -249,7 +249,7 @@ def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) 
         )
     if frequencies and min(frequencies) < 0:
         notes.append("a negative frequency is an unstable direction: the static pose buckles.")
-    notes += _said(record.runs)
+    notes += _run_warnings(record.runs)
     for level, run in record.runs.items():
         if run.meta.get("errors"):
             notes += [f"{level}, error of {line}" for line in run.errors.lines()]
@@ -279,7 +279,7 @@ def _remark(mechanism: Mechanism, record: _Record, run: Result) -> str:
     return "; ".join(said)
 
 
-def _said(runs: Mapping[str, Result]) -> list[str]:
+def _run_warnings(runs: Mapping[str, Result]) -> list[str]:
     """Warnings of the runs, each once, with the levels that gave it and the last one's numbers."""
     who: dict[str, list[str]] = {}
     said: dict[str, str] = {}

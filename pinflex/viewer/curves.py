@@ -94,15 +94,15 @@ def plots(
         path: From `track`.
         keep: Instants kept, shape (n,).
     """
-    found = _torques(result, rigid, keep)
+    panels = _torques(result, rigid, keep)
     if path is not None and float(path["deviation"].max()) > 0.0:
         curve = _curve(path["name"], path["factor"] * path["deviation"][keep], 0)
         title = f"{path['name']} off rigid"
-        found.append({"title": title, "unit": path["unit"], "curves": [curve]})
+        panels.append({"title": title, "unit": path["unit"], "curves": [curve]})
     if stress:
         curves = [_curve(n, 1e-6 * s[keep], i) for i, (n, s) in enumerate(stress.items())]
-        found.append({"title": "peak von Mises", "unit": "MPa", "curves": curves})
-    return found
+        panels.append({"title": "peak von Mises", "unit": "MPa", "curves": curves})
+    return panels
 
 
 def _torques(result: Result, rigid: Result | None, keep: IntArray) -> list[dict[str, Any]]:
@@ -110,15 +110,15 @@ def _torques(result: Result, rigid: Result | None, keep: IntArray) -> list[dict[
     torque, still = result.arrays.get("torque"), result.arrays.get(RIGID_TORQUE)
     if rigid is not None and rigid.motors == result.motors and "torque" in rigid.arrays:
         still = _at(rigid, "torque", result.t)
-    found: dict[str, dict[str, Any]] = {}
+    panels: dict[str, dict[str, Any]] = {}
     for i, name in enumerate(result.motors if torque is not None else ()):
         unit = result.unit(f"torque/{name}") or "N m"
         title = "motor force" if unit == "N" else "motor torque"
-        plot = found.setdefault(unit, {"title": title, "unit": unit, "curves": []})
+        plot = panels.setdefault(unit, {"title": title, "unit": unit, "curves": []})
         for values, is_rigid in ((torque, False), (still, True)):
             if values is not None:
                 plot["curves"].append(_curve(name, values[keep, i], i, is_rigid))
-    return list(found.values())
+    return list(panels.values())
 
 
 def _curve(name: str, y: Array, colour: int, rigid: bool = False) -> dict[str, Any]:
