@@ -36,11 +36,11 @@ def sentences(
     run: Run, arrays: Mapping[str, Array], balance: float, found: Mapping[str, str]
 ) -> list[str]:
     """One for each that is not good, with what to do."""
-    said, linear = [], run.path is not None
+    texts, linear = [], run.path is not None
     if found.get("closure", GOOD) != GOOD:
         why, bent = "it is linear, and " if linear else "", 1e3 * _deflection(run, arrays)
         trust = "Trust coupled." if linear else "Take shorter steps."
-        said.append(
+        texts.append(
             f"leaves its loops open by up to {1e3 * _gap(arrays):.3g} mm ({found['closure']}): "
             f"{why}deflections of {bent:.3g} mm are not small here. {trust}"
         )
@@ -50,10 +50,10 @@ def sentences(
             if linear
             else "Use a smaller step (--set solve.dt=...), or less numerical damping."
         )
-        said.append(
+        texts.append(
             f"keeps the energy balance to {100 * balance:.2g} % only ({found['energy']}). {way}"
         )
-    return said
+    return texts
 
 
 def _word(value: float, limits: tuple[float, float]) -> str:

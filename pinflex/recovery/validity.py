@@ -171,45 +171,45 @@ def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
 
 def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:
     """One sentence for each link and limit that the run passes, with what to change."""
-    said = []
+    texts = []
     for name, m in found.items():
         part = mechanism.parts[name]
         segments, second = len(part.bodies), part.spec.second_order
         if not np.isfinite(m.deflection) or m.deflection > DEFLECTION or m.rotation > ROTATION:
-            said.append(
+            texts.append(
                 f"{name}: deflection is {_percent(m.deflection)} of the length and "
                 f"{m.rotation:.2g} rad in one of {segments} segment(s), beyond what one carries; "
                 f"raise flexible.{name}.segments."
             )
         if m.fastest > FASTEST:
-            said.append(
+            texts.append(
                 f"{name}: the fastest of its shapes carries {_percent(m.fastest)} of its elastic "
                 "kinetic energy, so that those left out matter too; raise the number of shapes "
                 f"in flexible.{name}.basis (internal, elements or modes)."
             )
         if not second and m.speed > SPEED:
             grows = "" if m.when is None else f" and it runs away from t = {m.when:.4g} s on"
-            said.append(
+            texts.append(
                 f"{name}: turns at {m.speed:.2g} of its first frequency without second order: its "
                 f"stiffness is wrong by {_percent(m.speed**2)}{grows}; set "
                 f"flexible.{name}.second_order: true."
             )
         if not second and m.compression > COMPRESSION:
-            said.append(
+            texts.append(
                 f"{name}: compressed by {_percent(m.compression)} of its Euler load without second "
                 f"order, which does not see buckling; set flexible.{name}.second_order: true."
             )
         elif m.compression > 1.0:
-            said.append(
+            texts.append(
                 f"{name}: compressed by {_percent(m.compression)} of its Euler load: it buckles "
                 f"unless its ends hold it; cut it (flexible.{name}.segments) or stiffen it."
             )
     if run.system.closed.n and run.settings.get("gamma") == 0.5:
-        said.append(
+        texts.append(
             "no numerical dissipation (rho_inf: 1, or newmark: [0.5, 0.25]): loop forces may "
             "zig-zag from step to step and grow; take rho_inf: 0.9 or less, or a larger gamma."
         )
-    return said
+    return texts
 
 
 def _percent(ratio: float) -> str:

@@ -54,9 +54,9 @@ def _level_table(c: Comparison) -> str:
     rows = []
     for x in c.levels:
         away = None if x.deviation is None else (1e3 if millimetres else 1e6) * x.deviation
-        said = "the reference" if x.level == best else verdict.miss(x, c)
+        text = "the reference" if x.level == best else verdict.miss(x, c)
         cells = [(x.torque_percent, 2), (away, 3), (x.stress and 1e-6 * x.stress, 3), (x.cpu, 2)]
-        rows.append([x.level, *(_brief(value, digits) for value, digits in cells), said])
+        rows.append([x.level, *(_brief(value, digits) for value, digits in cells), text])
     rows += [[level, "-", "-", "-", "-", "NOT SOLVED, see below"] for level in c.unsolved]
     order = [*_LEFT_OUT]
     rows.sort(key=lambda row: order.index(row[0]) if row[0] in order else len(order))
@@ -170,10 +170,10 @@ def _cost_table(c: Comparison) -> str:
 
 
 def _remarks(c: Comparison, most: int | None = None) -> str:
-    said = [f"{level} was not solved. {why}" for level, why in c.unsolved.items()] + [*c.notes]
-    if most is not None and len(said) > most:
-        said[most - 1 :] = [f"{len(said) - most + 1} more notes are in comparison.txt."]
-    lines = [paragraph(text, "  ", "- ") for text in said]
+    notes = [f"{level} was not solved. {why}" for level, why in c.unsolved.items()] + [*c.notes]
+    if most is not None and len(notes) > most:
+        notes[most - 1 :] = [f"{len(notes) - most + 1} more notes are in comparison.txt."]
+    lines = [paragraph(text, "  ", "- ") for text in notes]
     return "\n".join(["Notes", *lines]) if lines else ""
 
 

@@ -56,8 +56,8 @@ def summary(result: Result) -> str:
     time, how = time_error(result.meta.get("settings", {}), result.level)
     errors = result.known_errors or ErrorBars(time, {}, how, "not looked at (run.errors does)")
     for line in errors.lines():
-        what, _, said = line.partition(": ")
-        rows.append((what, f"error {said}"))
+        what, _, text = line.partition(": ")
+        rows.append((what, f"error {text}"))
     graded = {k: f", {word}" for k, word in result.meta.get("grades", {}).items()}
     rows.append(("worst closure", f"{result.worst_closure:.2e}{graded.get('closure', '')}"))
     known = "not computed" if balance is None else f"{balance:.2e}{graded.get('energy', '')}"

@@ -134,8 +134,8 @@ def words(c: Comparison) -> str:
     if not c.levels or c.levels[-1].level == "rigid":
         return ""
     best = c.levels[-1].level
-    said = [_falls(c), _shakes(c, best), _torques(c, best), _stress(c, best), _suffices(c)]
-    return " ".join(filter(None, said))
+    sentences = [_falls(c), _shakes(c, best), _torques(c, best), _stress(c, best), _suffices(c)]
+    return " ".join(filter(None, sentences))
 
 
 def _falls(c: Comparison) -> str:

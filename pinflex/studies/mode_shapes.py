@@ -76,7 +76,7 @@ def _run(
     arrays = recover(mechanism, run, Nominal(t, q, empty, empty))
     meta = describe(mechanism, run, "coupled", {}, "")
     meta |= {"warnings": [], "limits": [], "monitors": {}, "energy_balance": None}
-    kept = {
+    drawn = {
         key: value
         for key, value in arrays.items()
         if key.startswith(("joint/q", "frame/", "body/", "link/"))
@@ -84,8 +84,8 @@ def _run(
         and "/stress/" not in key
     }
     # the pose at t = 0 is the one linearised about: the drawing's "undeformed"
-    for key in list(kept):
+    for key in list(drawn):
         moving = key.replace("centreline_rigid", "centreline").replace("pose_rigid", "pose")
         if moving != key:
-            kept[key] = np.broadcast_to(kept[moving][:1], kept[moving].shape)
-    return Result(t, kept, meta)
+            drawn[key] = np.broadcast_to(drawn[moving][:1], drawn[moving].shape)
+    return Result(t, drawn, meta)

@@ -79,8 +79,8 @@ def study(
         progress: Makes the progress callback of a level.
         keep: Called with (level, result, whether it is complete) as soon as a level has ended.
         band: Deviation of the platform that does no harm [m]: it has settled when it stays within.
-        tell: Called with what is done next, where that is no level.
-        errors: Error bars also of a scene for which they are dear.
+        tell: Called with the name of each stage that is no level.
+        errors: Error bars also of a scene for which they are expensive.
 
     Returns:
         The study.
@@ -96,9 +96,9 @@ def study(
     record = _Record()
 
     def beside(run: Result) -> Result:  # so that its file alone gives the same page
-        rigid, said = record.runs.get("rigid"), _remark(mechanism, record, run)
+        rigid, remark = record.runs.get("rigid"), _remark(mechanism, record, run)
         run = run if rigid is None else with_rigid_torque(run, rigid)
-        return replace(run, meta={**run.meta, "remark": said}) if said else run
+        return replace(run, meta={**run.meta, "remark": remark}) if remark else run
 
     ordered = _ordered(levels)
     for level in ordered:

@@ -98,9 +98,9 @@ def _remark(result: Result) -> str:
     """Caution for a viewer of the picture, in one line; "" for none."""
     if result.meta.get("status", "complete") != "complete":
         return f"{result.meta['status']} at {result.t[-1]:.4g} s"
-    said = [*filter(None, [result.meta.get("remark")]), *result.meta.get("warnings", ())]
-    more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
-    return f"{said[0]}{more}" if said else ""
+    remarks = [*filter(None, [result.meta.get("remark")]), *result.meta.get("warnings", ())]
+    more = f" (and {len(remarks) - 1} more)" if len(remarks) > 1 else ""
+    return f"{remarks[0]}{more}" if remarks else ""
 
 
 def _strength(result: Result, link: str) -> float | None:
