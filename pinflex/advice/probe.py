@@ -233,8 +233,7 @@ class Probe:
         for k in range(self.steps):
             y, v = Y[k], self.v0[k] + found.v[k]
             a = self.a0[k] + found.a[k]
-            dynamics.loads.time = float(self.t[k])
-            left[k] = dynamics.residual(y, v, a, base[k] + found.lam[k])
+            left[k] = dynamics.residual(y, v, a, base[k] + found.lam[k], float(self.t[k]))
             if dynamics.looped:
                 i, w = self.weights(k)
                 J, c = dynamics.jacobian(), dynamics.closed.c.copy()

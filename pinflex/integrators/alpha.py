@@ -63,6 +63,7 @@ class March:
         self.dynamics, self.path, self.scheme, self.drive = dynamics, path, scheme, drive
         self.axes, self.motors = motor_axes(mechanism), dynamics.system.motors
         self.feedback = None if feedback is None else FeedbackState(feedback, dynamics, h)
+        self.control_force: Array | None = None  # at the state evaluated last, shape (nv,)
         self.newton = Newton(dynamics, scheme, h, drive, self.feedback)
         self.tolerance, self.reference, self.peak = tolerance, 0.0, 0.0
         self.iterations = 0
@@ -91,7 +92,7 @@ class March:
     def control(self, k: int, y: Array, v: Array) -> None:
         """Let the feedback act at a state of step k."""
         if self.feedback is not None:
-            self.dynamics.push = self.feedback.force(float(self.path.t[k]), y, v)
+            self.control_force = self.feedback.force(float(self.path.t[k]), y, v)
 
     def step(self, before: Step, guess: tuple[Array, Array], k: int) -> Step:
         """The state at step k.
@@ -121,7 +122,7 @@ class March:
     def _attempt(self, before: Step, guess: tuple[Array, Array], k: int, exact: bool) -> Step:
         motors, newton, dynamics, path = self.motors, self.newton, self.dynamics, self.path
         prescribed = self.drive is None
-        dynamics.loads.time = float(path.t[k])
+        t = float(path.t[k])
         a, lam = guess
         if prescribed:
             a[motors] = path.acceleration[k]
@@ -137,11 +138,11 @@ class March:
             self.axes.write(now.y, path.position[k])
             v[motors] = path.velocity[k]
         if self.slow or exact:
-            newton.refresh(now, exact)
+            newton.refresh(now, t, exact)
         fresh, change, gains, to_y = self.slow, self._change, self._gains, self._to_y
         for iteration in range(MAX_ITERATIONS):
             self.control(k, now.y, now.v)
-            r = dynamics.residual(now.y, now.v, now.a, now.lam)
+            r = dynamics.residual(now.y, now.v, now.a, now.lam, t, self.control_force)
             if self.drive is not None:
                 now.torque = self.drive.torque(k, path, self.axes, now.y, now.v)
                 r[motors] -= now.torque
@@ -177,10 +178,10 @@ class March:
                 self._follow(newton.size(now.a))
                 return now
             if iteration >= 2 and newton.rate > 0.3 and (not fresh or iteration > 4):
-                newton.refresh(now, exact)
+                newton.refresh(now, t, exact)
                 fresh = True
             elif exact:
-                newton.refresh(now, exact)
+                newton.refresh(now, t, exact)
         raise NoConvergence(r[newton.free])
 
     def _follow(self, size: float) -> None:
@@ -206,7 +207,10 @@ class March:
         held = self.motors if self.drive is None else self.motors[:0]
         tau = None if self.drive is None else after.torque
         a_held = self.path.acceleration[k + 1][: len(held)]
-        _, lam = consistent_acceleration(dynamics, after.y, after.v, held, a_held, tau)
+        _, lam = consistent_acceleration(
+            dynamics, after.y, after.v, held, a_held, tau, float(self.path.t[k + 1]),
+            self.control_force,
+        )  # fmt: skip
         free, scheme = newton.free, self.scheme
         M = dynamics.mass(first.y)[np.ix_(free, free)]
         J = dynamics.close(first.y)[1][:, free]
@@ -222,15 +226,16 @@ class March:
         """
         dynamics, path, drive, scheme = self.dynamics, self.path, self.drive, self.scheme
         motors, motor_a = self.motors, path.acceleration
-        dynamics.loads.time = float(path.t[k])
+        t = float(path.t[k])
 
         def accelerate(y: Array, v: Array, part: float) -> tuple[Array, Array]:
             self.control(k, y, v)
-            if drive is None:
-                a_motor = motor_a[k] * (1 - part) + motor_a[k + 1] * part
-                return consistent_acceleration(dynamics, y, v, motors, a_motor, None)
-            tau = drive.torque(k, path, self.axes, y, v)
-            return consistent_acceleration(dynamics, y, v, motors[:0], np.zeros(0), tau)
+            held, a_held = motors, motor_a[k] * (1 - part) + motor_a[k + 1] * part
+            tau: Array | None = None
+            if drive is not None:
+                held, a_held = motors[:0], np.zeros(0)
+                tau = drive.torque(k, path, self.axes, y, v)
+            return consistent_acceleration(dynamics, y, v, held, a_held, tau, t, self.control_force)
 
         a, lam = accelerate(y, v, 0.0)
         part = 0.01
@@ -239,17 +244,17 @@ class March:
         a_ahead, _ = accelerate(ahead, v + dt * a, part)
         s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
         self.control(k, y, v)
-        r = dynamics.residual(y, v, a, lam)
+        r = dynamics.residual(y, v, a, lam, t, self.control_force)
         torque = r[motors] if drive is None else drive.torque(k, path, self.axes, y, v)
         return Step(y.copy(), v.copy(), a, s, lam, torque)
 
-    def set_scale(self, now: Step) -> None:
-        """Acceleration scale of a run before it has moved: what its static forces could do."""
-        dynamics, newton = self.dynamics, self.newton
-        newton.refresh(now)
+    def set_scale(self, now: Step, k: int) -> None:
+        """Acceleration scale of a run at step k, before it moves: what static forces could do."""
+        dynamics, newton, t = self.dynamics, self.newton, float(self.path.t[k])
+        newton.refresh(now, t)
         still, straight = np.zeros(dynamics.system.nv), now.y.copy()
         straight[dynamics.nq_rigid :] = 0.0
         none = np.zeros(dynamics.system.closed.n)
-        force = dynamics.residual(straight, still, still, none)[newton.free]
+        force = dynamics.residual(straight, still, still, none, t, self.control_force)[newton.free]
         static = float(np.sqrt(force @ (force / np.maximum(newton.weight, 1e-300))))
         self.reference = max(static, newton.size(now.a), 1e-12)

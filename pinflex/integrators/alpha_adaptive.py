@@ -122,7 +122,7 @@ class AlphaSteps:
         now = self.march.first(y, v, 0)
         if not len(self._origin):
             self._origin = y
-            self.march.set_scale(now)
+            self.march.set_scale(now, 0)
             d, rows = self.dynamics, self.measured
             self._weight = d.stiffness if self.by_energy else d.mass(y)[rows][:, rows]
             # Positions are known to 1e-15 m or rad: no error is looked for below that.
@@ -182,7 +182,7 @@ class AlphaSteps:
         s = start.a + ratio * (start.s - start.a)
         v = start.v.copy()
         if newton.rows:
-            newton.refresh(start)
+            newton.refresh(start, start.t)
             march.slow = False
             # The iteration matrix at a scaled c moves v by J dv = -c / (beta h^2).
             c = (1.0 - ratio * ratio) * self.scheme.beta * h * h * (self.dynamics.jacobian() @ v)

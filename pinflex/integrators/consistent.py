@@ -9,7 +9,14 @@ from pinflex.mechanics.dynamics import Dynamics
 
 
 def consistent_acceleration(
-    dynamics: Dynamics, y: Array, v: Array, held: IntArray, a_held: Array, tau: Array | None
+    dynamics: Dynamics,
+    y: Array,
+    v: Array,
+    held: IntArray,
+    a_held: Array,
+    tau: Array | None,
+    t: float,
+    control_force: Array | None = None,
 ) -> tuple[Array, Array]:
     """Accelerations and multipliers that satisfy the equations at (y, v).
 
@@ -17,6 +24,7 @@ def consistent_acceleration(
         dynamics: Workspace. y: Shape (nq,). v: Shape (nv,).
         held: Velocity rows with prescribed acceleration a_held.
         tau: Motor torques when no row is held.
+        t: Time in s. control_force: Of a feedback, shape (nv,); None: none.
     Returns:
         a (nv,), lam (rows,), from the saddle system of M and J (least squares where coordinates
         have no mass).
@@ -26,7 +34,7 @@ def consistent_acceleration(
     free = np.setdiff1d(np.setdiff1d(np.arange(nv), held), system.held)
     a = np.zeros(nv)
     a[held] = a_held
-    r = dynamics.residual(y, v, a, np.zeros(rows))
+    r = dynamics.residual(y, v, a, np.zeros(rows), t, control_force)
     if tau is not None:
         r[system.motors] -= tau
     M = dynamics.mass(y)

@@ -78,14 +78,15 @@ def integrate(
     def keep(k: int, now: Step) -> None:
         Y[k], V[k], A[k], S[k], L[k], T[k] = now.y, now.v, now.a, now.s, now.lam, now.torque
         power[k] = now.torque @ now.v[system.motors], dynamics.losses(now.v)
-        if acting is not None and signals is not None and dynamics.push is not None:
+        if acting is not None and signals is not None:
             march.control(k, now.y, now.v)
+            assert march.control_force is not None
             acting.keep()
             signals.u[k], signals.measured[k] = acting.u, acting.m
-            power[k, 0] += float(dynamics.push @ now.v)
+            power[k, 0] += float(march.control_force @ now.v)
 
     keep(begin, now)
-    march.set_scale(now)
+    march.set_scale(now, begin)
     k, last, fresh = begin, now, kinks(path) | (set() if resume[1] else {begin})
     try:
         for k in range(begin + 1, steps + 1):

@@ -51,11 +51,12 @@ class Newton:
         self.rate, self._previous, self._second, self._usual = 1.0, 0.0, 0.0, np.inf
         self.stuck = False
 
-    def refresh(self, step: Step, exact: bool = False) -> None:
-        """New tangent at a state; raises numpy's LinAlgError when it is singular."""
+    def refresh(self, step: Step, t: float, exact: bool = False) -> None:
+        """New tangent at a state at time t (s); raises numpy's LinAlgError when it is singular."""
         scheme, h, n = self.scheme, self.h, self.n
         weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
-        full = self.dynamics.iteration_matrix(step.y, step.v, step.a, step.lam, weights, exact)
+        state = step.y, step.v, step.a, step.lam
+        full = self.dynamics.iteration_matrix(*state, t, weights, exact)
         if self.drive is not None:
             push = weights[2] * self.drive.kp + weights[1] * self.drive.kd
             full[self.motors, self.motors] += push

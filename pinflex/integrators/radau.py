@@ -112,12 +112,11 @@ class Stages:
     def first(self, t: float, y: Array, v: Array) -> Start:
         """Consistent accelerations, multipliers and torques at (y, v)."""
         d, path = self.dynamics, self.path(np.array([t]))
-        d.loads.time = t
         if self.drive is None:
-            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None)
-            return Start(t, y, v, a, lam, d.residual(y, v, a, lam)[self.motors])
+            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t)
+            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t)[self.motors])
         torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
-        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque)
+        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t)
         return Start(t, y, v, a, lam, torque)
 
     def step(self, start: Start, h: float, last: Step | None) -> Step:
@@ -148,7 +147,7 @@ class Stages:
             y_s = self.places(y, move, path)
             if newton.stale:
                 k = m.s // 2
-                newton.refresh(y_s[k], v_s[k], a[k], lam[k])
+                newton.refresh(y_s[k], v_s[k], a[k], lam[k], float(t[k]))
                 fresh = iteration
             if newton.h != h:
                 newton.factor(h)

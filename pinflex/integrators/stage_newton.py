@@ -32,9 +32,9 @@ class StageNewton:
         self.stale = True
         self.tangents = self.factors = 0
 
-    def refresh(self, y: Array, v: Array, a: Array, lam: Array) -> None:
-        """Tangent at a state."""
-        parts = self._dynamics.tangent(y, v, a, lam)
+    def refresh(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> None:
+        """Tangent at a state at time t (s)."""
+        parts = self._dynamics.tangent(y, v, a, lam, t)
         if self._drive is not None:
             for part, gain in zip(parts[1:], (self._drive.kd, self._drive.kp), strict=True):
                 part[self.motors, self.motors] += gain

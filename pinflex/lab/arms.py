@@ -82,7 +82,7 @@ def conserved(m: Mechanism, run: Run, omega: float, every: int) -> Array:
     """T + V - omega H, J, shape (nt,)."""
     d, rows = Dynamics(run.system), []
     for y, v in zip(run.y[::every], run.v[::every], strict=True):
-        energy = sum(d.energies(y, v))
+        energy = sum(d.energies(y, v, 0.0))
         d.place(y)
         V, _ = d.expand_motion(v, np.zeros_like(v))
         h = pin.computeCentroidalMomentum(d.model, d.data, d.Q, V)

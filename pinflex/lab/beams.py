@@ -122,8 +122,8 @@ def turning(eta: float, plane: str) -> Array:
     d, free = Dynamics(system), system.free
     v, still = np.zeros(system.nv), np.zeros(system.nv)
     v[system.motors] = eta
-    rest = balance(d, m.undeformed(), v, still, free)
-    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam))
+    rest = balance(d, m.undeformed(), v, still, free, 0.0)
+    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam, 0.0))
     n = len(free)
     right = np.hstack([-np.linalg.solve(M, K), -np.linalg.solve(M, C)])
     roots = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), right]))
@@ -189,7 +189,7 @@ def _steady_stretch() -> float:
     system = m.flexible
     v, still = np.zeros(system.nv), np.zeros(system.nv)
     v[system.motors] = 6.0
-    rest = balance(Dynamics(system), m.undeformed(), v, still, system.free)
+    rest = balance(Dynamics(system), m.undeformed(), v, still, system.free, 0.0)
     (slot,) = system.expansion.slots
     eta = rest.y[int(system.rigid.nq) :]
     return float(slot.body.rows(slot.body.length)[0][0] @ eta[slot.eta])

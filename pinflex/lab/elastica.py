@@ -229,7 +229,7 @@ def buckling() -> Outcome:
         m = frame(load, segments)
         at = rest(m)  # beyond the load sought it is unstable, and that is no surprise
         d, still = Dynamics(m.flexible), np.zeros(m.flexible.nv)
-        K = d.tangent(at.y, still, still, at.lam)[2]
+        K = d.tangent(at.y, still, still, at.lam, 0.0)[2]
         stiff = np.linalg.inv(np.linalg.cholesky(m.flexible.K))
         # In units of the unloaded stiffness, so that every direction counts alike.
         return float(np.linalg.eigvalsh(stiff @ (0.5 * (K + K.T)) @ stiff.T)[0])

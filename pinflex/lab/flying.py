@@ -49,7 +49,7 @@ def invariants(mechanism: Mechanism, run: Run, every: int) -> Array:
     d = Dynamics(run.system)
     rows = []
     for y, v in zip(run.y[::every], run.v[::every], strict=True):
-        energy = sum(d.energies(y, v)[:3])
+        energy = sum(d.energies(y, v, 0.0)[:3])
         d.place(y)
         V, _ = d.expand_motion(v, np.zeros_like(v))
         h = pin.computeCentroidalMomentum(d.model, d.data, d.Q, V)

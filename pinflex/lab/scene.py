@@ -116,7 +116,10 @@ def energy(mechanism: Mechanism, run: Run, every: int = 1) -> Array:
     """Kinetic and potential energy of a run, J, shape (nt,)."""
     dynamics = Dynamics(run.system)
     return np.array(
-        [sum(dynamics.energies(y, v)) for y, v in zip(run.y[::every], run.v[::every], strict=True)]
+        [
+            sum(dynamics.energies(y, v, 0.0))
+            for y, v in zip(run.y[::every], run.v[::every], strict=True)
+        ]
     )
 
 

@@ -122,8 +122,8 @@ def _diverging(line: Line, run: Run) -> tuple[str, ...]:
     for k in np.linspace(0, len(run.t) - 1, min(_LOOKS, len(run.t))).astype(int):
         rest = np.zeros(run.system.n_eta)  # as level quasistatic looks: without the vibration
         v, a = np.concatenate([path.v[k], rest]), np.concatenate([path.a[k], rest])
-        dynamics.loads.time = float(run.t[k])
-        if giving_way(dynamics, run.y[k], v, a, run.lam[k], run.system.free):
+        t = float(run.t[k])
+        if giving_way(dynamics, run.y[k], v, a, run.lam[k], t, run.system.free):
             return (
                 f"t = {run.t[k]:.4g} s: the stiffness of the deflected links is negative in some "
                 "direction (static divergence: they buckle), of which the linear deviation knows "

@@ -79,10 +79,10 @@ class Line:
         """The system in all coordinates."""
         dynamics, system = self.dynamics, self.dynamics.system
         y, v, a = self.flat(k), self.v[k], self.a[k]
-        dynamics.loads.time = float(self.path.t[k])
-        base = _rigid_multipliers(dynamics, self._stiff, y, v, a)
-        r = dynamics.residual(y, v, a, base)
-        M, C, K = dynamics.tangent(y, v, a, base)
+        t = float(self.path.t[k])
+        base = _rigid_multipliers(dynamics, self._stiff, y, v, a, t)
+        r = dynamics.residual(y, v, a, base, t)
+        M, C, K = dynamics.tangent(y, v, a, base, t)
         alpha, beta = self._damping
         J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
         if self._structural or alpha or beta:
@@ -265,7 +265,7 @@ class _Between:
 
 
 def _rigid_multipliers(
-    dynamics: Dynamics, passive: IntArray, y: Array, v: Array, a: Array
+    dynamics: Dynamics, passive: IntArray, y: Array, v: Array, a: Array, t: float
 ) -> Array:
     """Closure forces of the rigid motion in the rows of the flexible mechanism.
 
@@ -275,6 +275,6 @@ def _rigid_multipliers(
     system = dynamics.system
     if not system.closed.n:
         return np.zeros(0)
-    r = dynamics.residual(y, v, a, np.zeros(system.closed.n))
+    r = dynamics.residual(y, v, a, np.zeros(system.closed.n), t)
     J = dynamics.jacobian()[:, passive]
     return np.asarray(np.linalg.lstsq(J.T, r[passive], rcond=1e-10)[0], dtype=float)

@@ -102,7 +102,7 @@ def linearised(
         y = mechanism.undeformed(q)
         return y, structural_stiffness(dynamics, y)
     found, still = rest(mechanism, q), np.zeros(dynamics.system.nv)
-    return found.y, dynamics.tangent(found.y, still, still, found.lam)[2]
+    return found.y, dynamics.tangent(found.y, still, still, found.lam, 0.0)[2]
 
 
 def allowed_motions(dynamics: Dynamics, y: Array, free: IntArray) -> Array:

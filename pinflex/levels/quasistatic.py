@@ -53,27 +53,35 @@ def balance(
     v: Array,
     a: Array,
     free: IntArray,
+    t: float,
     lam: Array | None = None,
     where: str = "static equilibrium",
     patience: float = np.inf,
 ) -> Equilibrium:
-    """Newton with step halving on r(y; v, a, lam) = 0 in the free rows and c(y) = 0.
+    """Newton with step halving on r(y; v, a, lam, t) = 0 in the free rows and c(y) = 0.
 
     Where full Newton fails, the load is put on in parts, in so many iterations (`patience`) in all.
 
+    Args:
+        dynamics: Workspace. y: First guess, shape (nq,). v, a: Shape (nv,), kept.
+        free: Velocity rows that balance. t: Time in s, at which the loads are taken.
+        lam: First guess of the multipliers, shape (rows,). where: Start of an error's sentence.
+        patience: Iterations at most.
+    Returns:
+        The equilibrium.
     Raises:
         ConvergenceError: No equilibrium found (a structure that buckles or a mechanism that falls).
     """
     lam = np.zeros(dynamics.system.closed.n) if lam is None else lam
-    found = _newton(dynamics, y, v, a, free, lam, None, 0.0)
+    found = _newton(dynamics, y, v, a, free, t, lam, None, 0.0)
     if found is not None:
         return found
-    start = dynamics.residual(y, v, a, np.zeros_like(lam))[free]
+    start = dynamics.residual(y, v, a, np.zeros_like(lam), t)[free]
     state, done, part = Equilibrium(y, np.zeros_like(lam), start, 0), 0.0, 0.25
     spent = _ITERATIONS
     while done < 1.0 and part > 1e-3 and spent < patience:
         goal = min(1.0, done + part)
-        stage = _newton(dynamics, state.y, v, a, free, state.lam, start, 1.0 - goal)
+        stage = _newton(dynamics, state.y, v, a, free, t, state.lam, start, 1.0 - goal)
         spent += _ITERATIONS if stage is None else stage.iterations
         if stage is None:
             part *= 0.5
@@ -94,6 +102,7 @@ def _newton(
     v: Array,
     a: Array,
     free: IntArray,
+    t: float,
     lam: Array,
     offset: Array | None,
     weight: float,
@@ -103,7 +112,7 @@ def _newton(
     S = np.zeros((n + rows, n + rows))
 
     def error(y: Array, lam: Array) -> Array:
-        r = dynamics.residual(y, v, a, lam)[free]
+        r = dynamics.residual(y, v, a, lam, t)[free]
         if offset is not None:
             r = r - weight * offset
         return np.concatenate([r, dynamics.closed.c])
@@ -111,11 +120,11 @@ def _newton(
     e = error(y, lam)
     previous = np.inf
     for iteration in range(1, _ITERATIONS):
-        K = dynamics.iteration_matrix(y, v, a, lam, STIFFNESS)
+        K = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
         J = dynamics.jacobian()[:, free] if rows else np.zeros((0, n))
         S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J.T, J
         if n + rows == 0:
-            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam), 0)
+            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t), 0)
         try:
             step = np.linalg.solve(S, -e)
         except np.linalg.LinAlgError:
@@ -132,7 +141,7 @@ def _newton(
         if not np.all(np.isfinite(e)):
             return None
         if turn < BALANCED or (turn < 1e-8 and turn >= 0.5 * previous):
-            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam), iteration)
+            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t), iteration)
         previous = turn
     return None
 
@@ -171,13 +180,17 @@ def rest(mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
     free = np.arange(system.nv) if free_motors else system.free
     still = np.zeros(system.nv)
     where = f"{mechanism.name}: static equilibrium"
-    found = balance(dynamics, mechanism.undeformed(q), still, still, free, None, where)
-    return replace(found, unstable=giving_way(dynamics, found.y, still, still, found.lam, free))
+    found = balance(dynamics, mechanism.undeformed(q), still, still, free, 0.0, None, where)
+    return replace(
+        found, unstable=giving_way(dynamics, found.y, still, still, found.lam, 0.0, free)
+    )
 
 
-def giving_way(dynamics: Dynamics, y: Array, v: Array, a: Array, lam: Array, free: IntArray) -> int:
+def giving_way(
+    dynamics: Dynamics, y: Array, v: Array, a: Array, lam: Array, t: float, free: IntArray
+) -> int:
     """Number of directions that the closures allow in which the tangent stiffness is negative."""
-    K = dynamics.iteration_matrix(y, v, a, lam, STIFFNESS)[np.ix_(free, free)]
+    K = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)[np.ix_(free, free)]
     return negative(K, dynamics.jacobian()[:, free] if dynamics.looped else K[:0])
 
 
@@ -202,7 +215,7 @@ def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness."""
     dynamics, system = Dynamics(mechanism.flexible), mechanism.flexible
     y0, still, free = mechanism.undeformed(q), np.zeros(system.nv), system.free
-    r0 = dynamics.residual(y0, still, still, np.zeros(system.closed.n))
+    r0 = dynamics.residual(y0, still, still, np.zeros(system.closed.n), 0.0)
     J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
     K = structural_stiffness(dynamics, y0)
     n, rows = len(free), len(J)
@@ -241,10 +254,10 @@ def solve_quasistatic(
     looks, said = set(np.linspace(0, nt - 1, LOOKS).astype(int).tolist()), list[str]()
     for k in range(nt):
         flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
-        dynamics.loads.time = float(path.t[k])
+        now = float(path.t[k])
         try:
             found = balance(
-                dynamics, dynamics.integrate(flat, offset), v[k], a[k], free, force,
+                dynamics, dynamics.integrate(flat, offset), v[k], a[k], free, now, force,
                 f"{mechanism.name}: t = {t[k]:.6g} s",
             )  # fmt: skip
         except ConvergenceError as error:
@@ -258,7 +271,7 @@ def solve_quasistatic(
         offset, force = dynamics.difference(flat, found.y), found.lam
         offset[system.motors] = 0.0
         newton += found.iterations
-        if k in looks and not said and giving_way(dynamics, y[k], v[k], a[k], lam[k], free):
+        if k in looks and not said and giving_way(dynamics, y[k], v[k], a[k], lam[k], now, free):
             said.append(give_way(f"t = {t[k]:.6g} s: equilibrium"))
         if progress is not None and k % 16 == 0:
             progress(k, nt)

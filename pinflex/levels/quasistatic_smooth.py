@@ -159,8 +159,7 @@ class Equilibria:
         if not self._doubtful:
             return run
         for k in np.linspace(0, len(run.t) - 1, LOOKS).astype(int):
-            self.dynamics.loads.time = float(run.t[k])
-            state = run.y[k], run.v[k], run.a[k], run.lam[k]
+            state = run.y[k], run.v[k], run.a[k], run.lam[k], float(run.t[k])
             if giving_way(self.dynamics, *state, run.system.free):
                 said = give_way(f"t = {run.t[k]:.6g} s: equilibrium")
                 return replace(run, warnings=(said,))
@@ -233,8 +232,7 @@ class Equilibria:
     def _tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> int:
         """Factors of the tangent at a state; their number."""
         d, free = self.dynamics, self._system.free
-        d.loads.time = t
-        K = d.iteration_matrix(y, v, a, lam, STIFFNESS)[np.ix_(free, free)]
+        K = d.iteration_matrix(y, v, a, lam, t, STIFFNESS)[np.ix_(free, free)]
         J = d.jacobian()[:, free] if d.looped else np.zeros((0, len(free)))
         self._doubtful |= negative(K, J) > 0
         S = np.block([[K, -J.T], [J, np.zeros((len(J), len(J)))]])

@@ -41,7 +41,7 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
     if np.any(system.D) or len(system.springs.v_at):
         none = np.zeros(0)
         for k in range(len(q)):
-            tau[k] = dynamics.residual(q[k], v[k], a[k], none)
+            tau[k] = dynamics.residual(q[k], v[k], a[k], none, 0.0)
         return tau
     model, data, rnea = dynamics.model, dynamics.data, pin.rnea
     for k in range(len(q)):

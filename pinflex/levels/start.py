@@ -90,17 +90,17 @@ def start_of(
     system, auto = dynamics.system, start == "auto"
     free = mechanism.flexible.free if system is mechanism.loose else system.free
     at = _lasting(dynamics) if auto else dynamics
-    a = np.zeros(system.nv)
+    a, t = np.zeros(system.nv), float(path.t[0])
     if np.any(v) and mechanism.report.mobility == len(system.motors):
         a[: dynamics.n_rigid] = nominal(mechanism, motion, path.t[:1]).a[0]
     where = f"{mechanism.name}: start: {'auto' if auto else 'static'}"
     try:
-        found = balance(at, y, v, a, free, None, where, _PATIENCE if auto else np.inf)
+        found = balance(at, y, v, a, free, t, None, where, _PATIENCE if auto else np.inf)
     except ConvergenceError as error:
         if auto:
             return Start(y, v, "straight", _shaken("there is no static equilibrium near it"))
         raise _no_equilibrium(str(error), error) from None
-    if not giving_way(at, found.y, v, a, found.lam, free):
+    if not giving_way(at, found.y, v, a, found.lam, t, free):
         return Start(found.y, v, "static")
     if auto:
         return Start(y, v, "straight", _shaken("its static equilibrium is unstable"))

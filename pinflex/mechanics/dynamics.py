@@ -40,7 +40,6 @@ class Dynamics:
         self.loaded = system.loads.present
         self.loads = LoadState(system.loads, self.model, self.data)
         self.slides = self.flexible and len(system.closed.contacts) > 0
-        self.push: Array | None = None
         nV = int(self.model.nv)
         self.Q = pin.neutral(self.model)
         self._maps = [CoordinateMap(block) for block in expansion.blocks]
@@ -158,13 +157,23 @@ class Dynamics:
 
     # Forces --------------------------------------------------------------------------------
 
-    def residual(self, y: Array, v: Array, a: Array, lam: Array) -> Array:
+    def residual(
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        t: float,
+        control_force: Array | None = None,
+    ) -> Array:
         """Forces that the motion (y, v, a) with multipliers lam leaves to the motors.
 
         r = X' (rnea - J_Q' lam) + K y + D v. Afterwards c and J are current.
 
         Args:
             y: [q; eta], shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m.
+            t: Time in s, at which the loads are taken.
+            control_force: Generalised forces of a feedback, shape (nv,), N | N m; None: none.
         Returns:
             Generalised forces, shape (nv,): zero in the rows of everything that is not driven.
         """
@@ -177,11 +186,13 @@ class Dynamics:
             self.closed.evaluate()
             g = g - self.closed.J.T @ lam
         if self.loaded:
-            g = g - self.loads.generalized(V)
+            g = g - self.loads.generalized(V, t)
         self.g = g
-        return self._add_elastic(self.project(g), y, v, lam)
+        return self._add_elastic(self.project(g), y, v, lam, control_force)
 
-    def _add_elastic(self, r: Array, y: Array, v: Array, lam: Array) -> Array:
+    def _add_elastic(
+        self, r: Array, y: Array, v: Array, lam: Array, control_force: Array | None
+    ) -> Array:
         if self.flexible:
             r[self.n_rigid :] += self.elastic_forces(y[self.nq_rigid :])
         if self.damped:
@@ -191,8 +202,8 @@ class Dynamics:
             r[s.v_at] += s.stiffness * (self.spring_angles(y) - s.rest)
         if self.slides:
             r[self.n_rigid :] -= self.closed.J_eta.T @ lam
-        if self.push is not None:
-            r -= self.push
+        if control_force is not None:
+            r -= control_force
         return r
 
     def elastic_forces(self, eta: Array) -> Array:
@@ -250,10 +261,12 @@ class Dynamics:
         self.place(y)
         return self._both_sides(pin.crba(self.model, self.data, self.Q))
 
-    def tangent(self, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array, Array]:
-        """M, C, K: exact derivatives of the residual by a, v and y, each (nv, nv)."""
-        found = self._derivatives(y, v, a, lam, True)
-        M, C, K = (self._weighted(found, a, weights, True) for weights in np.eye(3))
+    def tangent(
+        self, y: Array, v: Array, a: Array, lam: Array, t: float
+    ) -> tuple[Array, Array, Array]:
+        """M, C, K: exact derivatives of the residual at t (s) by a, v and y, each (nv, nv)."""
+        found = self._derivatives(y, v, a, lam, t, True)
+        M, C, K = (self._weighted(found, a, t, weights, True) for weights in np.eye(3))
         return M, C, K
 
     def iteration_matrix(
@@ -262,6 +275,7 @@ class Dynamics:
         v: Array,
         a: Array,
         lam: Array,
+        t: float,
         weights: Sequence[float],
         rates: bool = False,
     ) -> Array:
@@ -271,15 +285,15 @@ class Dynamics:
         the step times the elastic rates, and Newton does not miss them in a smooth motion.
 
         Args:
-            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,).
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,). t: Time in s.
             weights: Of M, C and K.
             rates: Exact, also where links accelerate wildly.
         """
-        found = self._derivatives(y, v, a, lam, weights[2] != 0.0)
-        return self._weighted(found, a, weights, rates)
+        found = self._derivatives(y, v, a, lam, t, weights[2] != 0.0)
+        return self._weighted(found, a, t, weights, rates)
 
     def _derivatives(
-        self, y: Array, v: Array, a: Array, lam: Array, loads: bool
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, follow_closures: bool
     ) -> tuple[Array, Array, Array, Array | None]:
         """Pinocchio's dQ, dV, M on the expanded model, and what closure forces add to K."""
         self.place(y)
@@ -289,9 +303,9 @@ class Dynamics:
             pin.computeJointJacobians(self.model, self.data, self.Q)
         if self.looped:
             self.closed.evaluate()
-            if loads:
+            if follow_closures:
                 follow = self.closed.force_tangent(lam, self.times_map)
-        self._load(lam, V)
+        self._load(lam, V, t)
         dQ, dV, M = pin.computeRNEADerivatives(self.model, self.data, self.Q, V, A, self._loads)
         return dQ, dV, M, follow
 
@@ -299,6 +313,7 @@ class Dynamics:
         self,
         found: tuple[Array, Array, Array, Array | None],
         a: Array,
+        t: float,
         weights: Sequence[float] | Array,
         rates: bool,
     ) -> Array:
@@ -317,7 +332,7 @@ class Dynamics:
         if follow is not None and w_y:
             S -= w_y * follow
         if self.loaded and (w_v or w_y):
-            S += self.loads.tangent(self.times_map, w_v, w_y)
+            S += self.loads.tangent(self.times_map, t, w_v, w_y)
         S += w_v * self.system.D + w_y * self.system.K
         s = self.system.springs
         S[s.v_at, s.v_at] += w_y * s.stiffness
@@ -379,7 +394,7 @@ class Dynamics:
         """Expanded forces rnea - J_Q' lam of the last tangent (Pinocchio keeps them in tau)."""
         return np.array(self.data.tau)
 
-    def _load(self, lam: Array, V: Array) -> None:
+    def _load(self, lam: Array, V: Array, t: float) -> None:
         """Closure and load wrenches as external forces in the frames of the joints they act on."""
         if not (self.looped or self.loaded):
             return
@@ -387,12 +402,20 @@ class Dynamics:
         if self.looped:
             total = self.closed.body_wrenches(lam)
         if self.loaded:
-            for body, wrench in self.loads.wrenches(V).items():
+            for body, wrench in self.loads.wrenches(V, t).items():
                 total[body] = total.get(body, np.zeros(6)) + wrench
         for body, wrench in total.items():
             self._loads[body] = self.data.oMi[body].actInv(pin.Force(wrench))
 
-    def joint_forces(self, y: Array, v: Array, a: Array, lam: Array) -> Array:
+    def joint_forces(
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        t: float,
+        control_force: Array | None = None,
+    ) -> Array:
         """r as `residual`, and data.f with closure forces and loads in it (for reactions)."""
         self.place(y)
         V, A = self.expand_motion(v, a)
@@ -400,14 +423,14 @@ class Dynamics:
             pin.computeJointJacobians(self.model, self.data, self.Q)
         if self.looped:
             self.closed.evaluate()
-        self._load(lam, V)
+        self._load(lam, V, t)
         self.g = np.array(pin.rnea(self.model, self.data, self.Q, V, A, self._loads))
-        return self._add_elastic(self.project(self.g), y, v, lam)
+        return self._add_elastic(self.project(self.g), y, v, lam, control_force)
 
     # Energies ------------------------------------------------------------------------------
 
-    def energies(self, y: Array, v: Array) -> tuple[float, float, float, float]:
-        """Kinetic, gravity, elastic, and spring energy (with the potential of dead loads), J."""
+    def energies(self, y: Array, v: Array, t: float) -> tuple[float, float, float, float]:
+        """Kinetic, gravity, elastic, and spring energy (with that of dead loads at t in s), J."""
         self.place(y)
         V, _ = self.expand_motion(v, np.zeros_like(v))
         kinetic = 0.5 * float(V @ pin.crba(self.model, self.data, self.Q) @ V)
@@ -419,7 +442,7 @@ class Dynamics:
         spring = 0.5 * float(stretch @ (s.stiffness * stretch))
         if self.loaded:
             pin.computeJointJacobians(self.model, self.data, self.Q)
-            spring += self.loads.energy()
+            spring += self.loads.energy(t)
         return kinetic, gravity, elastic, spring
 
     def losses(self, v: Array) -> float:

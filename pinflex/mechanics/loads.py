@@ -62,13 +62,12 @@ class LoadState:
             for places in [(p,) for _, p in given.forces] + [(a, b) for _, a, b in given.springs]
             for place in places
         }
-        self.time = 0.0
 
-    def wrenches(self, V: Array) -> dict[int, Array]:
-        """World wrench [force; moment about the origin] by joint."""
+    def wrenches(self, V: Array, t: float) -> dict[int, Array]:
+        """World wrench [force; moment about the origin] by joint, at time t (s)."""
         total = {joint: np.zeros(6) for joint in self._support}
         for force, place in self._given.forces:
-            p, F, M = self._load(force, place)
+            p, F, M = self._load(force, place, t)
             total[place.joint][:3] += F
             total[place.joint][3:] += np.cross(p, F) + M
         for spring, a, b in self._given.springs:
@@ -79,20 +78,20 @@ class LoadState:
             total[b.joint] -= wrench
         return total
 
-    def generalized(self, V: Array) -> Array:
-        """Generalised forces J' W, shape (nV,)."""
+    def generalized(self, V: Array, t: float) -> Array:
+        """Generalised forces J' W at time t (s), shape (nV,)."""
         J = columns(self._data.J)
         f = np.zeros(J.shape[1])
-        for joint, wrench in self.wrenches(V).items():
+        for joint, wrench in self.wrenches(V, t).items():
             f += self._support[joint] * (wrench @ J)
         return f
 
-    def energy(self) -> float:
-        """Potential of springs and of dead loads, J."""
+    def energy(self, t: float) -> float:
+        """Potential of springs and of dead loads at time t (s), J."""
         energy = 0.0
         for force, place in self._given.forces:
             if not force.follower:
-                p, F, _ = self._load(force, place)
+                p, F, _ = self._load(force, place, t)
                 energy -= float(F @ p)
         for spring, a, b in self._given.springs:
             length = float(np.linalg.norm(self._point(b) - self._point(a)))
@@ -106,7 +105,7 @@ class LoadState:
             for spring, a, b in self._given.springs
         )
 
-    def tangent(self, times_map: Times, w_v: float, w_y: float) -> Array:
+    def tangent(self, times_map: Times, t: float, w_v: float, w_y: float) -> Array:
         """w_v d/dv + w_y d/dy of -J' W, without what moves along with the bodies, (nv, nv).
 
         The change of a damper's direction with its speed is left out (zero at rest).
@@ -118,7 +117,7 @@ class LoadState:
         for force, place in self._given.forces:
             if force.follower or not w_y:
                 continue
-            p, F, M = self._load(force, place)
+            p, F, M = self._load(force, place, t)
             E = np.zeros((6, 6))
             f, arm, m = (skew(x[None])[0] for x in (F, p, M))
             E[:3, 3:], E[3:, 3:] = f, arm @ f + m
@@ -167,8 +166,8 @@ class LoadState:
             total += sign * (J.T @ np.vstack([line, skew(p[None])[0] @ line]))
         return total
 
-    def _load(self, force: FrameForce, place: Attachment) -> tuple[Array, Array, Array]:
-        scale = force.scale(self.time)
+    def _load(self, force: FrameForce, place: Attachment, t: float) -> tuple[Array, Array, Array]:
+        scale = force.scale(t)
         F, M = scale * np.array(force.force), scale * np.array(force.moment)
         if force.follower:
             R = self._data.oMi[place.joint].rotation @ place.placement.rotation

@@ -203,7 +203,7 @@ class _Look:
     def moving(self, v: Array) -> Array:
         """The same, with the inertia forces of speeds v (dampers left out)."""
         no_lam, still = np.zeros(self.system.closed.n), np.zeros(self.system.nv)
-        r = self.dynamics.residual(self.y, v, still, no_lam)
+        r = self.dynamics.residual(self.y, v, still, no_lam, 0.0)
         return np.asarray(self.system.D @ v - r)
 
     def falling(self) -> Array:

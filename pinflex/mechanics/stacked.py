@@ -34,7 +34,7 @@ class Stacked:
     def __init__(self, dynamics: Dynamics, size: int) -> None:
         system = dynamics.system
         self.dynamics, self.size = dynamics, size
-        self.plain = not (dynamics.loaded or system.closed.contacts) and dynamics.push is None
+        self.plain = not (dynamics.loaded or system.closed.contacts)
         nV, rows = int(dynamics.model.nv), system.closed.n
         self._blocks = system.expansion.blocks
         self._rigid = int(system.rigid.nq), int(system.rigid.nv)
@@ -113,8 +113,7 @@ class Stacked:
     def _one_by_one(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> Array:
         R = np.empty_like(V)
         for k in range(self.size):
-            self.dynamics.loads.time = float(t[k])
-            R[k] = self.dynamics.residual(Y[k], V[k], A[k], lam[k])
+            R[k] = self.dynamics.residual(Y[k], V[k], A[k], lam[k], float(t[k]))
             self.c[k] = self.dynamics.closed.c
         return R
 

@@ -126,10 +126,8 @@ class _Pass:
         run, dynamics, data = self.run, self.dynamics, self.dynamics.data
         for k in range(len(run.t)):
             y, a, lam = run.y[k], run.a[k], run.lam[k]
-            dynamics.loads.time = float(run.t[k])
-            if run.signals is not None:
-                dynamics.push = run.signals.B @ run.signals.u[k]
-            r = dynamics.joint_forces(*run.acting(k), a, lam)
+            u = None if run.signals is None else run.signals.B @ run.signals.u[k]
+            r = dynamics.joint_forces(*run.acting(k), a, lam, float(run.t[k]), u)
             self.g[k] = dynamics.g
             for j in self._carrying:
                 self.f[k, j] = data.f[j].vector

@@ -59,8 +59,7 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
             energy[k, 0] = pin.computeKineticEnergy(model, data)
             energy[k, 1] = pin.computePotentialEnergy(model, data)
             if dynamics.loaded:
-                dynamics.loads.time = float(run.t[k])
-                energy[k, 3] = dynamics.loads.energy()
+                energy[k, 3] = dynamics.loads.energy(float(run.t[k]))
     eta = run.y[:, dynamics.nq_rigid :]
     energy[:, 2] = dynamics.elastic_energy(eta)
     if dynamics.sprung:

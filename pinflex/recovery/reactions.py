@@ -96,14 +96,13 @@ def shaking_of(run: Run) -> Array:
     dynamics = Dynamics(run.system)
     out = np.empty((len(run.t), 6))
     for k in range(len(run.t)):
-        dynamics.loads.time = float(run.t[k])
         y, v = run.acting(k)
-        out[k] = -_from_ground(dynamics, y, v, run.a[k])
+        out[k] = -_from_ground(dynamics, y, v, run.a[k], float(run.t[k]))
     return out
 
 
-def _from_ground(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:
-    """Wrench about the origin that the moving bodies need from the ground, shape (6,)."""
+def _from_ground(dynamics: Dynamics, y: Array, v: Array, a: Array, t: float) -> Array:
+    """Wrench about the origin that the moving bodies need from the ground at t, shape (6,)."""
     model, data = dynamics.model, dynamics.data
     dynamics.place(y)
     V, A = dynamics.expand_motion(v, a)
@@ -118,7 +117,6 @@ def _from_ground(dynamics: Dynamics, y: Array, v: Array, a: Array) -> Array:
     given = dynamics.system.loads.forces
     if given:
         loads = LoadState(Loads(given, ()), model, data)
-        loads.time = dynamics.loads.time
-        for joint, load in loads.wrenches(V).items():
+        for joint, load in loads.wrenches(V, t).items():
             wrench -= load if joint else 0.0 * load
     return wrench

@@ -56,9 +56,8 @@ def stored(mechanism: Mechanism, result: Result) -> Run:
 def _balanced(run: Run) -> bool:
     """Whether the last state satisfies the equations of motion and the closures."""
     dynamics, system = Dynamics(run.system), run.system
-    dynamics.loads.time = float(run.t[-1])
     y, v, a, lam = run.y[-1], run.v[-1], run.a[-1], run.lam[-1]
-    r = dynamics.residual(y, v, a, lam)
+    r = dynamics.residual(y, v, a, lam, float(run.t[-1]))
     open_by = float(np.max(np.abs(dynamics.closed.c), initial=0.0))
     inertia = dynamics.mass(y) @ a
     scale = max(float(np.max(np.abs(x), initial=0.0)) for x in (inertia, r, run.torque[-1]))

@@ -83,7 +83,7 @@ def rigid_holding(mechanism: Mechanism) -> tuple[Array, Array]:
     """Motor torques at home without elasticity, and the couples that hold the spins of rods."""
     system = mechanism.rigid
     dynamics, still = Dynamics(system), np.zeros(system.nv)
-    r = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n))
+    r = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n), 0.0)
     J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
     lam, torque = multipliers(system, J[None], r[None])
     return torque[0], lam[0, lam.shape[1] - len(mechanism.idle.spins) :]

@@ -105,8 +105,8 @@ def parts(m: Mechanism) -> tuple[float, float, float]:
     lam = np.zeros(m.flexible.closed.n)
     repeats = max(40, 20000 // m.flexible.nv)
     return (
-        best(lambda: d.residual(y, v, v, lam), repeats),
-        best(lambda: d.iteration_matrix(y, v, v, lam, (1.0, 0.0, 1.0)), repeats // 20),
+        best(lambda: d.residual(y, v, v, lam, 0.0), repeats),
+        best(lambda: d.iteration_matrix(y, v, v, lam, 0.0, (1.0, 0.0, 1.0)), repeats // 20),
         1e6 * march(m, d, 500) / 500,
     )
 

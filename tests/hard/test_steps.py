@@ -23,7 +23,7 @@ def condition(name: str, h: float) -> float:
     system, d, scheme = m.flexible, Dynamics(m.flexible), generalized_alpha()
     zero, lam, free = np.zeros(system.nv), np.zeros(system.closed.n), system.free
     weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
-    M = d.iteration_matrix(m.undeformed(), zero, zero, lam, weights)[np.ix_(free, free)]
+    M = d.iteration_matrix(m.undeformed(), zero, zero, lam, 0.0, weights)[np.ix_(free, free)]
     J = d.jacobian()[:, free]
     scale = 1 / np.sqrt(np.abs(np.diag(M)))
     M, J = M * scale * scale[:, None], J * scale

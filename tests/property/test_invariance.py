@@ -28,7 +28,7 @@ FEWER = settings(FEW, max_examples=6)
 
 def forces(m: pf.Mechanism, y: Array, v: Array, a: Array) -> Array:
     return np.asarray(
-        Dynamics(m.flexible).residual(y, v, a, np.zeros(m.flexible.closed.n)), dtype=float
+        Dynamics(m.flexible).residual(y, v, a, np.zeros(m.flexible.closed.n), 0.0), dtype=float
     )
 
 
@@ -55,10 +55,10 @@ def test_kinetic_energy_is_that_of_the_mass_matrix_and_power_balances(seed: int)
     m = tree(seed).build()
     d = Dynamics(m.flexible)
     y, v, a, lam = finite.random_state(m.flexible, m.undeformed(), seed)
-    assert d.energies(y, v)[0] == pytest.approx(0.5 * v @ d.mass(y) @ v, rel=1e-12)
-    rate = finite.by_time(d, lambda y, v: np.array([sum(d.energies(y, v))]), y, v, a)[0]
-    power = np.abs(v * d.residual(y, v, a, lam)).sum()
-    assert abs(rate - v @ d.residual(y, v, a, lam)) < 1e-7 * power
+    assert d.energies(y, v, 0.0)[0] == pytest.approx(0.5 * v @ d.mass(y) @ v, rel=1e-12)
+    rate = finite.by_time(d, lambda y, v: np.array([sum(d.energies(y, v, 0.0))]), y, v, a)[0]
+    power = np.abs(v * d.residual(y, v, a, lam, 0.0)).sum()
+    assert abs(rate - v @ d.residual(y, v, a, lam, 0.0)) < 1e-7 * power
 
 
 @FEWER
@@ -67,11 +67,11 @@ def test_the_tangent_is_the_derivative_of_the_residual(seed: int) -> None:
     m = tree(seed).build()
     d = Dynamics(m.flexible)
     y, v, a, lam = finite.random_state(m.flexible, m.undeformed(), seed)
-    M, C, K = d.tangent(y, v, a, lam)
+    M, C, K = d.tangent(y, v, a, lam, 0.0)
     # Differences of a residual that is mostly K eta: its rounding over the smallest columns.
-    finite.close(M, finite.by_vector(lambda x: d.residual(y, v, x, lam), a), 2e-6)
-    finite.close(C, finite.by_vector(lambda x: d.residual(y, x, a, lam), v), 2e-6)
-    finite.close(K, finite.by_configuration(d, lambda x: d.residual(x, v, a, lam), y), 1e-6)
+    finite.close(M, finite.by_vector(lambda x: d.residual(y, v, x, lam, 0.0), a), 2e-6)
+    finite.close(C, finite.by_vector(lambda x: d.residual(y, x, a, lam, 0.0), v), 2e-6)
+    finite.close(K, finite.by_configuration(d, lambda x: d.residual(x, v, a, lam, 0.0), y), 1e-6)
 
 
 @FEW

@@ -96,10 +96,10 @@ def check_derivatives(d: Dynamics, y: Array, v: Array, a: Array, lam: Array) -> 
     close(d.close(y)[1], by_configuration(d, lambda y: d.close(y)[0].copy(), y), DIFFERENCES)
     rate = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, a)
     np.testing.assert_allclose(d.closure_bias(y, v) + d.close(y)[1] @ a, rate, atol=DIFFERENCES)
-    M, C, K = d.tangent(y, v, a, lam)
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam), y), DIFFERENCES)
-    close(C, by_vector(lambda v: d.residual(y, v, a, lam), v), DIFFERENCES)
-    close(M, by_vector(lambda a: d.residual(y, v, a, lam), a), DIFFERENCES)
+    M, C, K = d.tangent(y, v, a, lam, 0.0)
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
+    close(C, by_vector(lambda v: d.residual(y, v, a, lam, 0.0), v), DIFFERENCES)
+    close(M, by_vector(lambda a: d.residual(y, v, a, lam, 0.0), a), DIFFERENCES)
 
 
 @pytest.mark.parametrize(("kind", "rank"), KINDS.items())

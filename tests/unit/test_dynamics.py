@@ -46,8 +46,8 @@ def test_columns_of_crba_are_columns_of_rnea(case: tuple[System, Array], seed: i
     system, home = case
     y, v, a, lam = random_state(system, home, seed)
     d = Dynamics(_bare(system))
-    base = d.residual(y, v, np.zeros_like(a), lam)
-    columns = [d.residual(y, v, e, lam) - base for e in np.eye(system.nv)]
+    base = d.residual(y, v, np.zeros_like(a), lam, 0.0)
+    columns = [d.residual(y, v, e, lam, 0.0) - base for e in np.eye(system.nv)]
     if columns:
         M = d.mass(y)
         close(np.array(columns).T, M, ROUNDING * 1e2)  # differences of forces far larger than M
@@ -107,16 +107,18 @@ def test_the_tangent_is_the_derivative_of_the_residual(
     bare = _bare(system)
     y, v, a, lam = random_state(system, home, seed)
     d = Dynamics(bare)
-    M, C, K = d.tangent(y, v, a, lam)
-    close(M, by_vector(lambda a: d.residual(y, v, a, lam), a), DIFFERENCES)
-    close(C, by_vector(lambda v: d.residual(y, v, a, lam), v), DIFFERENCES)
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam), y), DIFFERENCES)
+    M, C, K = d.tangent(y, v, a, lam, 0.0)
+    close(M, by_vector(lambda a: d.residual(y, v, a, lam, 0.0), a), DIFFERENCES)
+    close(C, by_vector(lambda v: d.residual(y, v, a, lam, 0.0), v), DIFFERENCES)
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
     stiff = Dynamics(system)
     np.testing.assert_allclose(
-        stiff.tangent(y, v, a, lam)[2], K + system.K, atol=ROUNDING * np.abs(K + system.K).max()
+        stiff.tangent(y, v, a, lam, 0.0)[2],
+        K + system.K,
+        atol=ROUNDING * np.abs(K + system.K).max(),
     )
     elastic = system.K[:, int(system.rigid.nv) :] @ y[int(system.rigid.nq) :]
-    difference = stiff.residual(y, v, a, lam) - d.residual(y, v, a, lam)
+    difference = stiff.residual(y, v, a, lam, 0.0) - d.residual(y, v, a, lam, 0.0)
     np.testing.assert_allclose(
         difference, elastic, atol=ROUNDING * max(1.0, np.abs(elastic).max(initial=0.0))
     )
@@ -129,8 +131,8 @@ def test_newtons_matrix_is_the_weighted_sum_of_the_tangents(case: tuple[System, 
     y, v, a, lam = random_state(system, home, 5)
     d = Dynamics(system)
     weights = (0.7, 3e-2, 1e-3)
-    expected = sum(w * part for w, part in zip(weights, d.tangent(y, v, a, lam), strict=True))
-    found = d.iteration_matrix(y, v, a, lam, weights, rates=True)
+    expected = sum(w * part for w, part in zip(weights, d.tangent(y, v, a, lam, 0.0), strict=True))
+    found = d.iteration_matrix(y, v, a, lam, 0.0, weights, rates=True)
     close(found, np.asarray(expected), ROUNDING)
 
 
@@ -141,8 +143,8 @@ def test_the_power_of_all_forces_is_the_rate_of_all_energies(
     system, home = case
     y, v, a, lam = random_state(system, home, seed)
     d = Dynamics(system)
-    rate = by_time(d, lambda y, v: np.array([sum(d.energies(y, v))]), y, v, a)[0]
-    r = d.residual(y, v, a, lam)
+    rate = by_time(d, lambda y, v: np.array([sum(d.energies(y, v, 0.0))]), y, v, a)[0]
+    r = d.residual(y, v, a, lam, 0.0)
     J = d.jacobian() if system.closed.n else np.zeros((0, system.nv))
     power = v @ (r + J.T @ lam) - v @ system.D @ v
     size = max(1.0, np.abs(v * r).sum())
@@ -161,9 +163,13 @@ def test_undeformed_links_weigh_and_pull_as_the_rigid_mechanism(
     rigid, flexible = Dynamics(m.rigid), Dynamics(m.flexible)
     still = np.zeros(m.flexible.n_eta)
     y = np.concatenate([q, still])
-    expected = rigid.residual(q, v, a, np.zeros(m.rigid.closed.n))
+    expected = rigid.residual(q, v, a, np.zeros(m.rigid.closed.n), 0.0)
     found = flexible.residual(
-        y, np.concatenate([v, still]), np.concatenate([a, still]), np.zeros(m.flexible.closed.n)
+        y,
+        np.concatenate([v, still]),
+        np.concatenate([a, still]),
+        np.zeros(m.flexible.closed.n),
+        0.0,
     )
     scale = np.abs(expected).max()
     np.testing.assert_allclose(found[:n], expected, atol=ROUNDING * scale)
@@ -208,7 +214,7 @@ def test_a_robot_without_flexible_links_is_pinocchio_to_the_last_bit(
     expected = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
     np.testing.assert_array_equal(pf.inverse_dynamics(m, q, v, a), expected)
     d = Dynamics(m.rigid)
-    found = [d.residual(*row, np.zeros(0)) for row in zip(q, v, a, strict=True)]
+    found = [d.residual(*row, np.zeros(0), 0.0) for row in zip(q, v, a, strict=True)]
     np.testing.assert_array_equal(found, expected)
 
 

@@ -197,9 +197,9 @@ def test_what_hangs_in_the_middle_rides_on_its_section(tmp_path: Path) -> None:
     body = with_ring.flexible.expansion.slots[0].body
     v[body.slices["v"].start] = 1.0  # the tip moves at 1 m/s
     y = bent(with_ring, np.zeros(body.n))
-    energy = Dynamics(with_ring.flexible).energies(y, v)[0]
+    energy = Dynamics(with_ring.flexible).energies(y, v, 0.0)[0]
     bare = load(tmp_path, (STRAIGHT[0], STRAIGHT[2]), BEAM + END)
-    energy -= Dynamics(bare.flexible).energies(y, v)[0]
+    energy -= Dynamics(bare.flexible).energies(y, v, 0.0)[0]
     rows, _ = body.rows(0.6)
     speed, spin = rows[1] @ v, rows[3] @ v
     # A point mass 0.1 m above the axis: the bending rotation about z moves it along x only if it

@@ -49,8 +49,8 @@ def test_rows_bias_and_tangent_are_exact(basis: str, sleeve: str) -> None:
     np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
     d.system.K[:] = 0.0  # beside the beam's own stiffness all else would drown
     d.stiffness[:] = 0.0
-    K = d.tangent(y, v, a, lam)[2]
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam), y), DIFFERENCES)
+    K = d.tangent(y, v, a, lam, 0.0)[2]
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
 
 
 def test_a_load_beyond_the_sleeve_bends_the_beam_as_an_overhanging_one() -> None:
@@ -169,8 +169,8 @@ def test_in_space_the_rows_hold_both_bendings_and_the_twist(
     np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
     d.system.K[:] = 0.0
     d.stiffness[:] = 0.0
-    K = d.tangent(y, v, a, lam)[2]
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam), y), DIFFERENCES)
+    K = d.tangent(y, v, a, lam, 0.0)[2]
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
 
 
 TUBE = """

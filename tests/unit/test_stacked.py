@@ -37,8 +37,7 @@ def disagreement(system: System, home: Array, size: int) -> tuple[float, float]:
     worst = gap = 0.0
     for k in range(size):
         d = Dynamics(system)  # fresh: nothing left of another state
-        d.loads.time = float(t[k])
-        one = d.residual(Y[k], V[k], A[k], lam[k])
+        one = d.residual(Y[k], V[k], A[k], lam[k], float(t[k]))
         scale = float(np.max(np.abs(one), initial=1e-300))
         worst = max(worst, float(np.max(np.abs(R[k] - one), initial=0.0)) / scale)
         gap = max(gap, float(np.max(np.abs(stacked.c[k] - d.closed.c), initial=0.0)))

@@ -236,11 +236,11 @@ def test_mass_matrix_and_tangent_of_a_solid_are_exact(tmp_path: Path) -> None:
     y, v, a, lam = random_state(system, m.undeformed(), 3)
     M = d.mass(y)
     zero = np.zeros(system.nv)
-    base = d.residual(y, zero, zero, lam).copy()
-    columns = np.array([d.residual(y, zero, e, lam) - base for e in np.eye(system.nv)]).T
+    base = d.residual(y, zero, zero, lam, 0.0).copy()
+    columns = np.array([d.residual(y, zero, e, lam, 0.0) - base for e in np.eye(system.nv)]).T
     close(M, columns, 1e-7)  # K eta is 1e7 N here, and its round-off 1e-9 N
-    _, _, K = d.tangent(y, v, a, lam)
-    close(K, by_configuration(d, lambda q: d.residual(q, v, a, lam), y), 1e-6)
+    _, _, K = d.tangent(y, v, a, lam, 0.0)
+    close(K, by_configuration(d, lambda q: d.residual(q, v, a, lam, 0.0), y), 1e-6)
     flat = d.mass(m.undeformed())[1:, 1:]
     body = m.parts["rod"].bodies[0]
     tip = flat - body.M  # what is left is the load at the interface

@@ -37,8 +37,8 @@ def _all_numbers(m: pf.Mechanism) -> list[Array]:
     y = d.integrate(m.undeformed(), 1e-3 * rng.standard_normal(system.nv))
     v, a = rng.standard_normal((2, system.nv))
     lam = rng.standard_normal(system.closed.n)
-    found = [d.residual(y, v, a, lam), d.mass(y), *d.tangent(y, v, a, lam), *d.close(y)]
-    return [np.array(one) for one in (*found, d.closure_bias(y, v), d.energies(y, v))]
+    found = [d.residual(y, v, a, lam, 0.0), d.mass(y), *d.tangent(y, v, a, lam, 0.0), *d.close(y)]
+    return [np.array(one) for one in (*found, d.closure_bias(y, v), d.energies(y, v, 0.0))]
 
 
 @pytest.mark.parametrize("name", ["race_r1", "3rrs"])

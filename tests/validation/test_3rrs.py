@@ -81,7 +81,7 @@ def test_the_full_equilibrium_sags_five_per_cent_more(basis: str) -> None:
     np.testing.assert_allclose(np.abs(rest.r[m.flexible.motors]), 0.11647, rtol=1e-4)
     d = Dynamics(m.flexible)
     still = np.zeros(m.flexible.nv)
-    left = d.residual(rest.y, still, still, rest.lam)[m.flexible.free]
+    left = d.residual(rest.y, still, still, rest.lam, 0.0)[m.flexible.free]
     assert np.abs(left).max() < 1e-10  # [N m] of 0.1
     assert np.abs(d.close(rest.y)[0]).max() < 1e-11  # [m]
 

@@ -57,7 +57,7 @@ def frequency_shift(m: pf.Mechanism, amplitude: float) -> float:
 
     def rate(_: float, z: Array) -> Array:
         y, v = z[:n], z[n:]
-        return np.concatenate([v, np.linalg.solve(d.mass(y), -d.residual(y, v, 0 * v, none))])
+        return np.concatenate([v, np.linalg.solve(d.mass(y), -d.residual(y, v, 0 * v, none, 0.0))])
 
     def crossing(_: float, z: Array) -> float:
         return float(row @ z[:n])
@@ -100,7 +100,7 @@ def test_the_elastica_is_met_to_the_fifth_power_of_the_load(tmp_path: Path) -> N
             basis = "{kind: craig_bampton, internal: 3}"
             m = beam(tmp_path, f"third_order: {on}", head, basis)
             d, zero = Dynamics(m.flexible), np.zeros(m.flexible.nv)
-            y = balance(d, m.undeformed(), zero, zero, m.flexible.free).y
+            y = balance(d, m.undeformed(), zero, zero, m.flexible.free, 0.0).y
             gaps.append(abs(m.parts["beam"].bodies[0].rows(1.0)[0][1] @ y - place[1]))
         assert slope(loads, gaps) == pytest.approx(power, abs=0.4)
 

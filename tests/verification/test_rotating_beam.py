@@ -73,8 +73,8 @@ flexible:
     d, free = Dynamics(system), system.free
     v, still = np.zeros(system.nv), np.zeros(system.nv)
     v[system.motors] = eta
-    rest = balance(d, m.undeformed(), v, still, free)
-    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam))
+    rest = balance(d, m.undeformed(), v, still, free, 0.0)
+    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam, 0.0))
     n = len(free)
     first_order = np.block(
         [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]]

@@ -33,7 +33,9 @@ def test_pinflex_accelerates_the_same_masses_in_both_conventions() -> None:
         scene = simeon.Scene(factor)
         y, v = scene.start(q, dq)
         system = scene.m.flexible
-        a, _ = consistent_acceleration(Dynamics(system), y, v, system.motors, np.zeros(1), None)
+        a, _ = consistent_acceleration(
+            Dynamics(system), y, v, system.motors, np.zeros(1), None, 0.0
+        )
         w, wd = np.concatenate([[0.0, simeon.CRANK + simeon.ROD + q[3]], q]), np.zeros(6)
         wd[0], wd[1], wd[2:] = v[scene.rows[0]] + v[scene.rows[1]], dq[3], dq
         expected, _ = own.accelerate(0.0, w, wd, (factor, float(np.pi)))

@@ -108,7 +108,7 @@ def test_the_steady_stretch_is_that_of_a_spinning_rod(
     m = pf.load("spinning_beam", changes)
     v, still = np.zeros(m.flexible.nv), np.zeros(m.flexible.nv)
     v[m.flexible.motors] = SPEED
-    y = balance(Dynamics(m.flexible), m.undeformed(), v, still, m.flexible.free).y
+    y = balance(Dynamics(m.flexible), m.undeformed(), v, still, m.flexible.free, 0.0).y
     eta = y[int(m.flexible.rigid.nq) :]
     stretch = sum(
         float(slot.body.rows(slot.body.length)[0][0] @ eta[slot.eta])
