@@ -16,7 +16,7 @@ from itertools import count
 import numpy as np
 import pinocchio as pin
 
-_BUDGET = 1.4e9  # bytes in all: up to nV = 350, or the two that a run of delta takes
+_BUDGET = 1.2e9  # bytes in all: up to nV = 330
 _spare: dict[int, tuple[pin.Model, pin.Data]] = {}  # oldest first
 _number = count()
 _runs: list[None] = []  # one for each run that is going on
@@ -45,6 +45,13 @@ def give_back(model: pin.Model, data: pin.Data) -> None:
     if _runs or size(model) <= _BUDGET:
         _spare[next(_number)] = model, data
         _make_room()
+
+
+def forget(model: pin.Model) -> None:
+    """Free the spare workspaces of a joint tree that nothing will be solved on."""
+    for number, (owner, _) in tuple(_spare.items()):
+        if _same_tree(owner, model):
+            _spare.pop(number, None)
 
 
 @contextmanager

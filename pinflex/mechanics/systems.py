@@ -1,0 +1,217 @@
+"""The rigid and the flexible system of a scene, with the closure rows that are independent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.description.description import Description
+from pinflex.errors import DescriptionError, SingularityError
+from pinflex.mechanics import assembly
+from pinflex.mechanics.assembly import LoopReport
+from pinflex.mechanics.closing import Closed, Limits, assemble
+from pinflex.mechanics.closure import Closures, closures
+from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.freedoms import Idle
+from pinflex.mechanics.held import at_rest, elastic_rows, idle_of
+from pinflex.mechanics.home_guess import given, home_guess
+from pinflex.mechanics.joints import joint_springs
+from pinflex.mechanics.loads import loads
+from pinflex.mechanics.loop_axes import axis_hint
+from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.slider import sleeves
+from pinflex.mechanics.system import System
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """The rigid system, closed at home.
+
+    Attributes:
+        system: With independent closure rows and what level rigid holds.
+        home: Closed pose q, shape (nq,).
+        report: Ranks, redundant rows, mobility.
+        idle: Freedoms that need no motor.
+    """
+
+    system: System
+    home: Array
+    report: LoopReport
+    idle: Idle
+
+
+def rigid_system(
+    description: Description,
+    tree: Expansion,
+    parts: Mapping[str, FlexiblePart],
+    motors: IntArray,
+    names: Sequence[str],
+    limits: Limits,
+) -> Assembled:
+    """Close the loops of the rigid mechanism at home and keep the independent rows.
+
+    Args:
+        description: Scene. tree: Rigid model with its frames. parts: Flexible links by name.
+        motors: Velocity rows of the motors. names: Of every velocity row.
+        limits: Of the joints, for the search of a closed pose.
+    Returns:
+        The system at home.
+    Raises:
+        AssemblyError, SingularityError: Loops that cannot close, or a singular home.
+    """
+    model = tree.model
+    springs, dampers = joint_springs(description, model)
+    held = sleeves(description.loops, parts, tree, description.name)
+    every = closures(description.loops, tree.frames, model, held)
+    nv = int(model.nv)
+    placed = loads(description.forces, description.springs, tree.frames)
+    system = System(
+        model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed
+    )  # fmt: skip
+    guess = home_guess(description, model)
+    system = replace(system, closed=_with_lengths(system, guess))
+    dynamics = Dynamics(system)
+    where = f"{description.name}: home"
+    closed = Closed(guess, 0)
+    if every.n:
+        named = given(description, model)
+        closed = assemble(dynamics, guess, motors, where, limits, named, description.loops)
+    home = closed.pose
+    _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
+    kept, redundant = assembly.independent_rows(J, system.closed.labels)
+    system = replace(system, closed=system.closed.select(kept))
+    elastic = elastic_rows(J, motors, springs)
+    system = replace(system, held=elastic)
+    home = at_rest(system, description, home, names)
+    idle = idle_of(system, description, home)
+    spun = len(idle.spins)
+    if spun:
+        both = closures((*description.loops, *idle.spins), tree.frames, model, held)
+        both = replace(both, lengths=_lengths_of(system.closed, description))
+        rows = np.concatenate([kept, every.n + np.arange(spun)])
+        system = replace(system, closed=both.select(rows))
+    system = replace(system, held=np.union1d(elastic, idle.held).astype(np.intp))
+    dynamics = Dynamics(system)
+    if every.n:
+        dynamics.close(home)
+        dynamics.closed.require_on_beams(where)
+    sigma = float("nan")
+    if every.n:
+        if redundant:
+            _refuse_singular_home(description, dynamics, home, redundant, every, kept)
+        if len(motors) + len(system.held) >= nv - len(kept) - spun:
+            locked = np.union1d(motors, system.held).astype(np.intp)
+            try:
+                sigma = assembly.require_regular(dynamics, home, locked, names, where)
+            except SingularityError as error:
+                why = axis_hint(dynamics, description.loops, home)
+                raise SingularityError(f"{error}{why}", **error.data) from None
+    mobility = nv - len(kept) - spun - len(system.held)
+    report = LoopReport(every.n, len(kept), redundant, mobility, sigma, closed.starts)
+    return Assembled(system, home, report, idle)
+
+
+def flexible_system(
+    description: Description,
+    expansion: Expansion,
+    parts: Mapping[str, FlexiblePart],
+    assembled: Assembled,
+) -> tuple[System, LoopReport]:
+    """The system in which links bend and elastic joints give way, and its closure rows.
+
+    Args:
+        description: Scene. expansion: Expanded model. parts: Flexible links by name.
+        assembled: The rigid system.
+    """
+    rigid, home, idle = assembled.system, assembled.home, assembled.idle
+    n, m = int(rigid.rigid.nv), expansion.n_eta
+    K, D = np.zeros((n + m, n + m)), np.zeros((n + m, n + m))
+    D[:n, :n] = rigid.D
+    for slot in expansion.slots:
+        at = slice(n + slot.eta.start, n + slot.eta.stop)
+        K[at, at], D[at, at] = slot.body.K, slot.body.D
+    held = sleeves(description.loops, parts, expansion, description.name)
+    loops = (*description.loops, *idle.spins)
+    every = closures(loops, expansion.frames, expansion.model, held)
+    lengths = _lengths_of(rigid.closed, description)
+    every = replace(every, lengths=lengths)
+    placed = loads(description.forces, description.springs, expansion.frames)
+    system = System(
+        rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held
+    )  # fmt: skip
+    J = np.zeros((0, n + m))
+    if every.n:
+        _, J = Dynamics(system).close(np.concatenate([home, np.zeros(m)]))
+    kept, redundant = assembly.independent_rows(J, every.labels)
+    spun = len(idle.spins)
+    report = LoopReport(every.n - spun, len(kept) - spun, redundant, 0, float("nan"))
+    return replace(system, closed=every.select(kept)), report
+
+
+def _lengths_of(closed: Closures, description: Description) -> Array:
+    """Distances as assembled (a distance row is never redundant with itself)."""
+    by_name = {
+        closed.names[closed.loop_of[row]]: length
+        for row, length in zip(closed.distance_rows, closed.lengths, strict=True)
+    }
+    return np.array([by_name[p.name] for p in description.loops if p.kind == "distance"])
+
+
+def _with_lengths(system: System, guess: Array) -> Closures:
+    """Distances that were not given are taken as they are at the home guess."""
+    closed = system.closed
+    if not np.any(np.isnan(closed.lengths)):
+        return closed
+    dynamics = Dynamics(
+        replace(system, closed=replace(closed, lengths=np.ones(len(closed.lengths))))
+    )
+    dynamics.close(guess)
+    loops = closed.loop_of[closed.distance_rows]
+    measured = np.linalg.norm(dynamics.closed.gap[loops], axis=1)
+    lengths = np.where(np.isnan(closed.lengths), measured, closed.lengths)
+    if np.any(lengths < 1e-12):
+        raise DescriptionError("loops: a distance of zero. Use kind: spherical for a common point.")
+    return replace(closed, lengths=lengths)
+
+
+def _refuse_singular_home(
+    description: Description,
+    dynamics: Dynamics,
+    home: Array,
+    redundant: Sequence[str],
+    every: Closures,
+    kept: IntArray,
+) -> None:
+    """Rows that are dependent only at home, not beside it, mean that home itself is singular."""
+    full = Dynamics(replace(dynamics.system, closed=replace(every, lengths=_fill(dynamics, every))))
+    _, J = dynamics.close(home)
+    _, _, Vt = np.linalg.svd(J) if len(J) else (None, None, np.eye(dynamics.n_rigid))
+    for motion in Vt[len(J) :]:
+        # Far enough to lift a dependent row over round-off, near enough to keep the branch.
+        beside = dynamics.integrate(home, 1e-3 * motion)
+        beside, size = assembly.close_loops(dynamics, beside, np.arange(dynamics.n_rigid))
+        if size > 1e-9:
+            continue
+        _, J_beside = full.close(beside)
+        rank = len(assembly.independent_rows(J_beside, every.labels)[0])
+        if rank > len(kept):
+            raise SingularityError(
+                f"{description.name}: home: singular pose: the closures have rank {len(kept)} here "
+                f"and {rank} beside it; dependent at home: {', '.join(redundant)}. "
+                f"Give a `home` away from this pose.{axis_hint(full, description.loops, home)}",
+                redundant=tuple(redundant),
+            )
+
+
+def _fill(dynamics: Dynamics, every: Closures) -> Array:
+    closed = dynamics.system.closed
+    by_loop = {
+        int(closed.loop_of[row]): length
+        for row, length in zip(closed.distance_rows, closed.lengths, strict=True)
+    }
+    loops = every.loop_of[every.distance_rows]
+    return np.array([by_loop.get(int(k), 1.0) for k in loops], dtype=float)
