@@ -66,7 +66,7 @@ class Scene:
         steps = every * (samples - 1)
         require_steps(self.mechanism, steps, float(t[-1]), "dt" if spec.dt else "until")
         fine = np.linspace(t[0], t[-1], steps + 1)
-        if spec.level == "ked":
+        if self.linear:
             structural = spec.ked == "structural"
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
             run = solve_ked(
@@ -169,6 +169,11 @@ class Scene:
             _tell(stop, start)
             raise
         return start.told(run)
+
+    @property
+    def linear(self) -> bool:
+        """Whether the deviation from the rigid motion is linear: level ked, in equal steps."""
+        return self.spec.level == "ked"
 
     @property
     def _scheme(self) -> AlphaScheme:

@@ -32,17 +32,15 @@ from pinflex.errors import (
     nearest,
 )
 from pinflex.integrators.run import Run
-from pinflex.levels.quasistatic_smooth import solve_equilibria
-from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.recover import result_of
 from pinflex.results.result import Result
+from pinflex.solver import levels
 from pinflex.solver.resume import grid, join, stored
-from pinflex.solver.scene import Scene, default_step
-from pinflex.solver.tolerance import within
+from pinflex.solver.scene import Scene
 from pinflex.threads import one_blas_thread
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
@@ -95,7 +93,8 @@ def solve_level(
         try:
             acting = _control(mechanism, spec, control)
             before = None if resume is None else _before(mechanism, resume, spec, acting)
-            run = _run(mechanism, motion, spec, end, tolerance, progress, acting, before)
+            scene = Scene(mechanism, motion, spec, acting, tolerance, before)
+            run = _run(scene, end, progress)
         except (ConvergenceError, MotionError, RunInterrupted) as error:
             part, why = error.result, str(error)
             if isinstance(part, Run):
@@ -229,42 +228,16 @@ def default_motion(mechanism: Mechanism) -> Motion:
     return from_spec(block, f"{mechanism.name}.yaml: motion", folder)
 
 
-def _run(
-    mechanism: Mechanism,
-    motion: Motion,
-    spec: SolveSpec,
-    end: float,
-    tolerance: float | None,
-    progress: Progress | None,
-    control: Control | None,
-    before: Run | None = None,
-) -> Run:
+def _run(scene: Scene, end: float, progress: Progress | None) -> Run:
+    """The run of a scene from 0 to its end (s), or from where another one stopped."""
+    spec, before = scene.spec, scene.before
     if before is not None:
-        t = grid(before, end, mechanism.name)
+        t = grid(before, end, scene.mechanism.name)
         dt = spec.dt if spec.dt is not None else float(str(before.settings["dt"]))
-        scene = Scene(mechanism, motion, spec, control, tolerance, before)
         return join(before, scene.stepped(t, dt, progress))
-    require_samples(mechanism, spec.samples or SAMPLES)
-    t = np.linspace(0.0, end, spec.samples or SAMPLES)
-    if spec.level in ("quasistatic", "ked"):
-        _need_prescribed(mechanism, spec)
-    if spec.level == "rigid" and spec.drive == "prescribed":
-        return solve_rigid(mechanism, motion, t)
-    if spec.level == "quasistatic":
-        return solve_equilibria(mechanism, motion, t, spec.tol, spec.asked or ASKED, progress)
-    scene = Scene(mechanism, motion, spec, control, tolerance)
-    if spec.tol is not None:
-        return within(scene, t, spec.tol, progress)
-    dt = spec.dt if spec.dt is not None else default_step(mechanism, end)
-    return scene.stepped(t, dt, progress)
-
-
-def _need_prescribed(mechanism: Mechanism, spec: SolveSpec) -> None:
-    if spec.drive != "prescribed":
-        raise DescriptionError(
-            f"{mechanism.name}: solve.drive: torque needs level coupled (or rigid); "
-            f"{spec.level} follows the nominal motion."
-        )
+    samples = spec.samples or SAMPLES
+    require_samples(scene.mechanism, samples)
+    return levels.LEVELS[spec.level](scene, np.linspace(0.0, end, samples), progress)
 
 
 def sound(run: Run) -> Run:

@@ -29,18 +29,18 @@ _WAYS_OUT = "Give a larger tol, start=static, or damping for what rings;"
 _FAILURES = 2  # runs that may break off, or change more than the last, before it is given up
 
 
-def within(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """The run at samples t (s) within a relative error tol.
 
     Level coupled goes by Radau IIA collocation, a sixteenth of the resolution at a time, or by a
-    member of the alpha family that is asked for (`paced`); level ked and a control in equal steps
-    (`halved`).
+    member of the alpha family that is asked for (`by_error_control`); level ked and a control in
+    equal steps (`by_step_halving`).
     """
     # Level ked is linear: equal steps keep its matrices. A control has a sampling period.
-    if scene.spec.level == "ked" or scene.control is not None:
-        return halved(scene, t, tol, progress)
+    if scene.linear or scene.control is not None:
+        return by_step_halving(scene, t, tol, progress)
     if scene.spec.integrator not in (None, "radau"):
-        return paced(scene, t, tol, progress)
+        return by_error_control(scene, t, tol, progress)
 
     # The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six
     # tenths more steps, and two runs so far apart tell errors well. In a smooth motion it brings
@@ -52,14 +52,14 @@ def within(scene: Scene, t: Array, tol: float, progress: Progress | None = None)
     return _refine(scene, t, tol, attempt, 8.0 * tol, 16.0, 3.0)
 
 
-def halved(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """By equal steps, half as long every time; methods of order 2."""
     # Errors of a step of 1/40 of a period are near 1e-3.
     first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
     return _refine(scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0)
 
 
-def paced(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+def by_error_control(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """By steps of the alpha family that follow the motion, with an eighth of the local error.
 
     A local error falls with h^3, that of a run with h^2.

@@ -19,7 +19,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import SAMPLES, _spec, default_motion
-from pinflex.solver.tolerance import halved, paced, within
+from pinflex.solver.tolerance import by_error_control, by_step_halving, solve_to_tolerance
 
 # Overrides and end in s of each; None: the scene's own.
 SCENES: dict[str, tuple[list[str], float | None]] = {
@@ -45,7 +45,7 @@ def main() -> None:
         def scene(m=m, motion=motion, until=until, **keys: object) -> Scene:
             return Scene(m, motion, _spec(m, "coupled", until, None, None, keys))
 
-        exact = within(scene(integrator="radau", tol=1e-5), t, 1e-5)
+        exact = solve_to_tolerance(scene(integrator="radau", tol=1e-5), t, 1e-5)
         outputs = Outputs(m, motion, t)
         for integrator in ("newmark", "hht", "generalized_alpha"):
             # 3rrs names coefficients of first order.
@@ -54,7 +54,7 @@ def main() -> None:
                 if (name, integrator, tol) == ("race_r1", "newmark", 1e-3):
                     continue  # neither gets there: multipliers ring, in minutes
                 cells = []
-                for method in (paced, halved):
+                for method in (by_error_control, by_step_halving):
                     cpu = np.inf
                     try:
                         for _ in range(2):

@@ -10,6 +10,7 @@ import pytest
 import pinflex as pf
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
+from pinflex.solver.scene import Scene
 from pinflex.solver.solve import _run, _spec, default_motion
 
 SAMPLES = 51
@@ -41,7 +42,8 @@ def run(name: str, **keys: object) -> Run:
     newton = keys.pop("tolerance", None)
     dt = keys.pop("dt", None)
     spec = _spec(m, "coupled", end, dt, SAMPLES, keys)  # type: ignore[arg-type]
-    return _run(m, default_motion(m), spec, end, newton, None, None)  # type: ignore[arg-type]
+    scene = Scene(m, default_motion(m), spec, None, newton)
+    return _run(scene, end, None)  # type: ignore[arg-type]
 
 
 @cache

@@ -25,7 +25,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.recovery.recover import recover
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
-from pinflex.solver.tolerance import within
+from pinflex.solver.tolerance import solve_to_tolerance
 from pinflex.threads import one_blas_thread
 
 SAMPLES = 401
@@ -58,7 +58,7 @@ def march(scene: Scene, method: str, value: float, samples: int = SAMPLES) -> Ti
     end = scene.spec.until or scene.motion.duration
     t = np.linspace(0.0, end, samples)
     ways: dict[str, Callable[[], Run]] = {
-        "tol": lambda: within(scene, t, value),
+        "tol": lambda: solve_to_tolerance(scene, t, value),
         "radau": lambda: scene.resolved(t, value, pilot=True),
         "careful": lambda: _careful(scene, t, value),
         "alpha": lambda: scene.stepped(t, value),
