@@ -38,7 +38,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pinflex.advice.advise import Advice, advise
+    from pinflex.advice.advise import advise
+    from pinflex.advice.proposal import Advice
     from pinflex.advice.solve import LEVELS, solve
     from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
     from pinflex.description.motion import (
@@ -173,7 +174,8 @@ _HOME = {
     "mechanics.mechanism": ("Mechanism", "load"),
     "results.comparison": ("comparison",),
     "results.result": ("Result",),
-    "advice.advise": ("Advice", "advise"),
+    "advice.advise": ("advise",),
+    "advice.proposal": ("Advice",),
     "advice.solve": ("LEVELS", "solve"),
     "studies.pose_map": ("pose_map",),
     "studies.stiffness": ("platform_compliance",),

@@ -84,7 +84,7 @@ newton.Newton.step = step
     "consistent start off: accelerations and multipliers begin at zero": (
         """
 import pinflex.levels.start as start, pinflex.integrators.alpha as step, numpy as np
-def nothing(dynamics, y, v, held, a_held, tau):
+def nothing(dynamics, y, v, held, a_held, *more):
     a = np.zeros(dynamics.system.nv); a[held] = a_held
     return a, np.zeros(dynamics.system.closed.n)
 start.consistent_acceleration = nothing

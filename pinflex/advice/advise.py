@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
 from pinflex.advice.probe import Probe
+from pinflex.advice.proposal import Advice, in_words
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut, worst
 from pinflex.description.motion import Motion
 from pinflex.description.supplement import ASKED
@@ -32,9 +32,8 @@ from pinflex.levels.outputs import Outputs
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.results.result import Result
 from pinflex.solver.scene import Scene
-from pinflex.text import brief
+from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
 
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing
@@ -46,42 +45,6 @@ _TAIL = 3.0
 _MENDED = 0.35  # of what one more segment mends is left: bodies are right to second order
 _WORTH = 0.7  # of the error bar: segments that leave more do not pay
 _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
-
-
-@dataclass(frozen=True)
-class Advice:
-    """A proposal and what it rests on.
-
-    Attributes:
-        name: Of the scene. tol: Relative error wanted of every output asked for.
-        asked: Some of torque, deflection, platform.
-        level: rigid, quasistatic, ked or coupled.
-        run_tol: `solve.tol` of the run (levels quasistatic and coupled), or None.
-        overrides: "key=value" changes of the YAML, for `load` or --set.
-        error: Error bar of each output if the proposal is followed.
-        levels: Error bar of each output at each level of the richer model.
-        left_out: Planes, modes and links that were tried.
-        coordinates: Elastic coordinates: as loaded, of the richer model, proposed.
-        why: The reason for the level.
-        notes: What weakens the advice.
-        seconds: What it cost.
-    """
-
-    __repr__ = brief
-
-    name: str
-    tol: float
-    asked: tuple[str, ...]
-    level: str = "coupled"
-    run_tol: float | None = None
-    overrides: tuple[str, ...] = ()
-    error: Errors = field(default_factory=dict)
-    levels: dict[str, Errors] = field(default_factory=dict)
-    left_out: tuple[LeftOut, ...] = ()
-    coordinates: tuple[int, int, int] = (0, 0, 0)
-    why: str = ""
-    notes: tuple[str, ...] = ()
-    seconds: float = 0.0
 
 
 def advise(
@@ -108,15 +71,8 @@ def advise(
         DescriptionError: An unknown output or a tolerance outside 1e-6 to 0.1.
         MotionError, SingularityError: The nominal motion does not exist.
     """
-    from pinflex.solver.solve import default_motion  # solve(level="auto") asks here
-
     began, spec = time.perf_counter(), mechanism.description.solve
-    asked = tuple(asked) or spec.asked or ASKED
-    for name in asked:
-        if name not in ASKED:
-            raise DescriptionError(f"asked: {name}: no such output.{nearest(name, ASKED)}")
-    if not 1e-6 <= tol <= 0.1:
-        raise DescriptionError(f"tol: {tol}. Give a relative error, 1e-6 to 0.1.")
+    asked = _checked(tuple(asked) or spec.asked or ASKED, tol)
     stepless = ("solve.dt=null",) if spec.dt is not None else ()  # beside tol it is refused
     n = mechanism.flexible.n_eta
     plain = Advice(mechanism.name, tol, asked, run_tol=tol / 4, coordinates=(n, n, n),
@@ -142,29 +98,14 @@ def advise(
     return replace(found, notes=notes, seconds=time.perf_counter() - began)
 
 
-def solve_advised(
-    mechanism: Mechanism, motion: Motion | None, *, dt: float | None, **options: Any
-) -> Result:
-    """The run of `solve(level="auto")`: at the level advised, with the links as they are."""
-    from pinflex.solver.solve import solve_level as solve
-    from pinflex.writing import plain
-
-    if dt is not None:
-        raise DescriptionError('solve.dt: level="auto" chooses the step. Give tol instead.')
-    wanted = options.pop("tol", None) or mechanism.description.solve.tol or 1e-2
-    asked, until = tuple(options.pop("asked", ())), options.get("until")
-    found = advise(mechanism, motion, tol=wanted, asked=asked, until=until, fixed=True)
-    if found.run_tol is not None:
-        options |= {"tol": found.run_tol, "asked": found.asked}
-        spec = replace(mechanism.description.solve, dt=None)
-        mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
-    result = solve(mechanism, motion, found.level, **options)
-    return replace(result, meta={**result.meta, "advice": plain(asdict(found))})
-
-
-def in_words(x: float) -> str:
-    """A relative error; one that is not known is said to be so."""
-    return f"{100 * x:.2g} %" if x < 9.99 else "> 999 %" if x < np.inf else "not measured"
+def _checked(asked: tuple[str, ...], tol: float) -> tuple[str, ...]:
+    """The outputs asked for; raises where one is not known, or a tolerance is out of range."""
+    for name in asked:
+        if name not in ASKED:
+            raise DescriptionError(f"asked: {name}: no such output.{nearest(name, ASKED)}")
+    if not 1e-6 <= tol <= 0.1:
+        raise DescriptionError(f"tol: {tol}. Give a relative error, 1e-6 to 0.1.")
+    return asked
 
 
 def _only_coupled(mechanism: Mechanism) -> str:

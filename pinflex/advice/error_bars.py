@@ -184,14 +184,19 @@ def differences(a: Result, b: Result, rigid: Result) -> Errors:
     if scale > 0:
         found["stress"] = max(float(np.max(np.abs(x - y))) for x, y in stresses) / scale
     if b.meta.get("platform"):
-        p, p_b, p_r = (x.frame("platform").position for x in (a, b, rigid))
-        R, R_b, R_r = (x.frame("platform").rotation for x in (a, b, rigid))
-        pairs = {
-            "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
-            "platform rotation": (np.abs(between(R, R_b)).max(), np.abs(between(R_r, R_b)).max()),
-        }
-        found |= {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}
+        found |= _platform(a, b, rigid)
     return found
+
+
+def _platform(a: Result, b: Result, rigid: Result) -> Errors:
+    """Differences of the platform's pose, relative to its largest deviation from rigid."""
+    p, p_b, p_r = (x.frame("platform").position for x in (a, b, rigid))
+    R, R_b, R_r = (x.frame("platform").rotation for x in (a, b, rigid))
+    pairs = {
+        "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
+        "platform rotation": (np.abs(between(R, R_b)).max(), np.abs(between(R_r, R_b)).max()),
+    }
+    return {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}
 
 
 def _deflections(a: Result, b: Result, link: str) -> tuple[Array, Array]:

@@ -7,11 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pinflex.advice.advise import solve_advised
+from pinflex.advice.advise import advise
 from pinflex.advice.error_bars import error_bars
+from pinflex.advice.text import plain
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
-from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError, RunInterrupted
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.error_bars import ErrorBars
 from pinflex.results.result import Result
@@ -58,7 +59,7 @@ def solve(
     """
     given: dict[str, Any] = {"until": until, "dt": dt, "samples": samples, "control": control}
     if level == "auto":
-        return solve_advised(mechanism, motion, progress=progress, **given, **options)
+        return _solve_advised(mechanism, motion, progress=progress, **given, **options)
     start = options.get("start", mechanism.description.solve.start)
     moved = motion if motion is not None else default_motion(mechanism)
     look = partial(_look, mechanism, moved, start == "static")
@@ -71,6 +72,23 @@ def solve(
             error.result = replace(error.result, look=look)
         raise
     return replace(found, look=look)
+
+
+def _solve_advised(
+    mechanism: Mechanism, motion: Motion | None, *, dt: float | None, **options: Any
+) -> Result:
+    """The run of `solve(level="auto")`: at the level advised, with the links as they are."""
+    if dt is not None:
+        raise DescriptionError('solve.dt: level="auto" chooses the step. Give tol instead.')
+    wanted = options.pop("tol", None) or mechanism.description.solve.tol or 1e-2
+    asked, until = tuple(options.pop("asked", ())), options.get("until")
+    found = advise(mechanism, motion, tol=wanted, asked=asked, until=until, fixed=True)
+    if found.run_tol is not None:
+        options |= {"tol": found.run_tol, "asked": found.asked}
+        spec = replace(mechanism.description.solve, dt=None)
+        mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
+    result = solve_level(mechanism, motion, found.level, **options)
+    return replace(result, meta={**result.meta, "advice": plain(found)})
 
 
 def _look(mechanism: Mechanism, motion: Motion, static: bool, result: Result) -> ErrorBars:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pinflex.advice.advise import Advice, in_words
+from pinflex.advice.proposal import Advice, in_words
 from pinflex.text import paragraph, table
 
 _DOES = {

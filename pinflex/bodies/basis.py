@@ -18,8 +18,10 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies import beam
+from pinflex.bodies.beam_matrices import beam_energy, craig_bampton
 from pinflex.bodies.beam_modes import BOUNDARIES
 from pinflex.bodies.curvature import Curvature, curvature
+from pinflex.bodies.damping import damping
 from pinflex.bodies.family import (
     BENDING,
     ORDERS,
@@ -155,32 +157,14 @@ def flexible_body(
         rho: Density (kg/m^3); None: that of the material.
     """
     density = _checked_density(link, planes, length, rho)
-    families: dict[str, Family] = {}
-    slices: dict[str, slice] = {}
-    blocks: dict[str, tuple[Array, Array]] = {}
-    n = 0
-    for direction in (d for d in DIRECTIONS if d in planes):
-        family = _family(link, direction, length)
-        K, M = _energy(link, direction, family, density)
-        if link.basis.kind == "craig_bampton":
-            T, names = _craig_bampton(family, direction, K, M, link.basis.internal)
-            family, K, M = combine(family, T, names), T.T @ K @ T, T.T @ M @ T
-        families[direction], blocks[direction] = family, (K, M)
-        slices[direction], n = slice(n, n + family.n), n + family.n
-
-    K, M = np.zeros((n, n)), np.zeros((n, n))
-    for direction, at in slices.items():
-        K[at, at], M[at, at] = blocks[direction]
-    D = damping(link, slices, K, M)
-
+    families, slices, K, M = _directions(link, planes, length, density)
+    n, D = len(K), damping(link, slices, K, M)
     section, rotary = link.section, link.rotary_inertia
     # Two points at least: a rigid rotation of the beam is of first degree in x.
     gauss = max([f.gauss for d, f in families.items() if d != "p" or rotary], default=2)
     breaks = beam.union([f.breaks for f in families.values()])
     x, w = (a.ravel() for a in quadrature(breaks, gauss))
-    xt, wt = np.zeros(0), np.zeros(0)
-    if "p" in families and not rotary:
-        xt, wt = (a.ravel() for a in quadrature(families["p"].breaks, families["p"].gauss))
+    xt, wt = _twist_stations(families, rotary)
     Phi, Phi_t = (beam.first_order(families, slices, at) for at in (x, xt))
     G = G_t = None
     if link.second_order:
@@ -215,6 +199,36 @@ def flexible_body(
     )
 
 
+def _directions(
+    link: FlexibleLink, planes: Sequence[str], length: float, density: float
+) -> tuple[dict[str, Family], dict[str, slice], Array, Array]:
+    """Functions and coordinates of each direction, stiffness and mass of all, each (n, n)."""
+    families: dict[str, Family] = {}
+    slices: dict[str, slice] = {}
+    blocks: dict[str, tuple[Array, Array]] = {}
+    n = 0
+    for direction in (d for d in DIRECTIONS if d in planes):
+        family = _family(link, direction, length)
+        K, M = beam_energy(link, direction, family, density)
+        if link.basis.kind == "craig_bampton":
+            T, names = craig_bampton(family, direction, K, M, link.basis.internal)
+            family, K, M = combine(family, T, names), T.T @ K @ T, T.T @ M @ T
+        families[direction], blocks[direction] = family, (K, M)
+        slices[direction], n = slice(n, n + family.n), n + family.n
+    K, M = np.zeros((n, n)), np.zeros((n, n))
+    for direction, at in slices.items():
+        K[at, at], M[at, at] = blocks[direction]
+    return families, slices, K, M
+
+
+def _twist_stations(families: Mapping[str, Family], rotary: bool) -> tuple[Array, Array]:
+    """Places (m) and weights of the stations that only turn about the beam."""
+    if rotary or "p" not in families:
+        return np.zeros(0), np.zeros(0)
+    x, w = quadrature(families["p"].breaks, families["p"].gauss)
+    return x.ravel(), w.ravel()
+
+
 def _curvature(
     link: FlexibleLink, families: Mapping[str, Family], slices: Mapping[str, slice], n: int
 ) -> Curvature | None:
@@ -233,17 +247,6 @@ def _curvature(
             link=link.link,
         )
     return curvature(families, slices, n, link.material.E * bending[0])
-
-
-def damping(link: FlexibleLink, slices: Mapping[str, slice], K: Array, M: Array) -> Array:
-    """Damping matrix of a body, direction by direction, from its stiffness and mass, (n, n)."""
-    alpha, beta = link.rayleigh
-    D = np.zeros_like(K)
-    for at in slices.values():
-        D[at, at] = alpha * M[at, at] + beta * K[at, at]
-        if link.modal_damping:
-            D[at, at] += _modal_damping(K[at, at], M[at, at], link.modal_damping)
-    return D
 
 
 def _labels(families: Mapping[str, Family]) -> tuple[str, ...]:
@@ -276,76 +279,6 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
     # Stretch and twist live far above bending: two internal modes fewer cost nothing there.
     n = basis.internal + 2 if direction in BENDING else max(basis.internal - 2, 0) + 1
     return polynomial(length, n, direction, ratio, ratio > 0.0 and link.rotary_inertia)
-
-
-def _energy(link: FlexibleLink, direction: str, family: Family, rho: float) -> tuple[Array, Array]:
-    """Stiffness and mass matrix of one direction, end masses included, each (n, n)."""
-    section, E, G = link.section, link.material.E, link.material.G
-    shear = 0.0
-    if direction == "u":
-        stiffness, spin = E * section.A, 0.0
-    elif direction == "p":
-        stiffness, spin = G * section.J, rho * section.Ip
-    else:
-        second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
-        stiffness = E * second
-        spin = rho * section.turning[direction == "v"] * link.rotary_inertia
-        shear = k * G * section.A * family.shear
-    x, weights = quadrature(family.breaks, family.gauss)
-    F, w = family.evaluate(x.ravel()), weights.ravel()[:, None]
-    K = stiffness * F.curv.T @ (w * F.curv)
-    if shear:
-        K += shear * (F.df - F.rot).T @ (w * (F.df - F.rot))
-    translates = direction != "p"
-    M = spin * F.rot.T @ (w * F.rot) + translates * rho * section.A * F.f.T @ (w * F.f)
-    axis = {"p": 0, "w": 1, "v": 2}.get(direction)
-    for end, at in ((link.root, 0.0), (link.tip, family.length)):
-        # One body stands for every segment of a link that is cut; none of them owns the ends.
-        if end is not None and link.segments == 1:
-            F = family.evaluate(np.array([at]))
-            turn = 0.0 if axis is None else end.inertia[axis]
-            M += translates * end.mass * F.f.T @ F.f + turn * F.rot.T @ F.rot
-    return 0.5 * (K + K.T), 0.5 * (M + M.T)
-
-
-def _craig_bampton(
-    family: Family, direction: str, K: Array, M: Array, internal: int
-) -> tuple[Array, tuple[str, ...]]:
-    """Static tip shapes and the lowest modes with the tip held, from a family clamped at its root.
-
-    Args:
-        family: n functions, with stiffness K and mass M, each (n, n).
-        direction: Bending has a tip displacement and a tip rotation, the others one of the two.
-        internal: Number of modes; with free shear strains there are more, and they are left out.
-    Returns:
-        T (n, m), such that the new functions are f @ T, and their names. The end shapes have unit
-        tip displacement or rotation; the modes have int f^2 dx = L.
-    Source: Craig, Bampton (1968).
-    """
-    tip = family.evaluate(np.array([family.length]))
-    B = np.vstack([tip.f, tip.rot]).T if direction in BENDING else tip.f.T
-    compliance = np.linalg.solve(K, B)
-    static = compliance @ np.linalg.inv(B.T @ compliance)
-    held = np.linalg.qr(B, mode="complete")[0][:, B.shape[1] :]
-    # Eigenvectors of K^-1 M, not of M^-1 K: the lowest modes are then the accurate ones.
-    root = np.linalg.inv(np.linalg.cholesky(held.T @ K @ held))
-    modes = held @ root.T @ np.linalg.eigh(root @ (held.T @ M @ held) @ root.T)[1][:, ::-1]
-    modes = modes[:, :internal]
-    x, weights = quadrature(family.breaks, family.gauss)
-    shapes = family.evaluate(np.append(x.ravel(), 0.0))
-    norm = np.sqrt(weights.ravel() @ (shapes.f[:-1] @ modes) ** 2 / family.length)
-    start = shapes.curv[-1] @ modes  # the first lobe is positive
-    names = ("tip", "slope")[: B.shape[1]] + tuple(str(k + 1) for k in range(modes.shape[1]))
-    return np.hstack([static, modes * np.where(start < 0.0, -1.0, 1.0) / norm]), names
-
-
-def _modal_damping(K: Array, M: Array, ratio: float) -> Array:
-    """D = M V diag(2 zeta omega) V' M of the modes V held at the root, V' M V = 1."""
-    L = np.linalg.cholesky(M)
-    half = np.linalg.solve(L, K)
-    squares, U = np.linalg.eigh(np.linalg.solve(L, half.T))
-    MV = L @ U
-    return np.asarray(MV * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ MV.T)
 
 
 def _checked_density(

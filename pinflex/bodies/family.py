@@ -139,10 +139,8 @@ def hermite(
     if turn is None:
         turn = _derivative(value, size) if bending else value
     held = 0 if root == "free" else 2 if bending else 1
-    rate = ("", "slope", "curvature") if bending else ("", "rate")
-    labels = [
-        f"{rate[k] or 'node'} {node}" for node in range(elements + 1) for k in range(per_node)
-    ]
+    rate = ("node", "slope", "curvature") if bending else ("node", "rate")
+    labels = [f"{rate[k]} {node}" for node in range(elements + 1) for k in range(per_node)]
     first = per_node * np.arange(elements)[:, None]
     dofs = first + np.arange(2 * per_node) - held  # held ones become -1, -2: spare columns
     return _piecewise(

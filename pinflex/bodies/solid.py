@@ -223,25 +223,37 @@ def of_matrices(nodes: Array, K: Any, M: Any, regions: Mapping[str, IntArray], w
         raise DescriptionError(f"{where}: nodes: shape {nodes.shape}. Give x, y, z [m] per node.")
     K, M = csc_array(K), csc_array(M)
     for name, A in (("K", K), ("M", M)):
-        if A.shape != (3 * nn, 3 * nn):
-            raise DescriptionError(
-                f"{where}: {name} has shape {A.shape}, but {nn} nodes with 3 displacements each "
-                f"need {(3 * nn, 3 * nn)}. Order the rows node by node: x, y, z."
-            )
-        if not np.all(np.isfinite(A.data)):
-            raise DescriptionError(f"{where}: {name} holds numbers that are not finite.")
-        size, off = float(abs(A).max()), abs(A - A.T).tocoo()
-        if size == 0.0 or off.max() > _SYMMETRIC * size:
-            k = int(np.argmax(off.data)) if off.nnz else 0
-            i, j = (int(off.coords[0][k]), int(off.coords[1][k])) if off.nnz else (0, 0)
-            text = "is zero" if size == 0.0 else f"is not symmetric: entry ({i}, {j})"
-            value = f" differs from ({j}, {i}) by {off.max():.3g}" if off.nnz else ""
-            raise DescriptionError(
-                f"{where}: {name} {text}{value}. Give the full, symmetric matrix, not a triangle "
-                "of it.",
-                asymmetry=float(off.max()) if off.nnz else 0.0,
-            )
+        _require_symmetric(name, A, nn, where)
     mass = M[0::3, 0::3]
+    _require_equal_masses(M, mass, where)
+    _require_unsupported(K, nodes, where)
+    return Solid(nodes, K, mass.tocsc(), regions)
+
+
+def _require_symmetric(name: str, A: Any, nn: int, where: str) -> None:
+    """Raise where a matrix is not finite, symmetric and of three rows a node."""
+    if A.shape != (3 * nn, 3 * nn):
+        raise DescriptionError(
+            f"{where}: {name} has shape {A.shape}, but {nn} nodes with 3 displacements each "
+            f"need {(3 * nn, 3 * nn)}. Order the rows node by node: x, y, z."
+        )
+    if not np.all(np.isfinite(A.data)):
+        raise DescriptionError(f"{where}: {name} holds numbers that are not finite.")
+    size, off = float(abs(A).max()), abs(A - A.T).tocoo()
+    if size == 0.0 or off.max() > _SYMMETRIC * size:
+        k = int(np.argmax(off.data)) if off.nnz else 0
+        i, j = (int(off.coords[0][k]), int(off.coords[1][k])) if off.nnz else (0, 0)
+        text = "is zero" if size == 0.0 else f"is not symmetric: entry ({i}, {j})"
+        value = f" differs from ({j}, {i}) by {off.max():.3g}" if off.nnz else ""
+        raise DescriptionError(
+            f"{where}: {name} {text}{value}. Give the full, symmetric matrix, not a triangle "
+            "of it.",
+            asymmetry=float(off.max()) if off.nnz else 0.0,
+        )
+
+
+def _require_equal_masses(M: Any, mass: Any, where: str) -> None:
+    """Raise where a node has not the same mass along x, y and z."""
     other = max(
         float(abs(M[a::3, b::3] - (mass if a == b else 0.0 * mass)).max())
         for a in range(3)
@@ -253,9 +265,13 @@ def of_matrices(nodes: Array, K: Any, M: Any, regions: Mapping[str, IntArray], w
             f"{other:.3g} kg), so it is not that of displacements in m. Give masses in kg, node by "
             "node."
         )
+
+
+def _require_unsupported(K: Any, nodes: Array, where: str) -> None:
+    """Raise where a stiffness resists a motion of the rigid body."""
     arm = nodes - nodes.mean(axis=0)
     for axis in range(3):
-        shift = np.zeros((nn, 3))
+        shift = np.zeros((len(nodes), 3))
         shift[:, axis] = 1.0
         spin = np.cross(np.eye(3)[axis], arm)
         for what, motion in (("translation along", shift), ("rotation about", spin)):
@@ -265,4 +281,3 @@ def of_matrices(nodes: Array, K: Any, M: Any, regions: Mapping[str, IntArray], w
                     f"{where}: K resists a {what} {'xyz'[axis]} of the rigid body (by {ratio:.2g} "
                     "of its largest entry). Give it without supports, for nodes in m."
                 )
-    return Solid(nodes, K, mass.tocsc(), regions)

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.bodies import damping
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.moments import CROSS, mass_points, outer_mass, section_fits
 from pinflex.bodies.second_order import second_order_shapes
@@ -140,7 +141,7 @@ def reduce(
         bends = second_order_shapes(solid, T, moving, shapes, solve)
     D = rayleigh[0] * M + rayleigh[1] * K
     if modal_damping:
-        D = D + _modal_damping(K, M, modal_damping)
+        D = D + damping.modal_damping(K, M, modal_damping)
     # Mass points.
     z = np.column_stack([np.ones(len(solid.nodes)), solid.nodes, *shapes.transpose(1, 0, 2)])
     Z = z.T @ (mass @ z)
@@ -340,12 +341,3 @@ def _sections(
 def _node_rows(coordinates: Array, k: int) -> Array:
     """Rows (u, v, w, rz, ry, rx) of interface k from its coordinates (u, v, w, rx, ry, rz)."""
     return np.asarray(coordinates[6 * k + np.array([0, 1, 2, 5, 4, 3])])
-
-
-def _modal_damping(K: Array, M: Array, ratio: float) -> Array:
-    """D = M V diag(2 zeta omega) V' M of the modes V held at the root, V' M V = 1."""
-    from scipy.linalg import eigh
-
-    squares, V = eigh(K, M)
-    MV = M @ V
-    return np.asarray(MV * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ MV.T)

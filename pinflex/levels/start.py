@@ -87,6 +87,19 @@ def start_of(
         static, why = False, "the base is free"
     if not static:
         return Start(y, v, "straight", _shaken(why))
+    return _static_start(mechanism, motion, path, dynamics, start, Start(y, v, "straight"))
+
+
+def _static_start(
+    mechanism: Mechanism,
+    motion: Motion,
+    path: MotorPath,
+    dynamics: Dynamics,
+    start: str,
+    straight: Start,
+) -> Start:
+    """Equilibrium near the straight start; where `auto` finds none, that one, with the reason."""
+    y, v = straight.y, straight.v
     system, auto = dynamics.system, start == "auto"
     free = mechanism.flexible.free if system is mechanism.loose else system.free
     at = _lasting(dynamics) if auto else dynamics
@@ -98,12 +111,12 @@ def start_of(
         found = balance(at, y, v, a, free, t, None, where, _PATIENCE if auto else np.inf)
     except ConvergenceError as error:
         if auto:
-            return Start(y, v, "straight", _shaken("there is no static equilibrium near it"))
+            return replace(straight, said=_shaken("there is no static equilibrium near it"))
         raise _no_equilibrium(str(error), error) from None
     if not giving_way(at, found.y, v, a, found.lam, t, free):
         return Start(found.y, v, "static")
     if auto:
-        return Start(y, v, "straight", _shaken("its static equilibrium is unstable"))
+        return replace(straight, said=_shaken("its static equilibrium is unstable"))
     return Start(found.y, v, "static", give_way("start: static equilibrium"))
 
 

@@ -130,76 +130,100 @@ def closures(
     Returns:
         All rows, redundant ones included.
     """
-    ends = [(frames[loop.frame_a], frames[loop.frame_b]) for loop in loops]
     sleeves = sleeves or {}
-    for k, loop in enumerate(loops):
-        if loop.name in sleeves:  # both frames of a slider are turned into that of the beam
-            here, other = ends[k]
-            beam = sleeves[loop.name].placement
-            along = other.placement * pin.SE3(beam.rotation, np.zeros(3))
-            ends[k] = (
-                Attachment(here.joint, here.placement * beam),
-                Attachment(other.joint, along),
-            )
-    turn_a = [axis_frame(loop.axis, None) for loop in loops]
-    # A universal joint holds the axis of a (z) perpendicular to the axis of b (x here).
-    turn_b = [
-        axis_frame(None, loop.axis_b)
-        if loop.kind in ("universal", "spin")
-        else axis_frame(loop.axis, None)
-        for loop in loops
-    ]
-    labels: list[str] = []
-    owner: list[int] = []
-    points: list[tuple[int, int]] = []
-    dots: list[tuple[int, int, int]] = []
-    distances: list[tuple[int, float]] = []
-    contacts: list[Contact] = []
+    ends = [_ends(loop, frames, sleeves.get(loop.name)) for loop in loops]
+    rows = _Rows()
     for number, loop in enumerate(loops):
-        held, square = _ROWS[loop.kind]
-        for axis in held:
-            points.append((len(labels), axis))
-            labels.append(f"{loop.name}: position along {_AXES[axis]}")
-        for a, b in square:
-            dots.append((len(labels), a, b))
-            about = _AXES[3 - a - b] if a != b else _AXES[a]
-            labels.append(f"{loop.name}: rotation about {about}")
-        if loop.kind == "distance":
-            distances.append((len(labels), np.nan if loop.length is None else loop.length))
-            labels.append(f"{loop.name}: distance")
-        if loop.kind == "slider":
-            held_rows = sleeves[loop.name].labels(loop.name)
-            at = np.arange(len(labels), len(labels) + len(held_rows))
-            contacts.append(Contact(sleeves[loop.name], number, at))
-            labels.extend(held_rows)
-        owner.extend([number] * (len(labels) - len(owner)))
+        rows.add(number, loop, sleeves)
     sides = [e[0] for e in ends] + [e[1] for e in ends]
+    turns = [axis_frame(loop.axis, None) for loop in loops] + [_turn_b(loop) for loop in loops]
     local = np.zeros((len(sides), 3, 4))
-    for k, (end, turn) in enumerate(zip(sides, turn_a + turn_b, strict=True)):
+    for k, (end, turn) in enumerate(zip(sides, turns, strict=True)):
         local[k, :, :3] = end.placement.rotation @ turn
         local[k, :, 3] = end.placement.translation
     support_a = _supports(model, [e[0].joint for e in ends])
     support_b = _supports(model, [e[1].joint for e in ends])
-    loop_of = np.array(owner, dtype=np.intp)
+    points = np.array(rows.points, dtype=np.intp).reshape(-1, 2)
+    dots = np.array(rows.dots, dtype=np.intp).reshape(-1, 3)
+    loop_of = np.array(rows.owner, dtype=np.intp)
     return Closures(
         names=tuple(loop.name for loop in loops),
         kinds=tuple(loop.kind for loop in loops),
-        labels=tuple(labels),
+        labels=tuple(rows.labels),
         loop_of=loop_of,
         bodies=np.array([s.joint for s in sides], dtype=np.intp),
         local=local,
-        point_rows=np.array([p[0] for p in points], dtype=np.intp),
-        point_axes=np.array([p[1] for p in points], dtype=np.intp),
-        dot_rows=np.array([d[0] for d in dots], dtype=np.intp),
-        dot_a=np.array([d[1] for d in dots], dtype=np.intp),
-        dot_b=np.array([d[2] for d in dots], dtype=np.intp),
-        distance_rows=np.array([d[0] for d in distances], dtype=np.intp),
-        lengths=np.array([d[1] for d in distances], dtype=float),
+        point_rows=points[:, 0].copy(),
+        point_axes=points[:, 1].copy(),
+        dot_rows=dots[:, 0].copy(),
+        dot_a=dots[:, 1].copy(),
+        dot_b=dots[:, 2].copy(),
+        distance_rows=np.array([d[0] for d in rows.distances], dtype=np.intp),
+        lengths=np.array([d[1] for d in rows.distances], dtype=float),
         support_a=support_a,
         support_b=support_b,
         row_mask=(support_b - support_a)[loop_of],
-        contacts=tuple(contacts),
+        contacts=tuple(rows.contacts),
     )
+
+
+class _Rows:
+    """Rows of the loops, gathered one loop after the other.
+
+    Attributes:
+        labels: One per row. owner: Loop of each row.
+        points: Row and axis. dots: Row, axis of a, axis of b. distances: Row and length in m.
+        contacts: Rows of sleeves on flexible beams.
+    """
+
+    def __init__(self) -> None:
+        self.labels: list[str] = []
+        self.owner: list[int] = []
+        self.points: list[tuple[int, int]] = []
+        self.dots: list[tuple[int, int, int]] = []
+        self.distances: list[tuple[int, float]] = []
+        self.contacts: list[Contact] = []
+
+    def add(self, number: int, loop: Loop, sleeves: Mapping[str, Sleeve]) -> None:
+        """The rows that a loop holds."""
+        held, square = _ROWS[loop.kind]
+        labels = self.labels
+        for axis in held:
+            self.points.append((len(labels), axis))
+            labels.append(f"{loop.name}: position along {_AXES[axis]}")
+        for a, b in square:
+            self.dots.append((len(labels), a, b))
+            about = _AXES[3 - a - b] if a != b else _AXES[a]
+            labels.append(f"{loop.name}: rotation about {about}")
+        if loop.kind == "distance":
+            self.distances.append((len(labels), np.nan if loop.length is None else loop.length))
+            labels.append(f"{loop.name}: distance")
+        if loop.kind == "slider":
+            sleeve = sleeves[loop.name]
+            names = sleeve.labels(loop.name)
+            at = np.arange(len(labels), len(labels) + len(names))
+            self.contacts.append(Contact(sleeve, number, at))
+            labels.extend(names)
+        self.owner.extend([number] * (len(labels) - len(self.owner)))
+
+
+def _turn_b(loop: Loop) -> Array:
+    """Frame b in its link; a universal joint holds a's axis (z) perpendicular to b's (x here)."""
+    if loop.kind in ("universal", "spin"):
+        return axis_frame(None, loop.axis_b)
+    return axis_frame(loop.axis, None)
+
+
+def _ends(
+    loop: Loop, frames: Mapping[str, Attachment], sleeve: Sleeve | None
+) -> tuple[Attachment, Attachment]:
+    """Both frames of a loop; those of a slider are turned into that of its beam."""
+    here, other = frames[loop.frame_a], frames[loop.frame_b]
+    if sleeve is None:
+        return here, other
+    beam = sleeve.placement
+    along = other.placement * pin.SE3(beam.rotation, np.zeros(3))
+    return Attachment(here.joint, here.placement * beam), Attachment(other.joint, along)
 
 
 def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:

@@ -16,23 +16,17 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.mechanics import workspace
 from pinflex.mechanics.closure_state import ClosureState
-from pinflex.mechanics.coordinate_map import CoordinateMap
+from pinflex.mechanics.expanded_state import ExpandedState
 from pinflex.mechanics.loads import LoadState
 from pinflex.mechanics.system import System
 
 
-class Dynamics:
+class Dynamics(ExpandedState):
     """A run's own workspace on a system (it owns the pin.Data; make one per run)."""
 
     def __init__(self, system: System) -> None:
-        self.system = system
-        expansion = system.expansion
-        self.model: pin.Model = expansion.model
+        super().__init__(system)
         self.data: pin.Data = workspace.take(self.model)
-        self.n_rigid = int(system.rigid.nv)
-        self.nq_rigid = int(system.rigid.nq)
-        self.vector_space = self.nq_rigid == self.n_rigid
-        self.flexible = system.n_eta > 0
         self.damped = bool(np.any(system.D))
         self.sprung = len(system.springs.v_at) > 0
         self.closed = ClosureState(system.closed, self.model, self.data)
@@ -40,120 +34,21 @@ class Dynamics:
         self.loaded = system.loads.present
         self.loads = LoadState(system.loads, self.model, self.data)
         self.slides = self.flexible and len(system.closed.contacts) > 0
-        nV = int(self.model.nv)
-        self.Q = pin.neutral(self.model)
-        self._maps = [CoordinateMap(block) for block in expansion.blocks]
-        bodies = [(slot.eta, slot.body.curvature) for slot in expansion.slots]
+        bodies = [(slot.eta, slot.body.curvature) for slot in system.expansion.slots]
         self._curved = [(at, bent) for at, bent in bodies if bent is not None]
         self.stiffness = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
-        self._V, self._A = np.zeros(nV), np.zeros(nV)
-        self.g = np.zeros(nV)
+        self.g = np.zeros(int(self.model.nv))
 
     def __del__(self) -> None:
         if hasattr(self, "data"):
             workspace.give_back(self.model, self.data)
 
-    # Configuration -------------------------------------------------------------------------
-
-    def integrate(self, y: Array, dy: Array) -> Array:
-        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,)."""
-        if self.vector_space:
-            return y + dy
-        moved = np.empty_like(y)
-        n, m = self.nq_rigid, self.n_rigid
-        moved[:n] = pin.integrate(self.system.rigid, y[:n], dy[:m])
-        moved[n:] = y[n:] + dy[m:]
-        return moved
-
-    def difference(self, y0: Array, y1: Array) -> Array:
-        """dy that takes y0 to y1, shape (nv,)."""
-        if self.vector_space:
-            return y1 - y0
-        n, m = self.nq_rigid, self.n_rigid
-        dy = np.empty(self.system.nv)
-        dy[:m] = pin.difference(self.system.rigid, y0[:n], y1[:n])
-        dy[m:] = y1[n:] - y0[n:]
-        return dy
-
     def place(self, y: Array) -> None:
         """Q = T(y) and the blocks of X = dQ/dy."""
-        if not self.flexible:
-            self.Q = y
-            return
-        n = self.nq_rigid
-        self.Q[self.system.expansion.q_at] = y[:n]
-        eta = y[n:]
-        self.closed.eta = eta
-        for one in self._maps:
-            self.Q[one.block.q_rows] = one.place(eta[one.block.eta])
-
-    def expand_motion(self, v: Array, a: Array) -> tuple[Array, Array]:
-        """V = X v and A = X a + Xdot v at the placed configuration."""
-        if not self.flexible:
-            return v, a
-        V, A, m, at = self._V, self._A, self.n_rigid, self.system.expansion.v_at
-        V[at], A[at] = v[:m], a[:m]
-        v_eta, a_eta = v[m:], a[m:]
-        for one in self._maps:
-            rate = v_eta[one.block.eta]
-            column = rate.reshape(one.shape)
-            V[one.force_rows] = np.matmul(one.X, column).reshape(-1)
-            gain = np.matmul(one.X, a_eta[one.block.eta].reshape(one.shape))
-            if one.curved:
-                one.rate = one.bend(rate)
-                gain[:, : one.curved] += np.matmul(one.rate, column)
-            A[one.force_rows] = gain.reshape(-1)
-        return V, A
-
-    def project(self, g: Array) -> Array:
-        """X' g, shape (nv,), for expanded forces g (nV,)."""
-        if not self.flexible:
-            return np.array(g)
-        m = self.n_rigid
-        r = np.empty(self.system.nv)
-        r[:m] = g[self.system.expansion.v_at]
-        for one in self._maps:
-            bodies, rows, _ = one.X.shape
-            force = g[one.force_rows].reshape(bodies, rows, 1)
-            r[m:][one.block.eta] = np.matmul(one.X_turned, force).reshape(-1)
-        return r
-
-    def times_map(self, D: Array) -> Array:
-        """D X, shape (k, nv), for D of shape (k, nV)."""
-        if not self.flexible:
-            return D.copy()
-        m = self.n_rigid
-        out = np.empty((len(D), self.system.nv))
-        out[:, :m] = D[:, self.system.expansion.v_at]
-        for one in self._maps:
-            self._block_product(D, one, one.X, slice(None), out[:, m:])
-        return out
-
-    def _block_product(
-        self,
-        D: Array,
-        one: CoordinateMap,
-        factor: Array,
-        rows: slice,
-        out: Array,
-        add: bool = False,
-    ) -> None:
-        """Columns D[:, rows of the bodies] times stacked factors, into the bodies' columns."""
-        at = one.block.rows[:, rows]
-        bodies, count = at.shape
-        columns = D[:, at.reshape(-1)].reshape(len(D), bodies, count).transpose(1, 0, 2)
-        product = np.matmul(columns, factor).transpose(1, 0, 2)
-        product = product.reshape(len(D), product.shape[1] * product.shape[2])
-        if add:
-            out[:, one.block.eta] += product
-        else:
-            out[:, one.block.eta] = product
-
-    @property
-    def X(self) -> Array:
-        """dQ/dy as one dense matrix, shape (nV, nv) (for tests and reports)."""
-        return self.times_map(np.eye(int(self.model.nv)))
+        super().place(y)
+        if self.flexible:
+            self.closed.eta = y[self.nq_rigid :]
 
     # Forces --------------------------------------------------------------------------------
 
@@ -259,7 +154,7 @@ class Dynamics:
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
         self.place(y)
-        return self._both_sides(pin.crba(self.model, self.data, self.Q))
+        return self.both_sides(pin.crba(self.model, self.data, self.Q))
 
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, t: float
@@ -323,12 +218,11 @@ class Dynamics:
         D = parts[0]
         for part in parts[1:]:
             D += part
-        S = self._both_sides(D)
-        if self.flexible:
-            if rates and (w_v or w_y):
-                self._add_rates(S, M, dV, a[self.n_rigid :], w_v, w_y)
-            if w_y:
-                self._add_geometric(S, w_y)
+        S = self.both_sides(D)
+        if rates and (w_v or w_y):
+            self._add_rates(S, M, dV, a[self.n_rigid :], w_v, w_y)
+        if w_y:
+            self._add_geometric(S, w_y)
         if follow is not None and w_y:
             S -= w_y * follow
         if self.loaded and (w_v or w_y):
@@ -337,46 +231,36 @@ class Dynamics:
         s = self.system.springs
         S[s.v_at, s.v_at] += w_y * s.stiffness
         if w_y:
-            for at, bent in self._curved:
-                rows = slice(self.n_rigid + at.start, self.n_rigid + at.stop)
-                S[rows, rows] += w_y * bent.stiffness(self.closed.eta[at])
+            self._add_bent(S, w_y)
         return S
 
-    def _both_sides(self, D: Array) -> Array:
-        """X' D X."""
-        if not self.flexible:
-            return np.array(D)
-        right = self.times_map(D)
-        return self._left(right)
-
-    def _left(self, right: Array) -> Array:
-        """X' B for B of shape (nV, k)."""
-        m = self.n_rigid
-        out = np.empty((self.system.nv, right.shape[1]))
-        out[:m] = right[self.system.expansion.v_at]
-        for one in self._maps:
-            bodies, rows, _ = one.X.shape
-            part = right[one.force_rows].reshape(bodies, rows, -1)
-            out[m:][one.block.eta] = np.matmul(one.X_turned, part).reshape(-1, right.shape[1])
-        return out
+    def _add_bent(self, S: Array, w_y: float) -> None:
+        """Stiffness of links whose energy is of fourth order."""
+        for at, bent in self._curved:
+            rows = slice(self.n_rigid + at.start, self.n_rigid + at.stop)
+            S[rows, rows] += w_y * bent.stiffness(self.closed.eta[at])
 
     def _add_rates(
         self, S: Array, M: Array, dV: Array, a_eta: Array, w_v: float, w_y: float
     ) -> None:
         """What the changing second-order rows bring into C and K."""
+        if not self.flexible:
+            return
         extra = np.zeros((int(self.model.nv), self.system.n_eta))
         for one in self._maps:
             if not one.curved:
                 continue
             rows = slice(0, one.curved)
             inertial = 2.0 * w_v * one.rate + w_y * one.bend(a_eta[one.block.eta])
-            self._block_product(M, one, inertial, rows, extra, add=True)
+            self.block_product(M, one, inertial, rows, extra, add=True)
             if w_y:
-                self._block_product(dV, one, w_y * one.rate, rows, extra, add=True)
-        S[:, self.n_rigid :] += self._left(extra)
+                self.block_product(dV, one, w_y * one.rate, rows, extra, add=True)
+        S[:, self.n_rigid :] += self.from_left(extra)
 
     def _add_geometric(self, S: Array, w_y: float) -> None:
         """Geometric stiffness: sum of G_k weighted by the force g_k on each curved row."""
+        if not self.flexible:
+            return
         m, g = self.n_rigid, self._row_forces()
         for one in self._maps:
             if not one.curved:

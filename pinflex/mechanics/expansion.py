@@ -21,9 +21,9 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.superelement import Superelement
+from pinflex.mechanics.blocks import stack
 from pinflex.mechanics.expanded import (
     Attachment,
-    Block,
     Expansion,
     Interface,
     Slot,
@@ -307,9 +307,8 @@ def expand(
     work = _Assembler(links, parts, needed, rigid is not None, model)
     work.run()
     q_at, v_at = rigid_indices(model if rigid is None else rigid, model)
-    return Expansion(
-        model, q_at, v_at, _stack(work), work.frames, tuple(work.slots), work.n_eta
-    )  # fmt: skip
+    blocks = stack(model, work.slots, work.maps)
+    return Expansion(model, q_at, v_at, blocks, work.frames, tuple(work.slots), work.n_eta)
 
 
 def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
@@ -319,35 +318,3 @@ def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
         frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
         frames[link.name] = Attachment(int(frame.parentJoint), frame.placement)
     return Expansion(model, np.arange(model.nq), np.arange(model.nv), (), frames, (), 0)
-
-
-def _stack(work: _Assembler) -> tuple[Block, ...]:
-    """Group neighbouring bodies of equal shape."""
-    sorted_maps = [
-        [m for m in maps if m[2] is not None] + [m for m in maps if m[2] is None]
-        for maps in work.maps
-    ]
-    shapes = [
-        (len(maps), sum(m[2] is not None for m in maps), slot.body.n)
-        for maps, slot in zip(sorted_maps, work.slots, strict=True)
-    ]
-    groups: list[list[int]] = []
-    for number, shape in enumerate(shapes):
-        if groups and shapes[groups[-1][0]] == shape:
-            groups[-1].append(number)
-        else:
-            groups.append([number])
-    q_of = np.empty(work.model.nv, dtype=np.intp)
-    for joint in work.model.joints[1:]:
-        if joint.nq == joint.nv:
-            q_of[joint.idx_v : joint.idx_v + joint.nv] = joint.idx_q + np.arange(joint.nv)
-    blocks = []
-    for group in groups:
-        _, curved, n = shapes[group[0]]
-        rows = np.array([[m[0] for m in sorted_maps[k]] for k in group], dtype=np.intp)
-        Phi = np.array([[m[1] for m in sorted_maps[k]] for k in group], dtype=float)
-        G = np.array([[m[2] for m in sorted_maps[k][:curved]] for k in group], dtype=float)
-        eta = slice(work.slots[group[0]].eta.start, work.slots[group[-1]].eta.stop)
-        G = G.reshape(len(group), curved, n, n)
-        blocks.append(Block(rows, q_of[rows.ravel()], Phi, G, eta))
-    return tuple(blocks)

@@ -43,23 +43,34 @@ def axis_hint(dynamics: Dynamics, loops: Sequence[Loop], pose: Array) -> str:
         turned = [v for v in moves if np.linalg.norm(turning[:, v]) > 0.5]
         if len(beside) < 2 or len(turned) > len(beside):  # a ball or a universal joint turns too
             continue
-        normal = turning[:, beside[0]]
-        bent = [float(np.linalg.norm(np.cross(normal, turning[:, v]))) for v in beside]
-        axis = state.frames_a[k, :, 2]
-        if max(bent) > _PARALLEL or np.linalg.norm(np.cross(normal, axis)) < _TURNED:
-            continue
-        angle = np.degrees(np.arccos(min(1.0, abs(float(normal @ axis)))))
-        names = ", ".join(hinged[v] for v in beside[:_SHOWN])
-        turn = axis_frame(loop.axis, None)
-        own = [turn @ frames[k, :, :3].T @ normal for frames in (state.frames_a, state.frames_b)]
-        advice = "Turn one of the frames in the URDF"
-        if np.linalg.norm(np.cross(own[0], own[1])) < _PARALLEL:
-            advice = f"Write loops.{loop.name}.axis: {_written(own[0])}"
-        found.append(
-            f' The axis of loop "{loop.name}" is {angle:.3g} deg off the axes of its neighbours '
-            f"({names}{', ...' if len(beside) > _SHOWN else ''}), which are all parallel. {advice}."
-        )
+        frames = state.frames_a[k, :, :3], state.frames_b[k, :, :3]
+        names = [hinged[v] for v in beside]
+        found.append(_hint(loop, frames, turning[:, beside], names))
     return "".join(found)
+
+
+def _hint(loop: Loop, frames: tuple[Array, Array], axes: Array, names: Sequence[str]) -> str:
+    """The sentence for one loop, "" where its axis fits.
+
+    Args:
+        loop: As described. frames: Rotations of both its frames, each (3, 3).
+        axes: Of its hinged neighbours, shape (3, n). names: Theirs.
+    """
+    normal, axis = axes[:, 0], frames[0][:, 2]
+    bent = [float(np.linalg.norm(np.cross(normal, beside))) for beside in axes.T]
+    if max(bent) > _PARALLEL or np.linalg.norm(np.cross(normal, axis)) < _TURNED:
+        return ""
+    angle = np.degrees(np.arccos(min(1.0, abs(float(normal @ axis)))))
+    shown = f"{', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''}"
+    turn = axis_frame(loop.axis, None)
+    own = [turn @ frame.T @ normal for frame in frames]
+    advice = "Turn one of the frames in the URDF"
+    if np.linalg.norm(np.cross(own[0], own[1])) < _PARALLEL:
+        advice = f"Write loops.{loop.name}.axis: {_written(own[0])}"
+    return (
+        f' The axis of loop "{loop.name}" is {angle:.3g} deg off the axes of its neighbours '
+        f"({shown}), which are all parallel. {advice}."
+    )
 
 
 def _written(axis: Array) -> str:

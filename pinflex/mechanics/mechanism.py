@@ -24,7 +24,8 @@ from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
 from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.joints import add_rotors, coordinate_names, motor_rows
-from pinflex.mechanics.parts import FlexiblePart, LeftOut, any_undecided, resolve
+from pinflex.mechanics.parts import FlexiblePart, resolve
+from pinflex.mechanics.planes import LeftOut, any_undecided
 from pinflex.mechanics.plausible import require_size
 from pinflex.mechanics.relevance import left_out
 from pinflex.mechanics.ride import end_riders

@@ -39,8 +39,7 @@ class Moved:
         self._easy = len(plain) + len(circles) + len(spheres) == len(joints)
         self.turning = len(plain) + len(circles) < len(joints)
         circles = [j for j in circles if j.idx_v not in told]
-        self._q = np.array([j.idx_q + k for j in plain for k in range(j.nv)], dtype=np.intp)
-        self._v = np.array([j.idx_v + k for j in plain for k in range(j.nv)], dtype=np.intp)
+        self._q, self._v = _rows(plain)
         self._circle_q = np.array([j.idx_q for j in circles], dtype=np.intp)
         self._circle_v = np.array([j.idx_v for j in circles], dtype=np.intp)
         self._spheres = [
@@ -94,6 +93,13 @@ class Moved:
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
         turn[:, :n] = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
         return turn
+
+
+def _rows(joints: Sequence[pin.JointModel]) -> tuple[IntArray, IntArray]:
+    """Rows in q and in v of joints that have as many of one as of the other."""
+    steps = [(j.idx_q + k, j.idx_v + k) for j in joints for k in range(j.nv)]
+    q, v = np.array(steps, dtype=np.intp).reshape(-1, 2).T
+    return np.ascontiguousarray(q), np.ascontiguousarray(v)
 
 
 def _product(p: Array, q: Array) -> Array:

@@ -5,7 +5,7 @@ Model only what the scene needs: a mechanism that moves in one plane bends in th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,24 +20,12 @@ from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics import ride
 from pinflex.mechanics.cost import require_memory
+from pinflex.mechanics.planes import LeftOut, active_planes, plane_of
 from pinflex.mechanics.plausible import require_beam
 from pinflex.mechanics.ride import Rider
-from pinflex.mechanics.span import require_carrying, span
+from pinflex.mechanics.span import beam_frame, require_carrying, span
 from pinflex.mechanics.tree import Link
 from pinflex.text import brief
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """A deformation that `auto` leaves out: its largest share of anything, and of what.
-
-    Attributes:
-        direction: u, v, w or p. share: Largest share. of: Of what, in words.
-    """
-
-    direction: str
-    share: float
-    of: str
 
 
 @dataclass(frozen=True)
@@ -130,15 +118,6 @@ def resolve(
     return parts
 
 
-def plane_of(links: Sequence[Link], gravity: Array) -> tuple[list[pin.SE3], Array | None]:
-    """Poses of the links at zero joint angles, and the normal of the plane all motion stays in."""
-    poses: list[pin.SE3] = []
-    for link in links:
-        above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
-        poses.append(above * link.placement)
-    return poses, _plane_normal(links, poses, gravity)
-
-
 def _coarse(spec: FlexibleLink) -> FlexibleLink:
     """The link with static end shapes alone, which are exact for loads at its ends."""
     if spec.basis.kind in solid_keys.KINDS:
@@ -163,10 +142,10 @@ def _part(
     number = index[spec.link]
     start, end = span(where, spec, number, links, index)
     require_carrying(where, description, spec, number, links, index)
-    placement, length = _beam_frame(where, spec, links[number], start, end)
+    placement, length = beam_frame(where, spec, links[number], start, end)
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
-    planes, reason = _planes(where, spec, poses[number] * placement, normal, out)
+    planes, reason = active_planes(where, spec, poses[number] * placement, normal, out)
     mass = links[number].inertia.mass
     require_memory(where, spec, planes, description.limit)
     if spec.material.rho is None:
@@ -231,15 +210,6 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
     )
 
 
-def _placed(
-    where: str, spec: FlexibleLink, links: Sequence[Link], index: Mapping[str, int]
-) -> tuple[pin.SE3, float]:
-    """Beam frame in the link's frame, and the span."""
-    number = index[spec.link]
-    start, end = span(where, spec, number, links, index)
-    return _beam_frame(where, spec, links[number], start, end)
-
-
 def _solid_part(
     description: Description, spec: FlexibleLink, placement: pin.SE3, length: float, where: str
 ) -> FlexiblePart:
@@ -258,138 +228,3 @@ def _solid_part(
     reason = "a solid deforms in every direction"
     directions = ("u", "v", "w", "p")
     return FlexiblePart(spec.link, placement, length, directions, reason, (body,), (), spec)
-
-
-def _beam_frame(
-    where: str, spec: FlexibleLink, link: Link, start: Array, end: Array
-) -> tuple[pin.SE3, float]:
-    span = end - start
-    length = float(np.linalg.norm(span))
-    if length < 1e-9:
-        raise DescriptionError(
-            f"{where}: the span has no length. Give `end: FRAME` or `length` in m."
-        )
-    x = span / length
-    wishes = [spec.up] if spec.up is not None else [_axis(link), (0, 0, 1), (0, 1, 0)]
-    for wish in wishes:
-        up = np.zeros(3) if wish is None else np.array(wish, float)
-        z = up - x * (x @ up)
-        if np.linalg.norm(z) > 1e-3 * max(float(np.linalg.norm(up)), 1e-300):
-            z /= np.linalg.norm(z)
-            rotation = np.column_stack([x, np.cross(z, x), z])
-            return pin.SE3(rotation, start), length if spec.length is None else spec.length
-    raise DescriptionError(
-        f"{where}.up: {spec.up} is parallel to the span. Give a vector across the beam."
-    )
-
-
-def _axis(link: Link) -> tuple[float, float, float] | None:
-    """Axis of the link's own joint in the link's frame, when it has just one."""
-    if len(link.steps) != 1:
-        return None
-    model = pin.Model()
-    joint = model.addJoint(0, link.steps[0].model, pin.SE3.Identity(), "joint")
-    if model.nv != 1:
-        return None
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
-    column = np.reshape(jacobian, 6)  # Pinocchio hands one column over as a vector
-    axis = column[3:] if np.linalg.norm(column[3:]) > 0.5 else column[:3]
-    return (float(axis[0]), float(axis[1]), float(axis[2]))
-
-
-def _plane_normal(links: Sequence[Link], poses: Sequence[pin.SE3], gravity: Array) -> Array | None:
-    """Normal of the plane all motion stays in, or None for a spatial mechanism.
-
-    All axes parallel, gravity in the plane, and every mass and joint at one height: then nothing
-    excites bending out of the plane, or torsion.
-    """
-    normal: Array | None = None
-    heights: list[float] = []
-    for link, pose in zip(links, poses, strict=True):
-        for step in link.steps:
-            turning = step.model.shortname().startswith("JointModelR")
-            axis = _axis(link)
-            if axis is None or not turning:
-                return None
-            world = pose.rotation @ np.array(axis)
-            if normal is None:
-                normal = world
-            elif abs(abs(float(normal @ world)) - 1) > 1e-9:
-                return None
-    if normal is None or abs(float(normal @ gravity)) > 1e-9:
-        return None
-    for link, pose in zip(links, poses, strict=True):
-        moving = link.parent >= 0 and (link.steps or link.inertia.mass > 0)
-        if moving:
-            heights.append(float(normal @ pose.translation))
-        if moving and link.inertia.mass > 0:
-            heights.append(float(normal @ pose.act(link.inertia.lever)))
-    reach = max(float(np.linalg.norm(pose.translation)) for pose in poses)
-    # 1e-6 of the reach: decimals of a hand-written URDF, not a real offset.
-    return normal if not heights or np.ptp(heights) <= 1e-6 * max(reach, 1e-9) else None
-
-
-def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
-    """Those of a beam's planes about which the description says `auto`; one always stays."""
-    if spec.basis.kind in solid_keys.KINDS or len(planes) < 2:
-        return ()
-    asked = _asked(spec)
-    return tuple(d for d in planes if asked[d] == "auto")
-
-
-def any_undecided(
-    description: Description, links: Sequence[Link], given: Collection[str] = ()
-) -> bool:
-    """Whether `auto` asks for a look at what deforms, in any link but those of given bodies."""
-    index = {link.name: number for number, link in enumerate(links)}
-    poses, normal = plane_of(links, np.array(description.gravity, float))
-    for spec in description.flexible:
-        if spec.basis.kind in solid_keys.KINDS or spec.link in given:
-            continue
-        where = f"{description.name}: flexible.{spec.link}"
-        placement, _ = _placed(where, spec, links, index)
-        planes, _ = _planes(where, spec, poses[index[spec.link]] * placement, normal, ())
-        if undecided(spec, planes):
-            return True
-    return False
-
-
-_WORDS = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
-
-
-def _asked(spec: FlexibleLink) -> dict[str, bool | str]:
-    return {"u": spec.axial, "v": spec.bending_y, "w": spec.bending_z, "p": spec.torsion}
-
-
-def _planes(
-    where: str,
-    spec: FlexibleLink,
-    world: pin.SE3,
-    normal: Array | None,
-    out: Sequence[LeftOut],
-) -> tuple[tuple[str, ...], str]:
-    """Active directions: what was asked, and otherwise what the scene excites enough to matter."""
-    if normal is None:
-        auto = dict.fromkeys("uvwp", True)
-        reason = "spatial scene"
-    else:
-        along = abs(float(world.rotation[:, 2] @ normal))
-        auto = {"u": True, "v": along > 1e-6, "w": along < 1 - 1e-6, "p": False}
-        reason = "planar scene: nothing bends out of the plane or twists"
-    for left in out:
-        auto[left.direction] = False
-    asked = _asked(spec)
-    chosen = {d: auto[d] if asked[d] == "auto" else bool(asked[d]) for d in "uvwp"}
-    if asked["p"] == "auto" and False in (asked["v"], asked["w"]):
-        chosen["p"] = False  # the user has made the scene plane
-    if not any(chosen.values()):
-        raise DescriptionError(
-            f"{where}: every direction is off. Leave at least one of axial, bending_y, bending_z, "
-            "torsion on, or take the link out of `flexible`."
-        )
-    named = [f"{'no '[: 3 * (not asked[d])]}{_WORDS[d]}" for d in "uvwp" if asked[d] != "auto"]
-    if named:
-        reason = "as asked" + (f": {', '.join(named)}; {reason}" if len(named) < 4 else "")
-    return tuple(d for d in "uvwp" if chosen[d]), reason

@@ -27,7 +27,8 @@ from pinflex.description.motion import Motion, from_spec
 from pinflex.errors import PinflexError
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.parts import FlexiblePart, LeftOut, undecided
+from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.planes import LeftOut, undecided
 from pinflex.mechanics.structure import null_space, structural_stiffness
 from pinflex.mechanics.system import System
 from pinflex.mechanics.tree import Link

@@ -30,7 +30,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.bodies.basis import FlexibleBody, damping
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.damping import damping
 from pinflex.description.flexible import EndMass, FlexibleLink
 from pinflex.text import brief
 

@@ -117,15 +117,29 @@ def sleeves(
 def _sleeve(
     loop: Loop, parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
 ) -> Sleeve:
+    part = _beam(loop, parts, where)
+    size = (part.link, part.placement, part.length, 0.5 * loop.sleeve)
+    slot = next((s for s in expansion.slots if s.link == part.link), None)
+    sorts = _rows_held(loop, part, slot is not None)
+    if slot is None:
+        return Sleeve(*size, sorts, {}, {}, slice(0, 0))
+    directions = set(part.planes) - {"u"}
+    families = {d: slot.body.families[d] for d in directions}
+    columns = {d: slot.body.slices[d] for d in directions}
+    return Sleeve(*size, sorts, families, columns, slot.eta)
+
+
+def _beam(loop: Loop, parts: Mapping[str, FlexiblePart], where: str) -> FlexiblePart:
+    """The beam that a sleeve runs along; raises where it is none, or too short."""
     part = parts.get(loop.frame_a)
     if part is None:
         raise DescriptionError(
             f"{where}.between: {loop.frame_a} is not a flexible link. A slider runs along a beam: "
             f"write [BEAM, FRAME] with one of {', '.join(parts) or '(no link is flexible)'}."
         )
-    held = [d for d in ("v", "w") if d in part.planes]
-    if not held or len(part.bodies) > 1 or part.bodies[0].solid is not None:
-        kind = "a solid" if part.bodies[0].solid is not None else f"{len(part.bodies)} segment(s)"
+    solid = part.bodies[0].solid is not None
+    if solid or len(part.bodies) > 1 or not {"v", "w"} & set(part.planes):
+        kind = "a solid" if solid else f"{len(part.bodies)} segment(s)"
         raise DescriptionError(
             f"{where}: {loop.frame_a} is {kind}, deforming in {', '.join(part.planes)}. A slider "
             "needs a beam of one segment that bends: write bending_y: true, segments: 1."
@@ -134,10 +148,14 @@ def _sleeve(
         raise DescriptionError(
             f"{where}.sleeve: {loop.sleeve:g} m is not shorter than the beam, {part.length:g} m."
         )
-    size = (part.link, part.placement, part.length, 0.5 * loop.sleeve)
-    slot = next((s for s in expansion.slots if s.link == part.link), None)
+    return part
+
+
+def _rows_held(loop: Loop, part: FlexiblePart, bends: bool) -> tuple[tuple[str, str], ...]:
+    """Sorts of rows with their direction; a straight beam has those of its line alone."""
+    held = [d for d in ("v", "w") if d in part.planes]
     each = ["hold"] if loop.turning else ["hold", "tilt"]
-    if slot is not None:
+    if bends:
         if loop.sleeve > 0.0:
             each += ["pivot"] if loop.pivoting else ["right", "left"]
         basis = part.spec.basis
@@ -146,10 +164,4 @@ def _sleeve(
     sorts = [(sort, d) for d in held for sort in each]
     if not loop.turning and len(held) == 2:
         sorts.append(("twist", "w"))
-    if slot is None:
-        return Sleeve(*size, tuple(sorts), {}, {}, slice(0, 0))
-    families: dict[str, Family] = {}
-    columns: dict[str, slice] = {}
-    for d in set(part.planes) - {"u"}:
-        families[d], columns[d] = slot.body.families[d], slot.body.slices[d]
-    return Sleeve(*size, tuple(sorts), families, columns, slot.eta)
+    return tuple(sorts)

@@ -1,4 +1,4 @@
-"""Where the beam of a flexible link begins and ends, and whether anything rides on it."""
+"""Where the beam of a flexible link begins and ends, its frame, and whether it carries a load."""
 
 from __future__ import annotations
 
@@ -23,10 +23,7 @@ def span(
     start = np.zeros(3) if spec.start is None else _point(where, spec.start, number, links, index)
     if spec.end is not None:
         return start, _point(where, spec.end, number, links, index)
-    children = [k for k, link in enumerate(links) if link.parent == number]
-    moving = [k for k in children if links[k].steps]
-    # A fixed child may carry the next joint: the load path leaves the link there.
-    moving = moving or [k for k in children if _next_joint(k, links) is not None] or children
+    moving = _leading_on(number, links)
     points = {tuple(np.round(links[k].placement.translation, 9)): k for k in moving}
     ends = [k for p, k in points.items() if np.linalg.norm(np.array(p) - start) > _HERE]
     if len(ends) == 1:
@@ -41,6 +38,13 @@ def span(
         f"{where}: the span is not clear: {spec.link} leads to {names}. "
         "Give `end: FRAME` (a frame fixed to the link) or `length` in m along the link's x axis."
     )
+
+
+def _leading_on(number: int, links: Sequence[Link]) -> list[int]:
+    """Children on a joint; else fixed ones that carry the next joint; else all of them."""
+    children = [k for k, link in enumerate(links) if link.parent == number]
+    moving = [k for k in children if links[k].steps]
+    return moving or [k for k in children if _next_joint(k, links) is not None] or children
 
 
 def require_carrying(
@@ -61,9 +65,7 @@ def require_carrying(
     first = index[spec.end]
     while links[first].parent != number:
         first = links[first].parent
-    named = {f for loop in description.loops for f in (loop.frame_a, loop.frame_b)}
-    named |= {force.frame for force in description.forces}
-    named |= {f for spring in description.springs for f in (spring.frame_a, spring.frame_b)}
+    named = _loaded_frames(description)
     beyond = [
         k
         for k, link in enumerate(links)
@@ -72,6 +74,13 @@ def require_carrying(
     carries = any(_next_joint(k, links) is not None or _has(k, links, named) for k in beyond)
     if not (carries or first in beyond or first == index[spec.end]):
         raise _leaves_at_the_root(where, spec.link, links[first].name, spec.end)
+
+
+def _loaded_frames(description: Description) -> set[str]:
+    """Frames that loops, forces and springs act on."""
+    named = {frame for loop in description.loops for frame in (loop.frame_a, loop.frame_b)}
+    named |= {frame for s in description.springs for frame in (s.frame_a, s.frame_b)}
+    return named | {force.frame for force in description.forces}
 
 
 def _leaves_at_the_root(where: str, link: str, child: str, end: str) -> DescriptionError:
@@ -113,3 +122,52 @@ def _point(
         placement = links[k].placement * placement
         k = links[k].parent
     return np.array(placement.translation)
+
+
+def joint_axis(link: Link) -> tuple[float, float, float] | None:
+    """Axis of the link's own joint in the link's frame, when it has just one."""
+    if len(link.steps) != 1:
+        return None
+    model = pin.Model()
+    joint = model.addJoint(0, link.steps[0].model, pin.SE3.Identity(), "joint")
+    if model.nv != 1:
+        return None
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+    column = np.reshape(jacobian, 6)  # Pinocchio hands one column over as a vector
+    axis = column[3:] if np.linalg.norm(column[3:]) > 0.5 else column[:3]
+    return (float(axis[0]), float(axis[1]), float(axis[2]))
+
+
+def placed_beam(
+    where: str, spec: FlexibleLink, links: Sequence[Link], index: Mapping[str, int]
+) -> tuple[pin.SE3, float]:
+    """Beam frame in the link's frame, and the span."""
+    number = index[spec.link]
+    start, end = span(where, spec, number, links, index)
+    return beam_frame(where, spec, links[number], start, end)
+
+
+def beam_frame(
+    where: str, spec: FlexibleLink, link: Link, start: Array, end: Array
+) -> tuple[pin.SE3, float]:
+    """Beam frame in the link's frame, x along the span and z up, and the length in m."""
+    span = end - start
+    length = float(np.linalg.norm(span))
+    if length < 1e-9:
+        raise DescriptionError(
+            f"{where}: the span has no length. Give `end: FRAME` or `length` in m."
+        )
+    x = span / length
+    wishes = [spec.up] if spec.up is not None else [joint_axis(link), (0, 0, 1), (0, 1, 0)]
+    for wish in wishes:
+        up = np.zeros(3) if wish is None else np.array(wish, float)
+        z = up - x * (x @ up)
+        if np.linalg.norm(z) > 1e-3 * max(float(np.linalg.norm(up)), 1e-300):
+            z /= np.linalg.norm(z)
+            rotation = np.column_stack([x, np.cross(z, x), z])
+            return pin.SE3(rotation, start), length if spec.length is None else spec.length
+    raise DescriptionError(
+        f"{where}.up: {spec.up} is parallel to the span. Give a vector across the beam."
+    )

@@ -49,14 +49,16 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     def attempt(resolution: float, coarser: Run | None) -> Run:
         return scene.resolved(t, resolution, progress, coarser, pilot=coarser is None)
 
-    return _refine(scene, t, tol, attempt, 8.0 * tol, 16.0, 3.0)
+    return _Refinement(scene, t, tol, attempt, 8.0 * tol, 16.0, 3.0).run()
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """By equal steps, half as long every time; methods of order 2."""
     # Errors of a step of 1/40 of a period are near 1e-3.
     first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
-    return _refine(scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0)
+    return _Refinement(
+        scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0
+    ).run()
 
 
 def by_error_control(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
@@ -71,75 +73,102 @@ def by_error_control(scene: Scene, t: Array, tol: float, progress: Progress | No
         spent = {} if coarser else pilot.cost
         return replace(run, cost={k: n + spent.get(k, 0.0) for k, n in run.cost.items()})
 
-    return _refine(scene, t, tol, attempt, _LOCAL * tol**1.5, 8.0, 3.0)
+    return _Refinement(scene, t, tol, attempt, _LOCAL * tol**1.5, 8.0, 3.0).run()
 
 
-def _refine(
-    scene: Scene,
-    t: Array,
-    tol: float,
-    attempt: Callable[[float, Run | None], Run],
-    first: float,
-    ratio: float,
-    gain: float,
-) -> Run:
-    """Runs at first, first/ratio, ... until the estimate is half of tol; gain: what one brings."""
-    compare = Outputs(scene.mechanism, scene.motion, t, scene.spec.asked or ASKED)
-    size, cost, failures, worse, worst = first, dict[str, float](), 0, 0, np.inf
-    coarse: Run | None = None
-    last: Run | None = None  # the last run that has an estimate
-    runs = 0
+class _Refinement:
+    """Runs at first, first/ratio, ...; each judged by the one before.
 
-    def judged(coarse: Run, fine: Run) -> Run:
-        error = {k: max(e / gain, ROUND_OFF) for k, e in compare.differences(coarse, fine).items()}
-        settings = {**fine.settings, "tol": tol, "error": error}
-        each = {**cost, "last_steps": fine.cost["steps"], "runs": float(runs)}
-        said = (*fine.warnings, *ringing(scene, fine))
-        return replace(fine, settings=settings, cost=each, warnings=said)
+    Attributes:
+        size: Step or resolution of the next run. cost: Of all runs so far.
+        last: The last run that has an estimate, or None.
+        runs, failures, worse: How many there were, broke off, and changed more than the last.
+    """
 
-    while runs <= _ROUNDS:
-        runs += 1
+    def __init__(
+        self,
+        scene: Scene,
+        t: Array,
+        tol: float,
+        attempt: Callable[[float, Run | None], Run],
+        first: float,
+        ratio: float,
+        gain: float,
+    ) -> None:
+        self.scene, self.tol, self.attempt = scene, tol, attempt
+        self.size, self.ratio, self.gain = first, ratio, gain
+        self.compare = Outputs(scene.mechanism, scene.motion, t, scene.spec.asked or ASKED)
+        self.cost: dict[str, float] = {}
+        self.failures = self.worse = self.runs = 0
+        self.last: Run | None = None
+
+    def run(self) -> Run:
+        """The first run whose estimate is half of the tolerance."""
+        coarse: Run | None = None
+        worst = np.inf
+        while self.runs <= _ROUNDS and self.worse <= _FAILURES:
+            self.runs += 1
+            fine = self._next(coarse)
+            if fine is not None and coarse is not None:
+                if _alike(coarse, fine):
+                    return self._at_round_off(coarse, fine)
+                self.last = self._judged(coarse, fine)
+                before, worst = worst, _worst(self.last)
+                if worst <= 0.5 * self.tol:
+                    return self.last
+                self.worse += worst > before
+            self.size, coarse = self.size / self.ratio, fine
+        raise self._not_reached()
+
+    def _next(self, coarse: Run | None) -> Run | None:
+        """The next run; None where it broke off and a finer one may pass."""
         try:
-            fine = attempt(size, coarse)
+            fine = self.attempt(self.size, coarse)
         except ConvergenceError:
             # Where steps that are too long break off, shorter ones may pass; after one that passed,
             # it is round-off that they meet.
-            failures += 1
-            if last is not None:
-                raise _floor(scene, tol, last) from None
-            if failures > _FAILURES:
+            self.failures += 1
+            if self.last is not None:
+                raise _floor(self.scene, self.tol, self.last) from None
+            if self.failures > _FAILURES:
                 raise
-            size, coarse = size / ratio, None
-            continue
+            return None
         for key, count in fine.cost.items():
-            cost[key] = cost.get(key, 0.0) + count
-        if coarse is not None and _alike(coarse, fine):
-            if last is not None:
-                raise _floor(scene, tol, last)
-            longer = size * ratio
-            while _alike(coarse, fine) and longer < _LONGEST:
-                longer, coarse, runs = longer * ratio, attempt(longer * ratio, None), runs + 1
-            last = judged(coarse, fine)
-            if _worst(last) <= 0.5 * tol:
-                return last
-            raise _floor(scene, tol, last)
-        if coarse is not None:
-            last = judged(coarse, fine)
-            before, worst = worst, _worst(last)
-            if worst <= 0.5 * tol:
-                return last
-            worse += worst > before
-            if worse > _FAILURES:
-                break
-        size, coarse = size / ratio, fine
-    assert last is not None
-    where, named = max(_errors(last).items(), key=lambda item: item[1]), scene.mechanism.name
-    failed = ConvergenceError(
-        f"{named}: tol = {tol:g} not reached: {where[0]} still changes by {where[1]:.2g} after "
-        f"{runs} runs. {_WAYS_OUT} error.result holds the last run. " + " ".join(last.warnings)
-    )
-    failed.result = last
-    raise failed
+            self.cost[key] = self.cost.get(key, 0.0) + count
+        return fine
+
+    def _at_round_off(self, coarse: Run, fine: Run) -> Run:
+        """The finer of two runs alike, if a longer step shows that the tolerance is met."""
+        if self.last is not None:
+            raise _floor(self.scene, self.tol, self.last)
+        longer = self.size * self.ratio
+        while _alike(coarse, fine) and longer < _LONGEST:
+            longer *= self.ratio
+            coarse, self.runs = self.attempt(longer, None), self.runs + 1
+        last = self._judged(coarse, fine)
+        if _worst(last) <= 0.5 * self.tol:
+            return last
+        raise _floor(self.scene, self.tol, last)
+
+    def _judged(self, coarse: Run, fine: Run) -> Run:
+        """The finer run with its estimated error, all its cost and what it warns of."""
+        differ = self.compare.differences(coarse, fine)
+        error = {key: max(e / self.gain, ROUND_OFF) for key, e in differ.items()}
+        settings = {**fine.settings, "tol": self.tol, "error": error}
+        each = {**self.cost, "last_steps": fine.cost["steps"], "runs": float(self.runs)}
+        warnings = (*fine.warnings, *ringing(self.scene, fine))
+        return replace(fine, settings=settings, cost=each, warnings=warnings)
+
+    def _not_reached(self) -> ConvergenceError:
+        assert self.last is not None
+        key, change = max(_errors(self.last).items(), key=lambda item: item[1])
+        failed = ConvergenceError(
+            f"{self.scene.mechanism.name}: tol = {self.tol:g} not reached: {key} still changes by "
+            f"{change:.2g} after {self.runs} runs. {_WAYS_OUT} error.result holds the last run. "
+            + " ".join(self.last.warnings)
+        )
+        failed.result = self.last
+        return failed
 
 
 def _errors(run: Run) -> dict[str, float]:

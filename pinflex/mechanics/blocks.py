@@ -1,0 +1,57 @@
+"""Blocks of the coordinate map: neighbouring bodies of equal shape side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.mechanics.expanded import Block, Slot
+
+Row = tuple[int, Array, Array | None]  # velocity row of the expanded model, Phi (n,), G (n, n)
+
+
+def stack(
+    model: pin.Model, slots: Sequence[Slot], maps: Sequence[Sequence[Row]]
+) -> tuple[Block, ...]:
+    """Group neighbouring bodies of equal shape.
+
+    Args:
+        model: Expanded model. slots: Its flexible bodies.
+        maps: Rows of each body's map, in any order.
+    Returns:
+        Blocks in the order of the bodies; curved rows come first in each.
+    """
+    sorted_maps = [sorted(rows, key=_straight) for rows in maps]
+    shapes = [
+        (len(rows), sum(not _straight(row) for row in rows), slot.body.n)
+        for rows, slot in zip(sorted_maps, slots, strict=True)
+    ]
+    q_of = _positions(model)
+    blocks = []
+    for (_, curved, n), numbers in groupby(range(len(slots)), key=lambda k: shapes[k]):
+        group = list(numbers)
+        rows = np.array([[m[0] for m in sorted_maps[k]] for k in group], dtype=np.intp)
+        Phi = np.array([[m[1] for m in sorted_maps[k]] for k in group], dtype=float)
+        G = np.array([[m[2] for m in sorted_maps[k][:curved]] for k in group], dtype=float)
+        eta = slice(slots[group[0]].eta.start, slots[group[-1]].eta.stop)
+        G = G.reshape(len(group), curved, n, n)
+        blocks.append(Block(rows, q_of[rows.ravel()], Phi, G, eta))
+    return tuple(blocks)
+
+
+def _straight(row: Row) -> bool:
+    """Whether a row is linear in eta."""
+    return row[2] is None
+
+
+def _positions(model: pin.Model) -> IntArray:
+    """Position in Q of each velocity row of a joint with as many of one as of the other."""
+    q_of = np.empty(model.nv, dtype=np.intp)
+    for joint in model.joints[1:]:
+        if joint.nq == joint.nv:
+            q_of[joint.idx_v : joint.idx_v + joint.nv] = joint.idx_q + np.arange(joint.nv)
+    return q_of
