@@ -17,14 +17,15 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.actuation.nominal import nominal
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.linear import Instant, alpha, saddle
+from pinflex.integrators.linear import Instant, alpha
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.linearised import Line
 from pinflex.levels.modes import modes
+from pinflex.linalg import independent_rows, saddle
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
@@ -179,7 +180,7 @@ class Probe:
         """March in the columns of B under what the rigid motion leaves, or `load` at every step."""
         s, Bt = self.stack, B.T
         J = s["J"] @ B
-        rows = _independent(J[0])
+        rows = np.sort(independent_rows(J[0], 1e-9))
         system = Loaded.of(
             Bt @ s["M"] @ B, Bt @ s["C"] @ B, Bt @ s["K"] @ B, s["r"] @ B, J[:, rows]
         )
@@ -292,17 +293,6 @@ def _steps(mechanism: Mechanism, end: float) -> tuple[int, float]:
     alive = found[found > 0]
     third = float(alive[min(2, len(alive) - 1)]) if len(alive) else 0.0
     return int(np.clip(np.ceil(_PERIOD * third * end), 4 * _KNOTS, _MOST)), third
-
-
-def _independent(J: Array) -> IntArray:
-    """Closure rows that stay independent in fewer shapes."""
-    from scipy.linalg import qr
-
-    if not len(J):
-        return np.arange(0)
-    _, R, order = qr(J.T, pivoting=True, mode="economic")
-    size = np.abs(np.diag(R))
-    return np.asarray(np.sort(order[: int(np.sum(size > 1e-9 * size[0]))]))
 
 
 def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:

@@ -19,6 +19,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.schemes import AlphaScheme, newmark
+from pinflex.linalg import saddle
 
 
 @dataclass(frozen=True)
@@ -51,19 +52,6 @@ class State:
 
 At = Callable[[int], Instant]
 March = Callable[[At, int, float, Array], Iterator[State]]
-
-
-def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """x and lam of A x - J_left' lam = b, J x = c; least squares where coordinates are massless."""
-    n, rows = len(A), len(J)
-    S = np.zeros((n + rows, n + rows))
-    S[:n, :n], S[:n, n:], S[n:, :n] = A, J_left.T, J
-    right = np.concatenate([b, c])
-    try:
-        x = np.linalg.solve(S, right)
-    except np.linalg.LinAlgError:
-        x = np.linalg.lstsq(S, right, rcond=1e-13)[0]
-    return x[:n], -x[n:]
 
 
 class _Factored:

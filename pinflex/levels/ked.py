@@ -31,13 +31,13 @@ from pinflex.integrators.mode_superposition import mode_superposition
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import scheme
 from pinflex.levels.linearised import Line, along
-from pinflex.levels.quasistatic import giving_way
+from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.system import System
 
-_LOOKS = 21  # instants of a run at which the sign of the stiffness is looked at
+_STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness is looked at
 _CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-off
 
 
@@ -119,11 +119,11 @@ def _diverging(line: Line, run: Run) -> tuple[str, ...]:
     finds is not: there the links buckle (static divergence), and the linear answer is none.
     """
     dynamics, path = line.dynamics, line.path
-    for k in np.linspace(0, len(run.t) - 1, min(_LOOKS, len(run.t))).astype(int):
+    for k in np.linspace(0, len(run.t) - 1, min(_STABILITY_SAMPLES, len(run.t))).astype(int):
         rest = np.zeros(run.system.n_eta)  # as level quasistatic looks: without the vibration
         v, a = np.concatenate([path.v[k], rest]), np.concatenate([path.a[k], rest])
         t = float(run.t[k])
-        if giving_way(dynamics, run.y[k], v, a, run.lam[k], t, run.system.free):
+        if unstable_directions(dynamics, run.y[k], v, a, run.lam[k], t, run.system.free):
             return (
                 f"t = {run.t[k]:.4g} s: the stiffness of the deflected links is negative in some "
                 "direction (static divergence: they buckle), of which the linear deviation knows "

@@ -13,9 +13,10 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.quasistatic import rest
+from pinflex.linalg import null_space
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import null_space, structural_stiffness
+from pinflex.mechanics.structure import structural_stiffness
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 

@@ -13,9 +13,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
+from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import null_space, structural_stiffness
+from pinflex.mechanics.structure import structural_stiffness
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
@@ -23,11 +24,8 @@ from pinflex.threads import one_blas_thread
 # coordinate it moves, is then at round-off.
 BALANCED = 1e-11
 _ITERATIONS = 40  # of one Newton run
-# Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
-_NEUTRAL = 1e-9
-_SPRINGS = 1e3  # of the closures, of a stiffness scaled to one
 STIFFNESS = (0.0, 0.0, 1.0)  # of the derivatives by acceleration, velocity and position
-LOOKS = 5  # instants of a run at which stability is looked at
+STABILITY_SAMPLES = 5  # instants of a run at which stability is looked at
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,6 @@ def _newton(
 ) -> Equilibrium | None:
     """One Newton run on r - weight * offset = 0; None when it does not converge."""
     n, rows = len(free), dynamics.system.closed.n
-    S = np.zeros((n + rows, n + rows))
 
     def error(y: Array, lam: Array) -> Array:
         r = dynamics.residual(y, v, a, lam, t)[free]
@@ -122,11 +119,10 @@ def _newton(
     for iteration in range(1, _ITERATIONS):
         K = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
         J = dynamics.jacobian()[:, free] if rows else np.zeros((0, n))
-        S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J.T, J
         if n + rows == 0:
             return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t), 0)
         try:
-            step = np.linalg.solve(S, -e)
+            step = np.linalg.solve(saddle_matrix(K[np.ix_(free, free)], J), -e)
         except np.linalg.LinAlgError:
             return None
         if not np.all(np.isfinite(step)):
@@ -160,11 +156,11 @@ def static_equilibrium(
     """
     found = rest(mechanism, q, free_motors)
     if found.unstable:
-        warnings.warn(give_way(f"{mechanism.name}: static equilibrium"), UnstableWarning, 2)
+        warnings.warn(unstable_text(f"{mechanism.name}: static equilibrium"), UnstableWarning, 2)
     return found
 
 
-def give_way(where: str) -> str:
+def unstable_text(where: str) -> str:
     """What is said of an unstable equilibrium."""
     return (
         f"{where}: unstable, the stiffness is negative in some direction: the mechanism buckles or "
@@ -182,33 +178,16 @@ def rest(mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
     where = f"{mechanism.name}: static equilibrium"
     found = balance(dynamics, mechanism.undeformed(q), still, still, free, 0.0, None, where)
     return replace(
-        found, unstable=giving_way(dynamics, found.y, still, still, found.lam, 0.0, free)
+        found, unstable=unstable_directions(dynamics, found.y, still, still, found.lam, 0.0, free)
     )
 
 
-def giving_way(
+def unstable_directions(
     dynamics: Dynamics, y: Array, v: Array, a: Array, lam: Array, t: float, free: IntArray
 ) -> int:
     """Number of directions that the closures allow in which the tangent stiffness is negative."""
     K = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)[np.ix_(free, free)]
-    return negative(K, dynamics.jacobian()[:, free] if dynamics.looped else K[:0])
-
-
-def negative(K: Array, J: Array) -> int:
-    """Number of directions that J allows in which a stiffness K is negative."""
-    if not len(K):
-        return 0
-    # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.
-    size = np.abs(np.diag(K))
-    scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size)), 1e-300)))
-    K, J = 0.5 * (K + K.T) * scale * scale[:, None], J * scale
-    try:
-        # What resists with springs in place of the closures resists with the closures; it is cheap.
-        np.linalg.cholesky(K + _SPRINGS * J.T @ J)
-        return 0
-    except np.linalg.LinAlgError:
-        Z = null_space(J)
-        return int(np.sum(np.linalg.eigvalsh(Z.T @ K @ Z) < -_NEUTRAL))
+    return negative_directions(K, dynamics.jacobian()[:, free] if dynamics.looped else K[:0])
 
 
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
@@ -219,8 +198,7 @@ def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
     K = structural_stiffness(dynamics, y0)
     n, rows = len(free), len(J)
-    S = np.zeros((n + rows, n + rows))
-    S[:n, :n], S[:n, n:], S[n:, :n] = K[np.ix_(free, free)], -J[:, free].T, J[:, free]
+    S = saddle_matrix(K[np.ix_(free, free)], J[:, free])
     x = np.linalg.solve(S, np.concatenate([-r0[free], np.zeros(rows)]))
     dy = np.zeros(system.nv)
     dy[free] = x[:n]
@@ -251,7 +229,7 @@ def solve_quasistatic(
     v[:, :m], a[:, :m] = path.v, path.a
     torque = np.empty((nt, len(system.motors)))
     offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
-    looks, said = set(np.linspace(0, nt - 1, LOOKS).astype(int).tolist()), list[str]()
+    looks, said = set(np.linspace(0, nt - 1, STABILITY_SAMPLES).astype(int).tolist()), list[str]()
     for k in range(nt):
         flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
         now = float(path.t[k])
@@ -271,8 +249,12 @@ def solve_quasistatic(
         offset, force = dynamics.difference(flat, found.y), found.lam
         offset[system.motors] = 0.0
         newton += found.iterations
-        if k in looks and not said and giving_way(dynamics, y[k], v[k], a[k], lam[k], now, free):
-            said.append(give_way(f"t = {t[k]:.6g} s: equilibrium"))
+        if (
+            k in looks
+            and not said
+            and unstable_directions(dynamics, y[k], v[k], a[k], lam[k], now, free)
+        ):
+            said.append(unstable_text(f"t = {t[k]:.6g} s: equilibrium"))
         if progress is not None and k % 16 == 0:
             progress(k, nt)
     counts: dict[str, float] = {"steps": nt, "newton": newton}

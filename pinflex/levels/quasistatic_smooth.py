@@ -25,13 +25,13 @@ from pinflex.integrators.chebyshev import Pieces
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs, relative
 from pinflex.levels.quasistatic import (
-    LOOKS,
+    STABILITY_SAMPLES,
     STIFFNESS,
-    give_way,
-    giving_way,
-    negative,
     solve_quasistatic,
+    unstable_directions,
+    unstable_text,
 )
+from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.moved import Moved
@@ -154,14 +154,14 @@ class Equilibria:
         torque = values[:, self._ends[1] : self._ends[2]]
         return Run(system, t, y, v, a, lam, torque, dict(self._counts))
 
-    def looked_at(self, run: Run) -> Run:
+    def with_stability_warning(self, run: Run) -> Run:
         """The run with a warning where an equilibrium gives way."""
         if not self._doubtful:
             return run
-        for k in np.linspace(0, len(run.t) - 1, LOOKS).astype(int):
+        for k in np.linspace(0, len(run.t) - 1, STABILITY_SAMPLES).astype(int):
             state = run.y[k], run.v[k], run.a[k], run.lam[k], float(run.t[k])
-            if giving_way(self.dynamics, *state, run.system.free):
-                said = give_way(f"t = {run.t[k]:.6g} s: equilibrium")
+            if unstable_directions(self.dynamics, *state, run.system.free):
+                said = unstable_text(f"t = {run.t[k]:.6g} s: equilibrium")
                 return replace(run, warnings=(said,))
         return run
 
@@ -234,8 +234,8 @@ class Equilibria:
         d, free = self.dynamics, self._system.free
         K = d.iteration_matrix(y, v, a, lam, t, STIFFNESS)[np.ix_(free, free)]
         J = d.jacobian()[:, free] if d.looped else np.zeros((0, len(free)))
-        self._doubtful |= negative(K, J) > 0
-        S = np.block([[K, -J.T], [J, np.zeros((len(J), len(J)))]])
+        self._doubtful |= negative_directions(K, J) > 0
+        S = saddle_matrix(K, J)
         lu, pivots, info = self._lapack.dgetrf(S)
         if info != 0 or not np.all(np.isfinite(lu)):
             raise _Unclear
@@ -289,7 +289,7 @@ def _smooth(
     found.begin()
     if tol is None:
         found.refine()
-        return found.looked_at(found.exact())
+        return found.with_stability_warning(found.exact())
     compare = Outputs(mechanism, motion, t, asked, found.dynamics)
     while True:
         fine, coarse, astray = found.interpolated()
@@ -301,4 +301,4 @@ def _smooth(
             fine, error = found.exact(), dict.fromkeys(error, ROUND_OFF)
             break
         found.refine()
-    return replace(found.looked_at(fine), settings={"tol": tol, "error": error})
+    return replace(found.with_stability_warning(fine), settings={"tol": tol, "error": error})

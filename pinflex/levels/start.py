@@ -14,7 +14,8 @@ from pinflex.description.motion import Motion
 from pinflex.errors import AssemblyError, ConvergenceError
 from pinflex.integrators.run import Run
 from pinflex.levels.linearised import Line
-from pinflex.levels.quasistatic import balance, give_way, giving_way, negative
+from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
+from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
@@ -113,11 +114,11 @@ def _static_start(
         if auto:
             return replace(straight, said=_shaken("there is no static equilibrium near it"))
         raise _no_equilibrium(str(error), error) from None
-    if not giving_way(at, found.y, v, a, found.lam, t, free):
+    if not unstable_directions(at, found.y, v, a, found.lam, t, free):
         return Start(found.y, v, "static")
     if auto:
         return replace(straight, said=_shaken("its static equilibrium is unstable"))
-    return Start(found.y, v, "static", give_way("start: static equilibrium"))
+    return Start(found.y, v, "static", unstable_text("start: static equilibrium"))
 
 
 def linear_start(mechanism: Mechanism, path: Nominal, structural: bool, start: str) -> Start:
@@ -138,8 +139,7 @@ def linear_start(mechanism: Mechanism, path: Nominal, structural: bool, start: s
         mechanism = replace(mechanism, flexible=lasting(mechanism.flexible))
     now = Line(mechanism, first, structural).at(0).free
     rows = len(now.J)
-    S = np.zeros((n + rows, n + rows))
-    S[:n, :n], S[:n, n:], S[n:, :n] = now.K, -now.J.T, now.J
+    S = saddle_matrix(now.K, now.J)
     try:
         d = np.linalg.solve(S, np.concatenate([-now.r, np.zeros(rows)]))[:n]
     except np.linalg.LinAlgError:
@@ -147,11 +147,11 @@ def linear_start(mechanism: Mechanism, path: Nominal, structural: bool, start: s
             return replace(straight, said=_shaken("the linear balance is singular"))
         where = f"{mechanism.name}: start: static: the linear balance is singular."
         raise _no_equilibrium(where) from None
-    if not negative(now.K, now.J):
+    if not negative_directions(now.K, now.J):
         return Start(d, np.zeros(n), static)
     if start == "auto":
         return replace(straight, said=_shaken("its static equilibrium is unstable"))
-    return Start(d, np.zeros(n), static, give_way("start: static equilibrium"))
+    return Start(d, np.zeros(n), static, unstable_text("start: static equilibrium"))
 
 
 def lasting(system: System) -> System:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinflex import linalg
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures
@@ -135,14 +136,7 @@ def independent_rows(J: Array, labels: Sequence[str]) -> tuple[IntArray, tuple[s
     Returns:
         Kept rows in their order, and the labels of dependent rows.
     """
-    from scipy.linalg import qr
-
-    if not len(J):
-        return np.zeros(0, dtype=np.intp), ()
-    _, R, order = qr(J.T, mode="economic", pivoting=True)
-    diagonal = np.abs(np.diag(R))
-    rank = int(np.sum(diagonal > RANK * max(float(diagonal[0]), 1e-300))) if len(diagonal) else 0
-    kept = np.sort(order[:rank]).astype(np.intp)
+    kept = np.sort(linalg.independent_rows(J, RANK))
     dropped = sorted(set(range(len(J))) - set(kept.tolist()))
     return kept, tuple(labels[k] for k in dropped)
 

@@ -27,11 +27,12 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.supplement import Loop
+from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.poses import skew
 
-_INDEPENDENT = 1e-8  # of the largest: as closure rows that count
+INDEPENDENT = 1e-8  # of the largest: as closure rows that count
 _STILL = 1e-7  # of the mechanism's size, for a motion of size one: closed loops leave 1e-12
 _SLENDER = 0.1  # of the distance between supports: a centre of mass nearer to the axis is idle
 _MASSLESS = 1e-12  # of the heaviest body
@@ -116,12 +117,12 @@ class Freedoms:
             return Idle()
         pieces = self._pieces(N)
         N = N @ self._kept(N, pieces, placed, still)
-        N = N @ _null(self._centres(N, pieces), _STILL)
+        N = N @ null_space(self._centres(N, pieces), _STILL, 1.0)
         if not N.shape[1]:
             return Idle()
         spins, rows = self._spins(J, N, pieces)
-        rest = N @ _null(np.array(rows).reshape(-1, len(N)) @ N, _INDEPENDENT)
-        held = np.sort(independent(rest, 1.0)) if rest.shape[1] else _NONE
+        rest = N @ null_space(np.array(rows).reshape(-1, len(N)) @ N, INDEPENDENT, 1.0)
+        held = np.sort(independent_rows(rest, INDEPENDENT, 1.0)) if rest.shape[1] else _NONE
         names = (*(loop.name for loop in spins), *(self._named(int(k)) for k in held))
         heavy = self._inertia_of_rows[held] > _MASSLESS * float(np.max(self._inertia_of_rows))
         return Idle(tuple(spins), held, held[heavy], _NONE, names)
@@ -195,7 +196,7 @@ class Freedoms:
         if still is not None:
             twist = self._twists(still.joint, N)
             rows += [twist[:3] / self._size, twist[3:]]
-        return _null(np.vstack(rows), _STILL)
+        return null_space(np.vstack(rows), _STILL, 1.0)
 
     def _centres(self, N: Array, pieces: Sequence[_Piece]) -> Array:
         """Velocities of the centres of mass that may not move, shape (rows, k)."""
@@ -284,36 +285,16 @@ def allowed(J: Array, locked: IntArray) -> Array:
     passive = np.setdiff1d(np.arange(nv), locked)
     N = np.zeros((nv, 0))
     if len(passive):
-        inside = _null(J[:, passive], _INDEPENDENT, relative=True)
+        inside = null_space(J[:, passive], INDEPENDENT)
         N = np.zeros((nv, inside.shape[1]))
         N[passive] = inside
     return N
 
 
-def _null(A: Array, small: float, relative: bool = False) -> Array:
-    """Orthonormal basis of the null space of A, shape (n, n - rank)."""
-    if not A.shape[0] or not A.shape[1]:
-        return np.eye(A.shape[1])
-    _, sigma, Vt = np.linalg.svd(A)
-    limit = small * float(sigma[0]) if relative else small
-    return np.asarray(Vt[int(np.sum(sigma > limit)) :].T)
-
-
-def independent(rows: Array, scale: float) -> IntArray:
-    """Numbers of rows (n, k) that are independent, the largest first."""
-    from scipy.linalg import qr
-
-    if not rows.shape[0] or not rows.shape[1]:
-        return _NONE
-    _, R, order = qr(rows.T, mode="economic", pivoting=True)
-    rank = int(np.sum(np.abs(np.diag(R)) > _INDEPENDENT * scale))
-    return np.asarray(order[:rank], dtype=np.intp)
-
-
 def _adds(row: Array, rows: Sequence[Array], N: Array) -> bool:
     """Whether a row takes one more of the motions N away than the others do."""
     known = np.array([*rows, row]) @ N
-    return not _null(known.T, _INDEPENDENT).shape[1]
+    return not null_space(known.T, INDEPENDENT, 1.0).shape[1]
 
 
 def _length(points: Sequence[Array]) -> float:

@@ -9,9 +9,10 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
+from pinflex.linalg import independent_rows
 from pinflex.mechanics import assembly
 from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.freedoms import Freedoms, Idle, allowed, independent
+from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, Idle, allowed
 from pinflex.mechanics.system import Springs, System
 
 
@@ -33,7 +34,8 @@ def elastic_rows(J: Array, motors: IntArray, springs: Springs) -> IntArray:
     if not len(rows):
         return rows
     N = allowed(J, motors)[rows]
-    picked = independent(np.sqrt(stiffness)[:, None] * N, float(np.sqrt(np.max(stiffness))))
+    largest = float(np.sqrt(np.max(stiffness)))
+    picked = independent_rows(np.sqrt(stiffness)[:, None] * N, INDEPENDENT, largest)
     return np.sort(rows[picked]).astype(np.intp)
 
 

@@ -25,11 +25,12 @@ from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.motion import Motion, from_spec
 from pinflex.errors import PinflexError
+from pinflex.linalg import null_space
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.planes import LeftOut, undecided
-from pinflex.mechanics.structure import null_space, structural_stiffness
+from pinflex.mechanics.structure import structural_stiffness
 from pinflex.mechanics.system import System
 from pinflex.mechanics.tree import Link
 

@@ -1,8 +1,7 @@
-"""The structure by itself: its stiffness without what loads bring, and what it lets move."""
+"""The structure by itself: its stiffness without what loads bring."""
 
 from __future__ import annotations
 
-import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
@@ -23,12 +22,3 @@ def structural_stiffness(dynamics: Dynamics, y: Array) -> Array:
         pin.computeJointJacobians(dynamics.model, dynamics.data, dynamics.Q)
         K += dynamics.loads.stiffness(dynamics.times_map)
     return K
-
-
-def null_space(J: Array) -> Array:
-    """Orthonormal basis of the motions that J allows, shape (n, n - rank)."""
-    if not len(J):
-        return np.eye(J.shape[1])
-    _, sigma, Vt = np.linalg.svd(J)
-    rank = int(np.sum(sigma > 1e-10 * sigma[0]))
-    return np.asarray(Vt[rank:].T)

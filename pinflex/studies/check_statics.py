@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.errors import SceneError
-from pinflex.levels.quasistatic import Equilibrium, give_way, linear_statics, rest
+from pinflex.levels.quasistatic import Equilibrium, linear_statics, rest, unstable_text
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
@@ -66,7 +66,7 @@ def statics(mechanism: Mechanism) -> Statics:
     linear, linear_reason = _try(lambda: linear_statics(mechanism))
     full, full_reason = _try(lambda: rest(mechanism))
     if full is not None and full.unstable:
-        full, full_reason = None, give_way("static equilibrium")
+        full, full_reason = None, unstable_text("static equilibrium")
     dynamics = Dynamics(system)
     return Statics(
         linear=_sag(mechanism, dynamics, linear, True),

@@ -13,9 +13,9 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, SceneError, nearest
+from pinflex.linalg import null_space
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import null_space
 
 _SAME = 1e-6  # two coordinates that a mechanism cannot move apart: far above round-off
 _STRIDE = 0.05  # [rad | m] of a motor between two closures: small against any link's reach

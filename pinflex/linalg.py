@@ -1,0 +1,81 @@
+"""Linear algebra that mechanisms need: saddle systems, null spaces, ranks, signs of a stiffness."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+
+# Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
+_NEUTRAL = 1e-9
+_SPRINGS = 1e3  # of the closures, of a stiffness scaled to one
+
+
+def saddle_matrix(A: Array, J: Array, J_left: Array | None = None) -> Array:
+    """The matrix [A -J_left'; J 0] of equations of motion with closures, (n + rows, n + rows).
+
+    Args:
+        A: Shape (n, n). J: Shape (rows, n). J_left: The J of the forces, where it is another one.
+    """
+    n, rows = len(A), len(J)
+    S = np.zeros((n + rows, n + rows))
+    S[:n, :n], S[:n, n:], S[n:, :n] = A, -(J if J_left is None else J_left).T, J
+    return S
+
+
+def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array, Array]:
+    """x and lam of A x - J_left' lam = b, J x = c; least squares where coordinates are massless."""
+    S, right, n = saddle_matrix(A, J, J_left), np.concatenate([b, c]), len(A)
+    try:
+        x = np.linalg.solve(S, right)
+    except np.linalg.LinAlgError:
+        x = np.linalg.lstsq(S, right, rcond=1e-13)[0]
+    return x[:n], x[n:]
+
+
+def null_space(J: Array, small: float = 1e-10, scale: float | None = None) -> Array:
+    """Orthonormal basis of the motions that J allows, shape (n, n - rank).
+
+    Args:
+        J: Shape (rows, n).
+        small: Singular values up to small * scale count as none; scale: None: the largest one.
+    """
+    if not J.shape[0] or not J.shape[1]:
+        return np.eye(J.shape[1])
+    _, sigma, Vt = np.linalg.svd(J)
+    limit = small * (float(sigma[0]) if scale is None else scale)
+    return np.asarray(Vt[int(np.sum(sigma > limit)) :].T)
+
+
+def independent_rows(J: Array, small: float, scale: float | None = None) -> IntArray:
+    """Numbers of rows of J (rows, n) that carry its rank, the largest first.
+
+    Args:
+        J: Shape (rows, n).
+        small: What is left of a dependent row is at most small * scale; None: of the largest row.
+    """
+    from scipy.linalg import qr
+
+    if not J.shape[0] or not J.shape[1]:
+        return np.zeros(0, dtype=np.intp)
+    _, R, order = qr(J.T, mode="economic", pivoting=True)
+    size = np.abs(np.diag(R))
+    limit = small * (max(float(size[0]), 1e-300) if scale is None else scale)
+    return np.asarray(order[: int(np.sum(size > limit))], dtype=np.intp)
+
+
+def negative_directions(K: Array, J: Array) -> int:
+    """Number of directions that J (rows, n) allows in which a stiffness K (n, n) is negative."""
+    if not len(K):
+        return 0
+    # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.
+    size = np.abs(np.diag(K))
+    scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size)), 1e-300)))
+    K, J = 0.5 * (K + K.T) * scale * scale[:, None], J * scale
+    try:
+        # What resists with springs in place of the closures resists with the closures; it is cheap.
+        np.linalg.cholesky(K + _SPRINGS * J.T @ J)
+        return 0
+    except np.linalg.LinAlgError:
+        Z = null_space(J)
+        return int(np.sum(np.linalg.eigvalsh(Z.T @ K @ Z) < -_NEUTRAL))
