@@ -22,7 +22,7 @@ class StageNewton:
     def __init__(
         self, dynamics: Dynamics, method: Collocation, free: IntArray, drive: TorqueDrive | None
     ) -> None:
-        from scipy.linalg import lapack  # dear to import: only runs pay for it
+        from scipy.linalg import lapack  # slow to import: only runs pay for it
 
         self._lapack = lapack
         self._dynamics, self._method, self._drive = dynamics, method, drive

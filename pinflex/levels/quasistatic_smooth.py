@@ -64,7 +64,7 @@ class Equilibria:
 
     def __init__(self, mechanism: Mechanism, motion: Motion, t: Array, close: float) -> None:
         """`close`: the forces and gaps that Newton may leave at nodes, of the largest ones."""
-        from scipy.linalg import lapack  # dear to import: only runs pay for it
+        from scipy.linalg import lapack  # slow to import: only runs pay for it
 
         self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
         self._system, self._close = mechanism.flexible, close

@@ -26,7 +26,7 @@ class Dynamics(ExpandedState):
 
     def __init__(self, system: System) -> None:
         super().__init__(system)
-        self.data: pin.Data = workspace.take(self.model)
+        self.data: pin.Data = workspace.acquire(self.model)
         self.damped = bool(np.any(system.D))
         self.sprung = len(system.springs.v_at) > 0
         self.closed = ClosureState(system.closed, self.model, self.data)
@@ -42,7 +42,7 @@ class Dynamics(ExpandedState):
 
     def __del__(self) -> None:
         if hasattr(self, "data"):
-            workspace.give_back(self.model, self.data)
+            workspace.release(self.model, self.data)
 
     def place(self, y: Array) -> None:
         """Q = T(y) and the blocks of X = dQ/dy."""

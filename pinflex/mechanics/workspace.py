@@ -1,4 +1,4 @@
-"""Pinocchio workspaces kept for the next run, because a new one is dear.
+"""Pinocchio workspaces kept for the next run, because a new one is expensive to create.
 
 A `pin.Data` has four tensors of nV^3 numbers for second derivatives that nobody here reads: 0.14 GB
 and 60 ms at nV = 165, 2 GB at nV = 400. Some are kept, up to a sum; a larger one while a run goes
@@ -27,8 +27,8 @@ def size(model: pin.Model) -> float:
     return 4.0 * 8.0 * float(model.nv) ** 3
 
 
-def take(model: pin.Model) -> pin.Data:
-    """A workspace that fits a model: one that lies about, or a new one."""
+def acquire(model: pin.Model) -> pin.Data:
+    """A spare workspace for the same joint tree, else a new one."""
     for number, (owner, _) in tuple(_spare.items()):
         if _same_tree(owner, model):
             found = _spare.pop(number, None)  # None: taken meanwhile, by another thread
@@ -40,8 +40,8 @@ def take(model: pin.Model) -> pin.Data:
     return pin.Data(model)  # model.createData() makes two and copies one into the other
 
 
-def give_back(model: pin.Model, data: pin.Data) -> None:
-    """Keep a workspace that is not needed now, in place of the oldest ones."""
+def release(model: pin.Model, data: pin.Data) -> None:
+    """Keep a workspace that is not needed now, in place of the oldest spare ones."""
     if _runs or size(model) <= _BUDGET:
         _spare[next(_number)] = model, data
         _make_room()
@@ -55,7 +55,7 @@ def forget(model: pin.Model) -> None:
 
 
 @contextmanager
-def held() -> Iterator[None]:
+def keep_alive() -> Iterator[None]:
     """While a run goes on its workspaces stay, however large: its parts take them in turn."""
     _runs.append(None)
     try:

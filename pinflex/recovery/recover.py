@@ -54,7 +54,7 @@ def result_of(
     )
 
     def assessed() -> dict[str, Any]:
-        with one_blas_thread(), workspace.held():
+        with one_blas_thread(), workspace.keep_alive():
             return plain(assess(mechanism, run, arrays))
 
     def described() -> dict[str, Any]:
@@ -65,7 +65,7 @@ def result_of(
 
 def _found(find: Callable[[], dict[str, Array]]) -> dict[str, Array]:
     """Read-only arrays, found as runs are: one BLAS thread, workspaces kept meanwhile."""
-    with one_blas_thread(), workspace.held():
+    with one_blas_thread(), workspace.keep_alive():
         arrays = {key: np.asarray(x, float).view() for key, x in find().items()}
     for x in arrays.values():
         x.setflags(write=False)

@@ -88,7 +88,7 @@ def solve_level(
     end = spec.until if spec.until is not None else motion.duration
     if not 0 < end < np.inf:
         raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
-    with one_blas_thread(), workspace.held():
+    with one_blas_thread(), workspace.keep_alive():
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)

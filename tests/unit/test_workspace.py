@@ -67,10 +67,10 @@ def test_the_workspace_of_a_heavier_twin_gives_the_same_numbers_to_the_last_bit(
 def test_another_tree_gets_another_workspace(other: pin.Model) -> None:
     model = _tree(pin.JointModelRX(), pin.JointModelRX())
     data = pin.Data(model)
-    workspace.give_back(model, data)
-    assert workspace.take(other) is not data
-    assert workspace.take(model) is data
-    assert workspace.take(model) is not data  # it is in use
+    workspace.release(model, data)
+    assert workspace.acquire(other) is not data
+    assert workspace.acquire(model) is data
+    assert workspace.acquire(model) is not data  # it is in use
 
 
 def test_the_oldest_make_room_and_what_is_too_large_is_not_kept(
@@ -81,8 +81,8 @@ def test_the_oldest_make_room_and_what_is_too_large_is_not_kept(
     monkeypatch.setattr(workspace, "_BUDGET", 2 * workspace.size(small))
     first, second, third = (pin.Data(small) for _ in range(3))
     for data in (first, second, third):
-        workspace.give_back(small, data)
-    workspace.give_back(large, pin.Data(large))
+        workspace.release(small, data)
+    workspace.release(large, pin.Data(large))
     assert [data for _, data in workspace._spare.values()] == [second, third]
 
 

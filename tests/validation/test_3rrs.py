@@ -31,7 +31,7 @@ WEIGHT_TORQUE = 0.11296  # [N m] of each motor in the undeformed pose
 @pytest.fixture(scope="module", autouse=True)
 def workspaces_stay() -> Iterator[None]:
     """That of the cubic elements takes 1.8 GB: too large to be kept from call to call otherwise."""
-    with workspace.held():
+    with workspace.keep_alive():
         yield
 
 
