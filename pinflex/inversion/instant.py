@@ -63,8 +63,7 @@ class Instant:
     def residual(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Rows that have to vanish at instant k, shape (nv + rows,), and motor torques (nm,)."""
         d = self.dynamics
-        d.loads.time = float(self.target.t[k])
-        r = d.residual(y, v, a, lam)
+        r = d.residual(y, v, a, lam, float(self.target.t[k]))
         c = np.array(d.closed.c) if self.rows else np.zeros(0)
         error = self.platform.error(self.platform.at(y)[0], self.target.position[k])
         idle = self.target.idle[k] @ (self.axes.read(y) - self.target.motors[k])
@@ -74,8 +73,7 @@ class Instant:
     def tangents(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> Tangents:
         """Derivatives of the rows at instant k."""
         d = self.dynamics
-        d.loads.time = float(self.target.t[k])
-        M, C, K = (x[self.free] for x in d.tangent(y, v, a, lam))
+        M, C, K = (x[self.free] for x in d.tangent(y, v, a, lam, float(self.target.t[k])))
         J = d.close(y)[1] if self.rows else np.zeros((0, self.system.nv))
         idle = np.zeros((len(self.target.idle[k]), self.system.nv))
         idle[:, self.axes.v_at] = self.target.idle[k]

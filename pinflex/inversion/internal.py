@@ -16,8 +16,8 @@ from pinflex.description.motion import hold
 from pinflex.inversion.instant import Instant, balanced
 from pinflex.inversion.series import rigid_guess
 from pinflex.inversion.target import target
+from pinflex.linalg import null_space
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import null_space
 
 _FORGOTTEN = 1e-7  # share of a pre-actuation that is cut off
 _MASSLESS = 1e-9  # a rate so far above the fastest one of the stiffness is that of no mass

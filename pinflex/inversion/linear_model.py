@@ -26,9 +26,9 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.modes import condensed
 from pinflex.levels.quasistatic import rest
+from pinflex.linalg import null_space
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import null_space
 from pinflex.threads import one_blas_thread
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -149,7 +149,7 @@ def linearise(
         raise DescriptionError(f"motors: {motors}.{nearest(motors, INPUTS)}")
     system, dynamics = mechanism.flexible, Dynamics(mechanism.flexible)
     found, still = rest(mechanism, q), np.zeros(system.nv)
-    M, C, K = dynamics.tangent(found.y, still, still, found.lam)
+    M, C, K = dynamics.tangent(found.y, still, still, found.lam, 0.0)
     J = dynamics.close(found.y)[1] if system.closed.n else np.zeros((0, system.nv))
     driven = motors == "acceleration"
     nm = len(system.motors)
