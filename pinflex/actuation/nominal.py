@@ -161,9 +161,9 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
         return None
     p, v_in, a_in = path.imposed(t)
     left = np.clip(np.searchsorted(known.t, t, side="right") - 1, 0, len(known.t) - 2)
-    moves = path.moved.between(known.q[:-1], known.q[1:])
+    moves = path.manifold.log(known.q[:-1], known.q[1:])
     move, reach = moves[left], _with_neighbours(np.max(np.abs(moves), axis=1))[left]
-    q = path.moved.poses(known.q[left], _quintic(known, move, left, t))
+    q = path.manifold.retract(known.q[left], _quintic(known, move, left, t))
     if not path.platform:
         path.axes.write(q, p)
     gone = np.zeros((len(t), len(unknown)))
@@ -174,7 +174,7 @@ def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:
             break
         step = np.zeros((len(t), d.system.nv))
         step[:, unknown] = np.linalg.solve(own, -error[:, :, None])[:, :, 0]
-        q, gone = path.moved.poses(q, step), gone + step[:, unknown]
+        q, gone = path.manifold.retract(q, step), gone + step[:, unknown]
     far = np.max(np.abs(gone), axis=1) > _NEAR * reach + 1e-9
     if not most < 100 * assembly.CLOSED or np.any(far):
         return None

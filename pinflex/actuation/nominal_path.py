@@ -14,8 +14,8 @@ from pinflex.mechanics import assembly
 from pinflex.mechanics.closed_poses import COORDINATES, ClosedPoses
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.moved import Moved
 
 
 def underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
@@ -32,7 +32,7 @@ class Path:
     def __init__(self, mechanism: Mechanism, motion: Motion) -> None:
         self.mechanism, self.motion = mechanism, motion
         self.dynamics = Dynamics(mechanism.rigid)
-        self.moved = Moved(self.dynamics)
+        self.manifold = Manifold(self.dynamics)
         self.axes = motor_axes(mechanism)
         self.names = mechanism.coordinates
         system = mechanism.rigid

@@ -27,8 +27,8 @@ from pinflex.levels.linearised import Line
 from pinflex.levels.modes import modes
 from pinflex.linalg import independent_rows, saddle
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.mechanics.system import System
@@ -253,7 +253,7 @@ class Probe:
 
     def _poses(self, found: Deviation) -> Array:
         """Shape (nt, nq)."""
-        return Moved(self.dynamics).poses(self.path.straight(self.system.n_eta), found.d)
+        return Manifold(self.dynamics).retract(self.path.straight(self.system.n_eta), found.d)
 
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""

@@ -27,8 +27,8 @@ from pinflex.integrators.newton import Step
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.integrators.steps import Path, StepFailed, largest
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.moved import Moved
 
 # Newton's tolerance at coarse resolutions: outputs of the race scenes differ by less than a
 # hundredth of their error from those at NEWTON, which costs a fifth to a third more iterations. Not
@@ -96,7 +96,7 @@ class AlphaSteps:
         self.path, self.drive, self.dynamics, self.scheme = path, drive, dynamics, scheme
         self.march = March(mechanism, dynamics, path(np.array(t)), scheme, drive, tolerance, None)
         free = self.march.newton.free
-        self.moved = Moved(dynamics, () if drive is not None else self.march.motors)
+        self.manifold = Manifold(dynamics, () if drive is not None else self.march.motors)
         self.by_energy, self.resolution = forces and dynamics.flexible, resolution
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else free
         self.error = scheme.beta + 0.5 * (scheme.alpha_m - scheme.alpha_f) - 1.0 / 6.0
@@ -221,9 +221,11 @@ class AlphaSteps:
         d, now, end, before, h = self.dynamics, step.start, step.end, step.before, step.h
         x = ((t - now.t) / h)[:, None]
         move, rate = d.difference(now.y, end.y), end.v
-        if self.moved.turning:
-            rate = rate + self.moved.turn(now.y, move[None], end.v[None])[0]
-        y = self.moved.poses(now.y, _hermite(x, np.zeros_like(move), h * now.v, move, h * rate))
+        if self.manifold.turning:
+            rate = rate + self.manifold.turn(now.y, move[None], end.v[None])[0]
+        y = self.manifold.retract(
+            now.y, _hermite(x, np.zeros_like(move), h * now.v, move, h * rate)
+        )
         v = _hermite(x, now.v, h * now.a, end.v, h * end.a)
 
         def between(name: str) -> Array:

@@ -25,8 +25,8 @@ from pinflex.integrators.consistent import consistent_acceleration
 from pinflex.integrators.stage_newton import StageNewton
 from pinflex.integrators.steps import Path, StepFailed, largest
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.stacked import Stacked
 
 STAGES = 6
@@ -105,7 +105,7 @@ class Stages:
         self.free = system.free if drive is None else system.unheld
         self.newton = StageNewton(dynamics, method, self.free, drive)
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
-        self.moved = Moved(dynamics, () if drive is not None else self.motors)
+        self.manifold = Manifold(dynamics, () if drive is not None else self.motors)
         self.scale, self.iterations = 0.0, 0
         self._open = min(_OPEN, max(_OPEN_PART * resolution, _CLOSED))
 
@@ -141,8 +141,8 @@ class Stages:
             if self.drive is None:
                 v_s[:, self.motors] = path.velocity
             move = drift + (h * h) * (m.A2 @ a)
-            if self.moved.turning:
-                turn = self.moved.turn(y, move + h * (m.A @ turn), v_s)
+            if self.manifold.turning:
+                turn = self.manifold.turn(y, move + h * (m.A @ turn), v_s)
                 move += h * (m.A @ turn)
             y_s = self.places(y, move, path)
             if newton.stale:
@@ -209,7 +209,7 @@ class Stages:
 
     def places(self, y: Array, move: Array, path: MotorPath) -> Array:
         """Poses y (+) move, shape (k, nq), prescribed motors where they are told to be."""
-        y_s = self.moved.poses(y, move)
+        y_s = self.manifold.retract(y, move)
         if self.drive is None:
             self.axes.write(y_s, path.position)
         return y_s

@@ -13,7 +13,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.moved import Moved
+from pinflex.mechanics.manifold import Manifold
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ EIGHTH = Stencil(
 def rates(dynamics: Dynamics, y: Array, h: float, stencil: Stencil) -> tuple[Array, Array]:
     """v and a, each (nt, nv), of poses y (nt + 2 reach, nq), a time h (s) apart."""
     n = stencil.reach
-    manifold, middle = Moved(dynamics), y[n : len(y) - n]
+    manifold, middle = Manifold(dynamics), y[n : len(y) - n]
     v, a = (np.zeros((len(middle), dynamics.system.nv)) for _ in range(2))
     for j in range(-n, n + 1):
         if j:
-            move = manifold.between(middle, y[n + j : len(y) - n + j])
+            move = manifold.log(middle, y[n + j : len(y) - n + j])
             v += stencil.first[j + n] / h * move
             a += stencil.second[j + n] / h**2 * move
     return v, a

@@ -33,8 +33,8 @@ from pinflex.integrators.schemes import scheme
 from pinflex.levels.linearised import Line, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.system import System
 
 _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness is looked at
@@ -88,7 +88,7 @@ def solve_ked(
     begin = linear_start(mechanism, path, structural, start)
     for k, state in enumerate(march(lambda k: at(k).free, nt, h, begin.y)):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
-            y = Moved(line.dynamics).poses(flat, d)
+            y = Manifold(line.dynamics).retract(flat, d)
             raise _blown_up(system, path.t, y, v, a, lam, torque, k, h)
         here = at(k)
         now = here.motors
@@ -99,7 +99,7 @@ def solve_ked(
         a[k, free] += state.a
         if progress is not None and k % 64 == 0:
             progress(k, nt)
-    y = Moved(line.dynamics).poses(flat, d)
+    y = Manifold(line.dynamics).retract(flat, d)
     settings: dict[str, object] = {
         "dt": h,
         "terms": "structural" if structural else "full",

@@ -33,8 +33,8 @@ from pinflex.levels.quasistatic import (
 )
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.moved import Moved
 from pinflex.mechanics.stacked import Stacked, spans
 
 _TOGETHER = 32  # states in one evaluation: numpy's price is spread, the workspace stays in cache
@@ -69,7 +69,7 @@ class Equilibria:
         self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
         self._system, self._close = mechanism.flexible, close
         self.dynamics = Dynamics(self._system)
-        self._moved = Moved(self.dynamics)
+        self._manifold = Manifold(self.dynamics)
         corners = breaks(motion, self._system.loads)
         self._pieces = Pieces(float(t[0]), float(t[-1]), corners)
         first = self._pieces.nodes(_NODES).ravel()
@@ -146,7 +146,7 @@ class Equilibria:
         moved, lam, _, _ = np.split(values, self._ends, axis=1)
         moved = moved.copy()
         moved[:, system.motors] = 0.0
-        return self._moved.poses(path.straight(system.n_eta), moved), v, a, lam
+        return self._manifold.retract(path.straight(system.n_eta), moved), v, a, lam
 
     def _run(self, values: Array) -> Run:
         system, t = self._system, self._path.t
@@ -206,7 +206,7 @@ class Equilibria:
                 x *= np.minimum(1.0, _STRIDE / np.maximum(size, _STRIDE))[:, None]
             step = np.zeros((n, system.nv))
             step[:, free] = x[:, : len(free)]
-            Y, lam = self._moved.poses(Y, step), lam + x[:, len(free) :]
+            Y, lam = self._manifold.retract(Y, step), lam + x[:, len(free) :]
             self._counts["newton"] += n
             for k in np.flatnonzero((size > _SLOW * previous) & (size > _ROUND_OFF)):
                 use[k] = self._tangent(Y[k], V[k], A[k], lam[k], float(path.t[k]))
@@ -215,7 +215,7 @@ class Equilibria:
             if rounds is None:
                 raise _Unclear
         self._counts["steps"] += 0 if rounds else n
-        moved = self._moved.between(path.straight(system.n_eta), Y)
+        moved = self._manifold.log(path.straight(system.n_eta), Y)
         return np.hstack([moved, lam, R[:, system.motors], path.a])
 
     def _residuals(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.moved import Moved
+from pinflex.mechanics.manifold import Manifold
 from tests.scenes import Body, load
 
 _BENDS = """
@@ -42,15 +42,15 @@ def test_side_by_side_as_one_by_one(tmp_path: Path, first: str, second: str, cir
     each = np.array([d.integrate(m.undeformed(), 0.3 * move) for move in moves])
     one_by_one = np.array([d.integrate(y, move) for y, move in zip(each, moves, strict=True)])
     # Round-off of sines and cosines.
-    np.testing.assert_allclose(Moved(d).poses(each, moves), one_by_one, atol=1e-14)
+    np.testing.assert_allclose(Manifold(d).retract(each, moves), one_by_one, atol=1e-14)
     from_one = np.array([d.integrate(each[0], move) for move in moves])
-    np.testing.assert_allclose(Moved(d).poses(each[0], moves), from_one, atol=1e-14)
+    np.testing.assert_allclose(Manifold(d).retract(each[0], moves), from_one, atol=1e-14)
     back = np.array([d.difference(y, y1) for y, y1 in zip(each, one_by_one, strict=True)])
-    np.testing.assert_allclose(Moved(d).between(each, one_by_one), back, atol=1e-14)
-    none = Moved(d).between(each, each)
+    np.testing.assert_allclose(Manifold(d).log(each, one_by_one), back, atol=1e-14)
+    none = Manifold(d).log(each, each)
     np.testing.assert_allclose(none, np.zeros_like(moves), atol=1e-15)
     for _ in range(100):
-        each = Moved(d).poses(each, moves)
+        each = Manifold(d).retract(each, moves)
     circle = m.flexible.rigid.joints[m.flexible.rigid.getJointId(f"{circles}_joint")].idx_q
     away = np.sum(each[:, circle : circle + 2] ** 2, axis=1) - 1.0
     assert np.abs(away).max() < 1e-13  # a hundred moves in a row stay on the circle

@@ -22,7 +22,7 @@ _TIMES = np.array(
 ).reshape(4, 16)
 
 
-class Moved:
+class Manifold:
     """Poses y (+) move of a mechanism: plain joints, circles and spheres each side by side.
 
     Attributes:
@@ -46,7 +46,7 @@ class Moved:
             (slice(j.idx_q, j.idx_q + 4), slice(j.idx_v, j.idx_v + 3)) for j in spheres
         ]
 
-    def poses(self, y: Array, moves: Array) -> Array:
+    def retract(self, y: Array, moves: Array) -> Array:
         """Shape (k, nq), for moves (k, nv) from one pose y (nq,) or from each of (k, nq)."""
         d = self._dynamics
         if d.vector_space:
@@ -68,7 +68,7 @@ class Moved:
         out[:, n:] = y[..., n:] + moves[:, m:]
         return out
 
-    def between(self, y0: Array, y1: Array) -> Array:
+    def log(self, y0: Array, y1: Array) -> Array:
         """Moves (k, nv) that take poses y0 to y1, each (k, nq); zero in the rows told."""
         d = self._dynamics
         if d.vector_space:
