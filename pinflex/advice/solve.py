@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pinflex.advice.advise import advise
 from pinflex.advice.error_bars import error_bars
-from pinflex.advice.text import plain
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, RunInterrupted
@@ -17,6 +16,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.error_bars import ErrorBars
 from pinflex.results.result import Result
 from pinflex.solver.solve import LEVELS, Progress, default_motion, solve_level
+from pinflex.writing import plain
 
 __all__ = ["LEVELS", "solve"]
 
@@ -88,7 +88,7 @@ def _solve_advised(
         spec = replace(mechanism.description.solve, dt=None)
         mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
     result = solve_level(mechanism, motion, found.level, **options)
-    return replace(result, meta={**result.meta, "advice": plain(found)})
+    return replace(result, meta={**result.meta, "advice": plain(asdict(found))})
 
 
 def _look(mechanism: Mechanism, motion: Motion, static: bool, result: Result) -> ErrorBars:

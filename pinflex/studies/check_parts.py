@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.parts import FlexiblePart, LeftOut
+from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.planes import LeftOut
 from pinflex.text import brief
 
 
