@@ -119,12 +119,9 @@ def apart(
         ConvergenceError: Linear vibration does not describe the motion.
     """
     with one_blas_thread():
-        own = Probe(mechanism, motion, end, static)
-        rich = Probe(finer, motion, end, static, own.steps - 1)
-        mine = _at_level(own, motion, level)
-        full = rich.nonlinear(described(rich))
-        every = max(1, (own.steps - 1) // (_INSTANTS - 1))
-        some = slice(None, None, every)
+        mine = _at_level(Probe(mechanism, motion, end, static), motion, level)
+        full = _at_level(Probe(finer, motion, end, static, len(mine.t) - 1), motion, "coupled")
+        some = slice(None, None, max(1, (len(mine.t) - 1) // (_INSTANTS - 1)))
         a, b = _result(mechanism, motion, mine.at(some)), _result(finer, motion, full.at(some))
         rigid = _result(mechanism, motion, solve_rigid(mechanism, motion, full.t[some]))
         return differences(a, b, rigid)

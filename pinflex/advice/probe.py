@@ -113,7 +113,7 @@ class Probe:
             self.knots *= 2
         self.h = float(self.t[1])
         self.dynamics = Dynamics(self.system)
-        line = Line(mechanism, self.path)
+        line = Line(mechanism, self.path, dynamics=self.dynamics)
         self.v0, self.a0 = line.v, line.a
         here = [line.full(k) for k in range(0, len(self.t), self.stride)]
         self.base = np.array([x.base for x in here])

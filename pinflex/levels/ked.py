@@ -85,7 +85,7 @@ def solve_ked(
     d, v, a = np.zeros((nt, system.nv)), line.v, line.a
     lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
     flat = path.straight(system.n_eta)
-    begin = linear_start(mechanism, path, structural, start)
+    begin = linear_start(mechanism, path, structural, start, line.dynamics)
     for k, state in enumerate(march(lambda k: at(k).free, nt, h, begin.y)):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
             y = Manifold(line.dynamics).retract(flat, d)

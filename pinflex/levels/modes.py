@@ -102,7 +102,7 @@ def linearised(
     if preload == "none":
         y = mechanism.undeformed(q)
         return y, structural_stiffness(dynamics, y)
-    found, still = rest(mechanism, q), np.zeros(dynamics.system.nv)
+    found, still = rest(mechanism, q, dynamics=dynamics), np.zeros(dynamics.system.nv)
     return found.y, dynamics.tangent(found.y, still, still, found.lam, 0.0)[2]
 
 

@@ -169,9 +169,14 @@ def unstable_text(where: str) -> str:
     )
 
 
-def rest(mechanism: Mechanism, q: Array | None = None, free_motors: bool = False) -> Equilibrium:
-    """`static_equilibrium` for those who look at `unstable` themselves."""
-    dynamics = Dynamics(mechanism.flexible)
+def rest(
+    mechanism: Mechanism,
+    q: Array | None = None,
+    free_motors: bool = False,
+    dynamics: Dynamics | None = None,
+) -> Equilibrium:
+    """`static_equilibrium` for those who look at `unstable` themselves, on their workspace."""
+    dynamics = dynamics or Dynamics(mechanism.flexible)
     system = mechanism.flexible
     free = np.arange(system.nv) if free_motors else system.free
     still = np.zeros(system.nv)

@@ -121,11 +121,14 @@ def _static_start(
     return Start(found.y, v, "static", unstable_text("start: static equilibrium"))
 
 
-def linear_start(mechanism: Mechanism, path: Nominal, structural: bool, start: str) -> Start:
+def linear_start(
+    mechanism: Mechanism, path: Nominal, structural: bool, start: str, dynamics: Dynamics
+) -> Start:
     """The same for level ked: deviations d of the free coordinates from the nominal motion.
 
     Static is the linear balance K d - J' dlam = -r, J d = 0 of the first instant. The nonlinear
-    one would leave J d of second order, which the march divides by h^2.
+    one would leave J d of second order, which the march divides by h^2. `dynamics` is a workspace
+    of the flexible mechanism.
     """
     n = len(mechanism.flexible.free)
     straight, static = Start(np.zeros(n), np.zeros(n), "straight"), "static"
@@ -136,8 +139,8 @@ def linear_start(mechanism: Mechanism, path: Nominal, structural: bool, start: s
     if not np.any(first.v):
         first = replace(first, a=np.zeros_like(first.a))
     if start == "auto":
-        mechanism = replace(mechanism, flexible=lasting(mechanism.flexible))
-    now = Line(mechanism, first, structural).at(0).free
+        dynamics = _lasting(dynamics)
+    now = Line(mechanism, first, structural, dynamics).at(0).free
     rows = len(now.J)
     S = saddle_matrix(now.K, now.J)
     try:

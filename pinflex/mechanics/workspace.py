@@ -16,7 +16,7 @@ from itertools import count
 import numpy as np
 import pinocchio as pin
 
-_BUDGET = 1.2e9  # bytes in all: up to nV = 330
+_BUDGET = 1.4e9  # bytes in all: up to nV = 350, or delta's two, with fewer planes and with more
 _spare: dict[int, tuple[pin.Model, pin.Data]] = {}  # oldest first
 _number = count()
 _runs: list[None] = []  # one for each run that is going on
@@ -34,6 +34,7 @@ def acquire(model: pin.Model) -> pin.Data:
             found = _spare.pop(number, None)  # None: taken meanwhile, by another thread
             if found is not None:
                 return found[1]
+    _make_room(size(model))
     # Freeing one block of nearly 32 MB tells glibc to keep such blocks: else it maps and faults in
     # every matrix above 128 kB anew, and a tangent of nV = 270 takes four times as long.
     np.empty(4_000_000)
@@ -65,8 +66,11 @@ def keep_alive() -> Iterator[None]:
         _make_room()
 
 
-def _make_room() -> None:
-    while not _runs and sum(size(owner) for owner, _ in tuple(_spare.values())) > _BUDGET:
+def _make_room(wanted: float = 0.0) -> None:
+    """Let the oldest go until the others and one of `wanted` bytes are within the budget."""
+    while _spare and not _runs:
+        if wanted + sum(size(owner) for owner, _ in tuple(_spare.values())) <= _BUDGET:
+            return
         _spare.pop(next(iter(tuple(_spare)), -1), None)
 
 

@@ -86,6 +86,27 @@ def test_the_oldest_make_room_and_what_is_too_large_is_not_kept(
     assert [data for _, data in workspace._spare.values()] == [second, third]
 
 
+def test_the_oldest_make_room_before_a_new_one_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    small = _tree(pin.JointModelRX(), pin.JointModelRX())
+    large = _tree(*[pin.JointModelRX() for _ in range(5)])
+    monkeypatch.setattr(workspace, "_BUDGET", workspace.size(small) + workspace.size(large))
+    first, second = pin.Data(small), pin.Data(small)
+    workspace.give_back(small, first)
+    workspace.give_back(small, second)
+    workspace.take(large)
+    assert [data for _, data in workspace._spare.values()] == [second]
+
+
+def test_ked_needs_one_workspace_its_start_included(monkeypatch: pytest.MonkeyPatch) -> None:
+    m = pf.load("3rrr")
+    workspace._spare.clear()
+    made = []
+    new = pin.Data
+    monkeypatch.setattr(pin, "Data", lambda model: made.append(model.nv) or new(model))
+    pf.solve(m, until=1e-3, dt=1e-4, level="ked", start="static")
+    assert made.count(m.flexible.expansion.model.nv) == 1
+
+
 def test_a_run_on_a_large_model_makes_one_workspace_and_leaves_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
