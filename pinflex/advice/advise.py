@@ -13,7 +13,7 @@ errors are relative, as in pinflex.levels.outputs.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -44,6 +44,7 @@ _STILL = 0.03  # of the tolerance: that of a quasistatic run, which hardly costs
 _TAIL = 3.0
 _MENDED = 0.35  # of what one more segment mends is left: bodies are right to second order
 _WORTH = 0.7  # of the error bar: segments that leave more do not pay
+_LOOKS = 5  # stages that are told
 _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
 
 
@@ -55,6 +56,7 @@ def advise(
     asked: Sequence[str] = (),
     until: float | None = None,
     fixed: bool = False,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Advice:
     """Propose level, links, planes, modes and tolerance for a scene.
 
@@ -65,6 +67,7 @@ def advise(
         asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or all.
         until: End in s; default: the YAML's, or the motion's duration.
         fixed: Take the flexible links as they are: propose level and tolerance only.
+        progress: Called with (step, steps) between the looks.
     Returns:
         The advice.
     Raises:
@@ -91,7 +94,8 @@ def advise(
     end = until or spec.until or motion.duration
     rich, note = (mechanism, "") if fixed else fewer.richer(mechanism)
     with one_blas_thread():
-        found = _Study(rich, motion, end, plain).advice(mechanism, fixed)
+        tell = progress or (lambda step, steps: None)
+        found = _Study(rich, motion, end, plain, tell).advice(mechanism, fixed)
     notes = (note, *found.notes) if note else found.notes
     if found.run_tol is not None:
         found = replace(found, overrides=(*found.overrides, *stepless))
@@ -127,7 +131,15 @@ def _covering(error: Errors, apart: Errors) -> Errors:
 class _Study:
     """The probes of one scene."""
 
-    def __init__(self, rich: Mechanism, motion: Motion, end: float, plain: Advice) -> None:
+    def __init__(
+        self,
+        rich: Mechanism,
+        motion: Motion,
+        end: float,
+        plain: Advice,
+        tell: Callable[[int, int], None],
+    ) -> None:
+        self._tell = tell
         self.rich, self.motion, self.plain, self.tol = rich, motion, plain, plain.tol
         static, _ = in_equilibrium(rich, rich.description.solve.start)
         self.probe = Probe(rich, motion, end, static)
@@ -144,6 +156,7 @@ class _Study:
         except ConvergenceError as failed:
             why = f"linear vibration does not describe it ({failed})"
             return replace(self.plain, why=why, notes=tuple(self.notes))
+        self._tell(1, _LOOKS)
         level, why = self._choose(levels, seconds)
         error, tol = levels[level], self.tol
         n = (mechanism.flexible.n_eta, self.rich.flexible.n_eta)
@@ -158,6 +171,7 @@ class _Study:
         if level != "rigid" and not fixed:
             room = tol / 2 if worst(error) >= tol else tol - worst(error)
             second = self._second_order(mechanism, once, room)
+            self._tell(2, _LOOKS)
             small = fewer.smaller(self.rich, self.probe, self.outputs, once, room)
             for part, factor in ((small.error, SAFETY), (small.unsettled, _TAIL)):
                 error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
@@ -173,6 +187,7 @@ class _Study:
                 overrides=(*fewer.overrides(mechanism, small.parts), *on),
                 coordinates=(*n, small.coordinates),
             )  # fmt: skip
+        self._tell(3, _LOOKS)
         found = self._segmented(mechanism, found)
         return replace(found, notes=tuple(self.notes))
 
@@ -204,6 +219,7 @@ class _Study:
             finer, _ = error_bars.finer_model(self.rich)
             model = load(mechanism.description.with_overrides(list(found.overrides)))
             apart = measure(model, finer)
+            self._tell(4, _LOOKS)
             error = _covering(found.error, apart)
             more = fewer.segmented(model)
             if level == "rigid" or worst(error) <= self.tol or self.rich is mechanism or not more:

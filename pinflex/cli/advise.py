@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import Progress, load_model, print_json
 
 
 def add(commands: parser.Commands) -> None:
@@ -41,7 +41,12 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.advice import text as advise_text
     from pinflex.advice.advise import advise
 
-    advice = advise(load_model(args), tol=args.tol, asked=args.asked, until=args.until)
+    mechanism, bar = load_model(args), Progress("looking")
+    bar.say()
+    try:
+        advice = advise(mechanism, tol=args.tol, asked=args.asked, until=args.until, progress=bar)
+    finally:
+        bar.close()
     if args.json:
         print_json(asdict(advice))
     else:

@@ -25,11 +25,12 @@ def ringing(scene: Scene, run: Run) -> tuple[str, ...]:
     if len(alive) < 3 or not len(followed) or followed[-1] < _ABOVE * alive[2]:
         return ()
     spared = "" if "torque" not in (scene.spec.asked or ("torque",)) else (
-        "asked: [deflection, platform] spares those steps that only torques need, "
+        " `solve.asked: [deflection, platform]` spares those steps that only torques need;"
     )  # fmt: skip
+    woken = "" if run.settings.get("start") == "static" else " `solve.start: static` or"
     return (
         f"{steps:.0f} steps of {span / steps:.2g} s follow vibration up to about "
         f"{followed[-1]:.4g} Hz, which nothing damps (third mode: {alive[2]:.4g} Hz). If you do "
-        f"not need it: {spared}damping (damping: {{modal: 0.01}}) lets it die, start: static or a "
-        "smoother motion does not wake it.",
+        "not need it, write `damping: {modal: 0.01}`, which lets it die (for one run: --set "
+        f"'damping={{modal: 0.01}}');{spared}{woken} a smoother motion does not wake it.",
     )

@@ -170,3 +170,9 @@ def test_the_command_says_it_for_people_and_machines(capsys):
 def test_what_cannot_be_asked_is_said(options, text):
     with pytest.raises(pf.DescriptionError, match=text):
         advise(pf.load("cantilever"), **options)
+
+
+def test_progress_is_told_up_to_the_last_look() -> None:
+    told: list[tuple[int, int]] = []
+    advise(pf.load("race_r2"), progress=lambda step, steps: told.append((step, steps)))
+    assert [step for step, _ in told] == [1, 2, 3, 4] and {steps for _, steps in told} == {5}
