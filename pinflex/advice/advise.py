@@ -25,7 +25,7 @@ from pinflex.advice.probe import Probe
 from pinflex.advice.proposal import Advice, in_words
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut, worst
 from pinflex.description.motion import Motion
-from pinflex.description.supplement import ASKED
+from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs

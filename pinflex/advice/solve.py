@@ -11,11 +11,12 @@ from pinflex.advice.advise import advise
 from pinflex.advice.error_bars import error_bars
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
+from pinflex.description.solve import LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, RunInterrupted
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.error_bars import ErrorBars
 from pinflex.results.result import Result
-from pinflex.solver.solve import LEVELS, Progress, default_motion, solve_level
+from pinflex.solver.solve import Progress, default_motion, solve_level
 from pinflex.writing import plain
 
 __all__ = ["LEVELS", "solve"]

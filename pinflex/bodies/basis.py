@@ -19,12 +19,10 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.bodies import beam
 from pinflex.bodies.beam_matrices import beam_energy, craig_bampton
-from pinflex.bodies.beam_modes import BOUNDARIES
 from pinflex.bodies.curvature import Curvature, curvature
 from pinflex.bodies.damping import damping
 from pinflex.bodies.family import (
     BENDING,
-    ORDERS,
     Family,
     assumed,
     combine,
@@ -34,6 +32,7 @@ from pinflex.bodies.family import (
     sines,
 )
 from pinflex.bodies.ritz8 import ritz8
+from pinflex.description.flexible import BEAM_BASES, BOUNDARIES, ORDERS
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
     from pinflex.description.flexible import FlexibleLink
 
 DIRECTIONS = ("u", "v", "w", "p")
-KINDS = ("craig_bampton", "finite_element", "assumed", "ritz8")
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +292,7 @@ def _checked_density(
         text = f"directions {tuple(planes)} are not some of {DIRECTIONS}. Name those that deform."
         raise wrong("", text)
     for key, name, known in (
-        ("kind", basis.kind, KINDS),
+        ("kind", basis.kind, BEAM_BASES),
         ("order", basis.order, ORDERS),
         ("boundary", basis.boundary, BOUNDARIES),
     ):

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.description.flexible import BOUNDARIES
 from pinflex.errors import DescriptionError, nearest
 
 # Derivatives that vanish at an end.
@@ -28,7 +29,7 @@ _SHIFTS = {
     "clamped_clamped": 0.5,
     "free_free": 0.5,
 }
-BOUNDARIES = tuple(_SHIFTS)
+assert tuple(_SHIFTS) == BOUNDARIES
 
 
 @dataclass(frozen=True, eq=False)

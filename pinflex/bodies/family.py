@@ -17,6 +17,7 @@ from numpy.polynomial import legendre
 
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies import beam_modes
+from pinflex.description.flexible import ORDERS
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
@@ -26,7 +27,6 @@ _COMPANIONS = {
     "quintic": {"v": "quintic", "w": "quintic", "p": "cubic", "u": "linear"},
     "cubic": {"v": "cubic", "w": "cubic", "p": "linear", "u": "linear"},
 }
-ORDERS = tuple(_COMPANIONS)
 # Shape functions of an element of unit length in powers of xi = x / l: one row per coordinate,
 # (value, slope, curvature) at xi = 0, then at xi = 1. Scenes 1.1: n1..n6, n7..n10, (1 - e, e).
 _HERMITE = {

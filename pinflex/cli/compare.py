@@ -10,6 +10,7 @@ from textwrap import fill
 
 from pinflex.cli import parser
 from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.description.solve import LEVELS
 from pinflex.errors import SceneError
 from pinflex.results.result import Result
 from pinflex.text import COLUMNS

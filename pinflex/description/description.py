@@ -17,17 +17,12 @@ from pinflex.description.control import Control, read_control
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.description.flexible import Basis, EndMass, FlexibleLink
 from pinflex.description.frames import by_joint, frame, frames
+from pinflex.description.joints import JointExtra, read_joints
+from pinflex.description.loops import Loop, read_loops
 from pinflex.description.material import Material
 from pinflex.description.schema import Vec3
 from pinflex.description.section import Section
-from pinflex.description.supplement import (
-    JointExtra,
-    Loop,
-    SolveSpec,
-    read_joints,
-    read_loops,
-    read_solve,
-)
+from pinflex.description.solve import SolveSpec, read_solve
 from pinflex.description.urdf import HOME_SIZES, Urdf
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 from pinflex.text import brief

@@ -18,7 +18,8 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
 Switch = bool | Literal["auto"]
-_BASIS_KEYS: dict[str, tuple[str, ...]] = {
+# Keys of each kind of basis.
+BASES: dict[str, tuple[str, ...]] = {
     "craig_bampton": ("internal",),
     "finite_element": ("elements", "order", "boundary"),
     "assumed": ("boundary", "modes", "stretch"),
@@ -26,6 +27,7 @@ _BASIS_KEYS: dict[str, tuple[str, ...]] = {
     "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
     "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
 }
+BEAM_BASES = tuple(kind for kind in BASES if kind not in solid_keys.KINDS)
 INERTIAS = ("urdf", "beam")
 ORDERS = ("cubic", "quintic")
 STRETCHES = ("sines", "polynomials")
@@ -256,19 +258,19 @@ def from_spec(
 
 def basis_from_spec(spec: object, where: str) -> Basis:
     """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
-    every = tuple(key for keys in _BASIS_KEYS.values() for key in keys)
+    every = tuple(key for keys in BASES.values() for key in keys)
     block = schema.mapping(spec, where, ("kind", *every))
-    kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), _BASIS_KEYS)
+    kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), BASES)
     fields: dict[str, Any] = {}
     for key, value in block.items():
         place = schema.at(where, key)
         if key == "kind":
             continue
-        if key not in _BASIS_KEYS[kind]:
-            owner = next(name for name, keys in _BASIS_KEYS.items() if key in keys)
+        if key not in BASES[kind]:
+            owner = next(name for name, keys in BASES.items() if key in keys)
             raise DescriptionError(
                 f"{place}: has no meaning for the kind {kind}, which takes "
-                f"{', '.join(_BASIS_KEYS[kind])}. Remove it, or write kind: {owner}."
+                f"{', '.join(BASES[kind])}. Remove it, or write kind: {owner}."
             )
         if kind in solid_keys.KINDS:
             fields[key] = solid_keys.read(key, value, place)

@@ -18,7 +18,7 @@ import numpy as np
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
-from pinflex.description.supplement import SolveSpec
+from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.linear import (
     March,

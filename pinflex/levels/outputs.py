@@ -16,7 +16,7 @@ import pinocchio as pin
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
-from pinflex.description.supplement import ASKED
+from pinflex.description.solve import ASKED
 from pinflex.errors import SceneError
 from pinflex.integrators.run import Run
 from pinflex.mechanics.dynamics import Dynamics

@@ -19,7 +19,7 @@ from pinflex.actuation.drive import breaks
 from pinflex.actuation.nominal import Nominal, between, nominal_and_more
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
-from pinflex.description.supplement import ASKED
+from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import Pieces
 from pinflex.integrators.run import Run

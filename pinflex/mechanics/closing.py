@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.supplement import Loop
+from pinflex.description.loops import Loop
 from pinflex.errors import AssemblyError
 from pinflex.mechanics.assembly import CLOSED, close_loops
 from pinflex.mechanics.closure_log import LogClosure, size_of, translations

@@ -23,24 +23,11 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.supplement import Loop
+from pinflex.description.loops import Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.slider import Contact, Sleeve
 from pinflex.text import brief
 
-# Points held along these axes of a, and pairs (axis of a, axis of b) held perpendicular.
-_ROWS: Mapping[str, tuple[tuple[int, ...], tuple[tuple[int, int], ...]]] = {
-    "weld": ((0, 1, 2), ((0, 1), (1, 2), (2, 0))),
-    "revolute": ((0, 1, 2), ((0, 2), (1, 2))),
-    "prismatic": ((0, 1), ((0, 1), (1, 2), (2, 0))),
-    "cylindrical": ((0, 1), ((0, 2), (1, 2))),
-    "universal": ((0, 1, 2), ((2, 0),)),
-    "spin": ((), ((2, 0),)),
-    "spherical": ((0, 1, 2), ()),
-    "planar": ((0, 1), ()),
-    "distance": ((), ()),
-    "slider": ((), ()),
-}
 _AXES = "xyz"
 LENGTHS = 1e-12  # [m] below which a length is none
 
@@ -186,12 +173,11 @@ class _Rows:
 
     def add(self, number: int, loop: Loop, sleeves: Mapping[str, Sleeve]) -> None:
         """The rows that a loop holds."""
-        held, square = _ROWS[loop.kind]
-        labels = self.labels
-        for axis in held:
+        kind, labels = loop_kind(loop.kind), self.labels
+        for axis in kind.points:
             self.points.append((len(labels), axis))
             labels.append(f"{loop.name}: position along {_AXES[axis]}")
-        for a, b in square:
+        for a, b in kind.directions:
             self.dots.append((len(labels), a, b))
             about = _AXES[3 - a - b] if a != b else _AXES[a]
             labels.append(f"{loop.name}: rotation about {about}")
@@ -209,7 +195,7 @@ class _Rows:
 
 def _turn_b(loop: Loop) -> Array:
     """Frame b in its link; a universal joint holds a's axis (z) perpendicular to b's (x here)."""
-    if loop.kind in ("universal", "spin"):
+    if "axis_b" in loop_kind(loop.kind).keys:
         return axis_frame(None, loop.axis_b)
     return axis_frame(loop.axis, None)
 

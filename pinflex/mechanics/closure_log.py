@@ -3,9 +3,9 @@
 The rows of `pinflex.mechanics.closure` are sines of small angles, exact and cheap near a closed
 pose; far from one a sine also vanishes at half a turn. Here the rotation of frame b against frame a
 
-    weld, prismatic        r = log(R_a' R_b)                    the rotation vector, |r| <= pi
-    revolute, cylindrical  r = theta (n . x_a, n . y_a) ,       theta the angle from axis to axis
-    universal              r = asin(e_a . e_b)                  the angle short of a right one
+    TURNED (weld)          r = log(R_a' R_b)                    the rotation vector, |r| <= pi
+    ALONG (revolute)       r = theta (n . x_a, n . y_a) ,       theta the angle from axis to axis
+    one pair (universal)   r = asin(e_a . e_b)                  the angle short of a right one
 
 is zero only where the frames fit. Points, distances and sleeves keep their rows. A rotation counts
 as the path that it makes at the distance `length`, so that metres and radians weigh alike.
@@ -17,12 +17,11 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
+from pinflex.description.loops import ALONG, TURNED, Pairs, loop_kind
 from pinflex.mechanics.closure import LENGTHS, Closures
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.poses import columns
 
-_TURNED = ("weld", "prismatic")
-_ALONG = ("revolute", "cylindrical")
 _STRAIGHT = 1e-9  # sine of the angle of two axes below which they count as one line
 
 
@@ -46,7 +45,7 @@ class LogClosure:
         """Cosine of the angle of the two axes of each loop (1 where it has none), as evaluated."""
         state, closed = self.dynamics.closed, self.dynamics.system.closed
         cosines = (state.frames_a[:, :, 2] * state.frames_b[:, :, 2]).sum(axis=1)
-        return np.where(np.isin(closed.kinds, _ALONG), cosines, 1.0)
+        return np.where([_holds(kind) == ALONG for kind in closed.kinds], cosines, 1.0)
 
     def flipped(self) -> bool:
         """Whether the rows vanish, as evaluated, with the frames of a loop turned by half a turn.
@@ -56,7 +55,7 @@ class LogClosure:
         """
         state, closed = self.dynamics.closed, self.dynamics.system.closed
         for k, kind in enumerate(closed.kinds):
-            if kind in _TURNED:
+            if _holds(kind) == TURNED:
                 turn = state.frames_a[k, :, :3].T @ state.frames_b[k, :, :3]
                 if np.min(np.diag(turn)) < 0.5:
                     return True
@@ -71,11 +70,11 @@ class LogClosure:
         for k, kind, rows in self._turns:
             a, b = state.frames_a[k, :, :3], state.frames_b[k, :, :3]
             relative = spin * closed.row_mask[rows[0]]
-            if kind in _TURNED:
+            if _holds(kind) == TURNED:
                 R = a.T @ b
                 c[rows] = pin.log3(R)
                 J[rows] = np.asarray(pin.Jlog3(R)) @ (b.T @ relative)
-            elif kind in _ALONG:
+            elif _holds(kind) == ALONG:
                 c[rows], by_turn = _between(self.signs[k] * (a.T @ b[:, 2]))
                 J[rows] = by_turn @ (a.T @ relative)
             else:
@@ -95,6 +94,11 @@ class LogClosure:
         np.add.at(apart, closed.loop_of[~turned], c[~turned] ** 2)
         np.add.at(angles, closed.loop_of[turned], (c[turned] / self.length) ** 2)
         return np.sqrt(apart), np.sqrt(angles)
+
+
+def _holds(kind: str) -> Pairs:
+    """Directions that a kind of loop holds."""
+    return loop_kind(kind).directions
 
 
 def _between(z: Array) -> tuple[Array, Array]:

@@ -26,7 +26,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.supplement import Loop
+from pinflex.description.loops import Loop
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Attachment

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.supplement import Loop
+from pinflex.description.loops import ALONG, Loop, loop_kind
 from pinflex.mechanics.closure import axis_frame
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.poses import columns
@@ -36,7 +36,7 @@ def axis_hint(dynamics: Dynamics, loops: Sequence[Loop], pose: Array) -> str:
     }
     found = []
     for k, loop in enumerate(loops):
-        if loop.kind not in ("revolute", "cylindrical"):
+        if loop_kind(loop.kind).directions != ALONG:
             continue
         moves = (closed.support_b[k] != closed.support_a[k]).nonzero()[0]
         beside = [int(v) for v in moves if int(v) in hinged]

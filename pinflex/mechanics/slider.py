@@ -33,7 +33,7 @@ import pinocchio as pin
 
 from pinflex.arrays import IntArray
 from pinflex.bodies.family import Family
-from pinflex.description.supplement import Loop
+from pinflex.description.loops import Loop
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.parts import FlexiblePart

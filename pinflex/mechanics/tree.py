@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pinflex.description.supplement import JointExtra
+from pinflex.description.joints import JointExtra
 from pinflex.text import brief
 
 

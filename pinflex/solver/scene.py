@@ -14,7 +14,7 @@ from pinflex.actuation.feedback import place
 from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
-from pinflex.description.supplement import SolveSpec
+from pinflex.description.solve import SolveSpec
 from pinflex.errors import MotionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as adaptive

@@ -15,21 +15,12 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion, from_spec, hold
-from pinflex.description.supplement import (
-    ASKED,
-    COUPLED_ONLY,
-    KED_ONLY,
-    KED_TERMS,
-    TOLERANCES,
-    SolveSpec,
-    check_options,
-)
+from pinflex.description.solve import ASKED, COUPLED_ONLY, SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
     MotionError,
     RunInterrupted,
-    nearest,
 )
 from pinflex.integrators.run import Run
 from pinflex.mechanics import workspace
@@ -43,7 +34,6 @@ from pinflex.solver.resume import grid, join, stored
 from pinflex.solver.scene import Scene
 from pinflex.threads import one_blas_thread
 
-LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 SAMPLES = 401
 Progress = Callable[[int, int], None]
 
@@ -83,7 +73,8 @@ def solve_level(
         MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
     """
     tolerance = options.pop("tolerance", None)
-    spec = _spec(mechanism, level, until, dt, samples, options)
+    given = {"level": level, "until": until, "dt": dt, "samples": samples}
+    spec = _spec(mechanism, {**given, **options})
     motion = motion if motion is not None else default_motion(mechanism)
     end = spec.until if spec.until is not None else motion.duration
     if not 0 < end < np.inf:
@@ -122,68 +113,20 @@ def _require_finite(mechanism: Mechanism, run: Run) -> None:
             )
 
 
-def _spec(
-    mechanism: Mechanism,
-    level: str | None,
-    until: float | None,
-    dt: float | None,
-    samples: int | None,
-    options: dict[str, Any],
-) -> SolveSpec:
-    given = {"level": level, "until": until, "dt": dt, "samples": samples}
-    known = set(SolveSpec.__dataclass_fields__)
-    for name in options:
-        if name not in known:
-            raise DescriptionError(f"solve: {name}: no such option.{nearest(name, sorted(known))}")
-    changes = check_options({k: v for k, v in {**given, **options}.items() if v is not None})
-    if "newmark" in changes:
-        changes.setdefault("integrator", "newmark")
-    # One asked for here takes the place of the other in the YAML.
-    for one, other in (("tol", "dt"), ("dt", "tol")):
-        if one in changes:
-            changes.setdefault(other, None)
-    spec = replace(mechanism.description.solve, **changes)
-    if spec.level not in LEVELS:
-        raise DescriptionError(
-            f"solve.level: {spec.level!s:.80}.{nearest(spec.level, (*LEVELS, 'auto'))}"
-        )
-    if spec.ked not in KED_TERMS:
-        raise DescriptionError(f"solve.ked: {spec.ked}.{nearest(spec.ked, KED_TERMS)}")
-    for output in spec.asked or ():
-        if output not in ASKED:
-            raise DescriptionError(f"solve.asked: {output}.{nearest(output, ASKED)}")
-    if spec.integrator in KED_ONLY and spec.level not in ("rigid", "quasistatic", "ked"):
-        raise DescriptionError(
-            f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
-            'Take level="ked", or integrator="generalized_alpha".'
-        )
+def _spec(mechanism: Mechanism, options: dict[str, Any]) -> SolveSpec:
+    """What the YAML says with the options in place, as far as the mechanism can do it."""
+    spec = with_options(mechanism.description.solve, options)
     if spec.integrator in COUPLED_ONLY:
         spec = (
             replace(spec, tol=spec.tol or 1e-3)
             if spec.level == "coupled"
             else replace(spec, integrator=None)
         )
-    if spec.tol is not None and spec.dt is not None:
-        raise DescriptionError("solve: dt and tol: one follows from the other. Give one of them.")
-    if spec.tol is not None and not TOLERANCES[0] <= spec.tol <= TOLERANCES[1]:
-        raise DescriptionError(
-            f"solve.tol: {spec.tol}. Give a relative error of time integration, "
-            f"{TOLERANCES[0]:g} to {TOLERANCES[1]:g}."
-        )
     if spec.level == "coupled" and any(mechanism.description.system_damping):
         raise DescriptionError(
             f"{mechanism.name}: damping.scope: system damps the deviation from the nominal "
             "motion, which only level ked knows. Write scope: links for level coupled."
         )
-    if "rho_inf" in options and spec.integrator == "newmark":
-        raise DescriptionError(
-            "solve.rho_inf: has no meaning for the integrator newmark, which this scene names. "
-            'Add integrator="generalized_alpha".'
-        )
-    if spec.dt is not None and not 0 < spec.dt < np.inf:
-        raise DescriptionError(f"solve.dt: {spec.dt}. Give a step in s above zero.")
-    if spec.samples is not None and spec.samples < 2:
-        raise DescriptionError(f"solve.samples: {spec.samples}. Give at least 2.")
     return spec
 
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.supplement import ASKED
+from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs

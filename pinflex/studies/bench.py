@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.supplement import KED_ONLY
+from pinflex.description.solve import KED_ONLY
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs, relative

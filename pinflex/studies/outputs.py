@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from typing import Any
 
 from pinflex.advice.solve import solve
+from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.result import Result
-from pinflex.solver.solve import LEVELS
 from pinflex.studies.check import first_frequencies
 from pinflex.studies.study import yield_strengths
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from pinflex.advice.solve import solve
-from pinflex.description.supplement import SolveSpec
+from pinflex.description.solve import LEVELS, SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.residual import BAND
 from pinflex.results.result import Result, peak
-from pinflex.solver.solve import LEVELS, Progress, default_motion
+from pinflex.solver.solve import Progress, default_motion
 from pinflex.studies.check import first_frequencies
 from pinflex.text import brief
 from pinflex.viewer.curves import with_rigid_torque

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.description import description, flexible, material, section, supplement
+from pinflex.description import description, flexible, loops, material, section
 from pinflex.description.description import Basis, Description, JointExtra, SolveSpec, read
 from pinflex.description.urdf import check
 from pinflex.errors import DescriptionError, ModelNotFoundError
@@ -202,7 +202,7 @@ def test_a_missing_example_robot_data_is_explained(
 
 def test_every_key_is_explained_in_the_readme() -> None:
     text = (Path(description.__file__).parents[2] / "models" / "README.md").read_text("utf-8")
-    keys = {*description._KEYS, *flexible._KEYS, *material._KEYS, *supplement.LOOP_KINDS}
+    keys = {*description._KEYS, *flexible._KEYS, *material._KEYS, *loops.LOOP_KINDS}
     for record in (JointExtra, SolveSpec, Basis):
         keys |= {field.name for field in dataclasses.fields(record)} - {"name"}
     keys |= {*material.MATERIALS, *flexible.BOUNDARIES}

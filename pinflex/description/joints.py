@@ -1,0 +1,112 @@
+"""The block `joints` of a description: what a URDF cannot say about a joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pinflex.description import fields, schema
+from pinflex.description.schema import Vec3
+from pinflex.description.urdf import Urdf
+from pinflex.errors import DescriptionError
+from pinflex.text import brief
+
+TYPES = ("spherical", "universal")  # in place of a URDF's fixed or floating
+_SPRINGS = ("spring", "parallel_spring", "rest")
+
+
+@dataclass(frozen=True)
+class JointExtra:
+    """What a URDF cannot say about a joint.
+
+    Attributes:
+        name: URDF joint.
+        type: spherical or universal, in place of the URDF's type; None keeps that.
+        axes: The two unit axes of a universal joint in the joint frame; None: x, then y.
+        rotor_inertia: Inertia of the motor, seen at the joint [kg m^2 | kg].
+        spring: Stiffness [N m/rad | N/m].
+        parallel_spring: Whether it acts beside a motor.
+        rest: Position where the spring is slack [rad | m].
+        damper: Viscous damping [N m s/rad | N s/m].
+    """
+
+    __repr__ = brief
+
+    name: str
+    type: str | None = None
+    axes: tuple[Vec3, Vec3] | None = None
+    rotor_inertia: float = fields.real(0.0, "inertia", low=0)
+    spring: float = fields.real(0.0, "stiffness", low=0)
+    rest: float = fields.real(0.0, "position")
+    damper: float = fields.real(0.0, "damping", low=0)
+    parallel_spring: bool = False
+
+
+def read_joints(value: object, where: str, urdf: Urdf) -> dict[str, JointExtra]:
+    """The block `joints`, by joint name."""
+    return {
+        name: _joint(name, item, schema.at(where, name), urdf)
+        for name, item in schema.mapping(value, where).items()
+    }
+
+
+def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
+    schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
+    keys = ("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper")
+    block = schema.mapping(value, where, keys)
+    place = {key: schema.at(where, key) for key in keys}
+    kind = _type(block, name, place["type"], urdf)
+    _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
+    values = fields.read(JointExtra, block, place)
+    if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
+        beside, at = block["parallel_spring"], place["parallel_spring"]
+        stiffness = schema.number(beside, at, low=0, of="stiffness")
+        if "spring" in block:
+            raise DescriptionError(f"{at}: beside `spring`. Remove one of them.")
+        values |= {"spring": stiffness, "parallel_spring": True}
+    if "rest" in block and "spring" not in values:
+        raise DescriptionError(f"{place['rest']}: there is no spring. Add `spring`.")
+    if "axes" in block:
+        values["axes"] = _axes(block["axes"], place["axes"], kind)
+    return JointExtra(name, kind, **values)
+
+
+def _type(block: dict[str, Any], name: str, place: str, urdf: Urdf) -> str | None:
+    """The type that takes the place of the URDF's."""
+    if "type" not in block:
+        return None
+    written = urdf.joints[name].type
+    kind = schema.choice(block["type"], place, TYPES)
+    if written not in ("fixed", "floating"):
+        raise DescriptionError(
+            f"{place}: {kind}, but {urdf.file} says {written}. Only a joint that is fixed or "
+            "floating in the URDF can become another. Change the URDF, or remove the key."
+        )
+    return kind
+
+
+def _require_one_freedom(
+    block: dict[str, Any], kind: str | None, written: str, place: dict[str, str], file: str
+) -> None:
+    """Springs need a joint of one freedom, and every number a joint that moves."""
+    for key in (key for key in block if key not in ("type", "axes")):
+        if key in _SPRINGS and (kind or written in ("floating", "planar")):
+            raise DescriptionError(
+                f"{place[key]}: a {kind or written} joint has no one spring. "
+                "Springs act on joints of one degree of freedom. Split the joint in the URDF."
+            )
+        if written == "fixed" and kind is None:
+            raise DescriptionError(
+                f"{place[key]}: the joint is fixed in {file}, so it would do "
+                "nothing. Remove it, or give the joint a type."
+            )
+
+
+def _axes(value: object, where: str, kind: str | None) -> tuple[Vec3, Vec3]:
+    if kind != "universal":
+        raise DescriptionError(f"{where}: only a universal joint has two. Add type: universal.")
+    pair = schema.items(value, where, 2)
+    a, b = (schema.direction(axis, f"{where}[{i}]") for i, axis in enumerate(pair))
+    if abs(sum(x * y for x, y in zip(a, b, strict=True))) > 1 - 1e-9:
+        raise DescriptionError(f"{where}: {schema.shown(value)} are parallel. Turn one of them.")
+    return a, b

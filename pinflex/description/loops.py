@@ -1,0 +1,152 @@
+"""The block `loops` of a description: joints that close loops, and the table of their kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pinflex.description import fields, schema
+from pinflex.description.frames import frames
+from pinflex.description.schema import Vec3
+from pinflex.description.urdf import Urdf
+from pinflex.errors import DescriptionError
+from pinflex.text import brief
+
+Pairs = tuple[tuple[int, int], ...]
+ALONG: Pairs = ((0, 2), (1, 2))  # axis z of b along axis z of a
+TURNED: Pairs = ((0, 1), (1, 2), (2, 0))  # b turned as a
+_NO_TURN: tuple[Pairs, ...] = (ALONG, TURNED)
+
+
+@dataclass(frozen=True)
+class LoopKind:
+    """A kind of closure: which rows hold frame b at frame a. Axes are 0, 1, 2 for x, y, z.
+
+    Attributes:
+        name: Value of the key `kind`.
+        points: Axes of frame a along which the origins are held together.
+        directions: Pairs (axis of a, axis of b) held perpendicular: none, one pair, `ALONG` (two
+            axes on one line) or `TURNED` (no turn at all).
+        keys: Further keys of the loop that have a meaning for it: axis, axis_b, length, sleeve, ...
+    """
+
+    name: str
+    points: tuple[int, ...] = ()
+    directions: Pairs = ()
+    keys: tuple[str, ...] = ()
+
+
+LOOP_KINDS: dict[str, LoopKind] = {
+    kind.name: kind
+    for kind in (
+        LoopKind("weld", (0, 1, 2), TURNED),
+        LoopKind("revolute", (0, 1, 2), ALONG, ("axis",)),
+        LoopKind("prismatic", (0, 1), TURNED, ("axis",)),
+        LoopKind("cylindrical", (0, 1), ALONG, ("axis",)),
+        LoopKind("universal", (0, 1, 2), ((2, 0),), ("axis", "axis_b")),
+        LoopKind("spherical", (0, 1, 2)),
+        LoopKind("planar", (0, 1), (), ("axis",)),
+        LoopKind("distance", keys=("length",)),  # one row of its own
+        LoopKind("slider", keys=("sleeve", "pivoting", "turning")),  # the rows of its sleeve
+    )
+}
+# Not for files: keeps a rod between two balls from turning about itself.
+_SPIN = LoopKind("spin", (), ((2, 0),), ("axis", "axis_b"))
+
+
+def loop_kind(name: str) -> LoopKind:
+    """The row of the table of a kind, that of the rod between two balls included."""
+    return _SPIN if name == _SPIN.name else LOOP_KINDS[name]
+
+
+def register_loop_kind(kind: LoopKind) -> None:
+    """Add a kind of closure made of known rows; from then on `kind: NAME` is read and solved.
+
+    Args:
+        kind: Its row of the table.
+    Raises:
+        DescriptionError: The name is taken, or the rows are none that can be held.
+    """
+    where = f"loop kind {kind.name}"
+    if kind.name in LOOP_KINDS or kind.name == _SPIN.name:
+        raise DescriptionError(f"{where}: there is one of that name. Choose another.")
+    axes: Sequence[int] = (*kind.points, *(axis for pair in kind.directions for axis in pair))
+    if not axes or not {*axes} <= {0, 1, 2} or len({*kind.points}) < len(kind.points):
+        raise DescriptionError(
+            f"{where}: {kind.points}, {kind.directions} hold nothing, or an axis that is not 0, 1 "
+            "or 2, or one twice. Give the axes of `points`, pairs of axes in `directions`."
+        )
+    if len(kind.directions) > 1 and kind.directions not in _NO_TURN:
+        raise DescriptionError(
+            f"{where}: directions {kind.directions}. Allowed: none, one pair, ALONG = {ALONG}, "
+            f"TURNED = {TURNED}; a search for a closed pose knows the angles of these."
+        )
+    if not {*kind.keys} <= {"axis", "axis_b"}:
+        raise DescriptionError(f"{where}: keys {kind.keys}. Allowed: axis, axis_b.")
+    LOOP_KINDS[kind.name] = kind
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A joint that closes a loop between two frames of the tree.
+
+    Attributes:
+        name: Name for reports.
+        kind: One of `LOOP_KINDS`.
+        frame_a: First frame.
+        frame_b: Second frame.
+        axis: Unit axis of the joint, in frame a and in frame b (universal: in frame a only).
+        axis_b: universal: unit axis in frame b; None: x.
+        length: distance: [m]; None: as it is at home.
+        sleeve: slider: length of the sleeve [m]; 0: it touches the beam at a point.
+        pivoting: slider: the sleeve turns freely on three points in line, instead of along the
+            beam's tangent at its middle.
+        turning: slider: the sleeve may turn against frame b; else it is fixed to it.
+    """
+
+    __repr__ = brief
+
+    name: str
+    kind: str
+    frame_a: str
+    frame_b: str
+    axis: Vec3 = fields.key((0.0, 0.0, 1.0), schema.direction)
+    axis_b: Vec3 | None = fields.key(None, schema.direction)
+    length: float | None = fields.real(None, "length", above=0)
+    sleeve: float = fields.real(0.0, "length", low=0)
+    pivoting: bool = fields.flag(False)
+    turning: bool = fields.flag(True)
+
+
+def read_loops(value: object, where: str, urdf: Urdf) -> tuple[Loop, ...]:
+    """The block `loops`, in file order."""
+    return tuple(
+        _loop(name, item, schema.at(where, name), urdf)
+        for name, item in schema.mapping(value, where).items()
+    )
+
+
+def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
+    keys = ("kind", "between", *fields.names_of(Loop))
+    block = schema.mapping(value, where, keys, ("kind", "between"))
+    place = {key: schema.at(where, key) for key in keys}
+    kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
+    schema.items(block["between"], place["between"], 2)
+    a, b = frames(block["between"], place["between"], urdf)
+    for key in fields.names_of(Loop):
+        if key in block and key not in LOOP_KINDS[kind].keys:
+            owners = ", ".join(k.name for k in LOOP_KINDS.values() if key in k.keys)
+            raise DescriptionError(
+                f"{place[key]}: has no meaning for the kind {kind}, only for {owners}. "
+                "Remove it, or change the kind."
+            )
+    loop = Loop(name, kind, a, b, **fields.read(Loop, block, place))
+    if loop.pivoting and loop.sleeve == 0:
+        raise DescriptionError(
+            f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
+        )
+    if loop.pivoting and not loop.turning:
+        raise DescriptionError(
+            f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."
+        )
+    return loop

@@ -1,0 +1,212 @@
+"""The block `solve` of a description, and the same options given to `pf.solve` in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pinflex.description import fields, schema
+from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
+
+LEVELS = ("rigid", "quasistatic", "ked", "coupled")
+ASKED = ("torque", "deflection", "platform")
+TOLERANCES = (1e-9, 0.1)  # least and largest tol; a scene may have a higher floor: a run finds it
+KED_TERMS = ("full", "structural")
+DRIVES = ("prescribed", "torque")
+STARTS = ("auto", "straight", "static")
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """An integrator that a scene can name.
+
+    Attributes:
+        name: Value of the key `integrator`.
+        keys: Further keys of `solve` that have a meaning for it.
+        only: The one level that it serves; None: every level that marches in time.
+    """
+
+    name: str
+    keys: tuple[str, ...] = ()
+    only: str | None = None
+
+
+INTEGRATORS: dict[str, Integrator] = {
+    row.name: row
+    for row in (
+        Integrator("generalized_alpha", ("rho_inf",)),
+        Integrator("newmark", ("newmark",)),
+        Integrator("hht", ("rho_inf",)),
+        Integrator("central_difference", only="ked"),
+        Integrator("houbolt", only="ked"),
+        Integrator("wilson_theta", ("theta",), only="ked"),
+        Integrator("mode_superposition", ("modes",), only="ked"),
+        Integrator("radau", only="coupled"),
+    )
+}
+KED_ONLY = tuple(row.name for row in INTEGRATORS.values() if row.only == "ked")
+COUPLED_ONLY = tuple(row.name for row in INTEGRATORS.values() if row.only == "coupled")
+
+
+def _newmark(value: object, where: str) -> tuple[float, float]:
+    gamma, beta = schema.numbers(value, where, 2, low=0)
+    if gamma > 1 or not 0 < beta <= 1:
+        raise DescriptionError(
+            f"{where}: gamma = {gamma:g}, beta = {beta:g} are out of range. "
+            "Allowed: 0 <= gamma <= 1 and 0 < beta <= 1; only gamma >= 1/2 can be stable."
+        )
+    return gamma, beta
+
+
+def _outputs(value: object, where: str) -> tuple[str, ...]:
+    return schema.names(value, where, ASKED, "output")
+
+
+def _integrator(value: object, where: str) -> Any:
+    """A name; in Python also a scheme, a tableau or a function, which the level looks at."""
+    if hasattr(value, "name") or callable(value):
+        return value
+    return schema.choice(value, where, INTEGRATORS)
+
+
+@dataclass(frozen=True)
+class SolveSpec:
+    """What to compute.
+
+    Attributes:
+        level: rigid, quasistatic, ked or coupled.
+        until: End time [s]; None: the duration of the motion.
+        dt: Time step [s]; None: chosen from the motion and the frequencies.
+        samples: Number of instants to report; None: every step.
+        tol: Error of time integration that torques, platform and deflections may have, relative to
+            their largest deviation; steps follow from it. None: steps of dt.
+        asked: Which of torque, deflection and platform tol is about; empty: all.
+        integrator: generalized_alpha, newmark or hht; at level ked also central_difference,
+            houbolt, wilson_theta and mode_superposition; at level coupled also radau, with tol.
+            None: radau where a tol is asked for and it can, else generalized_alpha. In Python also
+            an `AlphaScheme`, a `Collocation` (coupled, with tol) or a function (ked).
+        rho_inf: Spectral radius at infinity [-], 0 to 1; None: the integrator's own.
+        newmark: (gamma, beta) [-] of the integrator newmark; None: (1/2, 1/4).
+        ked: Terms of level ked: full, or structural (M, the beams' K and the damping alone, the
+            classical method).
+        theta: Length of the step of wilson_theta over dt [-]; None: 1.4.
+        modes: Number of modes of mode_superposition; None: 12.
+        drive: prescribed (the motors follow the motion) or torque (they push).
+        kp: Position gain of the torque drive [N m/rad | N/m].
+        kd: Speed gain of the torque drive [N m s/rad | N s/m].
+        start: straight (undeformed), static (in equilibrium), or auto (static where something
+            acts and an equilibrium exists).
+    """
+
+    __repr__ = brief
+
+    level: str = fields.word("coupled", LEVELS)
+    until: float | None = fields.real(None, "time", above=0)
+    dt: float | None = fields.real(None, "time", above=0)
+    samples: int | None = fields.whole(None, 2)
+    tol: float | None = fields.real(None, low=TOLERANCES[0], high=TOLERANCES[1])
+    asked: tuple[str, ...] = fields.key((), _outputs)
+    integrator: Any = fields.key(None, _integrator)
+    rho_inf: float | None = fields.real(None, low=0, high=1)
+    newmark: tuple[float, float] | None = fields.key(None, _newmark)
+    ked: str = fields.word("full", KED_TERMS)
+    theta: float | None = fields.real(None, low=1.37, high=4)
+    modes: int | None = fields.whole(None, 1)
+    drive: str = fields.word("prescribed", DRIVES)
+    kp: float = fields.real(0.0, "stiffness", low=0)
+    kd: float = fields.real(0.0, "damping", low=0)
+    start: str = fields.word("auto", STARTS)
+
+    @property
+    def by_steps(self) -> str:
+        """Name of the integrator of equal steps."""
+        given = self.integrator
+        if given is None or isinstance(given, str):
+            return given or "generalized_alpha"
+        return str(getattr(given, "name", getattr(given, "__name__", type(given).__name__)))
+
+
+_KEYS = fields.names_of(SolveSpec)
+
+
+def read_solve(value: object, where: str) -> SolveSpec:
+    """The block `solve`; a key without effect is an error."""
+    block = schema.mapping(value, where, _KEYS)
+    place = {key: schema.at(where, key) for key in _KEYS}
+    spec = _spec(SolveSpec(), block, place)
+    if spec.until is not None and spec.dt is not None and spec.dt > spec.until:
+        raise DescriptionError(
+            f"{place['dt']}: {spec.dt:g} s is longer than the run, until = {spec.until:g} s. Make "
+            "it smaller."
+        )
+    if {"tol", "dt"} <= block.keys():
+        raise DescriptionError(f"{place['tol']}: dt follows from it. Remove one of them.")
+    if spec.integrator in KED_ONLY and spec.level != "ked":
+        raise DescriptionError(
+            f"{place['integrator']}: {spec.integrator} is for linear systems: level ked only. "
+            "Write `level: ked`, or integrator: generalized_alpha."
+        )
+    if "ked" in block and spec.level != "ked":
+        raise DescriptionError(f"{place['ked']}: only for `level: ked`. Add it, or remove this.")
+    used = INTEGRATORS[spec.by_steps].keys
+    for key in (key for row in INTEGRATORS.values() for key in row.keys):
+        if key in block and key not in used:
+            raise DescriptionError(
+                f"{place[key]}: has no meaning for the integrator {spec.by_steps}. Remove one of "
+                "them."
+            )
+    for key in ("kp", "kd"):
+        if key in block and spec.drive != "torque":
+            raise DescriptionError(
+                f"{place[key]}: only for `drive: torque`. Add it, or remove this."
+            )
+    return spec
+
+
+def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
+    """The block of a scene with options of `pf.solve` in place of its own, checked as in a file.
+
+    Args:
+        spec: What the YAML says.
+        options: By key; None leaves what the YAML says.
+    """
+    for key in options:
+        if key not in _KEYS:
+            raise DescriptionError(f"solve: {key}: no such option.{nearest(key, sorted(_KEYS))}")
+    given = {k: v.item() if isinstance(v, np.generic) else v for k, v in options.items()}
+    given = {key: value for key, value in given.items() if value is not None}
+    if given.get("level", spec.level) not in LEVELS:  # of `auto`, `pf.solve` makes one of them
+        shown = schema.shown(given["level"])
+        hint = nearest(str(given["level"])[:80], (*LEVELS, "auto"))
+        raise DescriptionError(f"solve.level: {shown} is not known.{hint}")
+    if {"tol", "dt"} <= given.keys():
+        raise DescriptionError("solve: dt and tol: one follows from the other. Give one of them.")
+    # One asked for here takes the place of the other in the YAML.
+    if "tol" in given:
+        spec = replace(spec, dt=None)
+    elif "dt" in given:
+        spec = replace(spec, tol=None)
+    spec = _spec(spec, given, {key: f"solve.{key}" for key in _KEYS})
+    if spec.integrator in KED_ONLY and spec.level == "coupled":
+        raise DescriptionError(
+            f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
+            'Take level="ked", or integrator="generalized_alpha".'
+        )
+    if "rho_inf" in given and spec.integrator == "newmark":
+        raise DescriptionError(
+            "solve.rho_inf: has no meaning for the integrator newmark, which this scene names. "
+            'Add integrator="generalized_alpha".'
+        )
+    return spec
+
+
+def _spec(spec: SolveSpec, given: Mapping[str, Any], place: Mapping[str, str]) -> SolveSpec:
+    """The spec with the given keys read into it; Newmark's coefficients name their integrator."""
+    values = fields.read(SolveSpec, given, place)
+    if "newmark" in values:
+        values.setdefault("integrator", "newmark")
+    return replace(spec, **values)
