@@ -15,7 +15,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description import schema
-from pinflex.description.urdf import Urdf
+from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
 Law = Callable[[float, Array, Array, Array], Array]
@@ -111,7 +111,7 @@ def pid(
     return Pid(kp_, ki_, kd_, target_)
 
 
-def read_control(value: object, where: str, urdf: Urdf) -> Control | None:
+def read_control(value: object, where: str, urdf: Source) -> Control | None:
     """The block `control`: {NAME: {measure, drive, kp, ki, kd, target}}.
 
     Args:
@@ -135,7 +135,7 @@ def read_control(value: object, where: str, urdf: Urdf) -> Control | None:
     return Control(tuple(measures), tuple(drives), pid(*np.array(rows).T), tuple(names))
 
 
-def _measure(value: object, where: str, urdf: Urdf) -> Deflection | Travel:
+def _measure(value: object, where: str, urdf: Source) -> Deflection | Travel:
     block = schema.mapping(value, where, ("link", "at", "direction", "joint"))
     if "joint" in block:
         return Travel(schema.known(block["joint"], where, urdf.joints, "joint"))
@@ -148,7 +148,7 @@ def _measure(value: object, where: str, urdf: Urdf) -> Deflection | Travel:
     return Deflection(link, x, direction)
 
 
-def _drive(value: object, where: str, urdf: Urdf) -> Voltage | Effort:
+def _drive(value: object, where: str, urdf: Source) -> Voltage | Effort:
     block = schema.mapping(value, where, ("patch", "joint"))
     if len(block) != 1:
         raise DescriptionError(f"{where}: name one drive: {{patch: NAME}} or {{joint: NAME}}.")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,18 +11,19 @@ from typing import Any
 
 import yaml
 
-from pinflex.description import flexible, schema, urdf
+from pinflex.description import fields, flexible, schema, sources
 from pinflex.description.control import Control, read_control
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.description.flexible import Basis, EndMass, FlexibleLink
 from pinflex.description.frames import by_joint, frame, frames
+from pinflex.description.home import read_home
 from pinflex.description.joints import JointExtra, read_joints
 from pinflex.description.loops import Loop, read_loops
 from pinflex.description.material import Material
 from pinflex.description.schema import Vec3
 from pinflex.description.section import Section
 from pinflex.description.solve import SolveSpec, read_solve
-from pinflex.description.urdf import HOME_SIZES, Urdf
+from pinflex.description.source import Source
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 from pinflex.text import brief
 
@@ -50,6 +50,14 @@ ALLOWED = ("wide", "heavy", "large")
 _ONE_DOF = ("revolute", "continuous", "prismatic")
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MODEL_FOLDERS = (_PACKAGE / "models", _PACKAGE.parent / "models")
+
+
+def _gravity(value: object, where: str) -> Vec3:
+    return schema.vector(value, where, of="acceleration")
+
+
+def _allow(value: object, where: str) -> tuple[str, ...]:
+    return schema.names(value, where, ALLOWED, "word")
 
 
 @dataclass(frozen=True)
@@ -94,12 +102,12 @@ class Description:
     urdf_text: str
     yaml_text: str
     package_dirs: tuple[str, ...] = ()
-    gravity: Vec3 = (0.0, 0.0, -9.81)
-    base: str = "fixed"
+    gravity: Vec3 = fields.key((0.0, 0.0, -9.81), _gravity)
+    base: str = fields.word("fixed", ("fixed", "free_flyer"))
     joints: dict[str, JointExtra] = field(default_factory=dict)
     actuated: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
-    idle: str = "held"
+    idle: str = fields.word("held", ("held", "free"))
     forces: tuple[FrameForce, ...] = ()
     control: Control | None = None
     springs: tuple[FrameSpring, ...] = ()
@@ -111,8 +119,8 @@ class Description:
     system_damping: tuple[float, float] = (0.0, 0.0)
     motion: dict[str, Any] | None = None
     solve: SolveSpec = field(default_factory=SolveSpec)
-    limit: float = 1.0
-    allow: tuple[str, ...] = ()
+    limit: float = fields.real(1.0, "ratio", above=0)
+    allow: tuple[str, ...] = fields.key((), _allow)
 
     @property
     def sources(self) -> dict[str, str]:
@@ -147,15 +155,16 @@ class Description:
             return self
         label = f"{self.name}.yaml"
         raw = schema.mapping(schema.load(self.yaml_text, label), label)
-        tree = urdf.check(self.urdf_text, self.urdf_name, self.package_dirs)
+        tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
         if "flexible" in raw:
             place = schema.at(label, "flexible")
             raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
         before = raw.get("urdf")
         for assignment in changes:
             schema.set_path(raw, assignment)
-        text = yaml.safe_dump(raw, sort_keys=False, allow_unicode=True, default_flow_style=None)
-        return _describe(text, self.name, self.path, tree if raw.get("urdf") == before else None)
+        return _describe(
+            _dumped(raw), self.name, self.path, tree if raw.get("urdf") == before else None
+        )
 
 
 def read(source: str | Path) -> Description:
@@ -165,7 +174,7 @@ def read(source: str | Path) -> Description:
         source: A YAML file, a folder NAME that holds NAME.yaml, or the name of a shipped model.
     """
     path = _find(source)
-    return _describe(urdf.read_text(path, str(source)), path.stem, path, None)
+    return _describe(sources.read_text(path, str(source)), path.stem, path, None)
 
 
 def model_names() -> tuple[str, ...]:
@@ -210,51 +219,35 @@ def _find(source: str | Path) -> Path:
     )
 
 
-def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Description:
-    """Check the whole YAML text; `tree` spares reading the URDF again."""
+def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> Description:
+    """Check the whole YAML text; `tree` spares reading the robot's file again."""
     file = f"{name}.yaml" if path is None else path.name
     place = {key: schema.at(file, key) for key in _KEYS}
     block = schema.mapping(schema.load(text, file), file, _KEYS, ("urdf",))
+    folder = Path() if path is None else path.parent
     if tree is None:
-        source = schema.text(block["urdf"], place["urdf"])
-        tree = urdf.find(source, Path() if path is None else path.parent, place["urdf"])
-    fields: dict[str, Any] = {}
-    if "limit" in block:
-        fields["limit"] = schema.number(block["limit"], place["limit"], above=0, of="ratio")
-    if "allow" in block:
-        fields["allow"] = schema.names(block["allow"], place["allow"], ALLOWED, "word")
-    if "gravity" in block:
-        fields["gravity"] = schema.vector(block["gravity"], place["gravity"], of="acceleration")
-    base = schema.choice(block.get("base", "fixed"), place["base"], ("fixed", "free_flyer"))
+        tree = sources.find(schema.text(block["urdf"], place["urdf"]), folder, place["urdf"])
+    if tree.loops:  # written out, so that the YAML text says all that its file does not
+        written = schema.mapping(block.get("loops", {}), place["loops"])
+        block["loops"] = {**tree.loops, **written}
+        text = _dumped(block)
+    values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     kinds = {j: extra.type for j, extra in joints.items() if extra.type is not None}
     types = {joint.name: joint.type for joint in tree.joints.values()} | kinds
-    if base == "free_flyer":
+    if values.get("base") == "free_flyer":
         types["root_joint"] = "floating"
     loops = read_loops(block.get("loops", {}), place["loops"], tree)
-    if "idle" in block:
-        fields["idle"] = schema.choice(block["idle"], place["idle"], ("held", "free"))
     if "platform" in block:
-        fields["platform"] = frame(block["platform"], place["platform"], tree)
+        values["platform"] = frame(block["platform"], place["platform"], tree)
     if "frames" in block:
-        fields["frames"] = frames(block["frames"], place["frames"], tree)
+        values["frames"] = frames(block["frames"], place["frames"], tree)
     actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
     _beside_motors(joints, actuated, place["joints"])
-    damping = ((0.0, 0.0), 0.0)
-    if "damping" in block:
-        spec, scope = flexible.damping_scope(block["damping"], place["damping"])
-        damping = flexible.damping_from_spec(spec, place["damping"])
-        if scope == "system":
-            fields["system_damping"], damping = damping[0], ((0.0, 0.0), 0.0)
-    links = flexible.expand(block.get("flexible", {}), place["flexible"], tree)
-    bending = tuple(
-        flexible.from_spec(spec, link, schema.at(place["flexible"], link), tree, damping)
-        for link, spec in links.items()
-    )
+    values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
-        folder = Path() if path is None else path.parent
         has_platform = "platform" in block
-        fields["motion"] = _motion(block["motion"], place["motion"], folder, actuated, has_platform)
+        values["motion"] = _motion(block["motion"], place["motion"], folder, actuated, has_platform)
     return Description(
         name=name,
         path=path,
@@ -262,18 +255,23 @@ def _describe(text: str, name: str, path: Path | None, tree: Urdf | None) -> Des
         urdf_text=tree.text,
         yaml_text=text,
         package_dirs=tree.package_dirs,
-        base=base,
         joints=joints,
         actuated=actuated,
         loops=loops,
         control=read_control(block.get("control", {}), place["control"], tree),
         forces=read_forces(block.get("forces", {}), place["forces"], tree),
         springs=read_springs(block.get("springs", {}), place["springs"], tree),
-        home=_home(block.get("home", {}), place["home"], types),
-        flexible=bending,
+        home=read_home(block.get("home", {}), place["home"], types),
         by_joint=by_joint(block, tree),
         solve=read_solve(block.get("solve", {}), place["solve"]),
-        **fields,
+        **values,
+    )
+
+
+def _dumped(raw: Mapping[str, Any]) -> str:
+    """The YAML text of parsed data."""
+    return str(
+        yaml.safe_dump(dict(raw), sort_keys=False, allow_unicode=True, default_flow_style=None)
     )
 
 
@@ -306,48 +304,6 @@ def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], 
             "of its own behind the motor, write `spring` there and list the motors in `actuated`. "
             "A spring that does act beside the motor is `parallel_spring`."
         )
-
-
-def _home(
-    value: object, where: str, types: Mapping[str, str]
-) -> dict[str, float | tuple[float, ...]]:
-    """The home guess in Pinocchio's layout; the file may also say rotation vectors and angles."""
-    home: dict[str, float | tuple[float, ...]] = {}
-    movable = tuple(name for name, kind in types.items() if HOME_SIZES[kind])
-    for name, item in schema.mapping(value, where).items():
-        place = schema.at(where, name)
-        schema.known(name, place, movable, "moving joint")
-        sizes = HOME_SIZES[types[name]]
-        if sizes == (1,):
-            home[name] = schema.number(item, place, of="position")
-            continue
-        if not isinstance(item, list) or len(item) not in sizes:
-            raise DescriptionError(
-                f"{place}: {schema.shown(item)} does not fit a {types[name]} joint, which takes a "
-                f"list of {' or '.join(map(str, sizes))} numbers. Correct it."
-            )
-        values = schema.numbers(item, place, len(item), of="position")
-        if types[name] == "universal":
-            home |= {f"{name}.{axis + 1}": angle for axis, angle in enumerate(values)}
-        elif types[name] == "planar":
-            home[name] = (*values[:2], math.cos(values[2]), math.sin(values[2]))
-        elif len(item) in (3, 6):
-            home[name] = values[:-3] + _quaternion(values[-3:])
-        else:
-            norm = math.hypot(*values[-4:])
-            if abs(norm - 1) > 1e-3:  # three digits are enough to be meant as a unit quaternion
-                raise DescriptionError(
-                    f"{place}: the quaternion x y z w has the norm {norm:.4g}. It must be 1."
-                )
-            home[name] = values
-    return home
-
-
-def _quaternion(rotation: tuple[float, ...]) -> tuple[float, ...]:
-    """Quaternion x y z w of a rotation vector [rad]."""
-    angle = math.hypot(*rotation)
-    scale = math.sin(angle / 2) / angle if angle > 0 else 0.5
-    return (*(scale * r for r in rotation), math.cos(angle / 2))
 
 
 def _motion(

@@ -8,7 +8,7 @@ from typing import Any
 from pinflex.description import schema
 from pinflex.description.frames import frame, frames
 from pinflex.description.schema import Vec3
-from pinflex.description.urdf import Urdf
+from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
 
@@ -64,7 +64,7 @@ class FrameSpring:
     length: float = 0.0
 
 
-def read_forces(value: object, where: str, urdf: Urdf) -> tuple[FrameForce, ...]:
+def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ...]:
     """The block `forces`, in file order."""
     keys = ("at", "force", "moment", "follower", "start", "until", "ramp")
     found = []
@@ -85,7 +85,7 @@ def read_forces(value: object, where: str, urdf: Urdf) -> tuple[FrameForce, ...]
     return tuple(found)
 
 
-def read_springs(value: object, where: str, urdf: Urdf) -> tuple[FrameSpring, ...]:
+def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, ...]:
     """The block `springs`, in file order."""
     quantities = {"stiffness": "stiffness", "damper": "damping", "length": "length"}
     keys = ("between", *quantities)

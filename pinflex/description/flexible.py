@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
-from pinflex.description import material, schema, section, solid_keys
+from pinflex.description import fields, material, schema, section, solid_keys
 from pinflex.description.frames import frame
 from pinflex.description.material import Material
 from pinflex.description.patch import Patch, read_patches
 from pinflex.description.schema import Vec3
 from pinflex.description.section import Section
-from pinflex.description.urdf import Urdf
+from pinflex.description.source import Source
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
@@ -80,12 +81,12 @@ class Basis:
     __repr__ = brief
 
     kind: str = "craig_bampton"
-    internal: int = 2
-    elements: int = 4
-    order: str = "cubic"
-    boundary: str = "clamped_free"
-    modes: int = 3
-    stretch: str = "sines"
+    internal: int = fields.whole(2, 0, 200)
+    elements: int = fields.whole(4, 1, 10_000)
+    order: str = fields.word("cubic", ORDERS)
+    boundary: str = fields.word("clamped_free", BOUNDARIES)
+    modes: int = fields.whole(3, 1, 200)
+    stretch: str = fields.word("sines", STRETCHES)
     file: str | None = None
     scale: float = 1.0
     rod: tuple[tuple[float, float], ...] = ()
@@ -94,6 +95,22 @@ class Basis:
     mass: str | None = None
     stiffness: str | None = None
     nodes: str | None = None
+
+
+def _end_mass(spec: object, where: str) -> EndMass:
+    block = schema.mapping(spec, where, ("mass", "inertia"))
+    turning, moving = block.get("inertia", (0, 0, 0)), block.get("mass", 0)
+    inertia = schema.vector(turning, schema.at(where, "inertia"), low=0, of="inertia")
+    return EndMass(schema.number(moving, schema.at(where, "mass"), low=0, of="mass"), inertia)
+
+
+def _switch(value: object, where: str) -> Switch:
+    """auto, or true or false."""
+    if value == "auto":
+        return "auto"
+    if not isinstance(value, bool):
+        schema.choice(value, where, ("auto", "true", "false"))
+    return schema.boolean(value, where)
 
 
 @dataclass(frozen=True)
@@ -133,22 +150,22 @@ class FlexibleLink:
     material: Material
     section: Section
     basis: Basis = Basis()
-    inertia: Literal["urdf", "beam"] = "urdf"
+    inertia: Literal["urdf", "beam"] = fields.word("urdf", INERTIAS)
     start: str | None = None
     end: str | None = None
-    length: float | None = None
-    up: Vec3 | None = None
-    bending_y: Switch = "auto"
-    bending_z: Switch = "auto"
-    torsion: Switch = "auto"
-    axial: Switch = "auto"
-    rotary_inertia: bool = False
-    second_order: bool = True
-    third_order: bool = False
-    shear: bool = False
-    segments: int = 1
-    root: EndMass | None = None
-    tip: EndMass | None = None
+    length: float | None = fields.real(None, "length", above=0)
+    up: Vec3 | None = fields.key(None, schema.direction)
+    bending_y: Switch = fields.key("auto", _switch)
+    bending_z: Switch = fields.key("auto", _switch)
+    torsion: Switch = fields.key("auto", _switch)
+    axial: Switch = fields.key("auto", _switch)
+    rotary_inertia: bool = fields.flag(False)
+    second_order: bool = fields.flag(True)
+    third_order: bool = fields.flag(False)
+    shear: bool = fields.flag(False)
+    segments: int = fields.whole(1, 1)
+    root: EndMass | None = fields.key(None, _end_mass)
+    tip: EndMass | None = fields.key(None, _end_mass)
     rayleigh: tuple[float, float] = (0.0, 0.0)
     modal_damping: float = 0.0
     patches: tuple[Patch, ...] = ()
@@ -162,7 +179,7 @@ _KEYS = (
 )  # fmt: skip
 
 
-def expand(value: object, where: str, urdf: Urdf) -> dict[str, Any]:
+def expand(value: object, where: str, urdf: Source) -> dict[str, Any]:
     """One block per link, from keys that are link names, lists of them, or globs.
 
     Args:
@@ -183,7 +200,7 @@ def expand(value: object, where: str, urdf: Urdf) -> dict[str, Any]:
     return found
 
 
-def _links(key: str, where: str, urdf: Urdf) -> list[str]:
+def _links(key: str, where: str, urdf: Source) -> list[str]:
     links: list[str] = []
     for part in (p.strip() for p in key.split(",")):
         matches = [part] if part in urdf.links else []
@@ -197,8 +214,31 @@ def _links(key: str, where: str, urdf: Urdf) -> list[str]:
     return links
 
 
+def read(
+    block: Mapping[str, Any], place: Mapping[str, str], urdf: Source
+) -> tuple[tuple[float, float], tuple[FlexibleLink, ...]]:
+    """Damping of the whole system, and the flexible links, of a description.
+
+    Args:
+        block: The parsed description, of which `damping` and `flexible` are read.
+        place: Of each of its keys.
+        urdf: The links there are.
+    """
+    system, damping = (0.0, 0.0), ((0.0, 0.0), 0.0)
+    if "damping" in block:
+        spec, scope = damping_scope(block["damping"], place["damping"])
+        damping = damping_from_spec(spec, place["damping"])
+        if scope == "system":
+            system, damping = damping[0], ((0.0, 0.0), 0.0)
+    links = expand(block.get("flexible", {}), place["flexible"], urdf)
+    return system, tuple(
+        from_spec(spec, link, schema.at(place["flexible"], link), urdf, damping)
+        for link, spec in links.items()
+    )
+
+
 def from_spec(
-    spec: object, link: str, where: str, urdf: Urdf, damping: tuple[tuple[float, float], float]
+    spec: object, link: str, where: str, urdf: Source, damping: tuple[tuple[float, float], float]
 ) -> FlexibleLink:
     """A flexible link from its YAML block.
 
@@ -213,47 +253,31 @@ def from_spec(
     solid = solid_keys.is_solid(block.get("basis"))
     schema.mapping(spec, where, _KEYS, ("material",) if solid else ("material", "section"))
     place = {key: schema.at(where, key) for key in _KEYS}
-    fields: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
+    values: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
     if "basis" in block:
-        fields["basis"] = basis_from_spec(block["basis"], place["basis"])
-    if "inertia" in block:
-        fields["inertia"] = schema.choice(block["inertia"], place["inertia"], INERTIAS)
+        values["basis"] = basis_from_spec(block["basis"], place["basis"])
     for key in block.keys() & {"start", "end"}:
-        fields[key] = frame(block[key], place[key], urdf)
-    if "length" in block:
-        fields["length"] = schema.number(block["length"], place["length"], above=0, of="length")
-    if "up" in block:
-        fields["up"] = schema.direction(block["up"], place["up"])
-    for key in _SWITCHES:
-        if key in block and block[key] != "auto":
-            if not isinstance(block[key], bool):
-                schema.choice(block[key], place[key], ("auto", "true", "false"))
-            fields[key] = schema.boolean(block[key], place[key])
-    if all(fields.get(key) is False for key in _SWITCHES):
+        values[key] = frame(block[key], place[key], urdf)
+    values |= fields.read(FlexibleLink, block, place)
+    if all(values.get(key) is False for key in _SWITCHES):
         raise DescriptionError(
             f"{where}: {', '.join(_SWITCHES)} are all false, so nothing deforms. Leave one of them "
             "on, or remove the link from `flexible`."
         )
-    for key in block.keys() & {"rotary_inertia", "second_order", "third_order", "shear"}:
-        fields[key] = schema.boolean(block[key], place[key])
-    if "segments" in block:
-        fields["segments"] = schema.integer(block["segments"], place["segments"], 1)
-    for key in block.keys() & {"root", "tip"}:
-        fields[key] = _end_mass(block[key], place[key])
     if "damping" in block:
         rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
-        fields |= {"rayleigh": rayleigh, "modal_damping": modal}
+        values |= {"rayleigh": rayleigh, "modal_damping": modal}
     if solid:
         solid_keys.refuse_beam_keys(block, place)
-    elif "basis" in fields and fields["basis"].kind == "ritz8":
-        fields.setdefault("axial", True)
+    elif "basis" in values and values["basis"].kind == "ritz8":
+        values.setdefault("axial", True)
     made = material.from_spec(block["material"], place["material"])
     # A solid has no section of its own; one of its volume takes the place when it is read.
     shape = block.get("section", {"shape": "circle", "diameter": 1.0})
     cut = section.from_spec(shape, place["section"])
     if "patches" in block:
-        fields["patches"] = read_patches(block["patches"], place["patches"], made.E, cut)
-    return FlexibleLink(link, made, cut, **fields)
+        values["patches"] = read_patches(block["patches"], place["patches"], made.E, cut)
+    return FlexibleLink(link, made, cut, **values)
 
 
 def basis_from_spec(spec: object, where: str) -> Basis:
@@ -261,31 +285,22 @@ def basis_from_spec(spec: object, where: str) -> Basis:
     every = tuple(key for keys in BASES.values() for key in keys)
     block = schema.mapping(spec, where, ("kind", *every))
     kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), BASES)
-    fields: dict[str, Any] = {}
-    for key, value in block.items():
-        place = schema.at(where, key)
-        if key == "kind":
-            continue
-        if key not in BASES[kind]:
+    place = {key: schema.at(where, key) for key in block}
+    for key in block:
+        if key != "kind" and key not in BASES[kind]:
             owner = next(name for name, keys in BASES.items() if key in keys)
             raise DescriptionError(
-                f"{place}: has no meaning for the kind {kind}, which takes "
+                f"{place[key]}: has no meaning for the kind {kind}, which takes "
                 f"{', '.join(BASES[kind])}. Remove it, or write kind: {owner}."
             )
-        if kind in solid_keys.KINDS:
-            fields[key] = solid_keys.read(key, value, place)
-        elif key in ("order", "boundary"):
-            ends = BOUNDARIES if kind == "assumed" else ("clamped_free", "free_free")
-            fields[key] = schema.choice(value, place, ORDERS if key == "order" else ends)
-        elif key == "stretch":
-            fields[key] = schema.choice(value, place, STRETCHES)
-        else:
-            most = 10_000 if key == "elements" else 200
-            fields[key] = schema.integer(value, place, 0 if key == "internal" else 1, most)
     if kind in solid_keys.KINDS:
-        fields = {"modes": 6} | fields
+        values = {key: solid_keys.read(key, block[key], place[key]) for key in BASES[kind]
+                  if key in block}  # fmt: skip
         solid_keys.check(kind, block, where)
-    return Basis(kind, **fields)
+        return Basis(kind, **{"modes": 6} | values)
+    if kind == "finite_element" and "boundary" in block:
+        schema.choice(block["boundary"], place["boundary"], ("clamped_free", "free_free"))
+    return Basis(kind, **fields.read(Basis, block, place))
 
 
 def damping_scope(spec: object, where: str) -> tuple[object, str]:
@@ -315,10 +330,3 @@ def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], fl
         return (0.0, 0.0), schema.number(block["modal"], schema.at(where, "modal"), 0, 1)
     alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, 0, "rate")
     return (alpha, beta), 0.0
-
-
-def _end_mass(spec: object, where: str) -> EndMass:
-    block = schema.mapping(spec, where, ("mass", "inertia"))
-    turning, moving = block.get("inertia", (0, 0, 0)), block.get("mass", 0)
-    inertia = schema.vector(turning, schema.at(where, "inertia"), low=0, of="inertia")
-    return EndMass(schema.number(moving, schema.at(where, "mass"), low=0, of="mass"), inertia)

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from pinflex.description import schema
-from pinflex.description.urdf import Urdf
+from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
 
-def frame(value: object, where: str, urdf: Urdf) -> str:
+def frame(value: object, where: str, urdf: Source) -> str:
     """Link of a frame; the name of a joint means its child link, unless a link has that name too.
 
     Args:
@@ -22,7 +22,7 @@ def frame(value: object, where: str, urdf: Urdf) -> str:
     return schema.known(value, where, urdf.links, f"link in {urdf.file}")
 
 
-def frames(value: object, where: str, urdf: Urdf) -> tuple[str, ...]:
+def frames(value: object, where: str, urdf: Source) -> tuple[str, ...]:
     """A list of different frames."""
     found: list[str] = []
     for i, item in enumerate(schema.items(value, where)):
@@ -36,7 +36,7 @@ def frames(value: object, where: str, urdf: Urdf) -> tuple[str, ...]:
     return tuple(found)
 
 
-def by_joint(block: Mapping[str, Any], urdf: Urdf) -> dict[str, str]:
+def by_joint(block: Mapping[str, Any], urdf: Source) -> dict[str, str]:
     """Frames of a checked YAML that joints name: the link of each such joint."""
     asked: list[Any] = [block.get("platform"), *(block.get("frames") or ())]
     for group in ("loops", "forces", "springs", "flexible"):

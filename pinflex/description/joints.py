@@ -7,7 +7,7 @@ from typing import Any
 
 from pinflex.description import fields, schema
 from pinflex.description.schema import Vec3
-from pinflex.description.urdf import Urdf
+from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
@@ -42,7 +42,7 @@ class JointExtra:
     parallel_spring: bool = False
 
 
-def read_joints(value: object, where: str, urdf: Urdf) -> dict[str, JointExtra]:
+def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra]:
     """The block `joints`, by joint name."""
     return {
         name: _joint(name, item, schema.at(where, name), urdf)
@@ -50,7 +50,7 @@ def read_joints(value: object, where: str, urdf: Urdf) -> dict[str, JointExtra]:
     }
 
 
-def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
+def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
     keys = ("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper")
     block = schema.mapping(value, where, keys)
@@ -71,7 +71,7 @@ def _joint(name: str, value: object, where: str, urdf: Urdf) -> JointExtra:
     return JointExtra(name, kind, **values)
 
 
-def _type(block: dict[str, Any], name: str, place: str, urdf: Urdf) -> str | None:
+def _type(block: dict[str, Any], name: str, place: str, urdf: Source) -> str | None:
     """The type that takes the place of the URDF's."""
     if "type" not in block:
         return None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pinflex.description import fields, schema
 from pinflex.description.frames import frames
 from pinflex.description.schema import Vec3
-from pinflex.description.urdf import Urdf
+from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
@@ -118,7 +118,7 @@ class Loop:
     turning: bool = fields.flag(True)
 
 
-def read_loops(value: object, where: str, urdf: Urdf) -> tuple[Loop, ...]:
+def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:
     """The block `loops`, in file order."""
     return tuple(
         _loop(name, item, schema.at(where, name), urdf)
@@ -126,7 +126,7 @@ def read_loops(value: object, where: str, urdf: Urdf) -> tuple[Loop, ...]:
     )
 
 
-def _loop(name: str, value: object, where: str, urdf: Urdf) -> Loop:
+def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
     keys = ("kind", "between", *fields.names_of(Loop))
     block = schema.mapping(value, where, keys, ("kind", "between"))
     place = {key: schema.at(where, key) for key in keys}

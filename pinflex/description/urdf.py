@@ -1,135 +1,22 @@
-"""Finding a URDF and checking it before Pinocchio reads it, so that errors name the element."""
+"""Checking a URDF before Pinocchio reads it, so that errors name the element."""
 
 from __future__ import annotations
 
 import math
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from pinflex.description import ranges
-from pinflex.description.files import MOST_TEXT, require_regular
-from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
-from pinflex.text import brief
+from pinflex.description.source import HOME_SIZES, Source, SourceJoint
+from pinflex.errors import DescriptionError, nearest
 
-# Configuration sizes of the joint types: what a value of `home` may hold.
-HOME_SIZES: dict[str, tuple[int, ...]] = {
-    "fixed": (),
-    "revolute": (1,),
-    "continuous": (1,),
-    "prismatic": (1,),
-    "universal": (2,),
-    "planar": (3,),  # x, y, angle
-    "spherical": (3, 4),  # rotation vector, or quaternion x y z w
-    "floating": (6, 7),  # position and rotation vector, or position and quaternion x y z w
-}
 _URDF_TYPES = tuple(t for t in HOME_SIZES if t not in ("universal", "spherical"))
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
-_ROBOT_DATA = "example-robot-data:"
 
 
-@dataclass(frozen=True)
-class UrdfJoint:
-    """A joint of a URDF: its type and the links it joins."""
-
-    name: str
-    type: str
-    parent: str
-    child: str
-
-
-@dataclass(frozen=True)
-class Urdf:
-    """A checked URDF: its text and the names in it.
-
-    Attributes:
-        file: File name, for messages.
-        text: The XML.
-        package_dirs: Folders in which `package://` is looked up.
-        links: Link names in file order.
-        joints: Joints by name.
-    """
-
-    __repr__ = brief
-
-    file: str
-    text: str
-    package_dirs: tuple[str, ...]
-    links: tuple[str, ...]
-    joints: dict[str, UrdfJoint]
-
-
-def find(source: str, folder: Path, where: str) -> Urdf:
-    """Read and check the URDF of the key `urdf`.
-
-    Args:
-        source: A file, relative to `folder`, or "example-robot-data:NAME".
-        folder: Folder of the YAML.
-        where: Place of the key, for messages.
-    """
-    if source.startswith(_ROBOT_DATA):
-        path, packages = _robot_data(source[len(_ROBOT_DATA) :].strip(), where)
-        return check(read_text(path, where), path.name, packages)
-    path = folder / source
-    if not path.is_file():
-        found = [p.name for p in sorted(folder.glob("*.urdf"))]
-        raise ModelNotFoundError(
-            f'{where}: no file "{source}" beside the YAML.{nearest(source, found)} Give a path '
-            f"relative to the YAML, or {_ROBOT_DATA}NAME."
-        )
-    packages = tuple(dict.fromkeys((str(path.parent.resolve()), str(folder.resolve()))))
-    return check(read_text(path, where), path.name, packages)
-
-
-def read_text(path: Path, where: str) -> str:
-    """The text of a file that must be readable UTF-8."""
-    require_regular(path, MOST_TEXT, f"{where}: {path.name}")
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DescriptionError(
-            f"{where}: {path.name} is not UTF-8 text (byte {error.start}). Save it as UTF-8."
-        ) from None
-    except OSError as error:
-        raise DescriptionError(f"{where}: cannot read {path.name}: {error.strerror}.") from None
-
-
-def _robot_data(name: str, where: str) -> tuple[Path, tuple[str, ...]]:
-    """Path of a robot of the package example-robot-data, without loading its meshes."""
-    try:
-        from example_robot_data import (  # type: ignore[import-not-found,import-untyped,unused-ignore]
-            ROBOTS,
-            getModelPath,
-        )
-    except ImportError:
-        raise DescriptionError(
-            f'{where}: "{_ROBOT_DATA}{name}" needs the package example-robot-data-loaders, which '
-            "is not installed. Run `pip install example-robot-data-loaders`, or give a URDF file."
-        ) from None
-    if name not in ROBOTS:
-        raise ModelNotFoundError(
-            f'{where}: no robot "{name}" in example-robot-data.{nearest(name, sorted(ROBOTS))}'
-        )
-    loader = ROBOTS[name]
-    if not loader.urdf_filename:
-        raise DescriptionError(
-            f'{where}: the robot "{name}" of example-robot-data is an SDF, not a URDF. Choose '
-            "another, or convert it."
-        )
-    part = f"{loader.path}/{loader.urdf_subpath}/{loader.urdf_filename}"
-    try:
-        root = Path(loader.model_path or getModelPath(part))
-    except OSError:
-        raise DescriptionError(
-            f'{where}: the files of the robot "{name}" are missing. Install example-robot-data.'
-        ) from None
-    return root / part, (str((root / "../..").resolve()),)
-
-
-def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Urdf:
+def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
     """Check a URDF's text and list its names.
 
     Args:
@@ -170,7 +57,7 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Urdf:
         for name, element in _names(root, "joint", file).items()
     }
     _check_tree(tuple(links), joints, file)
-    return Urdf(file, text, package_dirs, tuple(links), joints)
+    return Source(file, text, package_dirs, tuple(links), joints)
 
 
 def _names(root: ET.Element, tag: str, file: str) -> dict[str, ET.Element]:
@@ -233,7 +120,7 @@ def _check_inertial(inertial: ET.Element, where: str) -> None:
 
 def _joint(
     element: ET.Element, name: str, links: dict[str, ET.Element], where: str, file: str
-) -> UrdfJoint:
+) -> SourceJoint:
     kind = element.get("type") or ""
     if kind not in _URDF_TYPES:
         raise DescriptionError(
@@ -258,11 +145,11 @@ def _joint(
             raise DescriptionError(
                 f"{where}: axis: {vector} has no direction. Write a unit vector."
             )
-    return UrdfJoint(name, kind, ends[0], ends[1])
+    return SourceJoint(name, kind, ends[0], ends[1])
 
 
-def _check_tree(links: tuple[str, ...], joints: dict[str, UrdfJoint], file: str) -> None:
-    carrier: dict[str, UrdfJoint] = {}
+def _check_tree(links: tuple[str, ...], joints: dict[str, SourceJoint], file: str) -> None:
+    carrier: dict[str, SourceJoint] = {}
     advice = "A URDF is a tree: cut the loop there and close it under `loops` in the YAML."
     for joint in joints.values():
         other = carrier.setdefault(joint.child, joint)

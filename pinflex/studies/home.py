@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.home_text import with_home
-from pinflex.description.urdf import read_text
+from pinflex.description.sources import read_text
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
 

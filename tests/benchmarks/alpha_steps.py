@@ -43,7 +43,7 @@ def main() -> None:
         t = np.linspace(0.0, until or m.description.solve.until or motion.duration, SAMPLES)
 
         def scene(m=m, motion=motion, until=until, **keys: object) -> Scene:
-            return Scene(m, motion, _spec(m, "coupled", until, None, None, keys))
+            return Scene(m, motion, _spec(m, {"level": "coupled", "until": until, **keys}))
 
         exact = solve_to_tolerance(scene(integrator="radau", tol=1e-5), t, 1e-5)
         outputs = Outputs(m, motion, t)

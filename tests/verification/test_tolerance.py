@@ -41,7 +41,7 @@ def run(name: str, **keys: object) -> Run:
     m, end = mechanism(name), SCENES[name][2]
     newton = keys.pop("tolerance", None)
     dt = keys.pop("dt", None)
-    spec = _spec(m, "coupled", end, dt, SAMPLES, keys)  # type: ignore[arg-type]
+    spec = _spec(m, {"level": "coupled", "until": end, "dt": dt, "samples": SAMPLES, **keys})
     scene = Scene(m, default_motion(m), spec, None, newton)
     return _run(scene, end, None)  # type: ignore[arg-type]
 
