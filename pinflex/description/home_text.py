@@ -23,44 +23,57 @@ def with_home(text: str, values: Mapping[str, float | list[float]], file: str) -
     Raises:
         DescriptionError: The block cannot be told from the rest (anchors shared with other blocks).
     """
-    newline = "\r\n" if "\r\n" in text else "\n"
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
     before = schema.load(text, file)
-    assert isinstance(root, yaml.MappingNode)
-    lines = _lines(values, newline)
-    for key, value in root.value:
-        if key.value == "home":
-            if isinstance(value, yaml.MappingNode) and value.value:
-                changed = _edited(text, value, before["home"], values, newline)
-            else:
-                first, last = key.start_mark.index, max(_end(value), key.end_mark.index + 1)
-                inner = _flow(values) if root.flow_style else lines
-                changed = text[:first] + inner + text[last:]
-            break
-    else:
-        if root.flow_style:
-            at = text.rindex("}", 0, root.end_mark.index)
-            changed = f"{text[:at].rstrip().rstrip(',')}, {_flow(values)}{text[at:]}"
-        else:
-            at = max(_end(value) for pair in root.value for value in pair)
-            line = text.find("\n", at)
-            at = len(text) if line < 0 else line
-            at -= at > 0 and text[at - 1 : at] == "\r"
-            changed = text[:at] + newline + lines + (text[at:] or newline)
-    try:
-        after = schema.load(changed, file)
-        now = after.pop("home")
-        kept = after == {k: v for k, v in before.items() if k != "home"}
-        kept = kept and now.keys() >= values.keys()
-        kept = kept and all(_same(now[name], value) for name, value in values.items())
-    except (DescriptionError, AttributeError, KeyError, TypeError):
-        kept = False
-    if not kept:
+    changed = _changed(text, values, before)
+    if not _only_home_differs(changed, before, values, file):
+        lines = _lines(values, "\r\n" if "\r\n" in text else "\n")
         raise DescriptionError(
             f"{file}: home: this file is written in a way that does not let the block be replaced "
             f"alone (an anchor, several documents). Write it yourself:\n{lines}"
         )
     return changed
+
+
+def _changed(
+    text: str, values: Mapping[str, float | list[float]], before: Mapping[str, Any]
+) -> str:
+    """The text with the block replaced, or with a new one at its end."""
+    newline = "\r\n" if "\r\n" in text else "\n"
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    assert isinstance(root, yaml.MappingNode)
+    lines = _lines(values, newline)
+    for key, value in root.value:
+        if key.value == "home":
+            if isinstance(value, yaml.MappingNode) and value.value:
+                return _edited(text, value, before["home"], values, newline)
+            first, last = key.start_mark.index, max(_end(value), key.end_mark.index + 1)
+            inner = _flow(values) if root.flow_style else lines
+            return text[:first] + inner + text[last:]
+    if root.flow_style:
+        at = text.rindex("}", 0, root.end_mark.index)
+        return f"{text[:at].rstrip().rstrip(',')}, {_flow(values)}{text[at:]}"
+    at = max(_end(value) for pair in root.value for value in pair)
+    line = text.find("\n", at)
+    at = len(text) if line < 0 else line
+    at -= at > 0 and text[at - 1 : at] == "\r"
+    return text[:at] + newline + lines + (text[at:] or newline)
+
+
+def _only_home_differs(
+    changed: str,
+    before: Mapping[str, Any],
+    values: Mapping[str, float | list[float]],
+    file: str,
+) -> bool:
+    """Whether the changed text says the values, and everything else as before."""
+    try:
+        after = schema.load(changed, file)
+        now = after.pop("home")
+        if after != {k: v for k, v in before.items() if k != "home"}:
+            return False
+        return now.keys() >= values.keys() and all(_same(now[k], x) for k, x in values.items())
+    except (DescriptionError, AttributeError, KeyError, TypeError):
+        return False
 
 
 def _data(values: Mapping[str, float | list[float]]) -> dict[str, Any]:

@@ -145,6 +145,12 @@ def read_solve(value: object, where: str) -> SolveSpec:
         )
     if {"tol", "dt"} <= block.keys():
         raise DescriptionError(f"{place['tol']}: dt follows from it. Remove one of them.")
+    _require_effect(spec, block, place)
+    return spec
+
+
+def _require_effect(spec: SolveSpec, block: Mapping[str, Any], place: Mapping[str, str]) -> None:
+    """Raise where a written key has no effect beside the level, integrator or drive."""
     if spec.integrator in KED_ONLY and spec.level != "ked":
         raise DescriptionError(
             f"{place['integrator']}: {spec.integrator} is for linear systems: level ked only. "
@@ -164,7 +170,6 @@ def read_solve(value: object, where: str) -> SolveSpec:
             raise DescriptionError(
                 f"{place[key]}: only for `drive: torque`. Add it, or remove this."
             )
-    return spec
 
 
 def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
@@ -174,11 +179,7 @@ def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
         spec: What the YAML says.
         options: By key; None leaves what the YAML says.
     """
-    for key in options:
-        if key not in _KEYS:
-            raise DescriptionError(f"solve: {key}: no such option.{nearest(key, sorted(_KEYS))}")
-    given = {k: v.item() if isinstance(v, np.generic) else v for k, v in options.items()}
-    given = {key: value for key, value in given.items() if value is not None}
+    given = _given(options)
     if given.get("level", spec.level) not in LEVELS:  # of `auto`, `pf.solve` makes one of them
         shown = schema.shown(given["level"])
         hint = nearest(str(given["level"])[:80], (*LEVELS, "auto"))
@@ -202,6 +203,15 @@ def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
             'Add integrator="generalized_alpha".'
         )
     return spec
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that say something, in Python's own types; an unknown one is an error."""
+    for key in options:
+        if key not in _KEYS:
+            raise DescriptionError(f"solve: {key}: no such option.{nearest(key, sorted(_KEYS))}")
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in options.items()}
+    return {key: value for key, value in plain.items() if value is not None}
 
 
 def _spec(spec: SolveSpec, given: Mapping[str, Any], place: Mapping[str, str]) -> SolveSpec:

@@ -94,16 +94,7 @@ def verify(
     Raises:
         DescriptionError: A name that no case has.
     """
-    known = cases()
-    for name in names:
-        if not any(name.lower() in case.name.lower() for case in known):
-            raise DescriptionError(
-                f"verify: {name}: no such case.{nearest(name, (c.name for c in known), 30)}"
-            )
-    chosen = [c for c in known if not names or any(n.lower() in c.name.lower() for n in names)]
-    if not slow:
-        # Slow ones alone were asked for by name.
-        chosen = [c for c in chosen if not c.slow] or chosen
+    chosen = _chosen(names, slow)
     records: list[Record] = []
     pictures: list[Picture] = []
     for k, case in enumerate(chosen):
@@ -115,6 +106,19 @@ def verify(
             ended(case_text(case.name, found))
         pictures += [picture] if picture is not None else []
     return Verification(tuple(records), tuple(pictures))
+
+
+def _chosen(names: Sequence[str], slow: bool) -> list[Case]:
+    """Cases whose names hold one of the given parts; slow ones on request, or if alone."""
+    known = cases()
+    for name in names:
+        if not any(name.lower() in case.name.lower() for case in known):
+            raise DescriptionError(
+                f"verify: {name}: no such case.{nearest(name, (c.name for c in known), 30)}"
+            )
+    chosen = [c for c in known if not names or any(n.lower() in c.name.lower() for n in names)]
+    # Slow ones alone were asked for by name.
+    return chosen if slow else [c for c in chosen if not c.slow] or chosen
 
 
 def _run(case: Case) -> tuple[list[Record], Picture | None]:
