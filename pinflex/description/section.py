@@ -7,25 +7,17 @@ thickness along y, so that it bends over its thickness in the plane of the link'
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from pinflex.description import schema
-from pinflex.errors import DescriptionError
+from pinflex.description import schema, torsion
+from pinflex.description.ranges import RANGES
+from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
 Points = tuple[tuple[float, float], ...]
 _NU = 0.3  # Poisson's ratio in the shear factors of round sections; they change by 3 % over 0..0.5
-_DIMENSIONS: dict[str, tuple[str, ...]] = {
-    "rectangle": ("width", "thickness"),
-    "circle": ("diameter",),
-    "tube": ("diameter", "wall"),
-    "i": ("width", "height", "flange", "web"),
-    "given": ("A", "Iy", "Iz", "J"),
-}
 _QUANTITIES = dict.fromkeys(
     ("width", "height", "thickness", "diameter", "wall", "flange", "web"), "length"
 )
@@ -89,7 +81,7 @@ class Section:
             thickness: Size along y [m].
             where: Place in a file, for messages.
         Source: Young, Budynas, Roark's Formulas (7th ed.), table 10.1, case 4, for J; for Wt see
-            `_rectangle_torsion_modulus`; shear factors 5/6 from the shear energy.
+            `torsion.rectangle_modulus`; shear factors 5/6 from the shear energy.
         """
         _check(where, width=width, thickness=thickness)
         a, b = max(width, thickness), min(width, thickness)
@@ -103,7 +95,7 @@ class Section:
             J=a * b**3 * (1 / 3 - 0.21 * (b / a) * (1 - (b / a) ** 4 / 12)),
             ky=5 / 6,
             kz=5 / 6,
-            Wt=_rectangle_torsion_modulus(a, b),
+            Wt=torsion.rectangle_modulus(a, b),
             fibres=corners,
             outline=corners,
             dimensions=(("width", width), ("thickness", thickness)),
@@ -245,6 +237,63 @@ class Section:
         )
 
 
+@dataclass(frozen=True)
+class Shape:
+    """A shape of section that a file can name.
+
+    Attributes:
+        name: Value of the key `shape`.
+        keys: Required numbers > 0: key to quantity, one of `ranges.RANGES`.
+        build: The section of these numbers; called with them and `where`, all by keyword.
+        shear: tau_xy and tau_xz [1/m^3] at a point (section, y, z) for a torque of one; None: only
+            the largest shear stress is known, torque / Wt.
+        optional: Further keys.
+    """
+
+    name: str
+    keys: Mapping[str, str]
+    build: Callable[..., Section]
+    shear: Callable[[Section, float, float], tuple[float, float]] | None = None
+    optional: tuple[str, ...] = ("ky", "kz", "J")
+
+
+def _of(*keys: str) -> dict[str, str]:
+    return {key: _QUANTITIES[key] for key in keys}
+
+
+SHAPES: dict[str, Shape] = {
+    row.name: row
+    for row in (
+        Shape("rectangle", _of("width", "thickness"), Section.rectangle, torsion.rectangle),
+        Shape("circle", _of("diameter"), Section.circle, torsion.plane),
+        Shape("tube", _of("diameter", "wall"), Section.tube, torsion.plane),
+        Shape("i", _of("width", "height", "flange", "web"), Section.i_section),
+        Shape(
+            "given",
+            _of("A", "Iy", "Iz", "J"),
+            Section.given,
+            optional=("ky", "kz", "Wt", "fibres", "my", "mz"),
+        ),
+    )
+}
+
+
+def register_shape(shape: Shape) -> None:
+    """Add a shape of section; from then on `{shape: NAME, ...}` is read, solved and drawn.
+
+    Raises:
+        DescriptionError: The name is taken, or a key has no quantity of `ranges.RANGES`.
+    """
+    if shape.name in SHAPES:
+        raise DescriptionError(f"shape {shape.name}: there is one of that name. Choose another.")
+    for key, quantity in shape.keys.items():
+        if quantity not in RANGES:
+            raise DescriptionError(
+                f"shape {shape.name}: key {key}: {quantity}.{nearest(quantity, RANGES)}"
+            )
+    SHAPES[shape.name] = shape
+
+
 def from_spec(spec: object, where: str = "section") -> Section:
     """A section from the YAML block {shape, dimensions, ky, kz, J}.
 
@@ -252,35 +301,26 @@ def from_spec(spec: object, where: str = "section") -> Section:
         spec: The parsed value of the key `section`.
         where: Its place, for messages.
     """
-    shapes = ", ".join(_DIMENSIONS)
     if not isinstance(spec, dict) or spec.get("shape") is None:
         raise DescriptionError(
             f"{where}: {schema.shown(spec)} has no shape. Write {{shape: rectangle, width: 0.02, "
-            f"thickness: 0.002}}; shapes: {shapes}."
+            f"thickness: 0.002}}; shapes: {', '.join(SHAPES)}."
         )
-    shape = schema.choice(spec["shape"], schema.at(where, "shape"), _DIMENSIONS)
-    needed = _DIMENSIONS[shape]
-    optional = ("ky", "kz", "Wt", "fibres", "my", "mz") if shape == "given" else ("ky", "kz", "J")
-    block = schema.mapping(spec, where, ("shape", *needed, *optional), needed)
+    shape = SHAPES[schema.choice(spec["shape"], schema.at(where, "shape"), SHAPES)]
+    block = schema.mapping(spec, where, ("shape", *shape.keys, *shape.optional), shape.keys)
+    quantities = {**_QUANTITIES, **shape.keys}
     value = {
-        key: schema.number(block[key], schema.at(where, key), above=0, of=_QUANTITIES[key])
-        for key in (*needed, *optional)
+        key: schema.number(block[key], schema.at(where, key), above=0, of=quantities[key])
+        for key in (*shape.keys, *shape.optional)
         if key in block and key != "fibres"
     }
-    chosen: dict[str, Any] = {key: value[key] for key in needed}
-    if shape == "given":
+    chosen: dict[str, Any] = {key: value[key] for key in shape.keys}
+    if shape.name == "given":
         chosen["Wt"] = value.get("Wt")
         chosen["fibres"] = _fibres(block.get("fibres"), schema.at(where, "fibres"))
-    builders: dict[str, Callable[..., Section]] = {
-        "rectangle": Section.rectangle,
-        "circle": Section.circle,
-        "tube": Section.tube,
-        "i": Section.i_section,
-        "given": Section.given,
-    }
-    section = builders[shape](**chosen, where=where)
+    section = shape.build(**chosen, where=where)
     changes: dict[str, Any] = {key: value[key] for key in ("ky", "kz", "my", "mz") if key in value}
-    if shape != "given" and "J" in value:
+    if "J" in value and "J" not in shape.keys:
         # The stress at a given twist is kept, so a corrected J changes Wt in proportion.
         changes |= {"J": value["J"], "Wt": section.Wt * value["J"] / section.J}
     return replace(section, **changes) if changes else section
@@ -308,18 +348,3 @@ def _check(where: str, **sizes: float) -> None:
 def _polygon(diameter: float, count: int) -> Points:
     angles = (2 * math.pi * k / count for k in range(count))
     return tuple((diameter / 2 * math.cos(a), diameter / 2 * math.sin(a)) for a in angles)
-
-
-def _rectangle_torsion_modulus(a: float, b: float) -> float:
-    """Torsion modulus T / tau_max [m^3] of a rectangle a >= b; tau_max is amid the long side.
-
-    J = a b^3/3 (1 - 192 b/(pi^5 a) sum tanh(n pi a/(2b)) / n^5)
-    tau_max = G twist b (1 - 8/pi^2 sum 1 / (n^2 cosh(n pi a/(2b)))),  n = 1, 3, 5, ...
-
-    Source: Timoshenko, Goodier, Theory of Elasticity (3rd ed.), section 109.
-    """
-    n = np.arange(1.0, 40.0, 2.0)  # the first term left out of J is 41^-5 = 1e-8 of the first
-    x = n * np.pi * a / (2 * b)
-    sech = 2 * np.exp(-x) / (1 + np.exp(-2 * x))
-    J = a * b**3 / 3 * (1 - 192 * b / (np.pi**5 * a) * float(np.sum(np.tanh(x) / n**5)))
-    return float(J / (b * (1 - 8 / np.pi**2 * float(np.sum(sech / n**2)))))

@@ -68,7 +68,7 @@ def _outputs(value: object, where: str) -> tuple[str, ...]:
 
 def _integrator(value: object, where: str) -> Any:
     """A name; in Python also a scheme, a tableau or a function, which the level looks at."""
-    if hasattr(value, "name") or callable(value):
+    if not isinstance(value, str | int | float | list | dict):
         return value
     return schema.choice(value, where, INTEGRATORS)
 

@@ -29,7 +29,7 @@ from pinflex.integrators.linear import (
 )
 from pinflex.integrators.mode_superposition import mode_superposition
 from pinflex.integrators.run import Run
-from pinflex.integrators.schemes import scheme
+from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.levels.linearised import Line, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
@@ -42,7 +42,7 @@ _CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-of
 
 
 def march_of(spec: SolveSpec) -> March:
-    """The method that a scene names: one of the alpha family, or one for linear systems."""
+    """The method that a scene names or gives: one of the alpha family, or for linear systems."""
     if spec.integrator == "central_difference":
         return central_difference
     if spec.integrator == "houbolt":
@@ -51,6 +51,11 @@ def march_of(spec: SolveSpec) -> March:
         return partial(wilson_theta, theta=1.4 if spec.theta is None else spec.theta)
     if spec.integrator == "mode_superposition":
         return partial(mode_superposition, modes=12 if spec.modes is None else spec.modes)
+    if isinstance(spec.integrator, AlphaScheme):
+        return partial(alpha, spec.integrator)
+    if callable(spec.integrator):
+        march: March = spec.integrator
+        return march
     rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
     return partial(alpha, scheme(spec.by_steps, rho_inf, spec.newmark))
 

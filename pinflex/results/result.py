@@ -17,6 +17,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.results import archive, checked, report
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.results.lazy import Late
+from pinflex.results.quantities import QUANTITIES
 from pinflex.results.strength import Worst, worst_section
 from pinflex.results.views import (
     Deviation,
@@ -99,9 +100,12 @@ class Result:
 
     def array(self, key: str) -> Array:
         """The read-only array of a flat key; an unknown key leads to the nearest one."""
+        if key in QUANTITIES:
+            return QUANTITIES[key].of(self)
         if key not in self.arrays:
+            known = (*self.arrays, *QUANTITIES)
             raise DescriptionError(
-                f"result of level {self.level}: no array {key!r}." + nearest(key, self.arrays),
+                f"result of level {self.level}: no array {key!r}." + nearest(key, known),
                 key=key,
             )
         return self.arrays[key]
@@ -144,7 +148,8 @@ class Result:
 
     def unit(self, key: str) -> str:
         """Unit of a key, from the longest prefix that meta["units"] (or the default) knows."""
-        units = {**UNITS, **self.meta.get("units", {})}
+        added = {q.key: q.unit for q in QUANTITIES.values()}
+        units = {**UNITS, **added, **self.meta.get("units", {})}
         known = [p for p in units if key == p or key.startswith(p + "/")]
         return str(units[max(known, key=len)]) if known else ""
 

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.section import Section
+from pinflex.description import torsion
+from pinflex.description.section import SHAPES, Section
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
@@ -112,37 +113,20 @@ def torsion_shear(
     """Shear stresses tau_xy and tau_xz at (y, z) for a torque of one, 1/m^3.
 
     Args:
-        section: Rectangle, circle or tube.
+        section: Of a shape with a field: rectangle, circle, tube or a registered one.
         y, z: Point in the section, m.
         warping: St-Venant's field; False: as if plane sections stayed plane.
     """
-    if not warping or section.shape in ("circle", "tube"):
-        return -z / section.J, y / section.J
-    if section.shape != "rectangle":
+    if not warping:
+        return torsion.plane(section, y, z)
+    field = SHAPES[section.shape].shear if section.shape in SHAPES else None
+    if field is None:
         raise DescriptionError(
             f"torsion_shear: no field of shear stress for the shape {section.shape}. "
             "Use the largest one, torque / Wt (link stress `shear`), or warping=False."
         )
-    size = dict(section.dimensions)
-    if size["thickness"] <= size["width"]:
-        ds, dl = _prandtl(size["thickness"] / 2, size["width"] / 2, y, z)
-        return dl / section.J, -ds / section.J
-    ds, dl = _prandtl(size["width"] / 2, size["thickness"] / 2, z, y)
-    return ds / section.J, -dl / section.J
+    return field(section, y, z)
 
-
-def _prandtl(a: float, b: float, s: float, long: float) -> tuple[float, float]:
-    """d phi/ds and d phi/dl of the stress function for G twist = 1, half sides a <= b."""
-    n = np.arange(1.0, 400.0, 2.0)  # ends at 1e-5 of the largest stress, beside the corners
-    k = n * np.pi / (2 * a)
-    sign = np.where(n % 4 == 1, 1.0, -1.0)
-    far, near = np.exp(-k * (b - abs(long))), np.exp(-k * (b + abs(long)))
-    whole = 1 + np.exp(-2 * k * b)
-    cosh, sinh = (far + near) / whole, np.sign(long) * (far - near) / whole
-    gain = 32 * a**2 / np.pi**3 * sign / n**3 * k
-    # The part without cosh is the parabola a^2 - s^2, summed in closed form.
-    ds = -2 * s + float(np.sum(gain * cosh * np.sin(k * s)))
-    return ds, -float(np.sum(gain * sinh * np.cos(k * s)))
 
 
 def _inside(section: Section, y: float, z: float, link: str) -> None:

@@ -19,7 +19,7 @@ from pinflex.errors import MotionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as adaptive
 from pinflex.integrators.alpha_adaptive import AlphaSteps
-from pinflex.integrators.collocation import radau
+from pinflex.integrators.collocation import Collocation, radau
 from pinflex.integrators.radau import STAGES, Stages
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
@@ -159,7 +159,7 @@ class Scene:
                 forces, self.tolerance,
             )  # fmt: skip
         else:
-            steps = Stages(self.mechanism, dynamics, path, resolution, radau(STAGES), drive, forces)
+            steps = Stages(self.mechanism, dynamics, path, resolution, self._tableau, drive, forces)
         try:
             run = adaptive.integrate(
                 self.mechanism.name, steps, (start.y, start.v), t,
@@ -177,8 +177,15 @@ class Scene:
 
     @property
     def _scheme(self) -> AlphaScheme:
+        if isinstance(self.spec.integrator, AlphaScheme):
+            return self.spec.integrator
         rho = 0.8 if self.spec.rho_inf is None else self.spec.rho_inf
         return scheme(self.spec.by_steps, rho, self.spec.newmark)
+
+    @property
+    def _tableau(self) -> Collocation:
+        given = self.spec.integrator
+        return given if isinstance(given, Collocation) else radau(STAGES)
 
     @property
     def _system(self) -> Any:

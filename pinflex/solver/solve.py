@@ -22,7 +22,9 @@ from pinflex.errors import (
     MotionError,
     RunInterrupted,
 )
+from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
+from pinflex.integrators.schemes import AlphaScheme
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.dynamics import Dynamics
@@ -116,7 +118,8 @@ def _require_finite(mechanism: Mechanism, run: Run) -> None:
 def _spec(mechanism: Mechanism, options: dict[str, Any]) -> SolveSpec:
     """What the YAML says with the options in place, as far as the mechanism can do it."""
     spec = with_options(mechanism.description.solve, options)
-    if spec.integrator in COUPLED_ONLY:
+    _require_method(spec)
+    if spec.integrator in COUPLED_ONLY or isinstance(spec.integrator, Collocation):
         spec = (
             replace(spec, tol=spec.tol or 1e-3)
             if spec.level == "coupled"
@@ -128,6 +131,19 @@ def _spec(mechanism: Mechanism, options: dict[str, Any]) -> SolveSpec:
             "motion, which only level ked knows. Write scope: links for level coupled."
         )
     return spec
+
+
+def _require_method(spec: SolveSpec) -> None:
+    """Raise where an integrator given as a value is none that the level can use."""
+    given = spec.integrator
+    if given is None or isinstance(given, str | AlphaScheme | Collocation):
+        return
+    if not callable(given) or spec.level == "coupled":
+        raise DescriptionError(
+            f"solve.integrator: {spec.by_steps} at level {spec.level}. Allowed: a name, an "
+            "AlphaScheme (ked, coupled), a Collocation (coupled, with tol), or at level ked a "
+            "function (at, steps, dt, start) that gives the states one by one."
+        )
 
 
 def _control(

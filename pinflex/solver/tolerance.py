@@ -16,6 +16,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
+from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.ringing import ringing
@@ -39,7 +40,8 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     # Level ked is linear: equal steps keep its matrices. A control has a sampling period.
     if scene.linear or scene.control is not None:
         return by_step_halving(scene, t, tol, progress)
-    if scene.spec.integrator not in (None, "radau"):
+    given = scene.spec.integrator
+    if not (given is None or given == "radau" or isinstance(given, Collocation)):
         return by_error_control(scene, t, tol, progress)
 
     # The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six

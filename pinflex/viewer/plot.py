@@ -17,6 +17,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.peaks import amplitudes, highest, modes_near
+from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Result, peak, same_grid
 from pinflex.viewer.panels import COLOURS, DPI, HEIGHT, Room, aligned, panels, title
 from pinflex.writing import replaced
@@ -184,7 +185,7 @@ def spectrum(
     Args:
         result: The run to look at.
         quantity: "torque/MOTOR", "joint/JOINT", "frame/FRAME/x|y|z" or "link/LINK/u|v|w|rx|ry|rz"
-            (at the station where that deflection is largest).
+            (at the station where that deflection is largest), or the key of a `Quantity`.
         reference: A run whose same quantity is subtracted first, usually the rigid one.
         after: Start of the window [s]; the end of the motion leaves the free vibration.
         peaks: How many peaks to label.
@@ -201,7 +202,9 @@ def spectrum(
     figure, axes = panels(1, 1, room=Room(top=0.55 if len(natural) else 0.3))
     ax = axes[0, 0]
     aligned(ax)
-    ax.plot(frequency, amplitude, color=COLOURS[0], lw=1.0)
+    added = QUANTITIES.get(quantity)
+    colour = COLOURS[0] if added is None or added.colour is None else added.colour
+    ax.plot(frequency, amplitude, color=colour, lw=1.0)
     for f, a in found:
         ax.plot(f, a, "o", color=COLOURS[1], ms=4)
         ax.annotate(
@@ -235,6 +238,8 @@ def spectrum(
 def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
     """Time series, label and unit of a quantity named as in `spectrum`."""
     kind, _, name = quantity.partition("/")
+    if quantity in QUANTITIES and result.array(quantity).ndim == 1:
+        return result.array(quantity), QUANTITIES[quantity].label, QUANTITIES[quantity].unit
     if kind == "torque":
         view = result.joint(name)
         return view.torque, f"{_torque_word(result, name)} {name}", result.unit(quantity)

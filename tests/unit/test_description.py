@@ -206,8 +206,8 @@ def test_every_key_is_explained_in_the_readme() -> None:
     for record in (JointExtra, SolveSpec, Basis):
         keys |= {field.name for field in dataclasses.fields(record)} - {"name"}
     keys |= {*material.MATERIALS, *flexible.BOUNDARIES}
-    for shape, names in section._DIMENSIONS.items():
-        keys |= {shape, *names}
+    for shape in section.SHAPES.values():
+        keys |= {shape.name, *shape.keys}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 
