@@ -239,7 +239,7 @@ def sampled(
     """
     from scipy.interpolate import make_interp_spline
 
-    target, names, times, y = _samples(file, t, joints, platform, absolute, periodic)
+    target, names, times, y = keys.sampled_data(file, t, joints, platform, absolute, periodic)
     end: Any = [(1, np.zeros(len(names))), (2, np.zeros(len(names)))]  # v = a = 0
     spline = make_interp_spline(times, y, k=5, bc_type="periodic" if periodic else (end, end))
     spec: dict[str, Any] = {"kind": "sampled", "t": times}
@@ -247,51 +247,6 @@ def sampled(
     spec |= {"absolute": absolute, "periodic": periodic}
     law = partial(laws.spline_law, spline, times[-1], periodic)
     return Motion("sampled", target, names, times[-1], law, absolute, spec)
-
-
-def _samples(
-    file: Any, t: Any, joints: Any, platform: Any, absolute: Any, periodic: Any
-) -> tuple[str, tuple[str, ...], list[float], Array]:
-    """Target, names, times [s] and samples, shape (nt, names), of the arguments of `sampled`."""
-    for key, flag in (("absolute", absolute), ("periodic", periodic)):
-        if not isinstance(flag, bool):
-            raise keys.bad(f"sampled.{key}", f"{shown(flag)} is not allowed. Allowed: true, false.")
-    if (file is None) == (t is None):
-        raise keys.bad("sampled", "give either file: name.csv or t: [...] with the samples.")
-    target, pick, table = _table(file, t, joints, platform)
-    names = keys.names(pick, target, f"sampled.{target}")
-    times = keys.samples(table, "t", "sampled.t")
-    y = np.array([keys.samples(table, name, f"sampled.{target}.{name}", times) for name in names]).T
-    if len(times) < 4 or times[0] != 0.0:
-        first = f" from {times[0]:g} s" if times else ""
-        raise keys.bad("sampled.t", f"{len(times)} samples{first}. Give 4 or more, from t = 0 on.")
-    for i in np.flatnonzero(np.diff(times) <= 0.0)[:1]:
-        text = f"sample {i + 2} at {times[i + 1]:g} s follows {times[i]:g} s. Times must increase."
-        raise keys.bad("sampled.t", text)
-    if periodic:
-        for i in np.flatnonzero(np.abs(y[-1] - y[0]) > 1e-9 * np.maximum(1.0, np.ptp(y, axis=0))):
-            text = f"starts at {y[0, i]:g}, ends at {y[-1, i]:g}. A periodic motion must close."
-            raise keys.bad(f"sampled.{target}.{names[i]}", text)
-        y[-1] = y[0]  # exactly, as scipy asks
-    return target, names, times, y
-
-
-def _table(file: Any, t: Any, joints: Any, platform: Any) -> tuple[str, Any, dict[str, Any]]:
-    """Target, names and columns, of a file or as given."""
-    if file is None or (joints is not None and platform is not None):
-        target, pick = keys.target_of(joints, platform, "sampled")
-        if not isinstance(pick, Mapping):
-            raise keys.bad(
-                f"sampled.{target}", f"{shown(pick)} has no samples. Write {{name: [...]}}."
-            )
-        table = {str(name): column for name, column in pick.items()} | {"t": t}
-    else:
-        table = keys.table(file)
-        every = [name for name in table if name != "t"]
-        guess = "platform" if {*every} <= {*PLATFORM_COORDINATES} else "joints"
-        guess = "platform" if platform is not None else guess if joints is None else "joints"
-        target, pick = guess, platform or joints or every
-    return target, pick, table
 
 
 def formula(

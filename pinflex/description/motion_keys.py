@@ -125,3 +125,44 @@ def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> 
     if times is not None and len(y) != len(times):
         raise bad(where, f"{len(y)} samples for {len(times)} times. Give one to each time.")
     return y
+
+
+def sampled_data(
+    file: Any, t: Any, joints: Any, platform: Any, absolute: Any, periodic: Any
+) -> tuple[str, tuple[str, ...], list[float], Array]:
+    """Target, names, times [s] and samples, shape (nt, names), of the arguments of `sampled`."""
+    for key, flag in (("absolute", absolute), ("periodic", periodic)):
+        if not isinstance(flag, bool):
+            raise bad(f"sampled.{key}", f"{shown(flag)} is not allowed. Allowed: true, false.")
+    if (file is None) == (t is None):
+        raise bad("sampled", "give either file: name.csv or t: [...] with the samples.")
+    target, pick, columns = _columns(file, t, joints, platform)
+    moving = names(pick, target, f"sampled.{target}")
+    times = samples(columns, "t", "sampled.t")
+    y = np.array([samples(columns, name, f"sampled.{target}.{name}", times) for name in moving]).T
+    if len(times) < 4 or times[0] != 0.0:
+        first = f" from {times[0]:g} s" if times else ""
+        raise bad("sampled.t", f"{len(times)} samples{first}. Give 4 or more, from t = 0 on.")
+    for i in np.flatnonzero(np.diff(times) <= 0.0)[:1]:
+        text = f"sample {i + 2} at {times[i + 1]:g} s follows {times[i]:g} s. Times must increase."
+        raise bad("sampled.t", text)
+    if periodic:
+        for i in np.flatnonzero(np.abs(y[-1] - y[0]) > 1e-9 * np.maximum(1.0, np.ptp(y, axis=0))):
+            text = f"starts at {y[0, i]:g}, ends at {y[-1, i]:g}. A periodic motion must close."
+            raise bad(f"sampled.{target}.{moving[i]}", text)
+        y[-1] = y[0]  # exactly, as scipy asks
+    return target, moving, times, y
+
+
+def _columns(file: Any, t: Any, joints: Any, platform: Any) -> tuple[str, Any, dict[str, Any]]:
+    """Target, names and columns, of a file or as given."""
+    if file is None or (joints is not None and platform is not None):
+        target, pick = target_of(joints, platform, "sampled")
+        if not isinstance(pick, Mapping):
+            raise bad(f"sampled.{target}", f"{shown(pick)} has no samples. Write {{name: [...]}}.")
+        return target, pick, {str(name): column for name, column in pick.items()} | {"t": t}
+    columns = table(file)
+    every = [name for name in columns if name != "t"]
+    guess = "platform" if {*every} <= {*PLATFORM_COORDINATES} else "joints"
+    guess = "platform" if platform is not None else guess if joints is None else "joints"
+    return guess, platform or joints or every, columns
