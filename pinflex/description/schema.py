@@ -112,7 +112,7 @@ def _refuse_doubled_keys(root: Any, file: str) -> None:
             if key.value in lines:
                 both = " Write both as <<: [*a, *b]." if key.tag == _MERGE else ""
                 raise DescriptionError(
-                    f'{file}, line {line}: the key "{key.value}" stands already in line '
+                    f'{file}, line {line}: duplicate key "{key.value}", first on line '
                     f"{lines[key.value]} of the same block. Keep one of the two.{both}",
                     line=line,
                 )
@@ -182,7 +182,7 @@ def integer(value: object, where: str, low: int, high: int | None = None) -> int
         large = isinstance(value, int) and value > most
         bounds = f">= {low}" + (f" and <= {most}" if large or high is not None else "")
         raise DescriptionError(
-            f"{where}: {shown(value)} will not do. Allowed: a whole number {bounds}.", value=value
+            f"{where}: {shown(value)} is not valid. Allowed: a whole number {bounds}.", value=value
         )
     return value
 
@@ -190,7 +190,7 @@ def integer(value: object, where: str, low: int, high: int | None = None) -> int
 def boolean(value: object, where: str) -> bool:
     """true or false."""
     if not isinstance(value, bool):
-        raise DescriptionError(f"{where}: {shown(value)} will not do. Allowed: true, false.")
+        raise DescriptionError(f"{where}: {shown(value)} is not valid. Allowed: true, false.")
     return value
 
 

@@ -83,7 +83,7 @@ def _number(text: str | None, where: str, low: float = -math.inf, of: str = "pla
         value = math.nan
     if not (math.isfinite(value) and value >= low):
         allowed = "a finite number" + (f" >= {low:g}" if low > -math.inf else "")
-        raise DescriptionError(f"{where}: {text!r} will not do. Allowed: {allowed}. Correct it.")
+        raise DescriptionError(f"{where}: {text!r} is not valid. Allowed: {allowed}. Correct it.")
     return ranges.within(value, where, of)
 
 

@@ -71,7 +71,7 @@ BAD_URDF = {
     "an unknown parent": ('parent link="crank"', 'parent link="crnk"', 'Did you mean "crank"?'),
     "a loop in the tree": ('<parent link="crank"/>', '<parent link="coupler_tip"/>', "go round"),
     "a negative mass": ('mass value="0.1"', 'mass value="-0.1"', "Allowed: a finite number >= 0"),
-    "a mass that is none": ('mass value="0.1"', 'mass value="nan"', "'nan' will not do"),
+    "a mass that is none": ('mass value="0.1"', 'mass value="nan"', "'nan' is not valid"),
     "a negative inertia": ('iyy="1e-5"', 'iyy="-1e-5"', "None may be negative"),
     "an axis without direction": ('xyz="0 0 1"', 'xyz="0 0 0"', "has no direction"),
     "an unknown type": ('type="fixed"', 'type="rigid"', "no such type"),
