@@ -68,7 +68,9 @@ def read_patches(value: object, where: str, E: float, section: Section) -> tuple
         )
         if "constant" in block:
             for key in block.keys() & set(sizes):
-                raise DescriptionError(f"{schema.at(here, key)}: redundant with `constant`. Give one.")
+                raise DescriptionError(
+                    f"{schema.at(here, key)}: redundant with `constant`. Give one."
+                )
             constant = schema.number(block["constant"], schema.at(here, "constant"), of="moment")
         else:
             schema.mapping(item, here, None, sizes)

@@ -246,6 +246,16 @@ motion: {kind: cycloid, joints: {cross: 1}, duration: 1}
 motion: {kind: sampled, file: no.csv}
 flexible: {"x*": 3}
 """.splitlines()
+BROKEN = (  # YAML that cannot be read
+    "",
+    "- urdf",
+    "urdf: a\nbase: fixed\nurdf: b\n",
+    "urdf: [a\nbase: fixed\n",
+    "urdf: a\n\tbase: fixed\n",
+    "urdf: a\n3: b\n",
+    "urdf: 2020-99-99\n",
+    "urdf: none.urdf\n",
+)
 OPTIONS: tuple[dict[str, Any], ...] = (
     {"level": "stiff"},
     {"level": 3},
@@ -314,6 +324,8 @@ def texts() -> Iterator[tuple[str, str, str]]:
     for line in SOLID_LINKS:
         spec = "material: steel, basis: {kind: mesh, rod: {diameters: [0.01]}}"
         yield f"solid, {line}", under("flexible", f"{{crank: {{{spec}, {line}}}}}"), URDF
+    for text in BROKEN:
+        yield repr(text), text, URDF
     for line in TOP:
         key, _, rest = line.partition(": ")
         text = "urdf: bar4.urdf\n" + line + "\n" if key == "motion" else under(key, rest)

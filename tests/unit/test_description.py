@@ -448,7 +448,11 @@ BAD_URDFS = [
     ('<parent link="crank"/>', "", 'joint "elbow": parent: no such link in bar4.urdf: ""'),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', 'joint "motor": axis: (0.0, 0.0, 0.0) has no'),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', '"0 1" is not three numbers'),
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 nan"/>', "'nan' is not valid. Allowed: a finite number"),
+    (
+        '<axis xyz="0 0 1"/>',
+        '<axis xyz="0 0 nan"/>',
+        "'nan' is not valid. Allowed: a finite number",
+    ),
     ('xyz="0.1 0 0"', 'xyz="0.1 0 ${a}"', "joint \"elbow\": origin xyz: '${a}' is not valid"),
     (
         CRANK,
