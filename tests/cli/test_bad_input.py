@@ -31,7 +31,7 @@ def refused(answer: Answer, code: int, *words: str) -> None:
 BAD_YAML = {
     "not YAML": ("home: {motor", "home: [motor", "line 6"),
     "a tab": ("gravity:", "\tgravity:", "line 2"),
-    "a doubled key": ("platform:", "gravity: [0, 0, 0]\nplatform:", 'the key "gravity" stands'),
+    "a doubled key": ("platform:", "gravity: [0, 0, 0]\nplatform:", 'duplicate key "gravity"'),
     "an unknown key": ("gravity:", "gravty:", 'Did you mean "gravity"?'),
     "an unknown link": ("  coupler:\n", "  coupler_x:\n", 'Did you mean "coupler"?'),
     "an unknown frame": ("[coupler_tip,", "[coupler_tp,", 'Did you mean "coupler_tip"?'),

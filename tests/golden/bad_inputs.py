@@ -253,7 +253,6 @@ BROKEN = (  # YAML that cannot be read
     "urdf: [a\nbase: fixed\n",
     "urdf: a\n\tbase: fixed\n",
     "urdf: a\n3: b\n",
-    "urdf: 2020-99-99\n",
     "urdf: none.urdf\n",
 )
 OPTIONS: tuple[dict[str, Any], ...] = (
