@@ -10,7 +10,6 @@ from textwrap import fill
 
 from pinflex.cli import parser
 from pinflex.cli.console import Progress, load_model, print_json
-from pinflex.description.solve import LEVELS
 from pinflex.errors import SceneError
 from pinflex.results.result import Result
 from pinflex.text import COLUMNS
@@ -51,7 +50,7 @@ level that cannot be solved does not stop the others.""",
 
 def run(args: argparse.Namespace) -> int:
     """Compare rigid and flexible; write tables, figures, runs and the page."""
-    from pinflex.solver.solve import LEVELS
+    from pinflex.description.solve import LEVELS
     from pinflex.studies.study import file_name, study, write
 
     bars: list[Progress] = []

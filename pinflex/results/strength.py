@@ -128,7 +128,6 @@ def torsion_shear(
     return field(section, y, z)
 
 
-
 def _inside(section: Section, y: float, z: float, link: str) -> None:
     ys, zs = (max(abs(p[k]) for p in section.fibres) for k in (0, 1))
     if abs(y) > ys * (1 + 1e-9) or abs(z) > zs * (1 + 1e-9):

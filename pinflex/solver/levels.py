@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pinflex.arrays import Array
-from pinflex.description.supplement import ASKED
+from pinflex.description.solve import ASKED
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
 from pinflex.levels.quasistatic_smooth import solve_equilibria

@@ -15,7 +15,7 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion, from_spec, hold
-from pinflex.description.solve import ASKED, COUPLED_ONLY, SolveSpec, with_options
+from pinflex.description.solve import COUPLED_ONLY, SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,

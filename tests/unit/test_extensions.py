@@ -114,7 +114,7 @@ ELLIPSE = section.Shape("ellipse", {"height": "length", "width": "length"}, elli
 
 
 def test_a_section_shape(tmp_path: Path) -> None:
-    from pinflex.recovery.strength import torsion_shear
+    from pinflex.results.strength import torsion_shear
 
     section.register_shape(ELLIPSE)
     path = arm(tmp_path, "{shape: ellipse, height: 0.006, width: 0.02}")

@@ -91,9 +91,9 @@ def test_the_oldest_make_room_before_a_new_one_is_made(monkeypatch: pytest.Monke
     large = _tree(*[pin.JointModelRX() for _ in range(5)])
     monkeypatch.setattr(workspace, "_BUDGET", workspace.size(small) + workspace.size(large))
     first, second = pin.Data(small), pin.Data(small)
-    workspace.give_back(small, first)
-    workspace.give_back(small, second)
-    workspace.take(large)
+    workspace.release(small, first)
+    workspace.release(small, second)
+    workspace.acquire(large)
     assert [data for _, data in workspace._spare.values()] == [second]
 
 
