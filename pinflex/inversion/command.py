@@ -153,8 +153,7 @@ def command(
         )
     motion = motion if motion is not None else default_motion(mechanism)
     _require_smooth(mechanism, motion)
-    rest = rest_needed(mechanism) if before is None or after is None else (0.0, 0.0)
-    ahead, behind = (rest[k] if x is None else x for k, x in enumerate((before, after)))
+    ahead, behind = _rests(mechanism, before, after)
     span = ahead + motion.duration + behind
     n = instants or int(np.clip(_INSTANTS * span / motion.duration, _LEAST, _MOST))
     while True:
@@ -166,6 +165,14 @@ def command(
     if limited:
         _require_within_limits(mechanism, found)
     return found
+
+
+def _rests(mechanism: Mechanism, before: float | None, after: float | None) -> tuple[float, float]:
+    """Rest ahead of the motion and after it [s]: as asked, else from the internal dynamics."""
+    if before is not None and after is not None:
+        return before, after
+    ahead, behind = rest_needed(mechanism)
+    return ahead if before is None else before, behind if after is None else after
 
 
 def _on_grid(

@@ -65,7 +65,7 @@ class Instant:
         d = self.dynamics
         r = d.residual(y, v, a, lam, float(self.target.t[k]))
         c = np.array(d.closed.c) if self.rows else np.zeros(0)
-        error = self.platform.error(self.platform.at(y)[0], self.target.position[k])
+        error = self.platform.error(self.platform.values(y), self.target.position[k])
         idle = self.target.idle[k] @ (self.axes.read(y) - self.target.motors[k])
         held = np.zeros(len(self.system.held))  # never moved: nothing is ever open there
         return np.concatenate([r[self.free], c, error, idle, held]), r[self.system.motors]

@@ -152,58 +152,63 @@ def linearise(
     M, C, K = dynamics.tangent(found.y, still, still, found.lam, 0.0)
     J = dynamics.close(found.y)[1] if system.closed.n else np.zeros((0, system.nv))
     driven = motors == "acceleration"
-    nm = len(system.motors)
     free = system.free if driven else system.unheld
     N = np.zeros((system.nv, len(free)))
     N[free] = np.eye(len(free))
     N = N @ (null_space(J[:, free]) if len(J) else np.eye(len(free)))
     W = _followers(system.nv, system.motors, free, J) if driven else np.zeros((system.nv, 0))
-    names = [f"{name} [{'rad/s^2 | m/s^2' if driven else 'N m | N'}]" for name in mechanism.motors]
-    push = np.zeros((system.nv, 0 if driven else nm))
-    if not driven:
-        push[system.motors] = np.eye(nm)
-    rows = [_frame_row(mechanism, dynamics, found.y, text) for text in forces]
-    F = np.column_stack([push, *rows]) if rows else push
-    names += [f"{text} [{'N m' if '.r' in text else 'N'}]" for text in forces]
+    F, inputs = _inputs(mechanism, dynamics, found.y, driven, forces)
     wanted = tuple(outputs) or _usual_outputs(mechanism)
     H, order = _output_rows(mechanism, dynamics, found.y, wanted)
+    P, compliance, frequencies = _kept(N, K, M, modes)
 
-    heavy, compliance, omega2 = condensed(N.T @ K @ N, N.T @ M @ N)
-    kept = np.arange(len(omega2))
-    if modes is not None:
-        rigid = int(np.sum(omega2 < 1e-9 * max(float(np.max(omega2)), 1e-300)))
-        kept, left = kept[: rigid + modes], kept[rigid + modes :]
-        compliance = compliance + (heavy[:, left] / omega2[left]) @ heavy[:, left].T
-    P = N @ heavy[:, kept]
-    n, nt = P.shape[1], W.shape[1]
     # x = (p, theta, p', theta'): modal coordinates and prescribed motors, then their rates.
-    T = np.hstack([P, W])
-    size = n + nt
+    n, nt = P.shape[1], W.shape[1]
+    T, size = np.hstack([P, W]), n + nt
     A, B = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, nt + F.shape[1]))
     A[:size, size:] = np.eye(size)
     A[size : size + n, :size], A[size : size + n, size:] = -P.T @ K @ T, -P.T @ C @ T
     B[size : size + n, :nt], B[size : size + n, nt:] = -P.T @ M @ W, P.T @ F
     B[size + n :, :nt] = np.eye(nt)
-    static = N @ compliance @ N.T
-    by_state = np.hstack([T - static @ K @ W @ _last(nt, size), np.zeros((len(T), size))])
-    by_input = np.hstack([-static @ M @ W, static @ F])
+    by_x = np.hstack([T - compliance @ K @ W @ _last(nt, size), np.zeros((len(T), size))])
+    by_u = np.hstack([-compliance @ M @ W, compliance @ F])
     C_out, D_out = np.zeros((len(H), 2 * size)), np.zeros((len(H), B.shape[1]))
-    by_rate = (
-        (by_state, by_input),
-        (by_state @ A, by_state @ B),
-        (by_state @ A @ A, by_state @ A @ B),
-    )
-    for rate, (of_x, of_u) in enumerate(by_rate):
-        C_out[order == rate], D_out[order == rate] = (
-            H[order == rate] @ of_x,
-            H[order == rate] @ of_u,
-        )
+    for rate in range(len(RATES)):  # position, velocity, acceleration
+        at = order == rate
+        C_out[at], D_out[at] = H[at] @ by_x, H[at] @ by_u
+        by_x, by_u = by_x @ A, by_x @ B
     states = [f"mode {k + 1}" for k in range(n)] + [f"{m} position" for m in mechanism.motors][:nt]
-    frequencies = np.sqrt(np.maximum(omega2[kept], 0.0)) / (2.0 * np.pi)
     return LinearModel(
-        A, B, C_out, D_out, tuple(states + [f"{s}'" for s in states]), tuple(names),
+        A, B, C_out, D_out, tuple(states + [f"{s}'" for s in states]), inputs,
         tuple(f"{text} [{_unit(text)}]" for text in wanted), found.y, frequencies,
     )  # fmt: skip
+
+
+def _inputs(
+    mechanism: Mechanism, dynamics: Dynamics, y: Array, driven: bool, forces: Sequence[str]
+) -> tuple[Array, tuple[str, ...]]:
+    """Generalised forces of unit inputs, (nv, inputs), without driven motors; names of all."""
+    system, unit = mechanism.flexible, "rad/s^2 | m/s^2" if driven else "N m | N"
+    push = np.eye(system.nv)[:, [] if driven else system.motors]
+    rows = [_frame_row(mechanism, dynamics, y, text)[:, None] for text in forces]
+    names = [f"{name} [{unit}]" for name in mechanism.motors]
+    names += [f"{text} [{'N m' if '.r' in text else 'N'}]" for text in forces]
+    return np.hstack([push, *rows]), tuple(names)
+
+
+def _kept(N: Array, K: Array, M: Array, modes: int | None) -> tuple[Array, Array, Array]:
+    """Modes kept (nv, n), compliance of the others (nv, nv), frequencies of those kept [Hz]."""
+    heavy, compliance, omega2 = condensed(N.T @ K @ N, N.T @ M @ N)
+    order = np.argsort(omega2)
+    heavy, omega2 = heavy[:, order], omega2[order]
+    many = len(omega2)
+    if modes is not None:
+        rigid = int(np.sum(omega2 < 1e-9 * max(float(np.max(omega2)), 1e-300)))
+        many = min(rigid + modes, many)
+        left = heavy[:, many:]
+        compliance = compliance + (left / omega2[many:]) @ left.T
+    frequencies = np.sqrt(np.maximum(omega2[:many], 0.0)) / (2.0 * np.pi)
+    return N @ heavy[:, :many], N @ compliance @ N.T, frequencies
 
 
 def _last(nt: int, size: int) -> Array:

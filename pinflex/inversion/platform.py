@@ -33,19 +33,29 @@ class PlatformCoordinates:
         self._dynamics, self._frame = dynamics, frame
         self._columns = [COORDINATES.index(name) for name in names]
 
+    def values(self, y: Array) -> Array:
+        """Values at y (nq,), shape (k,)."""
+        self._dynamics.place(y)
+        pin.forwardKinematics(self._dynamics.model, self._dynamics.data, self._dynamics.Q)
+        return self._pose()[self._columns]
+
     def at(self, y: Array) -> tuple[Array, Array]:
         """Values, shape (k,), and Jacobian by velocity rows, shape (k, nv), at y (nq,)."""
         d, frame = self._dynamics, self._frame
         d.place(y)
         pin.computeJointJacobians(d.model, d.data, d.Q)
-        world = d.data.oMi[frame.joint] * frame.placement
-        values = np.concatenate([world.translation, _zyx(world.rotation)])
+        values = self._pose()
         J = pin.getFrameJacobian(
             d.model, d.data, frame.joint, frame.placement, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         J = d.times_map(np.asarray(J).reshape(6, -1))
         J[3:] = np.linalg.solve(_angular(values[3:]), J[3:])
         return values[self._columns], J[self._columns]
+
+    def _pose(self) -> Array:
+        """All six coordinates where the joints are now."""
+        world = self._dynamics.data.oMi[self._frame.joint] * self._frame.placement
+        return np.concatenate([world.translation, _zyx(world.rotation)])
 
     def error(self, values: Array, wanted: Array) -> Array:
         """values - wanted, angles within half a turn, shape (..., k)."""
