@@ -180,30 +180,32 @@ def _check_tree(links: tuple[str, ...], joints: dict[str, SourceJoint], file: st
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a joint in a URDF; nothing written is inf.
+    """Limits of a joint in a URDF as they are written; 0 where nothing is.
 
     Attributes:
+        lower, upper: [rad | m]; the same two numbers mean that nobody wrote a limit.
         effort: [N m | N]. velocity: [rad/s | m/s].
     """
 
-    effort: float
-    velocity: float
+    lower: float = 0.0
+    upper: float = 0.0
+    effort: float = 0.0
+    velocity: float = 0.0
 
 
 def limits(text: str) -> dict[str, Limits]:
-    """Effort and velocity limits by joint; zero means that nobody wrote one."""
+    """Limits by joint; what is no number counts as not written."""
+    keys = ("lower", "upper", "effort", "velocity")
     found = {}
     for joint in ET.fromstring(text.strip()).findall("joint"):
         limit = joint.find("limit")
         if limit is not None:
-            effort, velocity = (_positive(limit.get(key)) for key in ("effort", "velocity"))
-            found[joint.get("name", "")] = Limits(effort, velocity)
+            found[joint.get("name", "")] = Limits(*(_plain(limit.get(key)) for key in keys))
     return found
 
 
-def _positive(text: str | None) -> float:
+def _plain(text: str | None) -> float:
     try:
-        value = float(text or "0")
+        return float(text or "0")
     except ValueError:
-        value = 0.0
-    return value if value > 0.0 else math.inf
+        return 0.0

@@ -252,14 +252,14 @@ def _spline(t: Array, position: Array) -> Callable[..., Array]:
 def _require_within_limits(mechanism: Mechanism, found: Command) -> None:
     known = limits(mechanism.description.urdf_text)
     for k, name in enumerate(mechanism.description.actuated):
-        limit = known.get(name, Limits(np.inf, np.inf))
+        limit = known.get(name, Limits())
         speed = "m/s" if found.units[k] == "N" else "rad/s"
         for values, most, unit, what in (
             (found.torque[:, k], limit.effort, found.units[k], "effort"),
             (found.velocity[:, k], limit.velocity, speed, "velocity"),
         ):
             at = int(np.argmax(np.abs(values)))
-            if abs(values[at]) > most:
+            if 0.0 < most < abs(values[at]):
                 raise MotionError(
                     f"{mechanism.name}: command: {name} needs {abs(values[at]):.4g} {unit} at t = "
                     f"{found.t[at]:.4g} s, the URDF's {what} limit is {most:g}. Slow the motion "

@@ -74,7 +74,7 @@ class Instant:
         """Derivatives of the rows at instant k."""
         d = self.dynamics
         M, C, K = (x[self.free] for x in d.tangent(y, v, a, lam, float(self.target.t[k])))
-        J = d.close(y)[1] if self.rows else np.zeros((0, self.system.nv))
+        J = d.jacobian() if self.rows else np.zeros((0, self.system.nv))
         idle = np.zeros((len(self.target.idle[k]), self.system.nv))
         idle[:, self.axes.v_at] = self.target.idle[k]
         held = np.eye(self.system.nv)[self.system.held]

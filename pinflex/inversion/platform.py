@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.closed_poses import COORDINATES
+from pinflex.mechanics.closed_poses import COORDINATES, euler_rates, zyx_angles
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.expanded import Attachment
 
@@ -49,13 +49,13 @@ class PlatformCoordinates:
             d.model, d.data, frame.joint, frame.placement, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         J = d.times_map(np.asarray(J).reshape(6, -1))
-        J[3:] = np.linalg.solve(_angular(values[3:]), J[3:])
+        J[3:] = np.linalg.solve(euler_rates(values[None])[0], J[3:])
         return values[self._columns], J[self._columns]
 
     def _pose(self) -> Array:
         """All six coordinates where the joints are now."""
         world = self._dynamics.data.oMi[self._frame.joint] * self._frame.placement
-        return np.concatenate([world.translation, _zyx(world.rotation)])
+        return np.concatenate([world.translation, zyx_angles(world.rotation[None])[0]])
 
     def error(self, values: Array, wanted: Array) -> Array:
         """values - wanted, angles within half a turn, shape (..., k)."""
@@ -63,15 +63,3 @@ class PlatformCoordinates:
         turned = (error[..., self.turning] + np.pi) % (2.0 * np.pi) - np.pi
         error[..., self.turning] = turned
         return np.asarray(error)
-
-
-def _zyx(R: Array) -> Array:
-    """Angles (rz, ry, rx) of R = Rz Ry Rx."""
-    ry = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    return np.array([np.arctan2(R[1, 0], R[0, 0]), ry, np.arctan2(R[2, 1], R[2, 2])])
-
-
-def _angular(angles: Array) -> Array:
-    """B in omega = B (rz', ry', rx'), world axes."""
-    (cz, sz), (cy, sy) = ((np.cos(x), np.sin(x)) for x in angles[:2])
-    return np.array([[0.0, -sz, cz * cy], [0.0, cz, sz * cy], [1.0, 0.0, -sy]])

@@ -50,7 +50,7 @@ class ClosedPoses:
         place, p = self._place(poses)
         own = J * self._support
         linear = own[:, :3] - skew(p) @ own[:, 3:]
-        turning = np.linalg.solve(_euler_rates(place), own[:, 3:])
+        turning = np.linalg.solve(euler_rates(place), own[:, 3:])
         both = np.concatenate([linear, turning], axis=1)[:, self._imposed]
         return c, place[:, self._imposed], np.concatenate([J_c, both], axis=1)
 
@@ -64,7 +64,7 @@ class ClosedPoses:
         moved = (V * self._support)[:, :, None]
         (v, w), (a, spin) = ((x @ moved).reshape(-1, 2, 3).swapaxes(0, 1) for x in (J, dJ))
         linear = a + np.cross(spin, p) + np.cross(w, v + np.cross(w, p))
-        B = _euler_rates(place)
+        B = euler_rates(place)
         rates = np.linalg.solve(B, w[:, :, None])[:, :, 0]
         z, y, x = (B[:, :, k] for k in range(3))
         turned = rates[:, :1] * rates[:, 1:2] * np.cross(z, y)
@@ -130,13 +130,17 @@ class ClosedPoses:
         joint, local = poses[:, self._platform.joint], self._platform.placement
         turn = joint[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
         R, p = turn @ local.rotation, turn @ local.translation + joint[:, 9:]
-        rz = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-        ry = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
-        rx = np.arctan2(R[:, 2, 1], R[:, 2, 2])
-        return np.column_stack([p, rz, ry, rx]), p
+        return np.column_stack([p, zyx_angles(R)]), p
 
 
-def _euler_rates(place: Array) -> Array:
+def zyx_angles(R: Array) -> Array:
+    """Intrinsic angles (rz, ry, rx) of R = Rz Ry Rx, shape (n, 3), of rotations (n, 3, 3)."""
+    rz = np.arctan2(R[:, 1, 0], R[:, 0, 0])
+    ry = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
+    return np.column_stack([rz, ry, np.arctan2(R[:, 2, 1], R[:, 2, 2])])
+
+
+def euler_rates(place: Array) -> Array:
     """B (n, 3, 3) in omega = B (rz, ry, rx)', columns the current axes of the three turns."""
     cz, sz, cy, sy = (
         np.cos(place[:, 3]),

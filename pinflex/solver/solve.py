@@ -53,21 +53,8 @@ def solve_level(
     resume: Result | str | Path | None = None,
     **options: Any,
 ) -> Result:
-    """Solve a scene at one level.
+    """Solve a scene at one level; the arguments are those of `pinflex.advice.solve.solve`.
 
-    Args:
-        mechanism: From `load`.
-        motion: Default: the motion of the YAML.
-        level: rigid, quasistatic, ked or coupled; default: the YAML's.
-        until: End time in s; default: the YAML's, or the motion's duration.
-        dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
-        samples: Number of output times; default 401.
-        control: Feedback (level coupled); default: the YAML's, False: none.
-        progress: Called with (step, steps) on long work.
-        resume: A stopped or shorter run (or its file) of level coupled to go on with, to `until`,
-            in its own steps unless dt is given; the motion must be the same.
-        **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
-            theta, modes, ked, kp, kd, start, tol; and `tolerance` (Newton's).
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:

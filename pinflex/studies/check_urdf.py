@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.description.description import Description
+from pinflex.description.urdf import Limits, limits
 from pinflex.mechanics.mechanism import Mechanism
 
 _SOME = 6  # names listed before "..."
@@ -46,20 +47,16 @@ def beyond_limits(
     description: Description, mechanism: Mechanism, holding: tuple[float, ...] | None
 ) -> list[str]:
     """Motors whose home position or holding torque is beyond the URDF's limits."""
-    root = ET.fromstring(description.urdf_text.strip())
-    limits = {joint.get("name", ""): joint.find("limit") for joint in root.findall("joint")}
+    known = limits(description.urdf_text)
     at_home = motor_axes(mechanism).read(mechanism.home)
     found = []
     for k, name in enumerate(description.actuated):
-        limit = limits.get(name)
-        if limit is None:
-            continue
-        lower, upper = _value(limit, "lower"), _value(limit, "upper")
-        # the same two numbers mean that nobody wrote a limit
+        limit = known.get(name, Limits())
+        lower, upper = limit.lower, limit.upper
         if lower < upper and not lower - 1e-9 <= at_home[k] <= upper + 1e-9:
             at = f"{at_home[k]:.4g}"
             found.append(f"{name}: home {at} is outside the URDF's limits {lower:g} to {upper:g}.")
-        effort = _value(limit, "effort")
+        effort = limit.effort
         if holding is not None and 0 < effort < abs(holding[k]):
             found.append(
                 f"{name}: holding needs {abs(holding[k]):.4g}, more than the URDF's effort limit "
