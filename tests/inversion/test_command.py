@@ -215,3 +215,11 @@ def test_the_command_is_written_for_a_controller(planar: pf.Mechanism, tmp_path:
     values = np.genfromtxt(lines[1:], delimiter=",")
     assert values.shape == (len(command.t), 1 + 4 * 3)
     np.testing.assert_allclose(values[:, 0], command.t, rtol=1e-11)
+
+
+def test_a_command_beyond_the_motors_is_refused_and_says_how_to_lift_it() -> None:
+    """The delta's motors have 120 N m and 15 rad/s in its URDF."""
+    quick = pf.nonic(platform={"x": 0.305, "y": 0.0, "z": 0.0}, duration=0.08)
+    given = {"level": "rigid", "before": 0.01, "after": 0.01, "instants": 60}
+    with pytest.raises(pf.MotionError, match=r"motor_\d needs .* effort limit is 120.*limited"):
+        pf.command(pf.load("delta"), quick, **given)
