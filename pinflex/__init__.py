@@ -25,6 +25,7 @@ Where the code is; each package imports only those above it:
     inversion     motor motions that the flexible robot's platform follows; linear models
     viewer        a result as a page, pictures, films and figures; reads `results` alone
     studies       many runs of one scene: sweep, map of poses, work and precision; the check
+    design        derivatives, best parameters, scatter, and a fit to measurements
     lab           published cases that `pinflex verify` measures
     cli           the commands: one module each, its arguments and what it does
 
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
         spin_up,
         trapezoid,
     )
+    from pinflex.design.sensitivity import Sensitivities, sensitivities
     from pinflex.errors import (
         AssemblyError,
         ConvergenceError,
@@ -102,6 +104,7 @@ __all__ = [
     "PinflexError",
     "Result",
     "SceneError",
+    "Sensitivities",
     "SingularityError",
     "Travel",
     "UnstableWarning",
@@ -128,6 +131,7 @@ __all__ = [
     "pose_map",
     "quintic",
     "sampled",
+    "sensitivities",
     "solve",
     "spin_up",
     "static_equilibrium",
@@ -177,6 +181,7 @@ _HOME = {
     "advice.advise": ("advise",),
     "advice.proposal": ("Advice",),
     "advice.solve": ("LEVELS", "solve"),
+    "design.sensitivity": ("Sensitivities", "sensitivities"),
     "studies.pose_map": ("pose_map",),
     "studies.stiffness": ("platform_compliance",),
     "studies.sweep": ("sweep",),

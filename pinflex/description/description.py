@@ -156,7 +156,7 @@ class Description:
         label = f"{self.name}.yaml"
         raw = schema.mapping(schema.load(self.yaml_text, label), label)
         tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
-        if "flexible" in raw:
+        if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
             place = schema.at(label, "flexible")
             raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
         before = raw.get("urdf")

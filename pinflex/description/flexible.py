@@ -187,16 +187,30 @@ def expand(value: object, where: str, urdf: Source) -> dict[str, Any]:
         where: Its place.
         urdf: The links there are.
     """
-    found: dict[str, Any] = {}
+    blocks = schema.mapping(value, where)
+    links = groups(blocks, where, urdf)
+    return {name: copy.deepcopy(blocks[key]) for key, names in links.items() for name in names}
+
+
+def groups(blocks: Mapping[str, Any], where: str, urdf: Source) -> dict[str, list[str]]:
+    """The links of every key of the block `flexible`.
+
+    Args:
+        blocks: The parsed block.
+        where: Its place.
+        urdf: The links there are.
+    """
+    found: dict[str, list[str]] = {}
     written: dict[str, str] = {}
-    for key, block in schema.mapping(value, where).items():
-        for name in _links(key, schema.at(where, key), urdf):
-            if name in found:
+    for key in blocks:
+        found[key] = _links(key, schema.at(where, key), urdf)
+        for name in found[key]:
+            if name in written:
                 raise DescriptionError(
                     f'{schema.at(where, key)}: the link "{name}" is already described under '
                     f'"{written[name]}". Describe each link once.'
                 )
-            found[name], written[name] = copy.deepcopy(block), key
+            written[name] = key
     return found
 
 

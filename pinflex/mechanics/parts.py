@@ -22,7 +22,7 @@ from pinflex.mechanics import ride
 from pinflex.mechanics.cost import require_memory
 from pinflex.mechanics.planes import LeftOut, active_planes, plane_of
 from pinflex.mechanics.plausible import require_beam
-from pinflex.mechanics.ride import Rider
+from pinflex.mechanics.ride import Rider, Split
 from pinflex.mechanics.span import beam_frame, require_carrying, span
 from pinflex.mechanics.tree import Link
 from pinflex.text import brief
@@ -45,6 +45,7 @@ class FlexiblePart:
         share: Share of the described density that they have, so that the URDF's inertia stays;
             None where the beam's inertia takes the place of the URDF's.
         left_out: What `auto` left out, though the scene may excite it.
+        split: How the URDF's inertia is shared out; None as `share`.
     """
 
     __repr__ = brief
@@ -59,6 +60,7 @@ class FlexiblePart:
     spec: FlexibleLink
     share: float | None = None
     left_out: tuple[LeftOut, ...] = ()
+    split: Split | None = None
 
     def section_of(self, point: Array) -> float:
         """Section x (m) that carries a point given in the link's frame, shape (3,)."""
@@ -94,6 +96,7 @@ def resolve(
     links: Sequence[Link],
     without: Mapping[str, Sequence[LeftOut]] | None = None,
     coarse: bool = False,
+    like: Mapping[str, FlexiblePart] | None = None,
 ) -> dict[str, FlexiblePart]:
     """Turn the description of flexible links into bodies.
 
@@ -102,6 +105,7 @@ def resolve(
         links: Link tree.
         without: What `auto` leaves out, by link (see `pinflex.mechanics.relevance`).
         coarse: Bodies with few coordinates, for a look at what deforms.
+        like: Links of another design whose riders stay: only the beams differ.
     Returns:
         Parts by link name.
     Raises:
@@ -114,7 +118,8 @@ def resolve(
     for spec in description.flexible:
         made, out = tuple(parts.values()), tuple((without or {}).get(spec.link, ()))
         spec = _coarse(spec) if coarse and spec.link not in slides else spec
-        parts[spec.link] = _part(description, spec, links, index, poses, normal, made, out)
+        old = (like or {}).get(spec.link)
+        parts[spec.link] = _part(description, spec, links, index, poses, normal, made, out, old)
     return parts
 
 
@@ -137,6 +142,7 @@ def _part(
     normal: Array | None,
     made: Sequence[FlexiblePart],
     out: tuple[LeftOut, ...],
+    like: FlexiblePart | None,
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
     number = index[spec.link]
@@ -154,7 +160,7 @@ def _part(
                 f"{where}.material.rho: urdf, but the link has no mass in the URDF. "
                 "Give a density in kg/m^3."
             )
-        spec = _with_density(spec, mass / (spec.section.A * length))
+        spec = _with_density(spec, _density(like) or mass / (spec.section.A * length))
     require_beam(spec, length, where, description.allow)
     unit = _bodies(spec, planes, length, made)
     part = FlexiblePart(
@@ -169,6 +175,8 @@ def _part(
         left_out=out,
     )
     keeps = spec.inertia == "urdf" and mass > 0
+    if keeps and like is not None and like.split is not None:
+        return _with_split(part, ride.moved(like.split, length / like.length))
     return _ridden(where, part, links[number].inertia) if keeps else part
 
 
@@ -189,7 +197,7 @@ def _with_density(spec: FlexibleLink, rho: float | None) -> FlexibleLink:
 
 def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
     """The part with the URDF's inertia, shared between its beam and riders."""
-    spec, rho = part.spec, part.spec.material.rho or 0.0
+    rho = part.spec.material.rho or 0.0
     shares = ride.split(part.placement.actInv(urdf), part.bodies, part.length)
     if shares.share < ride.LEAST:
         lighter = rho * shares.share / ride.LEAST
@@ -199,15 +207,28 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
             f"of {part.link} ({urdf.mass:.3g} kg, {100 * shares.share:.2g} % of the beam fit). "
             f"Write inertia: beam, so that the beam's own inertia takes its place{advice}."
         )
-    riders = (*shares.riders, *part.riders)
-    body = ride.weighed(part.bodies[0], spec, shares, riders)
+    return _with_split(part, shares)
+
+
+def _with_split(part: FlexiblePart, split: Split) -> FlexiblePart:
+    """The part whose stations carry their share, with the riders beside its own."""
+    spec, riders = part.spec, (*split.riders, *part.riders)
+    body = ride.weighed(part.bodies[0], spec, split, riders)
     return replace(
         part,
         bodies=(body,) * spec.segments,
         riders=riders,
-        spec=_with_density(spec, shares.share * rho),
-        share=shares.share,
+        spec=_with_density(spec, split.share * (spec.material.rho or 0.0)),
+        share=split.share,
+        split=split,
     )
+
+
+def _density(part: FlexiblePart | None) -> float | None:
+    """Density that a link of another design was described with [kg/m^3]."""
+    if part is None or part.spec.material.rho is None:
+        return None
+    return part.spec.material.rho / (part.share or 1.0)
 
 
 def _solid_part(

@@ -138,6 +138,16 @@ def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> S
     return Split(share, spin, tuple(riders))
 
 
+def moved(split: Split, stretch: float) -> Split:
+    """The same riders on a beam of another length, at the same share of it.
+
+    Args:
+        split: Of a link.
+        stretch: New length over the old one.
+    """
+    return replace(split, riders=tuple(replace(r, x=stretch * r.x) for r in split.riders))
+
+
 def weighed(
     body: FlexibleBody, link: FlexibleLink, shares: Split, riders: Sequence[Rider]
 ) -> FlexibleBody:

@@ -1,0 +1,1 @@
+"""Design, tolerance, fit: derivatives of a scene, its best parameters, their scatter, and a fit."""

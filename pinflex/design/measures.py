@@ -1,0 +1,136 @@
+"""Outputs of a scene by name, for derivatives, limits and fits.
+
+Peaks are over motors, links and time.
+
+- frequency.1 ...: natural frequencies at home, motors locked [Hz]
+- mass: of all moving links [kg]
+- sag: of the platform under gravity and loads, motors locked [m]
+- stiffness.AXIS: 1/C of the platform along x, y, z [N/m], rx, ry, rz [N m/rad]
+- deviation.peak: of the platform from the rigid run [m]; deviation.rotation [rad]
+- torque.peak, torque.rms: largest of any motor; torque.peak.MOTOR of one [N m | N]
+- stress.peak: von Mises [Pa]; stress.yield: share of the strength [-]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.studies.check_statics import statics
+from pinflex.studies.outputs import scene_outputs
+from pinflex.studies.stiffness import AXES, free_stiffness, platform_compliance
+
+STATIC = ("frequency", "mass", "sag", "stiffness")
+RUNS = ("deviation", "torque", "stress")
+_SHORT = {"deviation.peak": "deviation.position"}
+_FREQUENCIES = 12
+DEFAULT = ("frequency.1", "mass", "sag", "deviation.peak", "torque.peak", "stress.peak")
+
+
+def unit(name: str) -> str:
+    """Unit of an output, as in the head of this file."""
+    head, _, rest = name.partition(".")
+    if head == "stiffness":
+        return "N m/rad" if rest.startswith("r") else "N/m"
+    if name == "deviation.rotation":
+        return "rad"
+    units = {"frequency": "Hz", "mass": "kg", "sag": "m", "deviation": "m", "stress": "Pa"}
+    return "" if name == "stress.yield" else units.get(head, "N m | N")
+
+
+def check_names(names: Iterable[str], mechanism: Mechanism) -> tuple[str, ...]:
+    """The names, if each is an output.
+
+    Raises:
+        DescriptionError: Another name, with the nearest.
+    """
+    allowed = [
+        *(f"frequency.{k}" for k in range(1, _FREQUENCIES + 1)), "mass", "sag",
+        *(f"stiffness.{axis}" for axis in AXES), "deviation.peak", "deviation.position",
+        "deviation.rotation", "torque.peak", "torque.rms",
+        *(f"torque.{kind}.{motor}" for kind in ("peak", "rms") for motor in mechanism.motors),
+        "stress.peak", "stress.yield",
+    ]  # fmt: skip
+    found = tuple(names)
+    for name in found:
+        if name not in allowed:
+            raise DescriptionError(f"output {name}: no such output.{nearest(name, allowed)}")
+    if not found:
+        raise DescriptionError(f"outputs: none. Give some of {', '.join(DEFAULT)}.")
+    return found
+
+
+def measure(
+    mechanism: Mechanism, names: Iterable[str], level: str | None = None
+) -> dict[str, float]:
+    """The outputs of a scene.
+
+    Args:
+        mechanism: The scene.
+        names: As in the head of this file; what a run gives is solved only if it is asked for.
+        level: Of the run; default: that of the YAML.
+
+    Returns:
+        By name, SI units.
+
+    Raises:
+        DescriptionError: An output that the scene does not have, such as a sag without a platform.
+    """
+    wanted = check_names(names, mechanism)
+    found = available(mechanism, wanted, level)
+    missing = [name for name in wanted if name not in found]
+    if missing:
+        raise DescriptionError(
+            f"{mechanism.name}: output {missing[0]}: the scene has none. It has "
+            f"{', '.join(sorted(found)) or 'none of those asked'}."
+        )
+    return found
+
+
+def available(
+    mechanism: Mechanism, names: Iterable[str], level: str | None = None
+) -> dict[str, float]:
+    """Those of the outputs that a scene has, as `measure`.
+
+    Args:
+        mechanism: The scene.
+        names: Outputs.
+        level: Of the run; default: that of the YAML.
+    """
+    wanted = tuple(names)
+    heads = {name.partition(".")[0] for name in wanted}
+    found: dict[str, float] = {}
+    if "mass" in heads:
+        found["mass"] = float(sum(i.mass for i in mechanism.flexible.expansion.model.inertias))
+    if "sag" in heads:
+        found |= _sag(mechanism)
+    if "stiffness" in heads:
+        values = free_stiffness(platform_compliance(mechanism))
+        found |= {f"stiffness.{axis}": float(k) for axis, k in zip(AXES, values, strict=True)}
+    groups = [group for group in ("frequency", *RUNS) if group in heads]
+    if mechanism.description.motion is None and mechanism.description.solve.until is None:
+        groups = [group for group in groups if group not in RUNS]
+    if groups:
+        found |= _numbers(scene_outputs(mechanism, level, groups))
+    found |= {short: found[full] for short, full in _SHORT.items() if full in found}
+    for kind in ("torque.peak", "torque.rms"):
+        each = [value for name, value in found.items() if name.startswith(f"{kind}.")]
+        if each:
+            found[kind] = max(each)
+    return {name: found[name] for name in wanted if name in found}
+
+
+def _sag(mechanism: Mechanism) -> dict[str, float]:
+    found = statics(mechanism)
+    return {} if found.full is None else {"sag": float(np.linalg.norm(found.full.position))}
+
+
+def _numbers(values: Mapping[str, object]) -> dict[str, float]:
+    return {
+        name: float(value)
+        for name, value in values.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool)
+    }
