@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         spin_up,
         trapezoid,
     )
+    from pinflex.design.scatter import Scatter, scatter
     from pinflex.design.sensitivity import Sensitivities, sensitivities
     from pinflex.errors import (
         AssemblyError,
@@ -103,6 +104,7 @@ __all__ = [
     "MotionError",
     "PinflexError",
     "Result",
+    "Scatter",
     "SceneError",
     "Sensitivities",
     "SingularityError",
@@ -131,6 +133,7 @@ __all__ = [
     "pose_map",
     "quintic",
     "sampled",
+    "scatter",
     "sensitivities",
     "solve",
     "spin_up",
@@ -181,6 +184,7 @@ _HOME = {
     "advice.advise": ("advise",),
     "advice.proposal": ("Advice",),
     "advice.solve": ("LEVELS", "solve"),
+    "design.scatter": ("Scatter", "scatter"),
     "design.sensitivity": ("Sensitivities", "sensitivities"),
     "studies.pose_map": ("pose_map",),
     "studies.stiffness": ("platform_compliance",),

@@ -6,6 +6,9 @@ import argparse
 
 from pinflex.cli import parser
 from pinflex.cli.console import Progress
+from pinflex.errors import DescriptionError
+
+_KINDS = ("normal", "uniform")
 
 
 def add(commands: parser.Commands) -> None:
@@ -36,6 +39,16 @@ kept as it ends, in FILE.journal: stopped or killed, the same command goes on fr
         metavar="A,B,...",
         help="torque, deviation, stress, frequency, cost, validity (default all)",
     )
+    p.add_argument(
+        "--random", type=parser.count, metavar="N",
+        help="random designs instead of combinations, at most N: quantiles and Sobol indices",
+    )  # fmt: skip
+    parser.repeated(
+        p, "--normal", "KEY=MEAN:STD", "with --random: normal; or KEY=2%% about its value"
+    )
+    parser.repeated(p, "--uniform", "KEY=A:B", "with --random: between A and B; or KEY=2%%")
+    p.add_argument("--seed", type=int, default=1, help="of the random numbers (default 1)")
+    p.add_argument("--plot", metavar="FILE", help="with --random: histograms and shares, .png")
     parser.table(p)
 
 
@@ -47,6 +60,11 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.studies.outputs import OUTPUTS
     from pinflex.studies.sweep import sweep
 
+    if args.random is not None:
+        return _random(args)
+    for option in ("normal", "uniform", "plot"):
+        if getattr(args, option):
+            raise DescriptionError(f"--{option} belongs to random designs. Add --random N.")
     out, options = batch.options(args)
     outputs = OUTPUTS if args.outputs is None else parser.names(args.outputs)
     bar = Progress("sweep")
@@ -62,3 +80,45 @@ def run(args: argparse.Namespace) -> int:
     finally:
         bar.close()
     return batch.answer(args, columns, out, [])
+
+
+def _random(args: argparse.Namespace) -> int:
+    """Solve random designs; their table, quantiles and indices."""
+    from pinflex.cli import batch
+    from pinflex.cli.console import print_json
+    from pinflex.description.description import read
+    from pinflex.design.scatter import OUTPUTS, scatter
+    from pinflex.writing import writable
+
+    out, options = batch.options(args)
+    if args.plot is not None:
+        writable(args.plot)
+    normal, uniform = (dict(_pair(x, kind) for x in getattr(args, kind)) for kind in _KINDS)
+    bar = Progress("sweep")
+    try:
+        found = scatter(
+            read(args.model).with_overrides(args.set), args.random, seed=args.seed,
+            normal=normal, uniform=uniform, level=args.level, progress=bar,
+            outputs=OUTPUTS if args.outputs is None else parser.names(args.outputs), **options,
+        )  # fmt: skip
+    finally:
+        bar.close()
+    files = [] if out is None else [found.table.save(out)]
+    if args.plot is not None:
+        found.plot(args.plot)
+        files.append(args.plot)
+    if args.json:
+        print_json(found.as_json() | {"files": files})
+        return 0
+    print(found.text())
+    failed = int((found.table["status"] == "failed").sum())
+    print(f"\n{len(found.table)} designs, {failed} failed")
+    print("\n".join(f"wrote {path}" for path in files) or "nothing saved (--out FILE saves it)")
+    return 0
+
+
+def _pair(text: str, kind: str) -> tuple[str, str]:
+    key, sign, value = (part.strip() for part in text.partition("="))
+    if not sign or not key:
+        raise DescriptionError(f"--{kind} {text}: not of the form KEY=VALUES. Write one.")
+    return key, value

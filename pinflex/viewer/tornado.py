@@ -39,7 +39,7 @@ def tornado(parameters: Sequence[str], outputs: Sequence[str], table: Array) -> 
         order = np.argsort(-np.abs(column), kind="stable")[:bars][::-1]
         colours = [_UP if column[i] >= 0 else _DOWN for i in order]
         ax.barh(np.arange(len(order)), column[order], color=colours, height=0.7)
-        ax.set_yticks(np.arange(len(order)), [_short(parameters[i]) for i in order], fontsize=7)
+        ax.set_yticks(np.arange(len(order)), [short_key(parameters[i]) for i in order], fontsize=7)
         ax.axvline(0.0, color="0.2", linewidth=0.8)
         reach = 1.25 * max(float(np.max(np.abs(column))), 1e-3)
         ax.set_xlim(-reach, reach)
@@ -57,6 +57,6 @@ def tornado(parameters: Sequence[str], outputs: Sequence[str], table: Array) -> 
     return figure
 
 
-def _short(key: str) -> str:
+def short_key(key: str) -> str:
     """The key without the words that all have."""
     return key.removeprefix("flexible.").replace(".section.", " ").replace(".material.", " ")

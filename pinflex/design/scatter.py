@@ -1,0 +1,356 @@
+"""Scatter: outputs of many designs whose parameters are random, and which of these matter.
+
+Rows A and B are two independent samples (a Latin hypercube of 2 d dimensions); rows AB_i are those
+of A with the i-th parameter of B. First-order and total indices follow from them.
+
+Source: Saltelli et al. 2010, Variance based sensitivity analysis of model output, table 2 (c), (f);
+standard errors by the bootstrap.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.description import Description
+from pinflex.description.parameters import parameters
+from pinflex.design.variants import Variants, variants
+from pinflex.errors import DescriptionError
+from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.studies.batch import Record, keys, run
+from pinflex.studies.columns import Columns, column
+from pinflex.studies.outputs import check_outputs, scene_outputs, unit
+from pinflex.text import brief, number, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+QUANTILES = (0.05, 0.5, 0.95)
+OUTPUTS = ("frequency", "deviation", "torque", "stress")
+_RESAMPLES = 200  # of the bootstrap: a standard error to 5 %
+_LEAST = 4  # rows of a sample
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_PAIR, _SHARE = re.compile(rf"{_NUMBER}:{_NUMBER}"), re.compile(rf"(?:\+-|±)?{_NUMBER}\s*%")
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A random parameter.
+
+    Attributes:
+        key: Key path, as of a `Parameter`.
+        kind: normal (mean, standard deviation) or uniform (low, high).
+        first, second: Its two numbers, SI units.
+    """
+
+    key: str
+    kind: str
+    first: float
+    second: float
+
+    def values(self, shares: Array) -> Array:
+        """Values at cumulative probabilities 0 to 1, same shape."""
+        if self.kind == "uniform":
+            return np.asarray(self.first + shares * (self.second - self.first))
+        from scipy.special import ndtri
+
+        return np.asarray(self.first + self.second * ndtri(shares))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Random designs of a scene.
+
+    Attributes:
+        table: Row per design: parameters, status, error, outputs.
+        distributions: The random parameters.
+        outputs: Names of the outputs that scatter.
+        quantiles: At `QUANTILES`, shape (outputs, 3). mean, std: Shape (outputs,).
+        first, total: Sobol indices, shape (outputs, parameters): share of the variance that a
+            parameter makes alone, and with all its interactions; nan where too few designs ended.
+        first_error, total_error: Their standard errors (bootstrap), same shape.
+    """
+
+    __repr__ = brief
+
+    table: Columns
+    distributions: tuple[Distribution, ...]
+    outputs: tuple[str, ...]
+    quantiles: Array
+    mean: Array
+    std: Array
+    first: Array
+    total: Array
+    first_error: Array
+    total_error: Array
+
+    def text(self) -> str:
+        """Quantiles, and the share of each parameter in the variance, for people."""
+        rows = [
+            [name, unit(name), *(number(float(x)) for x in (*self.quantiles[k], self.std[k]))]
+            for k, name in enumerate(self.outputs)
+        ]
+        text = table("Scatter", "output|unit|5 %|median|95 %|std", rows, (36, 8))
+        parts = [
+            [
+                random.key,
+                *(
+                    f"{a:.2f} / {b:.2f}" if np.isfinite(a) else "-"
+                    for a, b in zip(self.first[:, k], self.total[:, k], strict=True)
+                ),
+            ]
+            for k, random in enumerate(self.distributions)
+        ]
+        heads = "|".join(("parameter", *self.outputs))
+        worst = float(np.nanmax(self.total_error)) if np.any(np.isfinite(self.total_error)) else 0.0
+        return "\n".join([
+            text, "",
+            table("Share of the variance: alone / with interactions", heads, parts, (44,)), "",
+            f"Standard error of these shares: at most {worst:.2g}.", *self._sentences(),
+        ])  # fmt: skip
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain lists and names, SI units."""
+        return {
+            "columns": {name: values.tolist() for name, values in self.table.arrays.items()},
+            "parameters": [d.key for d in self.distributions],
+            "outputs": {name: self._numbers(k) for k, name in enumerate(self.outputs)},
+        }
+
+    def _numbers(self, k: int) -> dict[str, Any]:
+        return {
+            "quantiles": dict(zip(map(str, QUANTILES), self.quantiles[k].tolist(), strict=True)),
+            "mean": float(self.mean[k]),
+            "std": float(self.std[k]),
+            "first": self.first[k].tolist(),
+            "total": self.total[k].tolist(),
+            "total_error": self.total_error[k].tolist(),
+        }
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """A histogram of each output, and what its variance comes from.
+
+        Args:
+            path: Where to write it, .png or .pdf.
+        """
+        from pinflex.viewer.histograms import histograms
+
+        samples = {name: self.table[name] for name in self.outputs}
+        names = [d.key for d in self.distributions]
+        units = {name: unit(name) for name in self.outputs}
+        figure = histograms(samples, units, self.quantiles, names, self.total)
+        if path is not None:
+            figure.savefig(path)
+        return figure
+
+    def _sentences(self) -> list[str]:
+        said = []
+        for k, name in enumerate(self.outputs):
+            if np.any(np.isfinite(self.total[k])):
+                best = int(np.nanargmax(self.total[k]))
+                share = 100.0 * min(float(self.total[k, best]), 1.0)
+                said.append(f"{name} scatters by {self.distributions[best].key} ({share:.0f} %).")
+        return said
+
+
+def distributions(
+    description: Description, normal: Mapping[str, str], uniform: Mapping[str, str]
+) -> tuple[Distribution, ...]:
+    """Random parameters from texts.
+
+    Args:
+        description: The scene.
+        normal: By key path: "MEAN:STD", or "2 %" for that standard deviation about the YAML's.
+        uniform: By key path: "LOW:HIGH", or "+-2 %" about the YAML's value.
+
+    Raises:
+        DescriptionError: No such number, a text that is no pair, a key given twice.
+    """
+    found: dict[str, Distribution] = {}
+    for kind, given in (("normal", normal), ("uniform", uniform)):
+        for pattern, text in given.items():
+            _, every = parameters(description, [pattern])
+            for parameter in every:
+                if parameter.key in found:
+                    raise DescriptionError(f"{parameter.key}: given twice. Keep one distribution.")
+                where = f"--{kind} {pattern}"
+                found[parameter.key] = _read(where, parameter.key, kind, text, parameter.value)
+    if not found:
+        raise DescriptionError(
+            "random sweep: no random parameter. Give --normal KEY=MEAN:STD or --uniform KEY=A:B."
+        )
+    return tuple(found.values())
+
+
+def _read(where: str, key: str, kind: str, text: str, value: float) -> Distribution:
+    text = str(text).strip()
+    share, pair = _SHARE.fullmatch(text), _PAIR.fullmatch(text)
+    if share is not None:
+        spread = abs(value) * float(share[1]) / 100.0
+        first, second = (value, spread) if kind == "normal" else (value - spread, value + spread)
+    elif pair is not None:
+        first, second = float(pair[1]), float(pair[2])
+    else:
+        form = "MEAN:STD or 2%" if kind == "normal" else "LOW:HIGH or 2%"
+        raise DescriptionError(f"{where}: {text!r}: not of the form {form}. Write one.")
+    wrong = second <= 0 if kind == "normal" else second <= first
+    if wrong:
+        rule = "a standard deviation above 0" if kind == "normal" else "LOW below HIGH"
+        raise DescriptionError(f"{where}: {text!r}. Give {rule}.")
+    return Distribution(key, kind, first, second)
+
+
+def scatter(
+    model: str | Path | Description | Mechanism,
+    count: int = 500,
+    *,
+    normal: Mapping[str, str] | None = None,
+    uniform: Mapping[str, str] | None = None,
+    seed: int = 1,
+    level: str | None = None,
+    outputs: Iterable[str] = OUTPUTS,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    journal: str | Path | None = None,
+    fresh: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Scatter:
+    """Solve random designs of a scene.
+
+        found = pf.scatter("delta", 300, normal={"flexible.*.section.wall": "5 %"})
+        print(found.text())
+
+    What a flexible link carries beside its beam stays, so that a thinner wall is a lighter link.
+
+    Args:
+        model: A model, or what `load` takes.
+        count: Designs at most; n (d + 2) of them are solved, with d random parameters.
+        normal, uniform: See `distributions`.
+        seed: Of the random numbers: the same seed gives the same designs.
+        level: Default: the level of the YAML.
+        outputs: Groups, see `pinflex.studies.outputs.scene_outputs`.
+        jobs, scheduler, journal, fresh, progress: As in `pinflex.sweep`.
+
+    Raises:
+        DescriptionError: Bad distributions, or too few designs for the parameters.
+    """
+    robot = model if isinstance(model, Mechanism) else load(model)
+    groups = check_outputs(outputs, level)
+    random = distributions(robot.description, normal or {}, uniform or {})
+    rows = designs(random, count, seed)
+    cases = [dict(zip((d.key for d in random), map(float, row), strict=True)) for row in rows]
+    named = keys(robot.description, cases, "scatter", level, groups)
+    records = run(
+        partial(_solved, robot.description, tuple(d.key for d in random), level, groups),
+        dict(zip(named, cases, strict=True)),
+        jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=progress,
+    )  # fmt: skip
+    return _found(random, cases, [records[key] for key in named])
+
+
+def designs(random: Sequence[Distribution], count: int, seed: int) -> Array:
+    """Rows A, B, then AB_1, AB_2, ... of the sample, shape (n (d + 2), d).
+
+    Args:
+        random: The d random parameters.
+        count: Rows at most.
+        seed: Of the Latin hypercube.
+    """
+    from scipy.stats.qmc import LatinHypercube
+
+    d = len(random)
+    n = count // (d + 2)
+    if n < _LEAST:
+        raise DescriptionError(
+            f"--random {count}: {d} random parameters need at least {_LEAST * (d + 2)} designs."
+        )
+    shares = np.clip(LatinHypercube(2 * d, rng=np.random.default_rng(seed)).random(n), 1e-12, None)
+    A, B = (
+        np.stack([x.values(part[:, k]) for k, x in enumerate(random)], axis=1)
+        for part in (shares[:, :d], shares[:, d:])
+    )
+    mixed = [np.where(np.arange(d) == k, B, A) for k in range(d)]
+    return np.concatenate([A, B, *mixed])
+
+
+def _solved(
+    description: Description,
+    random: tuple[str, ...],
+    level: str | None,
+    groups: Sequence[str],
+    case: Mapping[str, float],
+) -> dict[str, Any]:
+    return scene_outputs(_variants(description, random).at(case), level, groups)
+
+
+_latest: list[tuple[str, tuple[str, ...], Variants]] = []
+
+
+def _variants(description: Description, random: tuple[str, ...]) -> Variants:
+    """The designs of a description; the last one is kept, as all cases of a process share it."""
+    for text, names, kept in _latest:
+        if (text, names) == (description.yaml_text, random):
+            return kept
+    made = variants(load(description), random)
+    _latest[:] = [(description.yaml_text, random, made)]
+    return made
+
+
+def _found(
+    random: tuple[Distribution, ...], cases: Sequence[Mapping[str, float]], records: list[Record]
+) -> Scatter:
+    names = [
+        name
+        for name in dict.fromkeys(key for record in records for key in record.found)
+        if all(isinstance(r.found.get(name, 0.0), (int, float)) for r in records)
+    ]
+    arrays = {d.key: column([case[d.key] for case in cases]) for d in random}
+    arrays["status"] = column(["failed" if record.error else "done" for record in records])
+    arrays["error"] = column([record.error for record in records])
+    values = {name: column([r.found.get(name) for r in records]) for name in names}
+    whole = Columns(arrays | values, {name: unit(name) for name in names if unit(name)})
+    n, d = len(cases) // (len(random) + 2), len(random)
+    shown = tuple(name for name in names if _scatters(values[name][: 2 * n]))
+    quantiles = np.full((len(shown), len(QUANTILES)), np.nan)
+    mean, std = np.full((2, len(shown)), np.nan)
+    indices = np.full((4, len(shown), d), np.nan)
+    for k, name in enumerate(shown):
+        sample = values[name][: 2 * n]
+        quantiles[k] = np.nanquantile(sample, QUANTILES)
+        mean[k], std[k] = np.nanmean(sample), np.nanstd(sample, ddof=1)
+        indices[:, k] = _indices(values[name].reshape(d + 2, n))
+    return Scatter(whole, random, shown, quantiles, mean, std, *indices)
+
+
+def _scatters(sample: Array) -> bool:
+    finite = sample[np.isfinite(sample)]
+    return len(finite) > 1 and float(np.ptp(finite)) > 1e-12 * float(np.max(np.abs(finite)))
+
+
+def _indices(blocks: Array) -> Array:
+    """First-order and total indices and their standard errors, shape (4, d), of rows A, B, AB_i."""
+    blocks = blocks[:, np.all(np.isfinite(blocks), axis=0)]  # designs that ended in all rows
+    n = blocks.shape[1]
+    if n < _LEAST:
+        return np.full((4, len(blocks) - 2), np.nan)
+    centred = blocks - np.mean(blocks[:2])  # the estimates are exact for it and lose fewer digits
+    rng = np.random.default_rng(0)
+    picks = rng.integers(n, size=(_RESAMPLES, n))
+    every = np.array([_estimates(centred[:, pick]) for pick in picks])
+    return np.concatenate([_estimates(centred), np.nanstd(every, axis=0, ddof=1)])
+
+
+def _estimates(f: Array) -> Array:
+    """First-order and total indices, shape (2, d), of values (d + 2, n)."""
+    A, B, mixed = f[0], f[1], f[2:]
+    variance = np.var(f[:2])
+    first = variance - 0.5 * np.mean((B - mixed) ** 2, axis=1)
+    total = 0.5 * np.mean((A - mixed) ** 2, axis=1)
+    return np.stack([first, total]) / (variance or np.nan)

@@ -1,0 +1,103 @@
+"""Random designs: indices of a linear case in closed form, distributions, resume."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.__main__ import main
+from pinflex.design import scatter as module
+from pinflex.design.scatter import Distribution, designs, distributions
+
+RANDOM = (
+    Distribution("a", "normal", 0.0, 1.0),
+    Distribution("b", "normal", 5.0, 2.0),
+    Distribution("c", "uniform", -3.0, 3.0),
+)
+
+
+def test_indices_of_a_linear_case_are_its_shares_of_variance():
+    # y = a + b + c: the shares are 1 : 4 : 3, alone and with interactions
+    rows = designs(RANDOM, 1000, seed=3)
+    values = rows.sum(axis=1).reshape(5, -1)
+    first, total, first_error, total_error = module._indices(values)
+    exact = np.array([1.0, 4.0, 3.0]) / 8.0
+    assert np.all(np.abs(first - exact) < 3 * first_error)
+    assert np.all(np.abs(total - exact) < 3 * total_error)
+    assert np.all(total_error < 0.1)  # 200 rows: about 1/sqrt(200) of an index of one half
+
+
+def test_an_interaction_shows_in_the_total_alone():
+    # y = a (b - 5): no first-order share, all of it in both totals
+    rows = designs(RANDOM, 2000, seed=1)
+    values = (rows[:, 0] * (rows[:, 1] - 5.0)).reshape(5, -1)
+    first, total, first_error, total_error = module._indices(values)
+    assert np.all(np.abs(first) < 3 * first_error)
+    assert np.all(np.abs(total - [1.0, 1.0, 0.0]) < 3 * total_error + 1e-12)
+
+
+def test_a_sample_follows_its_distributions():
+    rows = designs(RANDOM, 5000, seed=2)[:2000]  # rows A and B
+    # a Latin hypercube meets means and spreads better than 1/sqrt(2000) = 0.022
+    np.testing.assert_allclose(rows.mean(axis=0), [0, 5, 0], atol=0.02)
+    np.testing.assert_allclose(rows.std(axis=0), [1, 2, 3 / np.sqrt(3)], rtol=0.02)
+    np.testing.assert_array_equal(designs(RANDOM, 50, 7), designs(RANDOM, 50, 7))
+
+
+def test_frequencies_of_a_cantilever_scatter_as_its_formula_says():
+    # f ~ t E^0.5 / L^2 ...: relative spreads 2 % and 0.5 * 4 % add as squares
+    robot = pf.load("cantilever", ["gravity=[0, 0, 0]"])
+    found = pf.scatter(
+        robot, 200, normal={"flexible.*.section.thickness": "2%", "flexible.*.material.E": "4 %"},
+        outputs=["frequency"],
+    )  # fmt: skip
+    k = found.outputs.index("frequency.1")
+    # the spread of 100 normal numbers is known to 1/sqrt(200): two standard errors
+    assert found.std[k] / found.mean[k] == pytest.approx(np.hypot(0.02, 0.02), rel=0.14)
+    assert np.all(np.abs(found.total[k] - 0.5) < 3 * found.total_error[k])
+
+
+@pytest.mark.parametrize(
+    "kind, text, said",
+    [
+        ("normal", "1e-3", "not of the form"),
+        ("normal", "1:-1", "standard deviation above 0"),
+        ("uniform", "2:1", "LOW below HIGH"),
+        ("uniform", "0 %", "LOW below HIGH"),
+    ],
+)
+def test_bad_distributions_say_what_to_write(kind, text, said):
+    description = pf.load("cantilever").description
+    given = {"normal": {}, "uniform": {}} | {kind: {"flexible.*.material.E": text}}
+    with pytest.raises(pf.DescriptionError, match=said):
+        distributions(description, **given)
+
+
+def test_stopped_and_resumed_gives_the_same_table(tmp_path, capsys):
+    out, again = tmp_path / "a.csv", tmp_path / "b.csv"
+    options = ["--random", "24", "--normal", "flexible.*.section.thickness=2%", "--jobs", "1"]
+    options += ["--uniform", "flexible.*.material.E=+-5%", "--outputs", "frequency,stress"]
+    options += ["--level", "quasistatic"]
+    picture = tmp_path / "scatter.png"
+    call = ["sweep", "cantilever", *options, "--out", str(out), "--plot", str(picture)]
+    assert main(call) == 0
+    assert "frequency.1 scatters by" in capsys.readouterr().out
+    assert picture.stat().st_size > 10_000
+    journal = tmp_path / "a.csv.journal"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    (tmp_path / "b.csv.journal").write_bytes(b"".join(lines[:9]) + lines[9][:20])  # killed there
+    assert main(["sweep", "cantilever", *options, "--out", str(again), "--json"]) == 0
+    assert again.read_bytes() == out.read_bytes()
+    assert len(json.loads(capsys.readouterr().out)["columns"]["status"]) == 24
+
+
+def test_options_of_random_designs_need_random(capsys):
+    assert main(["sweep", "cantilever", "--normal", "flexible.*.material.E=1%"]) == 2
+    assert "Add --random N" in capsys.readouterr().err
+    assert (
+        main(["sweep", "cantilever", "--random", "5", "--normal", "flexible.*.material.E=1%"]) == 2
+    )
+    assert "at least 12 designs" in capsys.readouterr().err
