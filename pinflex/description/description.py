@@ -134,6 +134,13 @@ class Description:
             return self.frames
         return (self.platform, *self.frames)
 
+    def flexible_blocks(self) -> dict[str, Any]:
+        """The YAML block of every flexible link, by link."""
+        label = f"{self.name}.yaml"
+        raw = schema.mapping(schema.load(self.yaml_text, label), label)
+        tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
+        return flexible.expand(raw.get("flexible") or {}, schema.at(label, "flexible"), tree)
+
     def replace(self, **changes: Any) -> Description:
         """A copy with other fields; nothing is checked, unlike in `with_overrides`."""
         return dataclasses.replace(self, **changes)

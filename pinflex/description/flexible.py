@@ -114,6 +114,32 @@ def _switch(value: object, where: str) -> Switch:
 
 
 @dataclass(frozen=True)
+class AsBuilt:
+    """The beam of the link whose inertia the URDF has; None or 0: as described.
+
+    Attributes:
+        material: Its density counts. section: Its area and moments.
+        length: Its span [m].
+    """
+
+    material: Material | None = None
+    section: Section | None = None
+    length: float | None = None
+
+
+def _as_built(spec: object, where: str) -> AsBuilt:
+    block = schema.mapping(spec, where, ("material", "section", "length"))
+    place = {key: schema.at(where, key) for key in block}
+    return AsBuilt(
+        material.from_spec(block["material"], place["material"]) if "material" in block else None,
+        section.from_spec(block["section"], place["section"]) if "section" in block else None,
+        schema.number(block["length"], place["length"], above=0, of="length")
+        if "length" in block
+        else None,
+    )
+
+
+@dataclass(frozen=True)
 class FlexibleLink:
     """A link of the URDF that deforms as a beam.
 
@@ -124,6 +150,8 @@ class FlexibleLink:
         basis: Shapes.
         inertia: "urdf": mass, centre and inertia of the URDF link stay, shared between the beam
             and riders on it; "beam": the beam's own take their place.
+        as_built: The beam that the URDF's link has, where this one is another design: what the link
+            carries beside that beam stays, and a lighter section makes a lighter link.
         start: Frame where the span begins; None: the link's own joint.
         end: Frame where it ends; None: the joint of the child link.
         length: Span [m], if not the distance of start and end.
@@ -151,6 +179,7 @@ class FlexibleLink:
     section: Section
     basis: Basis = Basis()
     inertia: Literal["urdf", "beam"] = fields.word("urdf", INERTIAS)
+    as_built: AsBuilt | None = fields.key(None, _as_built)
     start: str | None = None
     end: str | None = None
     length: float | None = fields.real(None, "length", above=0)
@@ -173,7 +202,8 @@ class FlexibleLink:
 
 _SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
 _KEYS = (
-    *("material", "section", "basis", "inertia", "start", "end", "length", "up", *_SWITCHES),
+    *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
+    *_SWITCHES,
     *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
     *("patches", "third_order"),
 )  # fmt: skip

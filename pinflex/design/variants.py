@@ -10,10 +10,12 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.mechanics.parts import FlexiblePart
 
 _SWITCHES = {"u": "axial", "v": "bending_y", "w": "bending_z", "p": "torsion"}
 
@@ -38,7 +40,7 @@ class Variants:
             if parameter.key in values
             for change in parameter.overrides(values[parameter.key])
         ]
-        return load(self.base.description.with_overrides(changes), like=self.base)
+        return load(self.base.description.with_overrides(changes))
 
     def scaled(self, parameter: Parameter, logarithm: float) -> Mechanism:
         """The robot with one parameter multiplied by e^logarithm."""
@@ -65,14 +67,25 @@ def variants(
                 f"{mechanism.name}: {parameter.key}: it is {parameter.value:g}, and relative "
                 "changes of that are none. Give it another value first (--set)."
             )
-    switches = [
-        f"flexible.{name}.{key}={json.dumps(direction in part.planes)}"
-        for name, part in mechanism.parts.items()
-        if not any(body.solid for body in part.bodies)
+    blocks = mechanism.description.flexible_blocks()
+    held = [
+        change for part in mechanism.parts.values() for change in _held(part, blocks[part.link])
+    ]
+    return Variants(load(description.with_overrides([*held, *changes])), found)
+
+
+def _held(part: FlexiblePart, block: Mapping[str, Any]) -> list[str]:
+    """Overrides that keep what a flexible link carries, and the directions in which it deforms."""
+    if any(body.solid for body in part.bodies):
+        return []
+    found = [
+        f"flexible.{part.link}.{key}={json.dumps(direction in part.planes)}"
         for direction, key in _SWITCHES.items()
     ]
-    base = load(description.with_overrides([*switches, *changes]), like=mechanism)
-    return Variants(base, found)
+    if part.share is not None and part.spec.as_built is None:
+        built = {key: block[key] for key in ("material", "section")} | {"length": part.length}
+        found.append(f"flexible.{part.link}.as_built={json.dumps(built)}")
+    return found
 
 
 def keys(found: Sequence[Parameter]) -> tuple[str, ...]:

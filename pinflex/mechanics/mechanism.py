@@ -137,7 +137,6 @@ def load(
     source: str | Path | Description,
     overrides: Sequence[str] = (),
     bodies: Mapping[str, FlexibleBody] | None = None,
-    like: Mechanism | None = None,
 ) -> Mechanism:
     """Read a model (URDF + YAML) and assemble it.
 
@@ -146,8 +145,6 @@ def load(
         overrides: "key.path=value" changes of the YAML, applied before validation.
         bodies: Stations, stiffness and damping of flexible links by name, from anywhere, in place
             of those that the description makes, with their own mass in place of the URDF's.
-        like: Another design of the same robot: what its flexible links carry beside their beams
-            (fittings, motors) stays, so that a lighter section makes a lighter link.
     Returns:
         The mechanism with its loops closed at home.
     Raises:
@@ -157,19 +154,14 @@ def load(
     description = source if isinstance(source, Description) else read(source)
     if overrides:
         description = description.with_overrides(overrides)
-    return _Loading(description, bodies or {}, like).mechanism()
+    return _Loading(description, bodies or {}).mechanism()
 
 
 class _Loading:
     """One mechanism on its way: what its rigid, coarse and final models have in common."""
 
-    def __init__(
-        self,
-        description: Description,
-        own: Mapping[str, FlexibleBody],
-        like: Mechanism | None = None,
-    ) -> None:
-        self.description, self.own, self.like = description, own, like
+    def __init__(self, description: Description, own: Mapping[str, FlexibleBody]) -> None:
+        self.description, self.own = description, own
         self.model = _pinocchio_model(description)
         self.links = link_tree(self.model, description.joints)
         require_size(self.links, description.urdf_name, description.allow)
@@ -214,8 +206,7 @@ class _Loading:
     ) -> dict[str, FlexiblePart]:
         """Flexible links with their bodies, some of them given."""
         name = self.description.name
-        old = None if self.like is None else self.like.parts
-        parts = resolve(self.description, self.links, without, coarse, old)
+        parts = resolve(self.description, self.links, without, coarse)
         for link, body in self.own.items():
             if link not in parts:
                 known = nearest(link, parts)

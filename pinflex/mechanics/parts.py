@@ -22,7 +22,7 @@ from pinflex.mechanics import ride
 from pinflex.mechanics.cost import require_memory
 from pinflex.mechanics.planes import LeftOut, active_planes, plane_of
 from pinflex.mechanics.plausible import require_beam
-from pinflex.mechanics.ride import Rider, Split
+from pinflex.mechanics.ride import Rider
 from pinflex.mechanics.span import beam_frame, require_carrying, span
 from pinflex.mechanics.tree import Link
 from pinflex.text import brief
@@ -45,7 +45,6 @@ class FlexiblePart:
         share: Share of the described density that they have, so that the URDF's inertia stays;
             None where the beam's inertia takes the place of the URDF's.
         left_out: What `auto` left out, though the scene may excite it.
-        split: How the URDF's inertia is shared out; None as `share`.
     """
 
     __repr__ = brief
@@ -60,7 +59,6 @@ class FlexiblePart:
     spec: FlexibleLink
     share: float | None = None
     left_out: tuple[LeftOut, ...] = ()
-    split: Split | None = None
 
     def section_of(self, point: Array) -> float:
         """Section x (m) that carries a point given in the link's frame, shape (3,)."""
@@ -96,7 +94,6 @@ def resolve(
     links: Sequence[Link],
     without: Mapping[str, Sequence[LeftOut]] | None = None,
     coarse: bool = False,
-    like: Mapping[str, FlexiblePart] | None = None,
 ) -> dict[str, FlexiblePart]:
     """Turn the description of flexible links into bodies.
 
@@ -105,7 +102,6 @@ def resolve(
         links: Link tree.
         without: What `auto` leaves out, by link (see `pinflex.mechanics.relevance`).
         coarse: Bodies with few coordinates, for a look at what deforms.
-        like: Links of another design whose riders stay: only the beams differ.
     Returns:
         Parts by link name.
     Raises:
@@ -118,8 +114,7 @@ def resolve(
     for spec in description.flexible:
         made, out = tuple(parts.values()), tuple((without or {}).get(spec.link, ()))
         spec = _coarse(spec) if coarse and spec.link not in slides else spec
-        old = (like or {}).get(spec.link)
-        parts[spec.link] = _part(description, spec, links, index, poses, normal, made, out, old)
+        parts[spec.link] = _part(description, spec, links, index, poses, normal, made, out)
     return parts
 
 
@@ -142,7 +137,6 @@ def _part(
     normal: Array | None,
     made: Sequence[FlexiblePart],
     out: tuple[LeftOut, ...],
-    like: FlexiblePart | None,
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
     number = index[spec.link]
@@ -160,7 +154,7 @@ def _part(
                 f"{where}.material.rho: urdf, but the link has no mass in the URDF. "
                 "Give a density in kg/m^3."
             )
-        spec = _with_density(spec, _density(like) or mass / (spec.section.A * length))
+        spec = _with_density(spec, mass / (_built(spec, length)[0].section.A * length))
     require_beam(spec, length, where, description.allow)
     unit = _bodies(spec, planes, length, made)
     part = FlexiblePart(
@@ -175,9 +169,7 @@ def _part(
         left_out=out,
     )
     keeps = spec.inertia == "urdf" and mass > 0
-    if keeps and like is not None and like.split is not None:
-        return _with_split(part, ride.moved(like.split, length / like.length))
-    return _ridden(where, part, links[number].inertia) if keeps else part
+    return _ridden(where, part, made, links[number].inertia) if keeps else part
 
 
 def _bodies(
@@ -191,14 +183,29 @@ def _bodies(
     return (flexible_body(spec, planes, length / spec.segments),) * spec.segments
 
 
+def _built(spec: FlexibleLink, length: float) -> tuple[FlexibleLink, float]:
+    """The link as the one whose inertia the URDF has, and its span [m]."""
+    old = spec.as_built
+    if old is None:
+        return spec, length
+    material = spec.material if old.material is None else old.material
+    material = material if material.rho is not None else replace(material, rho=spec.material.rho)
+    section = spec.section if old.section is None else old.section
+    return replace(spec, material=material, section=section, as_built=None), old.length or length
+
+
 def _with_density(spec: FlexibleLink, rho: float | None) -> FlexibleLink:
     return replace(spec, material=replace(spec.material, rho=rho))
 
 
-def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
-    """The part with the URDF's inertia, shared between its beam and riders."""
-    rho = part.spec.material.rho or 0.0
-    shares = ride.split(part.placement.actInv(urdf), part.bodies, part.length)
+def _ridden(
+    where: str, part: FlexiblePart, made: Sequence[FlexiblePart], urdf: pin.Inertia
+) -> FlexiblePart:
+    """The part with the URDF's inertia, shared between its beam (as built) and riders."""
+    spec, rho = part.spec, part.spec.material.rho or 0.0
+    built, length = _built(spec, part.length)
+    bodies = part.bodies if built == spec else _bodies(built, part.planes, length, made)
+    shares = ride.split(part.placement.actInv(urdf), bodies, length)
     if shares.share < ride.LEAST:
         lighter = rho * shares.share / ride.LEAST
         advice = f", or material.rho up to {lighter:.3g} kg/m^3" if lighter > 1 else ""
@@ -207,28 +214,16 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
             f"of {part.link} ({urdf.mass:.3g} kg, {100 * shares.share:.2g} % of the beam fit). "
             f"Write inertia: beam, so that the beam's own inertia takes its place{advice}."
         )
-    return _with_split(part, shares)
-
-
-def _with_split(part: FlexiblePart, split: Split) -> FlexiblePart:
-    """The part whose stations carry their share, with the riders beside its own."""
-    spec, riders = part.spec, (*split.riders, *part.riders)
-    body = ride.weighed(part.bodies[0], spec, split, riders)
+    shares = ride.moved(shares, part.length / length)
+    riders = (*shares.riders, *part.riders)
+    body = ride.weighed(part.bodies[0], spec, shares, riders)
     return replace(
         part,
         bodies=(body,) * spec.segments,
         riders=riders,
-        spec=_with_density(spec, split.share * (spec.material.rho or 0.0)),
-        share=split.share,
-        split=split,
+        spec=_with_density(spec, shares.share * rho),
+        share=shares.share,
     )
-
-
-def _density(part: FlexiblePart | None) -> float | None:
-    """Density that a link of another design was described with [kg/m^3]."""
-    if part is None or part.spec.material.rho is None:
-        return None
-    return part.spec.material.rho / (part.share or 1.0)
 
 
 def _solid_part(

@@ -139,7 +139,7 @@ def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> S
 
 
 def moved(split: Split, stretch: float) -> Split:
-    """The same riders on a beam of another length, at the same share of it.
+    """The same riders on a beam of another length, each at its share of it.
 
     Args:
         split: Of a link.
