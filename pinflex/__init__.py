@@ -25,7 +25,7 @@ Where the code is; each package imports only those above it:
     inversion     motor motions that the flexible robot's platform follows; linear models
     viewer        a result as a page, pictures, films and figures; reads `results` alone
     studies       many runs of one scene: sweep, map of poses, work and precision; the check
-    design        derivatives, best parameters, scatter, and a fit to measurements
+    variation     derivatives, best parameters, scatter, and a fit to measurements
     lab           published cases that `pinflex verify` measures
     cli           the commands: one module each, its arguments and what it does
 
@@ -56,8 +56,6 @@ if TYPE_CHECKING:
         spin_up,
         trapezoid,
     )
-    from pinflex.design.scatter import Scatter, scatter
-    from pinflex.design.sensitivity import Sensitivities, sensitivities
     from pinflex.errors import (
         AssemblyError,
         ConvergenceError,
@@ -84,6 +82,10 @@ if TYPE_CHECKING:
     from pinflex.studies.pose_map import pose_map
     from pinflex.studies.stiffness import platform_compliance
     from pinflex.studies.sweep import sweep
+    from pinflex.variation.design import Design
+    from pinflex.variation.optimise import design, pareto
+    from pinflex.variation.scatter import Scatter, scatter
+    from pinflex.variation.sensitivity import Sensitivities, sensitivities
     from pinflex.viewer.view import view
 
 __all__ = [
@@ -95,6 +97,7 @@ __all__ = [
     "ConvergenceError",
     "Deflection",
     "DescriptionError",
+    "Design",
     "Effort",
     "Equilibrium",
     "LinearModel",
@@ -116,6 +119,7 @@ __all__ = [
     "command",
     "comparison",
     "cycloid",
+    "design",
     "formula",
     "generalized_alpha",
     "harmonic",
@@ -128,6 +132,7 @@ __all__ = [
     "modes",
     "newmark",
     "nonic",
+    "pareto",
     "pid",
     "platform_compliance",
     "pose_map",
@@ -184,8 +189,10 @@ _HOME = {
     "advice.advise": ("advise",),
     "advice.proposal": ("Advice",),
     "advice.solve": ("LEVELS", "solve"),
-    "design.scatter": ("Scatter", "scatter"),
-    "design.sensitivity": ("Sensitivities", "sensitivities"),
+    "variation.design": ("Design",),
+    "variation.optimise": ("design", "pareto"),
+    "variation.scatter": ("Scatter", "scatter"),
+    "variation.sensitivity": ("Sensitivities", "sensitivities"),
     "studies.pose_map": ("pose_map",),
     "studies.stiffness": ("platform_compliance",),
     "studies.sweep": ("sweep",),

@@ -31,7 +31,7 @@ run. Links that the YAML writes in one block are one parameter.""",
 
 def run(args: argparse.Namespace) -> int:
     """Print the table of sensitivities and a sentence on each output."""
-    from pinflex.design.sensitivity import sensitivities
+    from pinflex.variation.sensitivity import sensitivities
     from pinflex.writing import writable
 
     if args.plot is not None:

@@ -87,7 +87,7 @@ def _random(args: argparse.Namespace) -> int:
     from pinflex.cli import batch
     from pinflex.cli.console import print_json
     from pinflex.description.description import read
-    from pinflex.design.scatter import OUTPUTS, scatter
+    from pinflex.variation.scatter import OUTPUTS, scatter
     from pinflex.writing import writable
 
     out, options = batch.options(args)

@@ -10,9 +10,9 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.parameters import parameters
-from pinflex.design.derivatives import extrapolated, of_frequencies
-from pinflex.design.measures import measure
-from pinflex.design.variants import variants
+from pinflex.variation.derivatives import extrapolated, of_frequencies
+from pinflex.variation.measures import measure
+from pinflex.variation.variants import variants
 
 # Differences at a held state are good to 1e-9 (round-off over the step); 1e-8 leaves a digit.
 IMPLICIT = 1e-8

@@ -9,8 +9,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.design import scatter as module
-from pinflex.design.scatter import Distribution, designs, distributions
+from pinflex.variation import scatter as module
+from pinflex.variation.scatter import Distribution, designs, distributions
 
 RANDOM = (
     Distribution("a", "normal", 0.0, 1.0),

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
@@ -25,21 +26,18 @@ class Variants:
     """A robot and the parameters that make others of it.
 
     Attributes:
-        base: The first design.
+        source: The description as given. base: The first design, made of it.
         parameters: What is varied, with its values there.
     """
 
+    source: Description
     base: Mechanism
     parameters: tuple[Parameter, ...]
 
     def at(self, values: Mapping[str, float]) -> Mechanism:
         """The robot with other values of some parameters, by their keys."""
-        changes = [
-            change
-            for parameter in self.parameters
-            if parameter.key in values
-            for change in parameter.overrides(values[parameter.key])
-        ]
+        known = {parameter.key: parameter for parameter in self.parameters}
+        changes = [c for key, value in values.items() for c in known[key].overrides(value)]
         return load(self.base.description.with_overrides(changes))
 
     def scaled(self, parameter: Parameter, logarithm: float) -> Mechanism:
@@ -71,7 +69,8 @@ def variants(
     held = [
         change for part in mechanism.parts.values() for change in _held(part, blocks[part.link])
     ]
-    return Variants(load(description.with_overrides([*held, *changes])), found)
+    base = load(description.with_overrides([*held, *changes]))
+    return Variants(mechanism.description, base, found)
 
 
 def _held(part: FlexiblePart, block: Mapping[str, Any]) -> list[str]:
@@ -91,3 +90,21 @@ def _held(part: FlexiblePart, block: Mapping[str, Any]) -> list[str]:
 def keys(found: Sequence[Parameter]) -> tuple[str, ...]:
     """The key paths of parameters."""
     return tuple(parameter.key for parameter in found)
+
+
+_latest: list[tuple[str, tuple[str, ...], Variants]] = []
+
+
+def variants_of(description: Description, patterns: tuple[str, ...]) -> Variants:
+    """The designs of a description; the last are kept, as all cases of a process share them.
+
+    Args:
+        description: The first design.
+        patterns: Key paths, as of `variants`.
+    """
+    for text, names, kept in _latest:
+        if (text, names) == (description.yaml_text, patterns):
+            return kept
+    made = variants(load(description), patterns)
+    _latest[:] = [(description.yaml_text, patterns, made)]
+    return made

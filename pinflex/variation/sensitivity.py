@@ -13,15 +13,15 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
-from pinflex.design.derivatives import extrapolated, of_frequencies
-from pinflex.design.measures import DEFAULT, RUNS, available, check_names, measure, unit
-from pinflex.design.variants import Variants, variants
 from pinflex.errors import ConvergenceError, DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.solver.scene import default_step
 from pinflex.solver.solve import default_motion
 from pinflex.text import brief, number, table
 from pinflex.threads import one_blas_thread
+from pinflex.variation.derivatives import extrapolated, of_frequencies
+from pinflex.variation.measures import DEFAULT, RUNS, available, check_names, measure, unit
+from pinflex.variation.variants import Variants, variants
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -128,7 +128,7 @@ def sensitivities(
         model: A model, or what `load` takes.
         by: Key paths, whose segments may be globs; links of one block of the YAML count as one.
             Default: sections, moduli and drive stiffnesses.
-        of: Outputs, see `pinflex.design.measures`; default: what there is of frequency.1, mass,
+        of: Outputs, see `pinflex.variation.measures`; default: what there is of frequency.1, mass,
             sag, deviation.peak, torque.peak and stress.peak.
         level: Of the runs that outputs need; default: that of the YAML.
         progress: Called with (parameters done, parameters).

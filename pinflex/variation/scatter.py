@@ -21,13 +21,13 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
-from pinflex.design.variants import Variants, variants
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.columns import Columns, column
 from pinflex.studies.outputs import check_outputs, scene_outputs, unit
 from pinflex.text import brief, number, table
+from pinflex.variation.variants import variants_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -287,20 +287,7 @@ def _solved(
     groups: Sequence[str],
     case: Mapping[str, float],
 ) -> dict[str, Any]:
-    return scene_outputs(_variants(description, random).at(case), level, groups)
-
-
-_latest: list[tuple[str, tuple[str, ...], Variants]] = []
-
-
-def _variants(description: Description, random: tuple[str, ...]) -> Variants:
-    """The designs of a description; the last one is kept, as all cases of a process share it."""
-    for text, names, kept in _latest:
-        if (text, names) == (description.yaml_text, random):
-            return kept
-    made = variants(load(description), random)
-    _latest[:] = [(description.yaml_text, random, made)]
-    return made
+    return scene_outputs(variants_of(description, random).at(case), level, groups)
 
 
 def _found(

@@ -1,0 +1,198 @@
+"""A design found: before and after, what limits it, and the YAML that has it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from pinflex.arrays import Array
+from pinflex.description.description import Description
+from pinflex.text import brief, number, table
+from pinflex.variation.measures import unit
+from pinflex.writing import replaced
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ACTIVE = 1e-3  # margin [ln] at which a limit holds the design
+_AT_BOUND = 1e-4  # the same of a bound
+
+
+@dataclass(frozen=True)
+class Design:
+    """The best numbers of a scene.
+
+    Attributes:
+        minimised: The output made least.
+        parameters: Key paths; `first` and `best` values, shape (n,); `bounds`, shape (n, 2).
+        before, after: Outputs of the first and of the best design, SI units.
+        limits: In words; `margins` in ln, shape (limits,): 0.01 is one per cent to spare.
+        multipliers: Per cent that one per cent of a looser limit buys, shape (limits,).
+        at_bound: Parameters at a bound, with the per cent that one per cent of it buys.
+        residual: Of the first-order conditions of a least value, over the gradient: 0 at one.
+        continuous: Whether every parameter was free between its bounds.
+        history: Values, outputs and whether all limits are kept, of each design tried.
+        description: The scene with the best numbers.
+    """
+
+    __repr__ = brief
+
+    minimised: str
+    parameters: tuple[str, ...]
+    first: Array
+    best: Array
+    bounds: Array
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    limits: tuple[str, ...]
+    margins: Array
+    multipliers: Array
+    at_bound: Mapping[int, float]
+    residual: float
+    continuous: bool
+    history: tuple[tuple[dict[str, float], dict[str, float], bool], ...]
+    description: Description
+
+    def text(self) -> str:
+        """Before and after, what limits the design and what a looser limit buys, for people."""
+        rows = [
+            [key, number(a), number(b), f"{100 * (b / a - 1):+.1f} %",
+             f"{number(lo)} to {number(hi)}"]
+            for key, a, b, (lo, hi) in zip(
+                self.parameters, self.first.tolist(), self.best.tolist(), self.bounds.tolist(),
+                strict=True,
+            )
+        ]  # fmt: skip
+        outputs = [
+            [name, unit(name), number(self.before[name]), number(value),
+             f"{100 * (value / self.before[name] - 1):+.1f} %" if self.before[name] else "-"]
+            for name, value in self.after.items()
+        ]  # fmt: skip
+        return "\n".join([
+            self.sentence(), "",
+            table("Parameters, SI units", "key|before|after|change|bounds", rows, (44,)), "",
+            table("Outputs", "output|unit|before|after|change", outputs, (28, 8)), "",
+            *self._limited(),
+            f"{len(self.history)} designs; {sum(ok for *_, ok in self.history)} kept every limit.",
+        ])  # fmt: skip
+
+    def sentence(self) -> str:
+        """How much better, in one sentence."""
+        name = self.minimised
+        change = 100 * (self.after[name] / self.before[name] - 1)
+        value = f"{number(self.after[name])} {unit(name)}".rstrip()
+        if abs(change) < 0.05:
+            return f"{name} stays at {value}: the first design is the best within the bounds."
+        return f"{name} falls to {value}, {change:+.1f} %."
+
+    def _limited(self) -> list[str]:
+        said = []
+        for name, margin, buys in zip(self.limits, self.margins, self.multipliers, strict=True):
+            if margin < _ACTIVE and buys > 1e-4:
+                said.append(
+                    f"Held by {name}: one per cent looser buys {buys:.2f} % of {self.minimised}."
+                )
+            else:
+                said.append(f"{name}: kept with {100 * np.expm1(margin):.2g} % to spare.")
+        for k, buys in self.at_bound.items():
+            said.append(
+                f"At its bound: {self.parameters[k]}; one per cent beyond buys {buys:.2f} %."
+            )
+        if self.continuous:
+            good = "a least value" if self.residual < 1e-2 else "not quite a least value"
+            said.append(f"First-order conditions are met to {self.residual:.1g}: {good}.")
+        return said
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """The minimised output and the worst margin over the designs tried.
+
+        Args:
+            path: Where to write it, .png or .pdf.
+        """
+        from pinflex.viewer.histories import histories
+
+        aims = np.array([found[self.minimised] for _, found, _ in self.history])
+        kept = np.array([ok for *_, ok in self.history])
+        label = f"{self.minimised} [{unit(self.minimised)}]".removesuffix(" []")
+        figure = histories(aims, kept, label, self.parameters, self.first, self.best)
+        if path is not None:
+            figure.savefig(path)
+        return figure
+
+    def write(self, path: str | Path) -> Path:
+        """Write the scene with the best numbers as a YAML that loads as it is.
+
+        Args:
+            path: Its file; paths in it are relative to its folder.
+        """
+        path = Path(path)
+        raw = yaml.safe_load(self.description.yaml_text)
+        old = None if self.description.path is None else self.description.path.parent
+        for block, key in ((raw, "urdf"), (raw.get("motion") or {}, "file")):
+            if old is not None and isinstance(block.get(key), str) and (old / block[key]).is_file():
+                block[key] = os.path.relpath(old / block[key], path.absolute().parent)
+        lines = [f"{key}: {a:.6g} -> {b:.6g}" for key, a, b in zip(
+            self.parameters, self.first, self.best, strict=True)]  # fmt: skip
+        head = "".join(f"# {line}\n" for line in [self.sentence(), *lines, *self._limited()])
+        with replaced(path) as part:
+            part.write_text(head + yaml.safe_dump(raw, sort_keys=False), "utf-8")
+        return path
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain lists and names, SI units."""
+        return {
+            "minimised": self.minimised,
+            "parameters": {
+                key: {"first": float(a), "best": float(b), "bounds": list(map(float, pair))}
+                for key, a, b, pair in zip(
+                    self.parameters, self.first, self.best, self.bounds, strict=True
+                )
+            },
+            "before": dict(self.before),
+            "after": dict(self.after),
+            "limits": [
+                {"limit": name, "margin": float(m), "multiplier": float(x)}
+                for name, m, x in zip(self.limits, self.margins, self.multipliers, strict=True)
+            ],
+            "at_bound": {self.parameters[k]: x for k, x in self.at_bound.items()},
+            "residual": self.residual,
+            "designs": len(self.history),
+        }
+
+
+def kkt(
+    slope: Array, rates: Array, margins: Array, x: Array, bounds: Array
+) -> tuple[Array, dict[int, float], float]:
+    """Multipliers of what is active, those of bounds, and the residual of the conditions.
+
+    slope = sum of multiplier * rate over the active margins, and of multipliers along the axes
+    whose bound is reached; none is negative (Karush 1939; Kuhn, Tucker 1951).
+
+    Args:
+        slope: Gradient of the objective, shape (n,). rates: Of the margins, shape (limits, n).
+        margins: Shape (limits,). x: Shape (n,). bounds: Shape (n, 2).
+    """
+    from scipy.optimize import nnls
+
+    n = len(x)
+    active = np.flatnonzero(margins < _ACTIVE)
+    low = np.flatnonzero(x - bounds[:, 0] < _AT_BOUND)
+    high = np.flatnonzero(bounds[:, 1] - x < _AT_BOUND)
+    eye = np.eye(n)
+    columns = np.concatenate([rates[active], eye[low], -eye[high]])
+    multipliers, ends = np.zeros(len(margins)), dict[int, float]()
+    size = float(np.linalg.norm(slope)) or 1.0
+    if not len(columns):
+        return multipliers, ends, float(np.linalg.norm(slope)) / size
+    found, left = nnls(columns.T, slope)
+    multipliers[active] = found[: len(active)]
+    for k, value in zip((*low, *high), found[len(active) :], strict=True):
+        if value > 1e-6:
+            ends[int(k)] = float(value)
+    return multipliers, ends, float(left) / size

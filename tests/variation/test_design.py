@@ -1,0 +1,117 @@
+"""The best design: closed forms, first-order conditions, catalogues, resume."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.__main__ import main
+from pinflex.variation.design import kkt
+from pinflex.variation.limits import limits
+from pinflex.variation.measures import measure
+
+THICKNESS = "flexible.*.section.thickness"
+STIFF = ["flexible.beam.section.thickness=0.02"]
+
+
+def test_a_cantilever_of_least_mass_for_its_tip_deflection():
+    # under its own weight w = rho g A L^4 / (8 E I) = 3 rho g L^4 / (2 E t^2): t = sqrt(...)
+    robot = pf.load("cantilever", STIFF)
+    best = pf.design(robot, "mass", {THICKNESS: (5e-3, 5e-2)}, ["sag < 1e-4"], starts=1)
+    part = robot.parts["beam"]
+    rho, E, L = part.spec.material.rho, part.spec.material.E, part.length
+    exact = np.sqrt(3 * rho * 9.81 * L**4 / (2 * E * 1e-4))
+    # the sag of a straight beam is linear to the square of 1e-4; SLSQP stops at 1e-8
+    assert best.best[0] == pytest.approx(exact, rel=1e-5)
+    # mass ~ t, sag ~ t^-2: one per cent of deflection buys half a per cent of mass
+    assert best.multipliers[0] == pytest.approx(0.5, rel=1e-3)
+    assert best.residual < 1e-6
+
+
+def test_thickness_and_width_part_by_their_prices():
+    # least rho b t L with b t^3 = given and b >= b0: as narrow as the bound lets it be
+    robot = pf.load("cantilever", [*STIFF, "gravity=[0, 0, 0]"])
+    vary = {THICKNESS: (5e-3, 8e-2), "flexible.*.section.width": (1e-2, 4e-2)}
+    best = pf.design(robot, "mass", vary, ["stiffness.z > base"], starts=1)
+    t, b = best.best[::1] if "thickness" in best.parameters[0] else best.best[::-1]
+    assert b == pytest.approx(1e-2, rel=1e-6)
+    assert t == pytest.approx(0.02 * 2 ** (1 / 3), rel=1e-4)
+    # d ln m = d ln b + d ln t, 0 = d ln b + 3 d ln t: a narrower bound buys two thirds
+    assert [*best.at_bound.values()] == pytest.approx([2 / 3], rel=1e-3)
+
+
+def test_multipliers_of_a_problem_in_closed_form():
+    # least x + 2 y with x >= 0, y >= 0 margins at (0, 0): multipliers 1 and 2
+    slope, rates = np.array([1.0, 2.0]), np.eye(2)
+    found = kkt(slope, rates, np.zeros(2), np.zeros(2), np.array([[-1.0, 1.0]] * 2))
+    np.testing.assert_allclose(found[0], [1, 2], atol=1e-12)
+    assert found[1] == {} and found[2] < 1e-12
+    # downhill with nothing in the way: no least value
+    assert kkt(slope, rates, np.ones(2), np.zeros(2), np.array([[-1.0, 1.0]] * 2))[2] == 1.0
+
+
+def test_a_catalogue_gives_the_lightest_tube_that_holds():
+    robot = pf.load("ur5", ["flexible={upper_arm_link: {material: aluminium, section: "
+                            "{shape: tube, diameter: 0.1, wall: 0.004}}}"])  # fmt: skip
+    tubes = [{"diameter": d, "wall": w} for d in (0.08, 0.1, 0.12) for w in (0.001, 0.002, 0.003)]
+    key = "flexible.upper_arm_link.section"
+    best = pf.design(robot, "mass", {}, ["frequency.1 > 0.9*base"], choose={key: tubes}, starts=1)
+    base = measure(robot, ["frequency.1"])["frequency.1"]
+    rows = []
+    for tube in tubes:  # by hand: every tube
+        built = f"{key[:-8]}.as_built={{section: {{shape: tube, diameter: 0.1, wall: 0.004}}}}"
+        other = pf.load(robot.description, [built, *(f"{key}.{k}={v}" for k, v in tube.items())])
+        found = measure(other, ["mass", "frequency.1"])
+        if found["frequency.1"] > 0.9 * base:
+            rows.append((found["mass"], tube["diameter"], tube["wall"]))
+    lightest = min(rows)
+    assert (best.after["mass"], *best.best) == pytest.approx(lightest, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("frequency.1 = 12", "not of the form"),
+        ("mass < 2*yield", "only stress.peak"),
+        ("mass < 0", "above 0"),
+    ],
+)
+def test_bad_limits_say_what_to_write(text, said):
+    with pytest.raises(pf.DescriptionError, match=said):
+        limits([text])
+
+
+def test_limits_that_cannot_be_kept_are_said():
+    robot = pf.load("cantilever", STIFF)
+    with pytest.raises(pf.SceneError, match="Nearest: sag = "):
+        pf.design(robot, "mass", {THICKNESS: (5e-3, 1e-2)}, ["sag < 1e-5"], starts=1)
+
+
+def test_the_command_writes_a_yaml_that_is_the_design_and_resumes(tmp_path, capsys):
+    out = tmp_path / "best.yaml"
+    call = ["design", "cantilever", "--set", STIFF[0], "--minimise", "mass", "--vary",
+            f"{THICKNESS}=5e-3:5e-2", "--keep", "sag < 1e-4", "--starts", "1", "-o", str(out),
+            "--plot", str(tmp_path / "search.png")]  # fmt: skip
+    assert main(call) == 0
+    text = capsys.readouterr().out
+    assert "Held by sag < 0.0001: one per cent looser buys 0.50 % of mass." in text
+    assert (tmp_path / "search.png").stat().st_size > 10_000
+    found = measure(pf.load(out), ["mass", "sag"])
+    lines = (tmp_path / "best.yaml.journal").read_bytes().splitlines()
+    assert main([*call, "--json"]) == 0  # everything is in the journal
+    told = json.loads(capsys.readouterr().out)["designs"][0]["after"]
+    assert found == pytest.approx({name: told[name] for name in found}, rel=1e-9)
+    assert (tmp_path / "best.yaml.journal").read_bytes().splitlines() == lines
+
+
+def test_two_aims_give_a_front(capsys):
+    # mass ~ t, sag ~ t^-2: mass^2 sag is one number along the front
+    robot = pf.load("cantilever", STIFF)
+    front = pf.pareto(robot, "mass", "sag", {THICKNESS: (1e-2, 4e-2)}, points=4)
+    products = [found.after["mass"] ** 2 * found.after["sag"] for found in front]
+    np.testing.assert_allclose(products, products[0], rtol=1e-4)
+    masses = [found.after["mass"] for found in front]
+    assert masses == sorted(masses) and masses[-1] == pytest.approx(4 * masses[0], rel=1e-3)
