@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +19,13 @@ from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.studies.batch import keys as case_keys
-from pinflex.studies.batch import run
 from pinflex.threads import one_blas_thread
-from pinflex.variation.design import Design, kkt
-from pinflex.variation.limits import Limit, limits
-from pinflex.variation.measures import RUNS, check_names, measure
-from pinflex.variation.variants import Variants, keys, variants, variants_of
+from pinflex.variation.design import Design
+from pinflex.variation.evaluator import FEASIBLE, Evaluator
+from pinflex.variation.limits import limits
+from pinflex.variation.measures import check_names
+from pinflex.variation.variants import Variants, keys, variants
 
-_STEP = 1e-3  # of a logarithm: truncation 1e-6, noise of a solved output 1e-6
-_FEASIBLE = -1e-5  # a margin below this is a limit broken
-_BEYOND = 10.0  # objective where a design cannot be solved
 _SPARE = 1e-4  # of a limit along a front: its end is met to round-off only
 _MOST = 256  # combinations of a catalogue that are tried
 _NEAREST = 4  # rows of a catalogue about the continuous optimum
@@ -86,7 +81,7 @@ def design(
     hull = {key: _hull(rows, key) for rows in catalogue for key in rows[0]}
     designs = variants(robot, [*vary, *hull])
     bounds = _bounds(robot, designs, dict(vary) | hull)
-    evaluate = _Evaluator(designs, wanted, given, level, bounds, jobs, journal, progress)
+    evaluate = Evaluator(designs, wanted, given, level, bounds, jobs, journal, progress)
     best = _best(evaluate, starts, seed)
     if catalogue:
         best = _chosen(evaluate, best, catalogue)
@@ -164,146 +159,7 @@ def _hull(rows: Sequence[Mapping[str, float]], key: str) -> tuple[float, float]:
     return (low, high) if low < high else (0.999 * low, 1.001 * high)
 
 
-class _Evaluator:
-    """Designs solved at points x, each once.
-
-    Attributes:
-        designs, bounds: The variables. base: Outputs of the first design.
-        history: Values, outputs and whether every limit is kept, in the order solved.
-    """
-
-    def __init__(
-        self,
-        designs: Variants,
-        wanted: tuple[str, ...],
-        given: tuple[Limit, ...],
-        level: str | None,
-        bounds: Array,
-        jobs: int,
-        journal: str | Path | None,
-        progress: Callable[[int, int], None] | None,
-    ) -> None:
-        self.designs, self.minimise, self.limits, self.level = designs, wanted[0], given, level
-        self.bounds, self.jobs, self.journal, self.progress = bounds, jobs, journal, progress
-        self.values = np.array([p.value for p in designs.parameters])
-        above = _above(limit.output for limit in given if not limit.upper)
-        self.names = tuple(dict.fromkeys([*wanted, *above]))
-        self.history: list[tuple[dict[str, float], dict[str, float], bool]] = []
-        self._known: dict[bytes, dict[str, float] | None] = {}
-        first = self([np.zeros(len(self.values))])[0]
-        if first is None:
-            raise SceneError(f"{designs.base.name}: the first design cannot be solved.")
-        self.base = first
-
-    def __call__(self, points: Sequence[Array]) -> list[dict[str, float] | None]:
-        """Outputs at points x; None where a design cannot be solved."""
-        new = {x.tobytes(): x for x in points if x.tobytes() not in self._known}
-        if new:
-            cases = [self.case(x) for x in new.values()]
-            description, patterns = self.designs.source, keys(self.designs.parameters)
-            named = case_keys(description, cases, "design", self.level, self.names)
-            records = run(
-                partial(_solved, description, patterns, self.names, self.level),
-                dict(zip(named, cases, strict=True)),
-                jobs=self.jobs, journal=self.journal, progress=self.progress,
-            )  # fmt: skip
-            for x, key in zip(new, named, strict=True):
-                record = records[key]
-                self._known[x] = None if record.error else dict(record.found)
-        return [self._known[x.tobytes()] for x in points]
-
-    def case(self, x: Array) -> dict[str, float]:
-        """Values by key at a point."""
-        values = (float(v) for v in self.values * np.exp(x))
-        return dict(zip(keys(self.designs.parameters), values, strict=True))
-
-    def margins(self, found: Mapping[str, float] | None) -> Array:
-        """Of every limit, and of the frequencies above one that has a lower limit."""
-        if found is None:
-            return np.full(len(self._rows()), -1.0)
-        return np.array([limit.margin(found[name], self.base) for limit, name in self._rows()])
-
-    def _rows(self) -> list[tuple[Limit, str]]:
-        return [
-            (limit, name)
-            for limit in self.limits
-            for name in (limit.output, *(() if limit.upper else _above([limit.output])))
-        ]
-
-    def objective(self, found: Mapping[str, float] | None) -> float:
-        """ln of the minimised output."""
-        return _BEYOND if found is None else math.log(max(found[self.minimise], 1e-300))
-
-    def at(self, x: Array) -> tuple[float, Array]:
-        """Objective and margins, kept in the history."""
-        (found,) = self([x])
-        margins = self.margins(found)
-        if found is not None:
-            self.history.append((self.case(x), found, bool(np.all(margins >= _FEASIBLE))))
-        return self.objective(found), margins
-
-    def slopes(self, x: Array) -> tuple[Array, Array]:
-        """Gradients of objective, shape (n,), and margins, shape (limits, n)."""
-        n = len(x)
-        sides = [x + s * _STEP * np.eye(n)[k] for k in range(n) for s in (-1.0, 1.0)]
-        found = self(sides)
-        f = np.array([self.objective(each) for each in found]).reshape(n, 2)
-        g = np.array([self.margins(each) for each in found]).reshape(n, 2, -1)
-        return (f[:, 1] - f[:, 0]) / (2 * _STEP), (g[:, 1] - g[:, 0]).T / (2 * _STEP)
-
-    def nearest(self) -> str:
-        """The design whose worst margin is least bad, in words."""
-        if not self.history:
-            return "none could be solved"
-        _, found, _ = max(self.history, key=lambda row: float(np.min(self.margins(row[1]))))
-        worst = int(np.argmin(self.margins(found)))
-        limit, name = self._rows()[worst]
-        return f"{name} = {found[name]:.4g} where {limit} is asked"
-
-    def design(self, x: Array, continuous: bool) -> Design:
-        """What is told of the design at a point."""
-        (found,) = self([x])
-        assert found is not None
-        slope, rates = self.slopes(x)
-        margins = self.margins(found)
-        rows = self._rows()
-        multipliers, ends, residual = kkt(slope, rates, margins, x, self.bounds)
-        case = self.case(x)
-        by_key = {p.key: p for p in self.designs.parameters}
-        changes = [c for key, value in case.items() for c in by_key[key].overrides(value)]
-        return Design(
-            self.minimise, keys(self.designs.parameters), self.values, np.array([*case.values()]),
-            np.exp(self.bounds) * self.values[:, None], self.base, found,
-            tuple(f"{name} {'<' if limit.upper else '>'} {limit.number(self.base):.5g}"
-                  for limit, name in rows),
-            margins, multipliers, ends, residual, continuous, tuple(self.history),
-            self.designs.base.description.with_overrides(changes),
-        )  # fmt: skip
-
-
-def _above(names: Iterable[str]) -> list[str]:
-    """The two frequencies above each: sorted ones change places, and all must keep the limit."""
-    found = []
-    for name in names:
-        head, _, rest = name.partition(".")
-        if head == "frequency":
-            found += [f"frequency.{int(rest) + k}" for k in (1, 2) if int(rest) + k <= 12]
-    return found
-
-
-def _solved(
-    description: Description,
-    patterns: tuple[str, ...],
-    names: tuple[str, ...],
-    level: str | None,
-    case: Mapping[str, float],
-) -> dict[str, Any]:
-    runs = any(name.partition(".")[0] in RUNS for name in names)
-    found = measure(variants_of(description, patterns).at(case), names, level if runs else None)
-    return dict(found)
-
-
-def _best(evaluate: _Evaluator, starts: int, seed: int) -> Array | None:
+def _best(evaluate: Evaluator, starts: int, seed: int) -> Array | None:
     """The best point that keeps every limit, of several starts."""
     from scipy.stats.qmc import LatinHypercube
 
@@ -316,7 +172,7 @@ def _best(evaluate: _Evaluator, starts: int, seed: int) -> Array | None:
     return min(found, key=lambda x: evaluate.at(x)[0], default=None)
 
 
-def _descent(evaluate: _Evaluator, x: Array) -> Array | None:
+def _descent(evaluate: Evaluator, x: Array) -> Array | None:
     """SLSQP from a start; None where it ends at a design that breaks a limit."""
     from scipy.optimize import minimize
 
@@ -331,11 +187,11 @@ def _descent(evaluate: _Evaluator, x: Array) -> Array | None:
         options={"maxiter": 60, "ftol": 1e-8},
     )  # fmt: skip
     end = np.clip(found.x, *evaluate.bounds.T)
-    return end if np.all(evaluate.at(end)[1] >= _FEASIBLE) else None
+    return end if np.all(evaluate.at(end)[1] >= FEASIBLE) else None
 
 
 def _chosen(
-    evaluate: _Evaluator, best: Array | None, catalogue: Sequence[Sequence[Mapping[str, float]]]
+    evaluate: Evaluator, best: Array | None, catalogue: Sequence[Sequence[Mapping[str, float]]]
 ) -> Array | None:
     """The best rows of a catalogue about a point, the other variables as they are there."""
     names = keys(evaluate.designs.parameters)
@@ -358,5 +214,5 @@ def _chosen(
     ]
     points = [place(rows) for rows in itertools.islice(itertools.product(*groups), _MOST)]
     evaluate(points)  # many at a time
-    good = [p for p in points if np.all(evaluate.at(p)[1] >= _FEASIBLE)]
+    good = [p for p in points if np.all(evaluate.at(p)[1] >= FEASIBLE)]
     return min(good, key=lambda p: evaluate.at(p)[0], default=None)
