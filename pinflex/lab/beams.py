@@ -13,7 +13,7 @@ from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import Body, scene
 from pinflex.levels.modes import modes
 from pinflex.levels.quasistatic import balance
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 
 LIMIT = 1e-6  # a converged discretisation
@@ -119,11 +119,11 @@ def turning(eta: float, plane: str) -> Array:
     extra = f"bending_y: {str(chord).lower()}\n    bending_z: {str(not chord).lower()}"
     m = beam("actuated: [hub_joint]", extra, hub)
     system = m.flexible
-    d, free = Dynamics(system), system.free
+    d, free = Equations(system), system.free
     v, still = np.zeros(system.nv), np.zeros(system.nv)
     v[system.motors] = eta
     rest = balance(d, m.undeformed(), v, still, free, 0.0)
-    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam, 0.0))
+    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam, 0.0)[:3])
     n = len(free)
     right = np.hstack([-np.linalg.solve(M, K), -np.linalg.solve(M, C)])
     roots = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), right]))
@@ -189,7 +189,7 @@ def _steady_stretch() -> float:
     system = m.flexible
     v, still = np.zeros(system.nv), np.zeros(system.nv)
     v[system.motors] = 6.0
-    rest = balance(Dynamics(system), m.undeformed(), v, still, system.free, 0.0)
+    rest = balance(Equations(system), m.undeformed(), v, still, system.free, 0.0)
     (slot,) = system.expansion.slots
     eta = rest.y[int(system.rigid.nq) :]
     return float(slot.body.rows(slot.body.length)[0][0] @ eta[slot.eta])

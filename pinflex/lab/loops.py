@@ -15,7 +15,7 @@ from pinflex.arrays import Array
 from pinflex.lab.extrapolation import by_step
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import Body, energy, frame_positions, release, scene
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 G = 9.81  # [m/s^2]
@@ -227,7 +227,7 @@ def spatial_slider_crank() -> Outcome:
     names = list(m.coordinates)
     v = np.zeros(m.flexible.nv)
     v[names.index("crank_joint")] = 6.0
-    J = Dynamics(m.flexible).close(m.undeformed())[1]
+    J = Equations(m.flexible).close(m.undeformed())[1]
     v[1:] = -np.linalg.lstsq(J[:, 1:], J @ v, rcond=None)[0]
     h = 5e-4
     r = release(m, 5.0, h, v=v, tolerance=1e-8)

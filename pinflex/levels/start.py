@@ -17,7 +17,7 @@ from pinflex.levels.linearised import Line
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 
@@ -68,7 +68,7 @@ def in_equilibrium(mechanism: Mechanism, start: str) -> tuple[bool, str]:
 
 
 def start_of(
-    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Dynamics, start: str
+    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Equations, start: str
 ) -> Start:
     """Where a coupled run starts: straight, static or auto (see `in_equilibrium`).
 
@@ -95,7 +95,7 @@ def _static_start(
     mechanism: Mechanism,
     motion: Motion,
     path: MotorPath,
-    dynamics: Dynamics,
+    dynamics: Equations,
     start: str,
     straight: Start,
 ) -> Start:
@@ -122,7 +122,7 @@ def _static_start(
 
 
 def linear_start(
-    mechanism: Mechanism, path: Nominal, structural: bool, start: str, dynamics: Dynamics
+    mechanism: Mechanism, path: Nominal, structural: bool, start: str, dynamics: Equations
 ) -> Start:
     """The same for level ked: deviations d of the free coordinates from the nominal motion.
 
@@ -165,9 +165,9 @@ def lasting(system: System) -> System:
     return replace(system, loads=replace(system.loads, forces=forces))
 
 
-def _lasting(dynamics: Dynamics) -> Dynamics:
+def _lasting(dynamics: Equations) -> Equations:
     system = lasting(dynamics.system)
-    return dynamics if system is dynamics.system else Dynamics(system)
+    return dynamics if system is dynamics.system else Equations(system)
 
 
 def _shaken(why: str) -> str:
@@ -185,7 +185,7 @@ def _no_equilibrium(text: str, error: ConvergenceError | None = None) -> Converg
 
 
 def straight_start(
-    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Dynamics
+    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Equations
 ) -> tuple[Array, Array]:
     """Undeformed pose and compatible velocities at the first time.
 

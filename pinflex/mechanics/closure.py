@@ -25,6 +25,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.loops import Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.poses import support
 from pinflex.mechanics.slider import Contact, Sleeve
 from pinflex.text import brief
 
@@ -128,8 +129,8 @@ def closures(
     for k, (end, turn) in enumerate(zip(sides, turns, strict=True)):
         local[k, :, :3] = end.placement.rotation @ turn
         local[k, :, 3] = end.placement.translation
-    support_a = _supports(model, [e[0].joint for e in ends])
-    support_b = _supports(model, [e[1].joint for e in ends])
+    support_a = np.array([support(model, int(j)) for j in [e[0].joint for e in ends]])
+    support_b = np.array([support(model, int(j)) for j in [e[1].joint for e in ends]])
     points = np.array(rows.points, dtype=np.intp).reshape(-1, 2)
     dots = np.array(rows.dots, dtype=np.intp).reshape(-1, 3)
     loop_of = np.array(rows.owner, dtype=np.intp)
@@ -232,13 +233,3 @@ def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
         columns[(k + 2) % 3] = second
         columns[(k + 1) % 3] = np.cross(second, axis)
     return np.column_stack(columns)
-
-
-def _supports(model: pin.Model, joints: Sequence[int]) -> Array:
-    support = np.zeros((len(joints), model.nv))
-    for k, joint in enumerate(joints):
-        for above in model.supports[joint]:
-            if above:
-                step = model.joints[above]
-                support[k, step.idx_v : step.idx_v + step.nv] = 1.0
-    return support

@@ -120,11 +120,11 @@ def test_bricard_keeps_rank_four_of_five_along_the_whole_path() -> None:
     from dataclasses import replace
 
     from pinflex.mechanics.closure import closures
-    from pinflex.mechanics.dynamics import Dynamics
+    from pinflex.mechanics.equations import Equations
 
     r = release(m, 2.0, 2e-3)
     every = closures(m.description.loops, m.flexible.expansion.frames, m.flexible.expansion.model)
-    d = Dynamics(replace(m.flexible, closed=every))
+    d = Equations(replace(m.flexible, closed=every))
     for y in r.y[::50]:
         c, J = d.close(y)
         sigma = np.linalg.svd(J, compute_uv=False)

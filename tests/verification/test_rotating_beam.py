@@ -14,7 +14,7 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.levels.quasistatic import balance
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from tests import analytical
 from tests.scenes import Body, load
 
@@ -70,11 +70,11 @@ flexible:
         yaml = yaml.replace(f"Iy: {area!r}, Iz: {area!r}", "Iy: 1.0, Iz: 1.0")
     m = load(folder, bodies, yaml)
     system = m.flexible
-    d, free = Dynamics(system), system.free
+    d, free = Equations(system), system.free
     v, still = np.zeros(system.nv), np.zeros(system.nv)
     v[system.motors] = eta
     rest = balance(d, m.undeformed(), v, still, free, 0.0)
-    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam, 0.0))
+    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam, 0.0)[:3])
     n = len(free)
     first_order = np.block(
         [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]]
