@@ -29,111 +29,113 @@ class CoordinateMap:
         self.n_rigid, self.nq_rigid = int(rigid.nv), int(rigid.nq)
         self.nv = self.n_rigid + expansion.n_eta
         self.flexible = expansion.n_eta > 0
-        self._neutral, self._nV = pin.neutral(expansion.model), int(expansion.model.nv)
-        self.no_rates = np.empty((0, self._nV))
         self.rows = [block.rows.reshape(-1) for block in self.blocks]
         # Turned once: G eta of all states of a body is one product.
-        self._G = [
+        self.G = [
             block.G.reshape(len(block.G), -1, block.G.shape[-1]).transpose(0, 2, 1).copy()
             for block in self.blocks
         ]
-        written = sum(len(rows) for rows in self.rows)
-        self._whole = self.n_rigid + written == self._nV
-        self._flat: dict[int, _Flat] = {}
+        self._rooms: dict[tuple[int, int], _Room] = {}
 
-    def at(self, Y: Array, V: Array | None = None, A: Array | None = None) -> Configuration:
+    def at(
+        self, Y: Array, V: Array | None = None, A: Array | None = None, passing: bool = False
+    ) -> Configuration:
         """The map at n states.
 
         Args:
             Y: Shape (n, nq). V, A: Rates, shape (n, nv), both or neither.
+            passing: The next such call may overwrite the answer. For a caller that hands nothing of
+                it on: a step is spared a dozen new arrays in every iteration.
         """
         rates = [] if V is None or A is None else [V, A]
         if not self.flexible:
             return Configuration(self, Y, rates, [], [])
-        n, q, v = len(Y), self.nq_rigid, self.n_rigid
-        at = self._flat.get(n)
-        if at is None:
-            if len(self._flat) > _SIZES:
-                self._flat.clear()
-            at = self._flat[n] = _Flat(self, n)
-        if self._whole:
-            every = np.empty(at.ends[-1])
-        else:  # joints that neither side moves
-            every = np.concatenate([np.tile(self._neutral, n), np.zeros(at.ends[-1] - at.ends[0])])
+        size = 1 + len(rates), len(Y)
+        room = self._rooms.get(size) if passing else _Room(self, *size)
+        if room is None:
+            if len(self._rooms) > _SIZES:
+                self._rooms.clear()
+            room = self._rooms[size] = _Room(self, *size)
+        q, v = self.nq_rigid, self.n_rigid
         rigid = [Y[:, :q], *(x[:, :v] for x in rates)]
-        every[at.rigid[len(rates)]] = np.concatenate(rigid, axis=None)
-        elastic = np.array([Y[:, q:], *(x[:, v:] for x in rates)])
-        X, turning = [], []
-        for k, block in enumerate(self.blocks):
-            X_k, rate, rows = self._block(k, block, elastic)
-            X.append(X_k)
-            turning.append(rate)
-            moved = rows.reshape(-1)
-            every[at.rows[k][: len(moved)]] = moved
-        Q, V, A = (
-            every[first:last].reshape(n, -1)
-            for first, last in zip((0, *at.ends), at.ends, strict=False)
-        )
-        return Configuration(self, Q, (V, A) if rates else (), X, turning)
-
-    def _block(self, k: int, block: Block, states: Array) -> tuple[Array, Array, Array]:
-        """X (n, bodies, R, k) and its rate's curved rows; coordinates and rates of the rows.
-
-        Args:
-            k: Number of the block. block: It. states: eta, or eta and its rates, (m, n, n_eta).
-        Returns:
-            X; Xdot of the curved rows (n, bodies, Rc, k), empty without rates; Q, V, A of the
-            rows, shape (m, n, bodies, R, 1).
-        """
-        m, n = states.shape[:2]
-        (bodies, rows, width), curved = block.Phi.shape, block.G.shape[1]
-        mine = states[:, :, block.eta].reshape(m, n, bodies, width, 1)
-        X = np.empty((n, bodies, rows, width))
-        X[:] = block.Phi
-        if not curved:
-            return X, np.zeros((n, bodies, 0, width)), np.matmul(X, mine)
-        bent = self.bend(k, mine[:2])
-        X[:, :, :curved] += bent[0]
-        moved: Array = np.matmul(X, mine)
-        lift = np.matmul(bent, mine[:2])
-        lift[0] *= -0.5
-        moved[::2, :, :, :curved] += lift
-        return X, bent[-1], moved
-
-    def bend(self, k: int, eta: Array) -> Array:
-        """G eta of the curved rows of block k.
-
-        Args:
-            k: Number of the block. eta: Of its bodies, shape (m, n, bodies, width, 1).
-        Returns:
-            Shape (m, n, bodies, Rc, width).
-        """
-        m, n, bodies, width, _ = eta.shape
-        side = eta.reshape(m * n, bodies, width).transpose(1, 0, 2)
-        bent: Array = np.matmul(side, self._G[k]).transpose(1, 0, 2)
-        return bent.reshape(m, n, bodies, -1, width)
+        room.every[room.rigid] = np.concatenate(rigid, axis=None)
+        room.eta[0] = Y[:, q:]
+        for k, x in enumerate(rates, start=1):
+            room.eta[k] = x[:, v:]
+        for block in room.blocks:
+            block.evaluate()
+            room.every[block.at] = block.rows
+        X, rate = [block.X for block in room.blocks], [block.bent[-1] for block in room.blocks]
+        return Configuration(self, room.Q, room.rates, X, rate)
 
 
-class _Flat:
-    """Places of Q, V and A of n states in one flat array, one after the other.
+class _Room:
+    """Arrays that n states are evaluated in: poses alone (m = 1) or with rates (m = 3).
 
     Attributes:
-        ends: Where Q, V and A end. rigid: Rigid coordinates, with 0 or 2 rates. rows: Of blocks.
+        every: Q, V and A of all states, flat, one after the other. Q, rates: Views of it.
+        eta: Elastic coordinates and their rates, shape (m, n, n_eta).
+        rigid: Places of the rigid ones in `every`.
     """
 
-    def __init__(self, of: CoordinateMap, n: int) -> None:
+    def __init__(self, of: CoordinateMap, m: int, n: int) -> None:
         nQ, nV = int(of.expansion.model.nq), int(of.expansion.model.nv)
-        self.ends = n * nQ, n * (nQ + nV), n * (nQ + 2 * nV)
+        Q_end, V_end = n * nQ, n * (nQ + nV)
+        self.every = np.zeros(Q_end + (m - 1) * n * nV)
+        self.Q = self.every[:Q_end].reshape(n, nQ)
+        self.Q[:] = pin.neutral(of.expansion.model)  # for joints that neither side moves
+        halves = self.every[Q_end:V_end], self.every[V_end:]
+        self.rates = [half.reshape(n, nV) for half in halves if m > 1]
 
         def flat(q_at: IntArray, v_at: IntArray) -> IntArray:
             Q = (q_at + nQ * np.arange(n)[:, None]).reshape(-1)
-            rates = n * nQ + (v_at + nV * np.arange(2 * n)[:, None]).reshape(-1)
+            rates = Q_end + (v_at + nV * np.arange((m - 1) * n)[:, None]).reshape(-1)
             return np.concatenate([Q, rates])
 
-        rigid = flat(of.expansion.q_at, of.expansion.v_at)
-        self.rigid = {0: rigid[: n * of.nq_rigid], 2: rigid}
-        both = zip(of.blocks, of.rows, strict=True)
-        self.rows = [flat(block.q_rows, rows) for block, rows in both]
+        self.rigid = flat(of.expansion.q_at, of.expansion.v_at)
+        self.eta = np.empty((m, n, of.expansion.n_eta))
+        each = zip(of.blocks, of.G, of.rows, strict=True)
+        self.blocks = [
+            _BlockRoom(block, G, self.eta, flat(block.q_rows, rows)) for block, G, rows in each
+        ]
+
+
+class _BlockRoom:
+    """One block of the map at n states, evaluated in place; all is written anew each time.
+
+    Attributes:
+        at: Places of its rows among the coordinates of all states. rows: Q, V and A of them, flat.
+        X: Shape (n, bodies, R, width). bent: G eta, then its rate, (1 or 2, n, bodies, Rc, width).
+    """
+
+    def __init__(self, block: Block, G: Array, eta: Array, at: IntArray) -> None:
+        m, n = eta.shape[:2]
+        (bodies, R, width), self._curved = block.Phi.shape, block.G.shape[1]
+        kinds, Rc = min(m, 2), self._curved
+        self.at, self._G, self._Phi = at, G, block.Phi[:, :Rc]
+        self._eta = eta[:, :, block.eta].reshape(m, n, bodies, width, 1)
+        self._bending = self._eta[:2]
+        self._side = self._bending.reshape(kinds * n, bodies, width).transpose(1, 0, 2)
+        self._product = np.empty((bodies, kinds * n, Rc * width))
+        self.bent = self._product.transpose(1, 0, 2).reshape(kinds, n, bodies, Rc, width)
+        self.X = np.empty((n, bodies, R, width))
+        self.X[:] = block.Phi
+        self._X_curved = self.X[:, :, :Rc]
+        self._moved = np.empty((m, n, bodies, R, 1))
+        self._lifted = self._moved[::2, :, :, :Rc]  # Q and A
+        self._lift = np.empty((kinds, n, bodies, Rc, 1))
+        self.rows = self._moved.reshape(-1)
+
+    def evaluate(self) -> None:
+        """X = Phi + G eta; Q = X eta - 1/2 (G eta) eta, V = X v, A = X a + (G v) v."""
+        if self._curved:
+            np.matmul(self._side, self._G, out=self._product)
+            np.add(self._Phi, self.bent[0], out=self._X_curved)
+        np.matmul(self.X, self._eta, out=self._moved)
+        if self._curved:
+            np.matmul(self.bent, self._bending, out=self._lift)
+            self._lift[0] *= -0.5
+            self._lifted += self._lift
 
 
 class Configuration:
@@ -155,8 +157,8 @@ class Configuration:
         rate: list[Array],
     ) -> None:
         self._map, self.Q, self.X, self.rate = of, Q, X, rate
-        self.V: Array = rates[0] if rates else of.no_rates
-        self.A: Array = rates[1] if rates else of.no_rates
+        none = np.empty((0, 0))
+        self.V, self.A = rates if rates else (none, none)
 
     def project(self, G: Array) -> Array:
         """X' g, shape (n, nv), for expanded forces g (n, nV)."""
@@ -198,9 +200,8 @@ class Configuration:
     def bend(self, k: int, eta: Array) -> Array:
         """G eta of the curved rows of block k, (bodies, Rc, width), for one eta (n_eta,)."""
         bodies, _, width = self._map.blocks[k].Phi.shape
-        mine = eta[self._map.blocks[k].eta].reshape(1, 1, bodies, width, 1)
-        bent: Array = self._map.bend(k, mine)[0, 0]
-        return bent
+        side = eta[self._map.blocks[k].eta].reshape(bodies, 1, width)
+        return np.asarray(np.matmul(side, self._map.G[k]).reshape(bodies, -1, width))
 
     def times_curved(self, D: Array, k: int, factor: Array) -> Array:
         """Columns of D (m, nV) at the curved rows of block k, times (bodies, Rc, width)."""

@@ -95,7 +95,7 @@ class Equations(Geometry):
     def _residuals(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array | tuple[float | Array, ...]
     ) -> tuple[Array, Array]:
-        here = self.map.at(Y, V, A)
+        here = self.map.at(Y, V, A, True)
         n, closed = len(Y), None
         g = np.empty((n, self._nV))
         for k in range(n):
@@ -154,7 +154,7 @@ class Equations(Geometry):
 
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
-        here = self.at(y)
+        here = self.map.at(y[None], passing=True)
         return here.both_sides(pin.crba(self.model, self.data, here.Q[0]))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
@@ -190,7 +190,8 @@ class Equations(Geometry):
         self, y: Array, v: Array, a: Array, lam: Array, t: float, follow_closures: bool
     ) -> tuple[Derivatives, Array]:
         """Derivatives of the expanded model with what closures and loads add, and J (rows, nv)."""
-        here, Y = self.at(y, v, a), y[None]
+        Y = y[None]
+        here = self.map.at(Y, v[None], a[None], True)
         follow, load, J_c = None, None, np.zeros((0, self.system.nv))
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
@@ -237,7 +238,7 @@ class Equations(Geometry):
     def _joint_forces(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
     ) -> JointForces:
-        here, n, closed = self.map.at(Y, V, A), len(Y), None
+        here, n, closed = self.map.at(Y, V, A, True), len(Y), None
         g, f = np.empty((n, self._nV)), np.empty((n, len(joints), 6))
         total = np.zeros((n, len(self._acted), 6))
         if self.looped or self.loaded:
@@ -286,7 +287,12 @@ class Equations(Geometry):
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
         """Energies at y (nq,) or (n, nq), v (nv,) or (n, nv), and times t (s), shape (n,)."""
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
-        here, n, model, data = self.map.at(Y, V, np.zeros_like(V)), len(Y), self.model, self.data
+        here, n, model, data = (
+            self.map.at(Y, V, np.zeros_like(V), True),
+            len(Y),
+            self.model,
+            self.data,
+        )
         found = np.zeros((4, n))
         for k in range(n):
             found[0, k] = pin.computeKineticEnergy(model, data, here.Q[k], here.V[k])

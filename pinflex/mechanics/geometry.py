@@ -107,10 +107,14 @@ class Geometry:
 
     def kinematics(self, y: Array, v: Array | None = None) -> Kinematics:
         """Joints and closures at y (nq,) or (n, nq); with v, the rates of the Jacobians too."""
-        here = self.at(y, v, None if v is None else np.zeros_like(v))
+        return self._kinematics(y, v, False)
+
+    def _kinematics(self, y: Array, v: Array | None, passing: bool) -> Kinematics:
+        Y, V = np.atleast_2d(y), None if v is None else np.atleast_2d(v)
+        here = self.map.at(Y, V, None if V is None else np.zeros_like(V), passing)
         poses, J, dJ = self._placed(here, v is not None)
         loops = len(self.system.closed.names)
-        closed = self._closed(poses, np.atleast_2d(y)) if loops else None
+        closed = self._closed(poses, Y) if loops else None
         return Kinematics(here, poses, J, dJ, closed)
 
     def _placed(self, here: Configuration, rates: bool = False) -> tuple[Array, Array, Array]:
@@ -138,8 +142,7 @@ class Geometry:
 
     def close(self, y: Array) -> Closure:
         """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""
-        at = self.kinematics(y)
-        c, J = self.closure_of(at)
+        c, J = self.closure_of(self._kinematics(y, None, True))
         return Closure(c[0], J[0]) if y.ndim == 1 else Closure(c, J)
 
     def closure_of(self, at: Kinematics) -> Closure:
@@ -163,7 +166,7 @@ class Geometry:
 
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv)."""
-        gamma = self.bias_of(self.kinematics(y, v), np.atleast_2d(v))
+        gamma = self.bias_of(self._kinematics(y, v, True), np.atleast_2d(v))
         return gamma[0] if y.ndim == 1 else gamma
 
     def bias_of(self, at: Kinematics, V: Array) -> Array:
