@@ -26,7 +26,8 @@ from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.linearised import Line
 from pinflex.levels.modes import modes
 from pinflex.linalg import independent_rows, saddle
-from pinflex.mechanics.equations import Equations, spans
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart

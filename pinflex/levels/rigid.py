@@ -10,7 +10,8 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
-from pinflex.mechanics.equations import Equations, spans
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 

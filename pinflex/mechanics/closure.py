@@ -125,12 +125,7 @@ def closures(
         rows.add(number, loop, sleeves)
     sides = [e[0] for e in ends] + [e[1] for e in ends]
     turns = [axis_frame(loop.axis, None) for loop in loops] + [_turn_b(loop) for loop in loops]
-    local = np.zeros((len(sides), 3, 4))
-    for k, (end, turn) in enumerate(zip(sides, turns, strict=True)):
-        local[k, :, :3] = end.placement.rotation @ turn
-        local[k, :, 3] = end.placement.translation
-    support_a = np.array([support(model, int(j)) for j in [e[0].joint for e in ends]])
-    support_b = np.array([support(model, int(j)) for j in [e[1].joint for e in ends]])
+    support_a, support_b = (_supports(model, at) for at in (sides[: len(ends)], sides[len(ends) :]))
     points = np.array(rows.points, dtype=np.intp).reshape(-1, 2)
     dots = np.array(rows.dots, dtype=np.intp).reshape(-1, 3)
     loop_of = np.array(rows.owner, dtype=np.intp)
@@ -140,7 +135,7 @@ def closures(
         labels=tuple(rows.labels),
         loop_of=loop_of,
         bodies=np.array([s.joint for s in sides], dtype=np.intp),
-        local=local,
+        local=_local(sides, turns),
         point_rows=points[:, 0].copy(),
         point_axes=points[:, 1].copy(),
         dot_rows=dots[:, 0].copy(),
@@ -153,6 +148,21 @@ def closures(
         row_mask=(support_b - support_a)[loop_of],
         contacts=tuple(rows.contacts),
     )
+
+
+def _local(sides: Sequence[Attachment], turns: Sequence[Array]) -> Array:
+    """Frames [R | p] of the sides in their joints, turned, shape (sides, 3, 4)."""
+    local = np.zeros((len(sides), 3, 4))
+    for k, (end, turn) in enumerate(zip(sides, turns, strict=True)):
+        local[k, :, :3] = end.placement.rotation @ turn
+        local[k, :, 3] = end.placement.translation
+    return local
+
+
+def _supports(model: pin.Model, sides: Sequence[Attachment]) -> Array:
+    """1 where a velocity row moves a side, shape (sides, nV)."""
+    found = [support(model, side.joint) for side in sides]
+    return np.array(found).reshape(len(sides), int(model.nv))
 
 
 class _Rows:

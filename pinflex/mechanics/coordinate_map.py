@@ -13,7 +13,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.expanded import Block, Expansion
 
-_SIZES = 8  # numbers of states whose index tables are kept
+_SIZES = 8  # numbers of states whose arrays are kept
 
 
 class CoordinateMap:

@@ -49,12 +49,7 @@ class Derivatives:
             weights: Of M, C and K. rates: Whether with the rates of the second-order rows.
         """
         w_a, w_v, w_y = (float(w) for w in weights)
-        each = zip((w_a, w_v, w_y), (self.M, self.dV, self.dQ), strict=True)
-        parts = [w * part for w, part in each if w]
-        D = parts[0]
-        for part in parts[1:]:
-            D += part
-        S = self.here.both_sides(D)
+        S = self.here.both_sides(self._expanded(w_a, w_v, w_y))
         m = int(self.system.rigid.nv)
         if self.system.n_eta:
             if rates and (w_v or w_y):
@@ -71,6 +66,14 @@ class Derivatives:
         for at, stiffness in self.bent:
             S[m:, m:][at, at] += w_y * stiffness
         return S
+
+    def _expanded(self, w_a: float, w_v: float, w_y: float) -> Array:
+        """The weighted sum of Pinocchio's derivatives, shape (nV, nV)."""
+        each = zip((w_a, w_v, w_y), (self.M, self.dV, self.dQ), strict=True)
+        first, *others = (w * part for w, part in each if w)
+        for part in others:
+            first += part
+        return np.asarray(first)
 
     def _add_rates(self, S: Array, w_v: float, w_y: float) -> None:
         """What the changing second-order rows bring into the elastic columns of C and K."""

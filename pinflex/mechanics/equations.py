@@ -12,7 +12,7 @@ Pinocchio takes the states one after the other; everything around it runs on sta
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -28,12 +28,10 @@ from pinflex.mechanics.evaluated import (
     Residual,
     Tangent,
 )
-from pinflex.mechanics.geometry import Geometry
+from pinflex.mechanics.geometry import Geometry, spans
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
 from pinflex.mechanics.system import System
-
-_TOGETHER = 32  # states at a time: numpy's price for a call is spread, what is used stays in cache
 
 
 class Equations(Geometry):
@@ -287,15 +285,15 @@ class Equations(Geometry):
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
         """Energies at y (nq,) or (n, nq), v (nv,) or (n, nv), and times t (s), shape (n,)."""
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
-        here, n, model, data = (
-            self.map.at(Y, V, np.zeros_like(V), True),
-            len(Y),
-            self.model,
-            self.data,
-        )
-        found = np.zeros((4, n))
-        for k in range(n):
-            found[0, k] = pin.computeKineticEnergy(model, data, here.Q[k], here.V[k])
+        found, times = np.zeros((4, len(Y))), np.broadcast_to(t, len(Y))
+        for s in spans(len(Y)):
+            self._energies(found[:, s], Y[s], V[s], times[s])
+        return Energies(*(found[:, 0] if y.ndim == 1 else found))
+
+    def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
+        here, model, data = self.map.at(Y, V, np.zeros_like(V), True), self.model, self.data
+        for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
+            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate)
             found[1, k] = pin.computePotentialEnergy(model, data)
         found[2] = self.elastic_energy(Y[:, self.nq_rigid :])
         if self.sprung:
@@ -303,9 +301,8 @@ class Equations(Geometry):
             found[3] = 0.5 * (self.spring_angles(Y) - s.rest) ** 2 @ s.stiffness
         if self.loaded:
             poses, J, _ = self._placed(here)
-            times = np.broadcast_to(t, n)
-            found[3] += [self._loads.at(poses[k], J[k]).energy(float(times[k])) for k in range(n)]
-        return Energies(*(found[:, 0] if y.ndim == 1 else found))
+            found[3] += [self._loads.at(*at).energy(float(when))
+                         for *at, when in zip(poses, J, t, strict=True)]  # fmt: skip
 
     def elastic_energy(self, eta: Array) -> Array:
         """Strain energy of the links (J) for elastic coordinates (..., n_eta), shape (...)."""
@@ -335,9 +332,3 @@ class Equations(Geometry):
             at = self.kinematics(y)
             K += self._loads.at(at.poses[0], at.J[0]).stiffness(at.here.times_map)
         return K
-
-
-def spans(count: int) -> Iterator[slice]:
-    """Slices that cover `count` states, `_TOGETHER` at a time."""
-    for first in range(0, count, _TOGETHER):
-        yield slice(first, min(first + _TOGETHER, count))

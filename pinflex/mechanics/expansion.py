@@ -238,7 +238,7 @@ class _Assembler:
         rows = np.array([row for _, row in turned], dtype=np.intp)
         turns = tuple(direction for direction, _ in turned)
         x = float(place[0])
-        return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, rows, turns)
+        return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, turns)
 
     def _slide(self, root: Attachment, place: Array) -> int:
         placement = root.placement * pin.SE3(np.eye(3), place)

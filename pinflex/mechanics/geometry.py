@@ -6,6 +6,7 @@ y (n, nq); Pinocchio takes them one after the other, everything around it runs o
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from pinflex.mechanics.poses import JointPoses, columns
 from pinflex.mechanics.system import System
 
 _SIZES = 8  # numbers of states whose index tables are kept
+_TOGETHER = 32  # states at a time: numpy's price for a call is spread, what is used stays in cache
 
 
 class Kinematics(NamedTuple):
@@ -98,11 +100,12 @@ class Geometry:
 
     def joint_poses(self, y: Array) -> Array:
         """Poses of the joints, see `JointPoses`, at y (nq,) or (n, nq), shape (n, joints, 12)."""
-        here = self.at(y)
-        out = np.empty((len(here.Q), self._joints, 12))
-        for k, Q in enumerate(here.Q):
-            pin.forwardKinematics(self.model, self.data, Q)
-            out[k] = self.poses.current()
+        Y = np.atleast_2d(y)
+        out = np.empty((len(Y), self._joints, 12))
+        for s in spans(len(Y)):
+            for k, Q in enumerate(self.map.at(Y[s], passing=True).Q, start=s.start):
+                pin.forwardKinematics(self.model, self.data, Q)
+                out[k] = self.poses.current()
         return out
 
     def kinematics(self, y: Array, v: Array | None = None) -> Kinematics:
@@ -142,8 +145,14 @@ class Geometry:
 
     def close(self, y: Array) -> Closure:
         """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""
-        c, J = self.closure_of(self._kinematics(y, None, True))
-        return Closure(c[0], J[0]) if y.ndim == 1 else Closure(c, J)
+        if y.ndim == 1:
+            c, J = self.closure_of(self._kinematics(y, None, True))
+            return Closure(c[0], J[0])
+        rows, nv = self.system.closed.n, self.system.nv
+        c, J = np.empty((len(y), rows)), np.empty((len(y), rows, nv))
+        for s in spans(len(y)):
+            c[s], J[s] = self.closure_of(self._kinematics(y[s], None, True))
+        return Closure(c, J)
 
     def closure_of(self, at: Kinematics) -> Closure:
         """Closure residuals and their Jacobian where the joints are."""
@@ -178,3 +187,9 @@ class Geometry:
         if self.flexible:
             gamma += (at.closed.jacobian(at.J) @ here.A[:, :, None])[:, :, 0]
         return gamma
+
+
+def spans(count: int) -> Iterator[slice]:
+    """Slices that cover `count` states, `_TOGETHER` at a time."""
+    for first in range(0, count, _TOGETHER):
+        yield slice(first, min(first + _TOGETHER, count))

@@ -10,8 +10,9 @@ import pinocchio as pin
 from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
-from pinflex.mechanics.equations import Equations, spans
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import as_matrices
 from pinflex.text import brief
