@@ -17,7 +17,7 @@ from pinflex.description.external import FrameForce, FrameSpring, read_forces, r
 from pinflex.description.flexible import Basis, EndMass, FlexibleLink
 from pinflex.description.frames import by_joint, frame, frames
 from pinflex.description.home import read_home
-from pinflex.description.joints import JointExtra, read_joints
+from pinflex.description.joints import JointExtra, read_joints, with_urdf_dynamics
 from pinflex.description.loops import Loop, read_loops
 from pinflex.description.material import Material
 from pinflex.description.schema import Vec3
@@ -44,7 +44,7 @@ __all__ = [
 _KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),
     *("frames", "flexible", "damping", "forces", "springs", "control", "motion", "solve"),
-    *("limit", "allow"),
+    *("limit", "allow", "use_urdf_dynamics"),
 )
 ALLOWED = ("wide", "heavy", "large")
 _ONE_DOF = ("revolute", "continuous", "prismatic")
@@ -92,6 +92,7 @@ class Description:
         solve: What to compute.
         limit: Factor on the memory and the steps that are taken without asking.
         allow: What looks like a slip of units and is meant: some of `ALLOWED`.
+        use_urdf_dynamics: Whether damping and friction of the URDF are in `joints`.
     """
 
     __repr__ = brief
@@ -121,6 +122,7 @@ class Description:
     solve: SolveSpec = field(default_factory=SolveSpec)
     limit: float = fields.real(1.0, "ratio", above=0)
     allow: tuple[str, ...] = fields.key((), _allow)
+    use_urdf_dynamics: bool = fields.flag(True)
 
     @property
     def sources(self) -> dict[str, str]:
@@ -251,6 +253,9 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         values["frames"] = frames(block["frames"], place["frames"], tree)
     actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
     _beside_motors(joints, actuated, place["joints"])
+    if values.get("use_urdf_dynamics", True):
+        single = tuple(name for name in tree.joints if types[name] in _ONE_DOF)
+        joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
         has_platform = "platform" in block
@@ -296,8 +301,13 @@ def _actuated(value: object, where: str, types: Mapping[str, str], closed: bool)
 
 
 def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], where: str) -> None:
-    """A spring in a joint with a motor acts from link to link, not between motor and link."""
+    """A spring in a joint with a motor acts from link to link, and only a motor has a drive."""
     for name, extra in joints.items():
+        if extra.drive is not None and name not in actuated:
+            raise DescriptionError(
+                f"{schema.at(where, name)}.drive: this joint has no motor. List it in `actuated`, "
+                "or write `spring` and `damper` for a joint that gives way."
+            )
         if not extra.spring or extra.parallel_spring == (name in actuated):
             continue
         place = schema.at(where, name)
@@ -307,9 +317,8 @@ def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], 
             )
         raise DescriptionError(
             f"{place}.spring: this joint has a motor, and the spring would act beside it, not "
-            "between motor and link. For an elastic transmission give the URDF a passive joint "
-            "of its own behind the motor, write `spring` there and list the motors in `actuated`. "
-            "A spring that does act beside the motor is `parallel_spring`."
+            "between motor and link. For an elastic gear write drive: {gear: ..., motor_inertia: "
+            "..., stiffness: ...}. A spring that does act beside the motor is `parallel_spring`."
         )
 
 

@@ -47,6 +47,7 @@ RANGES = {
     "damping": Range(0.0, 1e24, "N s/m or N m s/rad", "a stiffness times a time"),
     "time": Range(1e-12, 1e9, "s", "light crosses 0.3 mm in 1e-12 s, and 1e9 s are 30 years"),
     "rate": Range(1e-12, 1e12, "1/s", "the inverse of a time"),
+    "speed": Range(1e-12, 1e12, "rad/s or m/s", "light travels at 3e8 m/s"),
     "position": Range(0.0, 1e6, "rad or m", "1e6 rad are 160 000 turns"),
     "angle": Range(0.0, 1e6, "rad", "1e6 rad are 160 000 turns"),
     "voltage": Range(0.0, 1e12, "V", "lightning has 1e8 V"),

@@ -23,12 +23,20 @@ HOME_SIZES: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class SourceJoint:
-    """A joint of a robot's file: its type and the links it joins."""
+    """A joint of a robot's file: its type and the links it joins.
+
+    Attributes:
+        damping: Viscous [N m s/rad | N s/m]. friction: Dry [N m | N].
+        reduction: Gear ratio of its transmission, if the file has one.
+    """
 
     name: str
     type: str
     parent: str
     child: str
+    damping: float = 0.0
+    friction: float = 0.0
+    reduction: float | None = None
 
 
 @dataclass(frozen=True)

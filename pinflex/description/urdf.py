@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,8 +53,11 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
         inertial = element.find("inertial")
         if inertial is not None:
             _check_inertial(inertial, f'{file}: link "{name}"')
+    geared = _reductions(root)
     joints = {
-        name: _joint(element, name, links, f'{file}: joint "{name}"', file)
+        name: replace(
+            _joint(element, name, links, f'{file}: joint "{name}"', file), reduction=geared.get(name)
+        )
         for name, element in _names(root, "joint", file).items()
     }
     _check_tree(tuple(links), joints, file)
@@ -146,7 +149,23 @@ def _joint(
             raise DescriptionError(
                 f"{where}: axis: {vector} has no direction. Write a unit vector."
             )
-    return SourceJoint(name, kind, ends[0], ends[1])
+    dynamics = element.find("dynamics")
+    lost = [0.0 if dynamics is None else _plain(dynamics.get(k)) for k in ("damping", "friction")]
+    return SourceJoint(name, kind, ends[0], ends[1], *(max(x, 0.0) for x in lost))
+
+
+def _reductions(root: ET.Element) -> dict[str, float]:
+    """Gear ratios by joint: mechanicalReduction of a transmission of one joint and one actuator."""
+    found = {}
+    for item in root.findall("transmission"):
+        joints, motors = item.findall("joint"), item.findall("actuator")
+        if len(joints) == 1 and len(motors) <= 1:
+            places = (*motors, *joints, item)
+            texts = (place.findtext("mechanicalReduction") for place in places)
+            ratio = _plain(next(filter(None, texts), None))
+            if ratio:
+                found[joints[0].get("name", "")] = ratio
+    return found
 
 
 def _check_tree(links: tuple[str, ...], joints: dict[str, SourceJoint], file: str) -> None:
@@ -206,6 +225,7 @@ def limits(text: str) -> dict[str, Limits]:
 
 def _plain(text: str | None) -> float:
     try:
-        return float(text or "0")
+        value = float(text or "0")
     except ValueError:
         return 0.0
+    return value if math.isfinite(value) else 0.0

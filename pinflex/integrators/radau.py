@@ -235,7 +235,7 @@ class Stages:
 
     def _power(self, v: Array, torque: Array) -> Array:
         """Power of the motors and of the damping at states, shape (s, 2)."""
-        lost = np.sum(v @ self.dynamics.system.D * v, axis=1)
+        lost = self.dynamics.system.dissipation(v)
         return np.column_stack([np.sum(torque * v[:, self.motors], axis=1), lost])
 
     @property

@@ -36,8 +36,8 @@ def motor_rows(description: Description, model: pin.Model) -> IntArray:
 def add_rotors(model: pin.Model, description: Description) -> None:
     """Write the rotors' inertias to the model's armature."""
     for name, extra in description.joints.items():
-        if extra.rotor_inertia:
-            model.armature[_rows_of(model, name)] = extra.rotor_inertia
+        if extra.armature:
+            model.armature[_rows_of(model, name)] = extra.armature
 
 
 def joint_springs(description: Description, model: pin.Model) -> tuple[Springs, Array]:
@@ -45,8 +45,8 @@ def joint_springs(description: Description, model: pin.Model) -> tuple[Springs, 
     damping = np.zeros(model.nv)
     found: list[tuple[int, int, int, float, float]] = []
     for name, extra in description.joints.items():
-        if extra.damper:
-            damping[_rows_of(model, name)] = extra.damper
+        if extra.viscous:
+            damping[_rows_of(model, name)] = extra.viscous
         if extra.spring:
             rows = _rows_of(model, name)
             if len(rows) != 1:

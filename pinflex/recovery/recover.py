@@ -174,7 +174,7 @@ def _energy_flow(run: Run) -> dict[str, Array]:
         return {"energy/work": run.work[:, 0], "energy/dissipated": run.work[:, 1]}
     speed = run.v[:, run.system.motors]
     power = np.sum(run.torque * speed, axis=1)
-    loss = np.einsum("ti,ij,tj->t", run.v, run.system.D, run.v)
+    loss = run.system.dissipation(run.v)
     dt = np.diff(run.t)
 
     def total(p: Array) -> Array:

@@ -45,6 +45,7 @@ FOURBAR_URDF = (
 )
 FOURBAR_YAML = """\
 urdf: fourbar.urdf
+use_urdf_dynamics: false
 gravity: [0, -9.81, 0]
 actuated: [motor]
 loops:

@@ -192,7 +192,7 @@ def test_slender_beams_weigh_what_the_urdf_says(name: str) -> None:
 
 def _loaded(name: str, folder: Path) -> pf.Mechanism:
     path = folder / f"{name}.yaml"
-    path.write_text(f"urdf: example-robot-data:{name}\n")
+    path.write_text(f"urdf: example-robot-data:{name}\nuse_urdf_dynamics: false\n")
     return pf.load(path)
 
 
