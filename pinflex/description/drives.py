@@ -108,9 +108,7 @@ def read_friction(value: object, where: str) -> Friction:
     return Friction(**found)
 
 
-def read_drive(
-    value: object, where: str, reduction: float | None
-) -> tuple[Drive, Friction | None]:
+def read_drive(value: object, where: str, reduction: float | None) -> tuple[Drive, Friction | None]:
     """The block `drive`, and the friction in it.
 
     Args:

@@ -67,8 +67,10 @@ def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra
 
 def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    keys = ("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper", "drive")
-    keys = (*keys, "friction")
+    keys = (
+        *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
+        *("drive", "friction"),
+    )
     block = schema.mapping(value, where, keys)
     place = {key: schema.at(where, key) for key in keys}
     kind = _type(block, name, place["type"], urdf)

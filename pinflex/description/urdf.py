@@ -56,7 +56,8 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
     geared = _reductions(root)
     joints = {
         name: replace(
-            _joint(element, name, links, f'{file}: joint "{name}"', file), reduction=geared.get(name)
+            _joint(element, name, links, f'{file}: joint "{name}"', file),
+            reduction=geared.get(name),
         )
         for name, element in _names(root, "joint", file).items()
     }

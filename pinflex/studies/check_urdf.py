@@ -23,7 +23,7 @@ def ignored(description: Description) -> list[str]:
             names = _moving(tree, key)
             if names:
                 found.append(
-                    f"{key} in the URDF is not used ({_list(names)}), as use_urdf_dynamics is false."
+                    f"{key} in the URDF is not used ({_list(names)}): use_urdf_dynamics is false."
                 )
     geared = [
         f"{name} {joint.reduction:g}"
