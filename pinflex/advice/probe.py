@@ -293,8 +293,9 @@ def _steps(mechanism: Mechanism, end: float) -> tuple[int, float]:
 def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
     """Shapes of other bodies as columns in the coordinates of a system, shape (nv, k).
 
-    Free rigid coordinates and elastic drives stay; a link that is not in `parts` is rigid. The functions of a smaller
-    basis are combinations of those of a larger one: found by least squares at sections.
+    Free rigid coordinates and elastic drives stay; a link that is not in `parts` is rigid. The
+    functions of a smaller basis are combinations of those of a larger one: found by least squares
+    at sections.
     """
     m = int(system.rigid.nv)
     kept = [*system.free[system.free < m], *(m + gear.eta for gear in system.expansion.drives)]

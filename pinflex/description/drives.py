@@ -32,7 +32,9 @@ _KEYS = (
 class Friction:
     """Friction in a joint of one freedom, smooth in the speed v [rad/s | m/s]:
 
-    F = (coulomb + (breakaway - coulomb) exp(-(v / stribeck)^2)) tanh(v / speed) + viscous v
+    F = (coulomb + E exp(-(v / stribeck)^2)) tanh(v / speed) + viscous v
+
+    with E about breakaway - coulomb, such that the largest dry friction is breakaway.
 
     Attributes:
         coulomb: While it slides [N m | N]. breakaway: Largest at rest, at least `coulomb`.

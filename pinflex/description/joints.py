@@ -107,8 +107,8 @@ def _driven(
         values["friction"] = rubs
     if drive.motor_inertia and "rotor_inertia" in block:
         raise DescriptionError(
-            f"{place['rotor_inertia']}: beside drive.motor_inertia, which is {drive.rotor_inertia:g} "
-            "at the joint. Remove one."
+            f"{place['rotor_inertia']}: beside drive.motor_inertia, which is "
+            f"{drive.rotor_inertia:g} at the joint. Remove one."
         )
     if drive.stiffness is not None and "parallel_spring" in block:
         raise DescriptionError(

@@ -31,7 +31,8 @@ class Modes:
         frequencies: Hz, shape (k,), increasing; negative for an unstable (buckled) direction.
         shapes: Unit-mass shapes in velocity rows, shape (nv, k).
         y: Pose that was linearised about, shape (nq,).
-        share: Share of each flexible link, sprung joint and elastic drive in the elastic energy, shape (k, links).
+        share: Share of each flexible link, sprung joint and elastic drive in the elastic energy,
+            shape (k, links).
         links: Names for `share`.
         preload: "gravity" or "none". free_motors: Whether motors were free.
         rigid_body: Modes at 0 Hz that were left out (see `mode_shapes.first_modes`).

@@ -331,12 +331,12 @@ def expand(
 
 def _bounded(joint: pin.JointModel) -> pin.JointModel:
     """A joint of one coordinate about the axis of a joint of one freedom."""
-    kind = str(joint.shortname())
-    if kind.startswith("JointModelRUB"):
-        return {"X": pin.JointModelRX, "Y": pin.JointModelRY, "Z": pin.JointModelRZ}[kind[-1]]()
-    if kind == "JointModelRevoluteUnboundedUnaligned":
-        return pin.JointModelRevoluteUnaligned(joint.extract().axis)
-    return joint
+    if joint.nq == 1:
+        return joint
+    alone = pin.Model()
+    alone.addJoint(0, joint, pin.SE3.Identity(), "")
+    J = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone))
+    return pin.JointModelRevoluteUnaligned(np.ravel(J)[3:])
 
 
 def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:

@@ -1,6 +1,6 @@
 """Dry friction of joints, smooth in their speed, on Pinocchio's rows.
 
-    F(v) = (F_c + (F_b - F_c) exp(-(v/v_s)^2)) tanh(v/v_0)
+    F(v) = (F_c + E exp(-(v/v_s)^2)) tanh(v/v_0),     max F = F_b
 
 Present only where a scene has it; the viscous part is among the dampers. F v >= 0: it takes energy.
 """
@@ -14,9 +14,11 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
+from pinflex.description.drives import Friction
 from pinflex.text import brief
 
 _NONE = np.zeros(0)
+_SPEEDS, _ROUNDS = 3001, 5  # a maximum is flat: three digits of its place are six of its height
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class DryFriction:
     """Joints with dry friction.
 
     Attributes:
-        rows: Velocity rows. coulomb: F_c [N m | N]. excess: F_b - F_c [N m | N].
+        rows: Velocity rows. coulomb: F_c [N m | N]. excess: E [N m | N].
         stribeck, speed: v_s and v_0 [rad/s | m/s].
     """
 
@@ -60,6 +62,20 @@ class DryFriction:
         return np.asarray(np.sum(self.force(v) * v[..., self.rows], axis=-1))
 
 
+def _excess(rubs: Friction) -> float:
+    """E with which the largest friction is breakaway, which smoothing would cut by some per cent."""
+    wanted = rubs.breakaway - rubs.coulomb
+    if not wanted:
+        return 0.0
+    v = np.linspace(0.0, 3.0, _SPEEDS) * rubs.stribeck
+    smooth = np.tanh(v / rubs.speed)
+    falling, excess = np.exp(-np.square(v / rubs.stribeck)) * smooth, wanted
+    for _ in range(_ROUNDS):
+        at = int(np.argmax(rubs.coulomb * smooth + excess * falling))
+        excess = (rubs.breakaway - rubs.coulomb * smooth[at]) / falling[at]
+    return float(excess)
+
+
 def joint_friction(description: Description, model: pin.Model) -> DryFriction:
     """Dry friction of the joints of a description."""
     found = []
@@ -67,8 +83,7 @@ def joint_friction(description: Description, model: pin.Model) -> DryFriction:
         rubs = extra.friction
         if rubs is not None and rubs.dry and model.existJointName(name):
             row = int(model.joints[model.getJointId(name)].idx_v)
-            excess = rubs.breakaway - rubs.coulomb
-            found.append((row, rubs.coulomb, excess, rubs.stribeck, rubs.speed))
+            found.append((row, rubs.coulomb, _excess(rubs), rubs.stribeck, rubs.speed))
     if not found:
         return DryFriction()
     rows, *numbers = zip(*found, strict=True)

@@ -80,9 +80,18 @@ class System:
         return self.expansion.n_eta
 
     def dissipation(self, v: Array) -> Array:
-        """Power that damping and friction of joints and links take (...), W, of speeds (..., nv)."""
+        """Power that damping and friction take at speeds v (..., nv), shape (...), W."""
         loss = np.sum(v @ self.D * v, axis=-1)
         return np.asarray(loss + self.friction.power(v) if self.friction.present else loss)
+
+    def sticks(self, prescribed: bool) -> bool:
+        """Whether dry friction acts where motors do not prescribe the speed, so that it may stick.
+
+        Args:
+            prescribed: Whether motors do; else they push, and may stick too.
+        """
+        moving = self.free if prescribed else self.unheld
+        return bool(np.any(np.isin(self.friction.rows, moving)))
 
     @cached_property
     def free(self) -> IntArray:

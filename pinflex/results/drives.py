@@ -1,4 +1,4 @@
-"""Drives of a result: torque, speed and power on both sides of each gear, and their largest values."""
+"""Drives of a result: torque, speed and power on both sides of the gear, and their peaks."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def drive_table(rows: Sequence[DriveRow]) -> str:
                   r.speed)  # fmt: skip
         cells.append([name, r.level, *map(number, values), *([_use(r.use)] if known else [])])
     return table(
-        "Drives: motor torque [N m], rms, speed [rad/s], power [W]; then torque, rms, speed of joint",
+        "Drives: torque [N m], rms, speed [rad/s], power [W] of the motor; the same at the joint",
         f"joint|level|motor|rms|speed|power|joint|rms|speed{'|of limit' if known else ''}",
         cells,
         (20, 12),

@@ -171,6 +171,11 @@ class Scene:
         return start.told(run)
 
     @property
+    def sticks(self) -> bool:
+        """Whether dry friction may bring joints to rest."""
+        return self.mechanism.flexible.sticks(self.spec.drive == "prescribed")
+
+    @property
     def linear(self) -> bool:
         """Whether the deviation from the rigid motion is linear: level ked, in equal steps."""
         return self.spec.level == "ked"
