@@ -15,12 +15,16 @@ from pinflex.description.laws import Kinematics
 from pinflex.description.motion import Motion
 from pinflex.description.urdf import Limits, limits
 from pinflex.errors import DescriptionError, MotionError, nearest
+from pinflex.integrators.run import Run
+from pinflex.inversion.differences import EIGHTH, padded, rates
 from pinflex.inversion.exact import invert
+from pinflex.inversion.flat import flat
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import rest_needed
 from pinflex.inversion.series import rigid_guess, series
 from pinflex.inversion.target import target
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.recovery.drives import drives
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
 
@@ -28,6 +32,7 @@ LEVELS = ("rigid", "quasistatic", "exact")
 _INSTANTS = 150  # in the time of the motion
 _LEAST, _MOST = 120, 4000  # instants in all
 _REFINED = 1.6  # instants of a finer grid over those of the last
+_MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
 _TAIL = 8  # instants beyond the end, where differences have no neighbours: solved, and cut off
 
 
@@ -47,7 +52,9 @@ class Command:
         error: Estimated largest error of each coordinate [m | rad], shape (k,); of level rigid,
             what the quasistatic command corrects.
         changes: Level quasistatic: largest change of a motor position from pass to pass.
-        iterations: Level exact: linear systems solved.
+        iterations: Level exact: linear systems solved; 0 where elastic drives alone give way.
+        drives: Of each drive both sides of the gear, by key as in a Result: motor_position,
+            motor_speed, motor_torque, torque, ..., each (nt,).
     """
 
     name: str
@@ -66,6 +73,7 @@ class Command:
     error: Array
     changes: tuple[float, ...] = ()
     iterations: int = 0
+    drives: dict[str, dict[str, Array]] = field(default_factory=dict)
     curve: Callable[..., Array] = field(default=np.zeros, compare=False)
 
     def __repr__(self) -> str:
@@ -86,15 +94,20 @@ class Command:
         return Motion("command", "joints", names, float(self.t[-1]), law, True)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write t, then position, velocity, acceleration and torque of every motor, SI units."""
+        """Write t, then position, velocity, acceleration and torque of every motor, SI units.
+
+        Behind them stand position, speed and torque of the motor of every drive.
+        """
         path = Path(path)
         groups = ("position", "velocity", "acceleration", "torque")
         header = ["t", *(f"{motor}.{group}" for motor in self.motors for group in groups)]
+        header += [f"{name}.{key}" for name in self.drives for key in _MOTOR_SIDE]
+        more = [values[key] for values in self.drives.values() for key in _MOTOR_SIDE]
         columns = np.stack([getattr(self, group) for group in groups], axis=2)
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
-            table = np.column_stack([self.t, columns.reshape(len(self.t), -1)])
+            table = np.column_stack([self.t, columns.reshape(len(self.t), -1), *more])
             writer.writerows([f"{x:.12g}" for x in row] for row in table)
         return path
 
@@ -191,7 +204,14 @@ def _on_grid(
     slow = series(instant)
     answer, open_, iterations = slow.found, slow.error, 0
     apart = instant.axes.read(slow.found.y) - wanted.motors
-    if level == "exact":
+    smooth = flat(mechanism, motion, wanted) if level == "exact" else None
+    if smooth is not None:
+        none = np.zeros((len(t), instant.rows))
+        answer, open_ = (
+            Balanced(smooth.poses(t), none, smooth.torque(t)),
+            smooth.error + 0.0 * apart,
+        )
+    elif level == "exact":
         exact = invert(instant, slow.found)
         answer, open_, iterations = exact.found, exact.error, exact.iterations
     elif level == "rigid":
@@ -199,7 +219,7 @@ def _on_grid(
     position = instant.axes.read(answer.y)
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
-    curve, kept = _spline(t, position), slice(n)
+    curve, kept = smooth.position if smooth is not None else _spline(t, position), slice(n)
     found = Command(
         name=mechanism.name,
         level=level,
@@ -217,6 +237,7 @@ def _on_grid(
         error=_at_platform(wanted.gain[kept], open_[kept]),
         changes=slow.changes if level == "quasistatic" else (),
         iterations=iterations,
+        drives=_both_sides(instant, answer, curve, kept),
         curve=curve,
     )
     return found, _at_platform(wanted.gain[kept], apart[kept])
@@ -232,6 +253,25 @@ def _rigid(instant: Instant) -> Balanced:
 def _at_platform(gain: Array, moves: Array) -> Array:
     """Largest platform motion that moves of the motors (nt, nm) make, shape (k,)."""
     return np.asarray(np.max(np.abs(np.einsum("tkm,tm->tk", gain, moves)), axis=0))
+
+
+def _both_sides(
+    instant: Instant, answer: Balanced, curve: Callable[..., Array], kept: slice
+) -> dict[str, dict[str, Array]]:
+    """Torque, speed and power on both sides of each drive."""
+    mechanism, t = instant.mechanism, instant.target.t
+    if not any(extra.drive is not None for extra in mechanism.description.joints.values()):
+        return {}
+    h = float(t[1] - t[0])
+    v, a = rates(instant.dynamics, padded(answer.y, EIGHTH.reach), h, EIGHTH)
+    rows = instant.system.motors
+    v[:, rows], a[:, rows] = curve(t, 1), curve(t, 2)
+    run = Run(instant.system, t, answer.y, v, a, answer.lam, answer.torque, {})
+    found: dict[str, dict[str, Array]] = {}
+    for key, values in drives(mechanism, run).items():
+        _, name, quantity = key.split("/")
+        found.setdefault(name, {})[quantity] = values[kept]
+    return found
 
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:

@@ -51,6 +51,7 @@ class Instant:
     """Evaluates the rows of an instant and their derivatives."""
 
     def __init__(self, mechanism: Mechanism, target: Target) -> None:
+        self.mechanism = mechanism
         self.system = system = mechanism.flexible
         self.dynamics = Equations(system)
         self.target = target
