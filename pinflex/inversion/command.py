@@ -13,7 +13,6 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.laws import Kinematics
 from pinflex.description.motion import Motion
-from pinflex.description.urdf import Limits, limits
 from pinflex.errors import DescriptionError, MotionError, nearest
 from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates
@@ -21,6 +20,7 @@ from pinflex.inversion.exact import invert
 from pinflex.inversion.flat import flat
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import rest_needed
+from pinflex.inversion.limits import require_within_curves, require_within_limits
 from pinflex.inversion.series import rigid_guess, series
 from pinflex.inversion.target import target
 from pinflex.mechanics.mechanism import Mechanism
@@ -147,7 +147,8 @@ def command(
         before, after: Rest ahead of the motion and after it, s; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
         instants: Number of grid points; default: 150 over the motion.
-        limited: Refuse a command beyond the URDF's effort and velocity limits.
+        limited: Refuse a command beyond the URDF's effort and velocity limits, or beyond the
+            limit curve of a drive.
     Returns:
         The command. Its `motion` goes into `solve`, with `start="static"`.
     Raises:
@@ -176,7 +177,8 @@ def command(
             break
         n = min(int(_REFINED * n), _MOST)
     if limited:
-        _require_within_limits(mechanism, found)
+        require_within_limits(mechanism, found)
+        require_within_curves(mechanism, found)
     return found
 
 
@@ -287,25 +289,6 @@ def _spline(t: Array, position: Array) -> Callable[..., Array]:
     still = np.zeros(position.shape[1])
     begin, end = ([(order, still) for order in orders] for orders in ((1, 2), (3, 4)))
     return make_interp_spline(t, position, k=5, bc_type=(begin, end))  # type: ignore[no-any-return]
-
-
-def _require_within_limits(mechanism: Mechanism, found: Command) -> None:
-    known = limits(mechanism.description.urdf_text)
-    for k, name in enumerate(mechanism.description.actuated):
-        limit = known.get(name, Limits())
-        speed = "m/s" if found.units[k] == "N" else "rad/s"
-        for values, most, unit, what in (
-            (found.torque[:, k], limit.effort, found.units[k], "effort"),
-            (found.velocity[:, k], limit.velocity, speed, "velocity"),
-        ):
-            at = int(np.argmax(np.abs(values)))
-            if 0.0 < most < abs(values[at]):
-                raise MotionError(
-                    f"{mechanism.name}: command: {name} needs {abs(values[at]):.4g} {unit} at t = "
-                    f"{found.t[at]:.4g} s, the URDF's {what} limit is {most:g}. Slow the motion "
-                    "down, or lift the check (limited=False, --beyond-limits).",
-                    joint=name,
-                )
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

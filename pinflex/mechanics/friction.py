@@ -63,7 +63,7 @@ class DryFriction:
 
 
 def _excess(rubs: Friction) -> float:
-    """E with which the largest friction is breakaway, which smoothing would cut by some per cent."""
+    """E with which the largest friction is breakaway: smoothing would cut it by some per cent."""
     wanted = rubs.breakaway - rubs.coulomb
     if not wanted:
         return 0.0

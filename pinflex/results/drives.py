@@ -86,14 +86,7 @@ class DriveView:
     def use(self) -> float | None:
         """Largest motor torque over the limit at its speed; infinite beyond the last speed."""
         curve = self.limit_curve
-        if not len(curve):
-            return None
-        speed = np.abs(self.motor_speed)
-        limit = np.interp(speed, curve[:, 0], curve[:, 1])
-        limit = np.where(speed > curve[-1, 0] * (1 + 1e-12), 0.0, limit)
-        torque = np.abs(self.motor_torque)
-        none = np.where(torque > 0, np.inf, 0.0)
-        return float(np.max(np.where(limit > 0, torque / np.where(limit > 0, limit, 1.0), none)))
+        return share_of_limit(curve, self.motor_speed, self.motor_torque) if len(curve) else None
 
     @property
     def _meta(self) -> dict[str, Any]:
@@ -102,6 +95,20 @@ class DriveView:
 
     def _field(self, key: str) -> Array:
         return self.result.array(f"drive/{self.name}/{key}")
+
+
+def share_of_limit(curve: Array, speed: Array, torque: Array) -> float:
+    """Largest torque over the limit at its speed; infinite where the curve has ended.
+
+    Args:
+        curve: Points speed [rad/s], torque [N m], shape (n, 2).
+        speed, torque: Of a motor, shape (nt,).
+    """
+    fast, size = np.abs(speed), np.abs(torque)
+    limit = np.interp(fast, curve[:, 0], curve[:, 1])
+    limit = np.where(fast > curve[-1, 0] * (1 + 1e-12), 0.0, limit)
+    none = np.where(size > 0, np.inf, 0.0)
+    return float(np.max(np.where(limit > 0, size / np.where(limit > 0, limit, 1.0), none)))
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from pinflex.results.peaks import amplitudes, highest, modes_near
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Result, peak, same_grid
 from pinflex.viewer.panels import COLOURS, DPI, HEIGHT, Room, aligned, panels, title
+from pinflex.viewer.torque_speed import torque_speed
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:
@@ -84,34 +85,6 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         axes[2 * band, column].remove()
         axes[2 * band + 1, column].remove()
     _legend(figure, axes[0, 0])
-    return figure
-
-
-def torque_speed(result: Result, drives: Sequence[str] | None = None) -> Figure:
-    """Motor torque over motor speed of each drive, with its limit curve where there is one."""
-    names = tuple(result.drives if drives is None else drives)
-    if not names:
-        raise DescriptionError(
-            "torque_speed: the result has no drives. Write joints.NAME.drive: {gear: ...}."
-        )
-    columns = min(3, len(names))
-    bands = -(-len(names) // columns)
-    figure, axes = panels(
-        bands, columns, max(3.0, 2.6 * bands), Room(top=0.45, right=0.1, between=(0.6, 0.7))
-    )
-    for ax, name in zip(axes.flat, names, strict=False):
-        view = result.drive(name)
-        speed, torque, curve = view.motor_speed, view.motor_torque, view.limit_curve
-        ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
-        ax.axvline(0.0, color="0.6", lw=0.6, zorder=0)
-        ax.plot(speed, torque, color=COLOURS[0], lw=1.0)
-        for way, sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)) if len(curve) else ():
-            ax.plot(way * curve[:, 0], sign * curve[:, 1], color=COLOURS[1], lw=1.0)
-        title(ax, name if view.use is None else f"{name}: {100 * view.use:.3g} % of its limit")
-        ax.set_xlabel("motor speed [rad/s]")
-        ax.set_ylabel("motor torque [N m]")
-    for spare in axes.flat[len(names) :]:
-        spare.remove()
     return figure
 
 

@@ -29,6 +29,23 @@ elbow: {spring: yes}
 elbow: {rest: 1}
 elbow: {stiffness: 1}
 elbow: 3
+motor: {drive: 3}
+motor: {drive: {gears: 100}}
+motor: {drive: {gear: 0}}
+motor: {drive: {stiffness: 0}}
+motor: {drive: {damping: 1}}
+motor: {drive: {efficiency: 1.2}}
+motor: {drive: {limit_curve: [[0, 1]]}}
+motor: {drive: {limit_curve: [[1, 1], [0, 1]]}}
+motor: {drive: {stiffness: 1}, parallel_spring: 1}
+motor: {drive: {motor_inertia: 1}, rotor_inertia: 1}
+motor: {drive: {friction: {coulomb: 1}}, friction: {coulomb: 1}}
+elbow: {drive: {stiffness: 1}}
+motor: {friction: {coulomb: 2, breakaway: 1}}
+motor: {friction: {stribeck: 1}}
+motor: {friction: {coulomb: 1, breakaway: 2, stribeck: 1e-4}}
+cross: {friction: {coulomb: 1}}
+ball: {type: spherical, drive: {gear: 3}}
 ball: {type: floating}
 ball: {type: universal, axes: [x]}
 ball: {type: universal, axes: 3}

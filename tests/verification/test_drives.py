@@ -13,6 +13,9 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.mechanics.dynamics import Dynamics
+from pinflex.studies.check import check
+from pinflex.studies.check_text import write
+from pinflex.viewer.torque_speed import torque_speed
 from tests.finite import slope
 from tests.scenes import Body, load
 
@@ -245,9 +248,46 @@ def test_the_motor_torque_at_constant_speed_is_the_closed_form(tmp_path: Path) -
     assert run.unit("drive/load_joint/torque") == "N"
     stored = pf.Result.load(run.save(tmp_path / "run.npz"))
     np.testing.assert_array_equal(stored.drive("load_joint").motor_torque, d.motor_torque)
+    panel = torque_speed(stored).axes[0]
+    assert panel.get_title(loc="left") == "load_joint"
+    assert [len(line.get_xdata()) for line in panel.lines[2:]] == [5, 2, 2, 2, 2]
     text = str(pf.comparison(run, {"again": run}))
     assert "Drives: torque [N m], rms" in text
     assert "of limit" in text
+
+
+def test_a_command_beyond_a_limit_curve_is_refused(tmp_path: Path) -> None:
+    weak = f"{GEAR}, limit_curve: [[0, 0.3], [40, 0.3], [200, 0.05]]"
+    m = arm(tmp_path, weak)
+    move = pf.nonic(platform={"z": 0.1}, duration=0.4)
+    with pytest.raises(pf.MotionError, match=r"arm_joint needs \d+ % of its motor's limit_curve"):
+        pf.command(m, move, before=0.05, after=0.05)
+    pf.command(m, move, before=0.05, after=0.05, limited=False)
+
+
+def test_check_says_what_is_in_the_drives(tmp_path: Path) -> None:
+    rubs = "friction: {coulomb: 2, breakaway: 3}"
+    text = " ".join(write(check(arm(tmp_path, f"{GEAR}, {rubs}"))).split())
+    assert "1 coordinates in 0 flexible links and 1 elastic drive" in text
+    assert "2.000 (3.000 at rest)" in text
+    assert "rotors turn about their own axes only (Spong), and there is no backlash" in text
+    assert "dry friction is smooth below 0.001 rad/s" in text
+
+
+def test_what_a_level_costs_is_advised_with_drives_and_links_together(tmp_path: Path) -> None:
+    """A tube on an elastic gear: planes and modes may go, the gear stays."""
+    more = """flexible: {arm: {material: steel, section: {shape: tube, diameter: 0.03, wall: 0.002},
+  end: tip, inertia: beam}}
+motion: {kind: cycloid, joints: {arm_joint: 0.5}, duration: 0.2}
+"""
+    m = arm(tmp_path, more=more)
+    found = pf.advise(m, tol=0.02)
+    assert found.level in ("coupled", "ked")
+    smaller = pf.load(m.description.with_overrides(list(found.overrides)))
+    assert len(smaller.flexible.expansion.drives) == 1
+    shares = dict(zip(pf.modes(m).links, pf.modes(m).share[0], strict=True))
+    assert shares["arm_joint"] > 0.5
+    assert sum(shares.values()) == pytest.approx(1.0)
 
 
 # Friction ----------------------------------------------------------------------------------------
