@@ -45,7 +45,6 @@ FOURBAR_URDF = (
 )
 FOURBAR_YAML = """\
 urdf: fourbar.urdf
-use_urdf_dynamics: false
 gravity: [0, -9.81, 0]
 actuated: [motor]
 loops:
@@ -59,6 +58,7 @@ flexible:
     inertia: beam
 motion: {kind: cycloid, joints: {motor: 0.5}, duration: 0.1}
 solve: {level: coupled, samples: 41, dt: 2.5e-4}
+use_urdf_dynamics: false
 """
 ARM_URDF = (
     '<robot name="arm">\n  <link name="base"/>\n'
