@@ -50,9 +50,10 @@ class Tangents:
 class Instant:
     """Evaluates the rows of an instant and their derivatives."""
 
-    def __init__(self, mechanism: Mechanism, target: Target) -> None:
+    def __init__(self, mechanism: Mechanism, target: Target, rubs: bool = True) -> None:
+        """`rubs`: with dry friction, which at rest would hold every joint."""
         self.mechanism = mechanism
-        self.system = system = mechanism.flexible
+        self.system = system = mechanism.flexible if rubs else mechanism.flexible.sliding
         self.dynamics = Equations(system)
         self.target = target
         self.axes = motor_axes(mechanism)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -83,6 +83,11 @@ class System:
         """Power that damping and friction take at speeds v (..., nv), shape (...), W."""
         loss = np.sum(v @ self.D * v, axis=-1)
         return np.asarray(loss + self.friction.power(v) if self.friction.present else loss)
+
+    @property
+    def sliding(self) -> System:
+        """The system without dry friction: at rest its slope would hold every joint."""
+        return replace(self, friction=DryFriction()) if self.friction.present else self
 
     def sticks(self, prescribed: bool) -> bool:
         """Whether dry friction acts where motors do not prescribe the speed, so that it may stick.

@@ -25,6 +25,17 @@ def ignored(description: Description) -> list[str]:
                 found.append(
                     f"{key} in the URDF is not used ({_list(names)}): use_urdf_dynamics is false."
                 )
+    several = [
+        name
+        for key in ("damping", "friction")
+        for name in _moving(tree, key)
+        if description.use_urdf_dynamics and tree.joints[name].type in ("floating", "planar")
+    ]
+    if several:
+        found.append(
+            f"damping and friction in the URDF are not used in joints of several freedoms "
+            f"({_list(several)})."
+        )
     geared = [
         f"{name} {joint.reduction:g}"
         for name, joint in tree.joints.items()

@@ -290,6 +290,25 @@ motion: {kind: cycloid, joints: {arm_joint: 0.5}, duration: 0.2}
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
+def test_a_torque_driven_motor_with_friction_follows_as_one_without(tmp_path: Path) -> None:
+    """The rigid torque has the friction in it: feed-forward, and a controller for what is left."""
+    move = "motion: {kind: cycloid, joints: {arm_joint: 0.5}, duration: 0.4}\n"
+    push = "solve: {drive: torque, kp: 2e3, kd: 60, until: 0.4, samples: 41}\n"
+    stiff = "gear: 50, motor_inertia: 4e-5, stiffness: 4e4, damping: 5"
+    rubs = f"{stiff}, friction: {{coulomb: 3, viscous: 1}}"
+    runs = [pf.solve(arm(tmp_path, d, move + push)) for d in (stiff, rubs)]
+    assert np.abs(runs[1].torque - runs[0].torque).max() > 3.0
+    away = runs[1].joint("arm_joint").position - runs[0].joint("arm_joint").position
+    assert np.abs(away).max() < 3e-4  # of 0.5 rad; the dry part has no speed to act on at t = 0
+
+
+def test_a_linear_model_knows_no_dry_friction(tmp_path: Path) -> None:
+    plain, rubs = (
+        pf.linearise(arm(tmp_path, d)).A for d in (GEAR, f"{GEAR}, friction: {{coulomb: 5}}")
+    )
+    np.testing.assert_allclose(rubs, plain, rtol=0, atol=1e-12 * np.abs(plain).max())
+
+
 # Friction ----------------------------------------------------------------------------------------
 
 MASS, SPRING, BELT, STATIC, SLIDING = 1.0, 100.0, 0.05, 1.5, 1.0
