@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from typing import Any
 
 from pinflex.cli import parser
@@ -49,8 +50,11 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
 
 def run(args: argparse.Namespace) -> int:
     """Find a command, write it, hold it against a forward run."""
+    import numpy as np
+
     from pinflex.inversion.command import command
     from pinflex.inversion.verify import followed
+    from pinflex.results.drives import drive_table, row_of
     from pinflex.solver.solve import default_motion
 
     mechanism = load_model(args)
@@ -70,11 +74,15 @@ def run(args: argparse.Namespace) -> int:
             )  # fmt: skip
             runs["rigid"] = followed(mechanism, motion, rigid)
     files = [] if args.output is None else [found.to_csv(args.output)]
-    data = _numbers(found, runs) | {"files": files}
+    rows = [
+        row_of(found.level, name, side, np.array(found.limit_curves[name]).reshape(-1, 2))
+        for name, side in found.drives.items()
+    ]
+    data = _numbers(found, runs) | {"drives": [asdict(row) for row in rows], "files": files}
     if args.json:
         print_json(data)
     else:
-        print(_text(data))
+        print(_text(data, drive_table(rows)))
         print("".join(f"wrote {path}" for path in files) or "nothing saved (-o FILE.csv saves it)")
     return 0
 
@@ -107,7 +115,7 @@ def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _text(data: dict[str, Any]) -> str:
+def _text(data: dict[str, Any], drives: str) -> str:
     rest = f"{data['before']:.3g} s of rest ahead and {data['after']:.3g} s after"
     error = ", ".join(
         f"{name} {length(e) if len(name) == 1 else f'{1e3 * e:.2g} mrad'}"
@@ -130,6 +138,8 @@ def _text(data: dict[str, Any]) -> str:
          f"{1e3 * x['turned_during']:.2g}", f"{1e3 * x['turned_after']:.2g}"]
         for level, x in data["followed"].items()
     ]  # fmt: skip
+    if drives:
+        blocks.append(drives)
     if rows:
         heads = "command|during|after|swing after|turn during [mrad]|turn after [mrad]"
         blocks.append(table("Platform off its path in a coupled run", heads, rows, (14,)))

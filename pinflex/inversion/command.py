@@ -55,6 +55,7 @@ class Command:
         iterations: Level exact: linear systems solved; 0 where elastic drives alone give way.
         drives: Of each drive both sides of the gear, by key as in a Result: motor_position,
             motor_speed, motor_torque, torque, ..., each (nt,).
+        limit_curves: Points motor speed [rad/s], torque [N m] of each drive; () for none.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Command:
     changes: tuple[float, ...] = ()
     iterations: int = 0
     drives: dict[str, dict[str, Array]] = field(default_factory=dict)
+    limit_curves: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     curve: Callable[..., Array] = field(default=np.zeros, compare=False)
 
     def __repr__(self) -> str:
@@ -240,6 +242,11 @@ def _on_grid(
         changes=slow.changes if level == "quasistatic" else (),
         iterations=iterations,
         drives=_both_sides(instant, answer, curve, kept),
+        limit_curves={
+            name: extra.drive.limit_curve
+            for name, extra in mechanism.description.joints.items()
+            if extra.drive is not None
+        },
         curve=curve,
     )
     return found, _at_platform(wanted.gain[kept], apart[kept])

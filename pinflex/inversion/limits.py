@@ -38,10 +38,9 @@ def require_within_limits(mechanism: Mechanism, found: Command) -> None:
 def require_within_curves(mechanism: Mechanism, found: Command) -> None:
     """Refuse what is beyond the limit curve of a drive."""
     for name, side in found.drives.items():
-        drive = mechanism.description.joints[name].drive
-        if drive is None or not drive.limit_curve:
+        curve = np.array(found.limit_curves[name])
+        if not len(curve):
             continue
-        curve = np.array(drive.limit_curve)
         used = share_of_limit(curve, side["motor_speed"], side["motor_torque"])
         if used > 1.0:
             fastest = float(np.max(np.abs(side["motor_speed"])))

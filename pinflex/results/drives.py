@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from pinflex.results.result import Result
 
 
+_PEAKS = (
+    *("motor_torque", "motor_speed", "motor_power"),
+    *("torque", "speed", "power", "deflection"),
+)
 _BEYOND = 1e9  # of a limit: a motor faster than its curve goes
 
 
@@ -143,12 +147,23 @@ class DriveRow:
 def drive_row(label: str, run: Result, joint: str) -> DriveRow:
     """The largest values of a drive of a run that carries a label."""
     d = run.drive(joint)
-    use = d.use
+    values = {key: run.array(f"drive/{joint}/{key}") for key in _PEAKS}
+    return row_of(label, joint, values, d.limit_curve)
+
+
+def row_of(label: str, joint: str, values: Mapping[str, Array], curve: Array) -> DriveRow:
+    """The largest values of a drive.
+
+    Args:
+        label: Level of its run. joint: Its joint.
+        values: Its arrays (nt,) by name. curve: Its limit curve, shape (n, 2).
+    """
+    torque, speed = values["motor_torque"], values["motor_speed"]
+    use = min(share_of_limit(curve, speed, torque), _BEYOND) if len(curve) else None
+    largest = {key: peak(values[key]) for key in _PEAKS}
     return DriveRow(
-        joint, label, peak(d.motor_torque), rms(d.motor_torque), peak(d.motor_speed),
-        peak(d.motor_power), peak(d.torque), rms(d.torque), peak(d.speed), peak(d.power),
-        peak(d.deflection), None if use is None else min(use, _BEYOND),
-    )  # fmt: skip
+        joint, label, motor_rms=rms(torque), rms=rms(values["torque"]), use=use, **largest
+    )
 
 
 def drive_table(rows: Sequence[DriveRow]) -> str:
