@@ -15,8 +15,8 @@ NAMES = model_names()
 WHICH = ("rigid", "flexible")
 
 # A tree on a free base with ball, universal, continuous and sliding joints and two bent links in
-# two bases: every chart of the configuration manifold at once. Closed by two distances. One motor has
-# an elastic gear, and two joints rub.
+# two bases: every chart of the configuration manifold at once. Closed by two distances. One motor
+# has an elastic gear, and two joints rub.
 _BALL = {"mass": 0.3, "com": (0.1, 0.1, 0.05), "inertia": (0.01, 0.02, 0.025)}
 _BODIES = (
     Body("body", "base", mass=3.0, com=(0.1, 0.0, 0.05), inertia=(0.1, 0.2, 0.15)),
