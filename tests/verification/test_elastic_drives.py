@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import pinflex as pf
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
 from pinflex.viewer.torque_speed import torque_speed
@@ -62,7 +62,7 @@ def test_frequencies_are_those_of_crba_and_the_gear_stiffness(geared: pf.Mechani
     np.testing.assert_allclose(found.frequencies, hertz(K, M), rtol=1e-10)  # the same problem
     assert found.links == tuple(DRIVES)
     # With the weight at the undeflected pose: the published numbers, to their digits.
-    d, y = Dynamics(geared.flexible), geared.undeformed()
+    d, y = Equations(geared.flexible), geared.undeformed()
     still = np.zeros(d.system.nv)
     stiff = d.tangent(y, still, still, np.zeros(0), 0.0)[2][6:, 6:]
     ours = hertz(stiff, d.mass(y)[6:, 6:])
