@@ -40,20 +40,24 @@ class Comparison(Protocol):
     def told(self) -> bool:
         """Whether the standard deviations are known."""
 
+    @property
+    def leads(self) -> bool:
+        """Whether there are other rows that lead to the right place from afar."""
+
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
         """Residuals (model - measured) in standard deviations, or in shares of a size.
 
         Args:
             mechanism: The model.
-            coarse: Rows that lead to the right place from afar, if there are others for that.
+            coarse: Those that lead from afar, if there are others for that.
         """
 
-    def jacobian(self, designs: Variants, values: Mapping[str, float]) -> Array:
+    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
         """Derivatives of the rows by the logarithms of the parameters, shape (rows, n).
 
         Args:
             designs: The parameters.
-            values: Where, by key.
+            values: Where, by key. base: The design there.
         """
 
     def text(self, mechanism: Mechanism) -> str:

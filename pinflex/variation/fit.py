@@ -35,7 +35,7 @@ from pinflex.variation.variants import Variants, keys, variants
 _FACTOR = 10.0  # of default bounds, up and down
 _TURNS = 3  # of parameters and scale, where priors need the scale
 _LEAST = 1e-6  # of an estimated scale: what solved outputs and differences carry
-_STOP = 1e-10  # of a step in logarithms, relative
+_STOP = 1e-9  # of a step in logarithms, relative
 
 
 @one_blas_thread()
@@ -165,17 +165,25 @@ class _Problem:
         self.prior = np.array([1.0 / spreads.get(key, math.inf) for key in self.names])
         self.first = np.array([p.value for p in designs.parameters])
         self.scale, self.solves, self._last = 1.0, 0, np.zeros(0)
+        self._designs: dict[bytes, Mechanism] = {}
 
     def values(self, x: Array) -> dict[str, float]:
         """Values by key."""
         return dict(zip(self.names, (float(v) for v in self.first * np.exp(x)), strict=True))
+
+    def design(self, x: Array) -> Mechanism:
+        """The design at x; the last is kept, as residuals and derivatives share it."""
+        key = x.tobytes()
+        if key not in self._designs:
+            self._designs = {key: self.designs.at(self.values(x))}
+        return self._designs[key]
 
     def data_rows(self, x: Array, coarse: bool = False) -> Array:
         """Residuals of the measurements."""
         self.solves += 1
         if self.progress is not None:
             self.progress(self.solves, 60)
-        return self.data.rows(self.designs.at(self.values(x)), coarse)
+        return self.data.rows(self.design(x), coarse)
 
     def rows(self, x: Array, coarse: bool = False) -> Array:
         """All residuals; far larger ones where a design cannot be solved."""
@@ -191,7 +199,7 @@ class _Problem:
 
     def jacobian(self, x: Array) -> Array:
         """Derivatives of the residuals and of the priors."""
-        J = self.data.jacobian(self.designs, self.values(x)) / self.scale
+        J = self.data.jacobian(self.designs, self.values(x), self.design(x)) / self.scale
         J[:, unseen(J)[0]] = 0.0  # round-off would lead them astray
         return self.with_priors(J)
 
@@ -222,12 +230,12 @@ class _Problem:
         rows = self.data_rows(x)
         if not told:
             self.scale = _scale(rows, len(x))
-        J = self.data.jacobian(self.designs, self.values(x))
+        J = self.data.jacobian(self.designs, self.values(x), self.design(x))
         return x, rows / self.scale, J / self.scale
 
     def _led(self, x: Array) -> Array:
         """From afar: rows that lead to the right place, where the measurements have others."""
-        if np.array_equal(self.rows(x, True), self.rows(x)):
+        if not self.data.leads:
             return x
         return self._search(x, lambda x: self.rows(x, True), "2-point")
 
@@ -258,7 +266,7 @@ def _fitted(problem: _Problem, x: Array, rows: Array, J: Array) -> Fit:
     values = problem.values(x)
     by_key = {p.key: p for p in designs.parameters}
     changes = [c for key, value in values.items() for c in by_key[key].overrides(value)]
-    best = designs.at(values)
+    best = problem.design(x)
     freedom = len(rows) + int(np.sum(problem.prior > 0)) - len(x)
     return Fit(
         problem.names, problem.first, np.array([*values.values()]),

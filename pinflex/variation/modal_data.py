@@ -60,6 +60,11 @@ class ModalData:
         return self.std is not None
 
     @property
+    def leads(self) -> bool:
+        """No other rows."""
+        return False
+
+    @property
     def _std(self) -> Array:
         return self.frequencies if self.std is None else self.std
 
@@ -104,10 +109,9 @@ class ModalData:
         apart = (factor[:, None] * c - self.shapes) / self.shape_std
         return np.concatenate([first, apart.ravel()])
 
-    def jacobian(self, designs: Variants, values: Mapping[str, float]) -> Array:
+    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
         """By logarithms of the parameters: implicit for frequencies, differences for shapes."""
         m = len(self.frequencies)
-        base = designs.at(values)
         state = ModalState(base)
         places = state.elastic[self._paired(state, base)[0]]
         found = np.zeros((m, len(values)))

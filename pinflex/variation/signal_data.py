@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from pinflex.variation.variants import Variants
 
 _RATES = ("position", "velocity", "acceleration")
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
-_SAMPLES = 2001  # of a run whose measured times are not equal: cubic between them
+_SAMPLES = 41  # at least, of a run whose measured times are not equal: cubic between its steps
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,11 @@ class ResponseData:
     def told(self) -> bool:
         """Whether the standard deviations are known."""
         return self.std is not None
+
+    @property
+    def leads(self) -> bool:
+        """Logarithms meet where peaks are far apart."""
+        return True
 
     @cached_property
     def _std(self) -> Array:
@@ -68,7 +74,7 @@ class ResponseData:
             apart = (H - self.values) / self._std
         return np.concatenate([apart.real.ravel(), apart.imag.ravel()])
 
-    def jacobian(self, designs: Variants, values: Mapping[str, float]) -> Array:
+    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
         """By the logarithms of the parameters."""
         return differences(self.rows, designs, values)
 
@@ -114,6 +120,11 @@ class HistoryData:
         """Whether the standard deviations are known."""
         return self.std is not None
 
+    @property
+    def leads(self) -> bool:
+        """No other rows."""
+        return False
+
     @cached_property
     def _std(self) -> Array:
         size = np.sqrt(np.mean((self.values - np.mean(self.values, axis=0)) ** 2, axis=0))
@@ -123,7 +134,7 @@ class HistoryData:
     def _model(self, mechanism: Mechanism) -> Array:
         end = float(self.t[-1])
         equal = np.allclose(self.t, np.linspace(0.0, end, len(self.t)), atol=1e-6 * end)
-        samples = len(self.t) if equal else _SAMPLES
+        samples = len(self.t) if equal else max(math.ceil(end / (self.dt or end)) + 1, _SAMPLES)
         run = solve(mechanism, level=self.level, until=end, dt=self.dt, samples=samples, tol=None)
         found = np.stack([_signal(run, name) for name in self.names], axis=1)
         if equal:
@@ -136,7 +147,7 @@ class HistoryData:
         """All samples of all columns."""
         return np.asarray(((self._model(mechanism) - self.values) / self._std).ravel())
 
-    def jacobian(self, designs: Variants, values: Mapping[str, float]) -> Array:
+    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
         """By the logarithms of the parameters."""
         return differences(self.rows, designs, values)
 
