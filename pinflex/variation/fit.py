@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from pinflex.errors import ConvergenceError, DescriptionError, SceneError, Singu
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.solver.scene import default_step
 from pinflex.threads import one_blas_thread
-from pinflex.variation.comparison import Comparison
+from pinflex.variation.comparison import Comparison, differences
 from pinflex.variation.fitted import Fit
 from pinflex.variation.identifiability import covariance, hidden, sentences, unseen
 from pinflex.variation.measured import columns
@@ -36,6 +37,7 @@ _FACTOR = 10.0  # of default bounds, up and down
 _TURNS = 3  # of parameters and scale, where priors need the scale
 _LEAST = 1e-6  # of an estimated scale: what solved outputs and differences carry
 _STOP = 1e-9  # of a step in logarithms, relative
+_NEAR = 1e-3  # the same on the way from afar
 
 
 @one_blas_thread()
@@ -237,19 +239,26 @@ class _Problem:
         """From afar: rows that lead to the right place, where the measurements have others."""
         if not self.data.leads:
             return x
-        return self._search(x, lambda x: self.rows(x, True), "2-point")
+
+        def slope(x: Array) -> Array:
+            coarse = partial(self.data.rows, coarse=True)
+            return self.with_priors(differences(coarse, self.designs, self.values(x)) / self.scale)
+
+        return self._search(x, lambda x: self.rows(x, True), slope, _NEAR)
 
     def _least(self, x: Array) -> Array:
-        return self._search(x, self.rows, self.jacobian)
+        return self._search(x, self.rows, self.jacobian, _STOP)
 
-    def _search(self, x: Array, rows: Callable[[Array], Array], slope: Any) -> Array:
+    def _search(
+        self, x: Array, rows: Callable[[Array], Array], slope: Callable[[Array], Array], stop: float
+    ) -> Array:
         from scipy.optimize import least_squares
 
         low, high = self.bounds.T
         inside = np.clip(x, low + 1e-9, high - 1e-9)
         found = least_squares(
-            rows, inside, jac=slope, bounds=(low, high), diff_step=1e-4,
-            xtol=_STOP, ftol=1e-13, gtol=1e-13, max_nfev=60,
+            rows, inside, jac=slope, bounds=(low, high), xtol=stop,
+            ftol=1e-13, gtol=1e-13, max_nfev=60,
         )  # fmt: skip
         return np.asarray(found.x)
 

@@ -61,8 +61,8 @@ class ModalData:
 
     @property
     def leads(self) -> bool:
-        """No other rows."""
-        return False
+        """Shapes lead to the right one of several scenes with these frequencies."""
+        return self.shapes is not None and self.shape_std is None
 
     @property
     def _std(self) -> Array:
@@ -96,17 +96,23 @@ class ModalData:
         return 0 if self.modes is None else int(np.max(self.modes)) + 1
 
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
-        """Residuals of frequencies, then of shapes if they have a standard deviation."""
+        """Residuals of frequencies, then of shapes if they have a standard deviation.
+
+        From afar shapes count as much as frequencies do.
+        """
         state = ModalState(mechanism)
         places, _, calculated = self._paired(state, mechanism)
         f = state.frequencies[state.elastic][places]
         first = (f - self.frequencies) / self._std
-        if self.shapes is None or self.shape_std is None:
+        shape_std = self.shape_std
+        if coarse and shape_std is None:
+            shape_std = float(np.median(self._std / self.frequencies))
+        if self.shapes is None or shape_std is None:
             return np.asarray(first)
         c = calculated[places]
         size = np.einsum("ij,ij->i", c, c)
         factor = np.einsum("ij,ij->i", c, self.shapes) / np.where(size > 0, size, 1.0)
-        apart = (factor[:, None] * c - self.shapes) / self.shape_std
+        apart = (factor[:, None] * c - self.shapes) / shape_std
         return np.concatenate([first, apart.ravel()])
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:

@@ -80,7 +80,7 @@ def test_the_told_confidence_holds(strip):
         noisy = {"frequency": f + std * rng.standard_normal(3), "std": std}
         found = pf.fit(strip, noisy, ["flexible.beam.material.E"])
         low, high = found.intervals[0]
-        inside += low < 2.1e11 < high
+        inside += bool(low < 2.1e11 < high)
         total += float(np.sum(found.residuals**2))
     # d ln f / d ln E = 1/2, three frequencies of 2 %: 0.02 * 2 / sqrt(3)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.04 / np.sqrt(3), rel=0.05)
