@@ -21,7 +21,13 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.description import Description
-from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
+from pinflex.errors import (
+    ConvergenceError,
+    DescriptionError,
+    PinflexError,
+    SceneError,
+    SingularityError,
+)
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.solver.scene import default_step
 from pinflex.threads import one_blas_thread
@@ -122,7 +128,7 @@ def _bounds(
             if pair is None:
                 found[parameter.key] = (-math.log(_FACTOR), math.log(_FACTOR))
                 continue
-            low, high = (x / parameter.value for x in pair)
+            low, high = sorted(x / parameter.value for x in pair)
             if not 0 < low <= 1 <= high or low == high:
                 raise DescriptionError(
                     f"{robot.name}: vary {parameter.key}: {pair[0]:g} to {pair[1]:g}. Give bounds "
@@ -191,7 +197,7 @@ class _Problem:
         """All residuals; far larger ones where a design cannot be solved."""
         try:
             found = self.data_rows(x, coarse) / self.scale
-        except (ConvergenceError, SingularityError):
+        except PinflexError:  # no equilibrium, or a wall thicker than its tube
             if not len(self._last):
                 raise
             return 10.0 * self._last

@@ -42,8 +42,8 @@ class ModalData:
         frequencies: Measured.
         std: Standard deviations [Hz], shape (m,), or None.
         shapes: Displacements of `sensors` ("FRAME.x"), or None.
-        shape_std: Standard deviation of a component of a shape of length one; None: shapes pair
-            modes only.
+        shape_std: Standard deviation of a component of a shape of length one, and then relative one
+            of frequencies without their own; None: shapes pair modes only.
         modes: Numbers of the modes from 0, where the file says them.
     """
 
@@ -66,7 +66,9 @@ class ModalData:
 
     @property
     def _std(self) -> Array:
-        return self.frequencies if self.std is None else self.std
+        if self.std is not None:
+            return self.std
+        return self.frequencies * (1.0 if self.shape_std is None else self.shape_std)
 
     def _paired(self, state: ModalState, mechanism: Mechanism) -> tuple[IntArray, Array, Array]:
         """Places among the elastic modes, MAC, and calculated shapes (modes, sensors)."""

@@ -76,7 +76,7 @@ def test_the_told_confidence_holds(strip):
     f = pf.modes(strip, count=3).frequencies
     std = 0.02 * f
     rng, inside, total = np.random.default_rng(3), 0, 0.0
-    for _ in range(20):
+    for _ in range(12):
         noisy = {"frequency": f + std * rng.standard_normal(3), "std": std}
         found = pf.fit(strip, noisy, ["flexible.beam.material.E"])
         low, high = found.intervals[0]
@@ -84,9 +84,9 @@ def test_the_told_confidence_holds(strip):
         total += float(np.sum(found.residuals**2))
     # d ln f / d ln E = 1/2, three frequencies of 2 %: 0.02 * 2 / sqrt(3)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.04 / np.sqrt(3), rel=0.05)
-    assert inside >= 17  # of 20 at 95 %: fewer happen once in 60
-    # residuals of 2 freedoms, 20 times
-    assert chi2.ppf(1e-3, 40) < total < chi2.ppf(1 - 1e-3, 40)
+    assert inside >= 10  # of 12 at 95 %: fewer happen twice in 100
+    # residuals of 2 freedoms, 12 times
+    assert chi2.ppf(1e-3, 24) < total < chi2.ppf(1 - 1e-3, 24)
 
 
 def test_what_cannot_be_told_apart_is_named(strip):
@@ -232,6 +232,17 @@ def test_bad_files_say_what_to_write(text, said, tmp_path):
     path.write_text(text)
     with pytest.raises(pf.DescriptionError, match=said):
         pf.fit("cantilever", path, ["flexible.*.material.E"], dt=0.01)
+
+
+def test_a_search_that_leaves_what_can_be_built_turns_back():
+    # gravity is negative; a tube of 75 mm has no wall of 38 mm, which ten times the wall would be
+    by = {"flexible.forearm_link.section.wall": (1e-3, 6e-2), "gravity.2": (-10, -9.5)}
+    key = next(iter(by))
+    robot = pf.load("ur5")
+    thick = variants(robot, [key]).at({key: 0.02})
+    found = pf.fit(robot, {"frequency": pf.modes(thick, count=3).frequencies}, by)
+    assert found[key] == pytest.approx(0.02, rel=1e-5)
+    assert np.all(found.intervals[:, 0] < found.best)
 
 
 def test_bad_bounds_and_priors(strip):
