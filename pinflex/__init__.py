@@ -83,6 +83,8 @@ if TYPE_CHECKING:
     from pinflex.studies.stiffness import platform_compliance
     from pinflex.studies.sweep import sweep
     from pinflex.variation.design import Design
+    from pinflex.variation.fit import fit
+    from pinflex.variation.fitted import Fit
     from pinflex.variation.optimise import design, pareto
     from pinflex.variation.scatter import Scatter, scatter
     from pinflex.variation.sensitivity import Sensitivities, sensitivities
@@ -100,6 +102,7 @@ __all__ = [
     "Design",
     "Effort",
     "Equilibrium",
+    "Fit",
     "LinearModel",
     "Mechanism",
     "Modes",
@@ -120,6 +123,7 @@ __all__ = [
     "comparison",
     "cycloid",
     "design",
+    "fit",
     "formula",
     "generalized_alpha",
     "harmonic",
@@ -190,6 +194,8 @@ _HOME = {
     "advice.proposal": ("Advice",),
     "advice.solve": ("LEVELS", "solve"),
     "variation.design": ("Design",),
+    "variation.fit": ("fit",),
+    "variation.fitted": ("Fit",),
     "variation.optimise": ("design", "pareto"),
     "variation.scatter": ("Scatter", "scatter"),
     "variation.sensitivity": ("Sensitivities", "sensitivities"),

@@ -19,7 +19,7 @@ from pinflex.errors import PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
     *("check", "modes", "advise", "command", "solve", "compare"),
-    *("sweep", "map", "sensitivity", "design", "bench", "view", "verify"),
+    *("sweep", "map", "sensitivity", "design", "fit", "bench", "view", "verify"),
 )
 _ISSUES = "please report it with the model and the output of --debug"
 _TITLE = (
@@ -39,6 +39,7 @@ examples:
   pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png
   pinflex sensitivity delta            what to change, and what it does
   pinflex design delta --minimise mass --vary ... --keep 'frequency.1 > base'
+  pinflex fit ur5 hammer.csv --vary ... the numbers that explain measurements
   pinflex bench 3rrs                   which level, modes and step buy which error
   pinflex view run.npz                 its animation
   pinflex verify                       published benchmarks on this machine
