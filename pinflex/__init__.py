@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from pinflex.advice.proposal import Advice
     from pinflex.advice.solve import LEVELS, solve
     from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
+    from pinflex.description.digital import digital_pid
     from pinflex.description.motion import (
         Motion,
         circle,
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from pinflex.integrators.schemes import generalized_alpha, hht, newmark
     from pinflex.inversion.command import Command, command
     from pinflex.inversion.linear_model import LinearModel, linearise
+    from pinflex.inversion.tracking import track
     from pinflex.levels.modes import Modes, modes
     from pinflex.levels.quasistatic import (
         Equilibrium,
@@ -120,6 +122,7 @@ __all__ = [
     "comparison",
     "cycloid",
     "design",
+    "digital_pid",
     "formula",
     "generalized_alpha",
     "harmonic",
@@ -144,12 +147,14 @@ __all__ = [
     "spin_up",
     "static_equilibrium",
     "sweep",
+    "track",
     "trapezoid",
     "view",
 ]
 
 _HOME = {
     "description.control": ("Control", "Deflection", "Effort", "Travel", "Voltage", "pid"),
+    "description.digital": ("digital_pid",),
     "description.motion": (
         "Motion",
         "circle",
@@ -175,6 +180,7 @@ _HOME = {
     "integrators.schemes": ("generalized_alpha", "hht", "newmark"),
     "inversion.command": ("Command", "command"),
     "inversion.linear_model": ("LinearModel", "linearise"),
+    "inversion.tracking": ("track",),
     "levels.modes": ("Modes", "modes"),
     "levels.quasistatic": (
         "Equilibrium",
