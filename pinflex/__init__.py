@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         spin_up,
         trapezoid,
     )
+    from pinflex.description.moves import adept, moves
     from pinflex.errors import (
         AssemblyError,
         ConvergenceError,
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
     from pinflex.inversion.command import Command, command
     from pinflex.inversion.linear_model import LinearModel, linearise
     from pinflex.inversion.tracking import track
+    from pinflex.levels.excited import ringing
     from pinflex.levels.modes import Modes, modes
     from pinflex.levels.quasistatic import (
         Equilibrium,
@@ -116,6 +118,7 @@ __all__ = [
     "Travel",
     "UnstableWarning",
     "Voltage",
+    "adept",
     "advise",
     "circle",
     "command",
@@ -133,6 +136,7 @@ __all__ = [
     "linearise",
     "load",
     "modes",
+    "moves",
     "newmark",
     "nonic",
     "pareto",
@@ -140,6 +144,7 @@ __all__ = [
     "platform_compliance",
     "pose_map",
     "quintic",
+    "ringing",
     "sampled",
     "scatter",
     "sensitivities",
@@ -168,6 +173,7 @@ _HOME = {
         "spin_up",
         "trapezoid",
     ),
+    "description.moves": ("adept", "moves"),
     "errors": (
         "AssemblyError",
         "ConvergenceError",
@@ -181,6 +187,7 @@ _HOME = {
     "inversion.command": ("Command", "command"),
     "inversion.linear_model": ("LinearModel", "linearise"),
     "inversion.tracking": ("track",),
+    "levels.excited": ("ringing",),
     "levels.modes": ("Modes", "modes"),
     "levels.quasistatic": (
         "Equilibrium",
