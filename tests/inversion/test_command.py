@@ -181,7 +181,7 @@ flexible:
 
 
 def hub_torque_by_tip_acceleration(
-    omega: float, L: float, EI: float, rhoA: float, hub: float
+    omega: complex, L: float, EI: float, rhoA: float, hub: float
 ) -> complex:
     """Euler-Bernoulli beam on a hub, small motion: torque over tip acceleration."""
     if omega == 0.0:
