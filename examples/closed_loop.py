@@ -40,7 +40,7 @@ def main() -> dict[str, float]:
         off[level] = float(error.max())
         peak = float(np.abs(run.torque).max())
         print(f"{level:>6} command: platform off by {1e3 * off[level]:.4f} mm, {peak:.2f} N m")
-    assert off["rigid"] > 10e-3  # the motors are where they should be, the platform is not
+    assert off["rigid"] > 5e-3  # the motors are where they should be, the platform is not
     assert off["exact"] < 20e-6  # what sampling leaves
     return off
 

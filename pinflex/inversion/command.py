@@ -16,10 +16,11 @@ from pinflex.description.motion import Motion
 from pinflex.description.urdf import Limits, limits
 from pinflex.errors import DescriptionError, MotionError, nearest
 from pinflex.inversion.exact import invert
-from pinflex.inversion.instant import Balanced, Instant
+from pinflex.inversion.instant import Instant
 from pinflex.inversion.internal import rest_needed
 from pinflex.inversion.series import rigid_guess, series
-from pinflex.inversion.target import target
+from pinflex.inversion.target import delayed, target
+from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
@@ -195,7 +196,8 @@ def _on_grid(
         exact = invert(instant, slow.found)
         answer, open_, iterations = exact.found, exact.error, exact.iterations
     elif level == "rigid":
-        answer, open_ = _rigid(instant), apart
+        torque = solve_rigid(mechanism, delayed(motion, ahead), t).torque
+        answer, open_ = replace(rigid_guess(instant)[0], torque=torque), apart
     position = instant.axes.read(answer.y)
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
@@ -220,13 +222,6 @@ def _on_grid(
         curve=curve,
     )
     return found, _at_platform(wanted.gain[kept], apart[kept])
-
-
-def _rigid(instant: Instant) -> Balanced:
-    """The undeformed mechanism on the path, with the torques that its motion needs."""
-    guess, v, a = rigid_guess(instant)
-    torque = [instant.residual(k, guess.y[k], v[k], a[k], guess.lam[k])[1] for k in range(len(v))]
-    return replace(guess, torque=np.array(torque))
 
 
 def _at_platform(gain: Array, moves: Array) -> Array:

@@ -223,3 +223,17 @@ def test_a_command_beyond_the_motors_is_refused_and_says_how_to_lift_it() -> Non
     given = {"level": "rigid", "before": 0.01, "after": 0.01, "instants": 60}
     with pytest.raises(pf.MotionError, match=r"motor_\d needs .* effort limit is 120.*limited"):
         pf.command(pf.load("delta"), quick, **given)
+
+
+def test_the_rigid_command_has_the_torques_of_the_rigid_mechanism() -> None:
+    """On a loop under gravity: the links of the closures carry their share."""
+    robot = pf.load("race_r2")
+    motion = nonic_motion(0.3, z=0.03, rx=0.1, ry=0.05)
+    found = pf.command(robot, motion, "rigid", before=0.05, after=0.05, instants=121)
+    rigid = pf.solve(robot, motion, level="rigid", samples=91)  # at the same instants
+    at = np.searchsorted(found.t, 0.05 - 1e-9) + np.arange(91)
+    t = found.t[at] - 0.05
+    for k, name in enumerate(robot.motors):
+        expected = np.interp(t, rigid.t, rigid.torque[:, k])
+        error = np.max(np.abs(found.torque[at, k] - expected)[t <= 0.3])
+        assert error < 1e-2 * np.max(np.abs(expected)), name  # interpolation between instants
