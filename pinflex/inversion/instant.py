@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import inv
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
@@ -28,6 +28,7 @@ _BALANCED = 1e-11  # m or rad: the last Newton correction; the next is round-off
 _SLOW = 0.1  # contraction above which a new tangent pays
 _LONGEST = 0.3  # m or rad of one Newton step
 _MOST = 40
+_AHEAD = np.array([[0, 0, 0], [0, 0, 1], [0, -1, 2], [1, -3, 3]], dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -102,35 +103,42 @@ def balanced(instant: Instant, guess: Balanced, v: Array, a: Array) -> Balanced:
     """
     d, n = instant.dynamics, instant.system.nv
     y, lam, torque = (np.array(x) for x in (guess.y, guess.lam, guess.torque))
-    factor = None
-    offset, force = np.zeros(n), np.zeros(instant.rows)
+    inverse = None
+    # What the guess lacked at the last three instants tells by a parabola what it lacks now.
+    lacked = np.zeros((3, n + instant.rows))
     for k in range(len(y)):
-        pose, multipliers = d.integrate(guess.y[k], offset), guess.lam[k] + force
+        ahead = lacked.T @ _AHEAD[min(k, 3)]
+        pose, multipliers = d.integrate(guess.y[k], ahead[:n]), guess.lam[k] + ahead[n:]
         e, tau = instant.residual(k, pose, v[k], a[k], multipliers)
         last = np.inf
         for _ in range(_MOST):
-            if factor is None:
-                factor = lu_factor(_square(instant.tangents(k, pose, v[k], a[k], multipliers)))
-            step = -lu_solve(factor, e)
+            if inverse is None:  # many right sides: a product each is cheaper than solving
+                inverse = inv(_square(instant.tangents(k, pose, v[k], a[k], multipliers)))
+            step = -(inverse @ e)
             size = float(np.max(np.abs(step[:n])))
             step *= min(1.0, _LONGEST / max(size, 1e-300))
             pose, multipliers = d.integrate(pose, step[:n]), multipliers + step[n:]
             e, tau = instant.residual(k, pose, v[k], a[k], multipliers)
             if not size < 1e3:  # not a number either
+                left = size
                 break
-            if size < _BALANCED:
+            rate = size / last
+            left = size * rate if 0.0 < rate < _SLOW else size  # what the next correction would be
+            if left < _BALANCED:
                 break
-            if size > _SLOW * last:
-                factor = None
+            if rate > _SLOW:
+                inverse = None
             last = size
-        if not size < 1e-8:
+        if not left < 1e-8:
             raise ConvergenceError(
                 f"t = {instant.target.t[k]:.6g} s: no balanced pose with the platform on its path. "
                 "Slow the motion down, or stiffen the links.",
                 time=float(instant.target.t[k]),
             )
         y[k], lam[k], torque[k] = pose, multipliers, tau
-        offset, force = d.difference(guess.y[k], pose), multipliers - guess.lam[k]
+        lacked[:2] = lacked[1:]
+        lacked[2, :n] = d.difference(guess.y[k], pose)
+        lacked[2, n:] = multipliers - guess.lam[k]
     return Balanced(y, lam, torque)
 
 
