@@ -114,6 +114,7 @@ def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
         "duration": float(found.t[-1]),
         "before": found.before,
         "after": found.after,
+        "actuation": found.actuation,
         "instants": len(found.t),
         "error": dict(zip(found.coordinates, map(float, found.error), strict=True)),
         "motors": {
@@ -142,7 +143,9 @@ def _text(data: dict[str, Any]) -> str:
         for name, e in data["error"].items()
     )
     head = (
-        f"{data['name']}: the {data['level']} command takes {data['duration']:.4g} s, with {rest}. "
+        f"{data['name']}: the {data['level']} command takes {data['duration']:.4g} s, with {rest}; "
+        f"motors move from {data['actuation'][0]:.3g} s before the platform to "
+        f"{data['actuation'][1]:.3g} s after it. "
         f"Estimated error of the platform: {error}."
     )
     motors = [

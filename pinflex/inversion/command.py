@@ -29,6 +29,7 @@ LEVELS = ("rigid", "quasistatic", "exact")
 _INSTANTS = 150  # in the time of the motion
 _LEAST, _MOST = 120, 4000  # instants in all
 _REFINED = 1.6  # instants of a finer grid over those of the last
+_STILL = 1e-3  # of its top speed, below which a motor rests
 _TAIL = 8  # instants beyond the end, where differences have no neighbours: solved, and cut off
 
 
@@ -78,6 +79,20 @@ class Command:
             f"{1e6 * error:.3g} {'um' if n == 1 else 'urad'}" for n, error in largest.items()
         )
         return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}>"
+
+    @property
+    def actuation(self) -> tuple[float, float]:
+        """How long the motors move before the platform does, and after it [s].
+
+        While a motor is faster than a thousandth of its top speed.
+        """
+        speed = np.abs(self.velocity)
+        moving = np.flatnonzero(np.any(speed > _STILL * speed.max(axis=0), axis=1))
+        if not len(moving):
+            return 0.0, 0.0
+        first, last = self.t[moving[0]], self.t[moving[-1]]
+        ends = float(self.t[-1]) - self.after
+        return max(self.before - float(first), 0.0), max(float(last) - ends, 0.0)
 
     @property
     def motion(self) -> Motion:

@@ -176,6 +176,7 @@ flexible:
     exact = np.interp(t - found.before, window, np.fft.ifft(torque).real)
     assert np.max(np.abs(found.torque[:, 0] - exact)) < 1e-3 * np.max(np.abs(exact))
     ahead = t < found.before - 0.05
+    assert 0.1 < found.actuation[0] < found.before
     # pre-actuation: the hub moves before the tip does, by more than any numerical noise
     assert np.max(np.abs(found.torque[ahead, 0])) > 1e-2 * np.max(np.abs(exact))
 
