@@ -19,7 +19,7 @@ from pinflex.description.digital import is_system, linear_law
 from pinflex.description.urdf import Limits, limits
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.cost import require_steps
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 _EARLY = 1e-9  # of the period: round-off of an instant's time
@@ -35,7 +35,7 @@ class Sampler:
     """
 
     def __init__(
-        self, mechanism: Mechanism, feedback: Feedback, dynamics: Dynamics, free: bool
+        self, mechanism: Mechanism, feedback: Feedback, dynamics: Equations, free: bool
     ) -> None:
         control = feedback.control
         assert control.period is not None

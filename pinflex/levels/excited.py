@@ -12,7 +12,7 @@ from pinflex.description.motion import Motion
 from pinflex.description.shaping import MODES
 from pinflex.errors import DescriptionError
 from pinflex.levels.modes import modes
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
 
@@ -62,7 +62,7 @@ def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
         )
     # inside, where accelerations are: at the ends a smooth motion has none
     t = motion.duration * (np.arange(_INSTANTS) + 0.5) / _INSTANTS
-    path, dynamics, rows = nominal(mechanism, motion, t), Dynamics(system), []
+    path, dynamics, rows = nominal(mechanism, motion, t), Equations(system), []
     for q, acceleration in zip(path.q, path.a, strict=True):
         found = modes(mechanism, q, count=_LOOKED_AT, preload="none")
         alive = found.frequencies > 0.0

@@ -216,7 +216,7 @@ class Scene:
         return start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
 
     def _sampler(
-        self, dynamics: Dynamics, drive: TorqueDrive | None, end: float
+        self, dynamics: Equations, drive: TorqueDrive | None, end: float
     ) -> tuple[Sampler, TorqueDrive | None]:
         """The digital controller of a run up to `end` (s), and the drive that it commands."""
         control = self.control
