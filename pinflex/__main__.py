@@ -18,7 +18,7 @@ from pinflex.cli.parser import Layout, Parser
 from pinflex.errors import PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
-    *("check", "modes", "advise", "command", "solve", "compare"),
+    *("check", "modes", "advise", "command", "shapers", "frf", "solve", "compare"),
     *("sweep", "map", "sensitivity", "design", "fit", "bench", "view", "verify"),
 )
 _ISSUES = "please report it with the model and the output of --debug"
@@ -34,6 +34,8 @@ examples:
   pinflex modes ur5 --count 6          natural frequencies
   pinflex advise race_r1 --tol 0.02    what the scene needs for that
   pinflex command delta -o command.csv the motor motion with which the platform follows its path
+  pinflex shapers delta                shapers for its motion, and how robust they are
+  pinflex frf delta -o frf.png         frequency response of a motor, and its zeros
   pinflex solve 3rrr -o run.npz        one run
   pinflex sweep ur5 --set flexible.*.material.E=5e10:9e10:5 --out table.csv
   pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png

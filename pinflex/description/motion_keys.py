@@ -19,6 +19,7 @@ PLATFORM_COORDINATES = ("x", "y", "z", "rz", "ry", "rx")
 OPTIONS = {  # unit, range and quantity of the numbers a motion may have
     "duration": ("s", "above 0", "time"),
     "ramp": ("s", "0 or more", "time"),
+    "start": ("s", "0 or more", "time"),
     "smooth": ("s", "0 or more", "time"),
     "speed": ("rad/s or m/s", "above 0", "rate"),
     "frequency": ("Hz", "above 0", "rate"),

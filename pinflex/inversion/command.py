@@ -22,7 +22,8 @@ from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import rest_needed
 from pinflex.inversion.limits import require_within_curves, require_within_limits
 from pinflex.inversion.series import rigid_guess, series
-from pinflex.inversion.target import target
+from pinflex.inversion.target import delayed, target
+from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.drives import drives
 from pinflex.solver.solve import default_motion
@@ -33,6 +34,7 @@ _INSTANTS = 150  # in the time of the motion
 _LEAST, _MOST = 120, 4000  # instants in all
 _REFINED = 1.6  # instants of a finer grid over those of the last
 _MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
+_STILL = 1e-3  # of its top speed, below which a motor rests
 _TAIL = 8  # instants beyond the end, where differences have no neighbours: solved, and cut off
 
 
@@ -87,6 +89,20 @@ class Command:
             f"{1e6 * error:.3g} {'um' if n == 1 else 'urad'}" for n, error in largest.items()
         )
         return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}>"
+
+    @property
+    def actuation(self) -> tuple[float, float]:
+        """How long the motors move before the platform does, and after it [s].
+
+        While a motor is faster than a thousandth of its top speed.
+        """
+        speed = np.abs(self.velocity)
+        moving = np.flatnonzero(np.any(speed > _STILL * speed.max(axis=0), axis=1))
+        if not len(moving):
+            return 0.0, 0.0
+        first, last = self.t[moving[0]], self.t[moving[-1]]
+        ends = float(self.t[-1]) - self.after
+        return max(self.before - float(first), 0.0), max(float(last) - ends, 0.0)
 
     @property
     def motion(self) -> Motion:
@@ -219,7 +235,8 @@ def _on_grid(
         exact = invert(instant, slow.found)
         answer, open_, iterations = exact.found, exact.error, exact.iterations
     elif level == "rigid":
-        answer, open_ = _rigid(instant), apart
+        torque = solve_rigid(mechanism, delayed(motion, ahead), t).torque
+        answer, open_ = replace(rigid_guess(instant)[0], torque=torque), apart
     position = instant.axes.read(answer.y)
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
@@ -250,13 +267,6 @@ def _on_grid(
         curve=curve,
     )
     return found, _at_platform(wanted.gain[kept], apart[kept])
-
-
-def _rigid(instant: Instant) -> Balanced:
-    """The undeformed mechanism on the path, with the torques that its motion needs."""
-    guess, v, a = rigid_guess(instant)
-    torque = [instant.residual(k, guess.y[k], v[k], a[k], guess.lam[k])[1] for k in range(len(v))]
-    return replace(guess, torque=np.array(torque))
 
 
 def _at_platform(gain: Array, moves: Array) -> Array:

@@ -39,8 +39,8 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     member of the alpha family that is asked for (`by_error_control`); level ked and a control in
     equal steps (`by_step_halving`).
     """
-    # Level ked is linear: equal steps keep its matrices. A control has a sampling period.
-    if scene.linear or scene.control is not None:
+    # Level ked is linear: equal steps keep its matrices; a continuous law is evaluated in them.
+    if scene.linear or (scene.control is not None and not scene.sampled):
         return by_step_halving(scene, t, tol, progress)
     given = scene.spec.integrator
     if not (given is None or given == "radau" or isinstance(given, Collocation)):

@@ -9,12 +9,12 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.bodies.summary import summary
-from pinflex.description.motion import from_spec
 from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, SceneError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.solve import default_motion
 from pinflex.studies import check_urdf, check_warnings
 from pinflex.studies.check_parts import (
     DriveCheck,
@@ -182,8 +182,7 @@ def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     description = mechanism.description
     if description.motion is None:
         return "none given: the motors hold home", []
-    folder = None if description.path is None else description.path.parent
-    motion = from_spec(description.motion, f"{mechanism.name}.yaml: motion", folder)
+    motion = default_motion(mechanism)
     names = ", ".join(motion.names)
     moved = f" of the {motion.target} ({names})" if names else ""
     end = description.solve.until or motion.duration

@@ -229,6 +229,21 @@ MOTIONS = """\
 {kind: formula, duration: 1, joints: {a: "q + 1"}}
 {kind: formula, duration: 1, joints: {a: "1/t"}}
 {kind: formula, duration: 1, joints: {a: "t"}, absolute: 1}
+{kind: moves, moves: {x: 1}}
+{kind: moves, moves: [{platform: {x: 1}, duration: 1}, {joints: {a: 1}, duration: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, start: -1, duration: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, from: 1, duration: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, start: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, duration: 1}], duration: 0.5}
+{kind: adept, duration: 0.3, across: y, up: y}
+{kind: adept, duration: 0.3, up: w}
+{kind: adept, duration: 0.3, width: a}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: zdv}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {frequencies: 3}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, frequencies: [3, -1]}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, frequencies: 3, damping: 2}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, damping: 0.1}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, modes: 0}}
 {kind: sampled}
 {kind: sampled, t: [0, 1, 2, 3], joints: [a]}
 {kind: sampled, t: [0, 1, 2], joints: {a: [0, 1, 2]}}
