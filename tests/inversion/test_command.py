@@ -107,6 +107,21 @@ def test_a_spatial_loop_under_gravity_faster_than_its_first_period() -> None:
     assert max(during, after) < 0.05e-6  # the rigid command misses 4.7 mm
 
 
+@pytest.mark.parametrize("duration", [0.3, 0.15])
+def test_the_other_rows_of_the_spatial_table(duration: float) -> None:
+    """z of race_r2 by 30 mm; the rigid command misses by 1.1 and 2.4 mm."""
+    robot, motion = pf.load("race_r2"), nonic_motion(duration, z=0.03, rx=0.1, ry=0.05)
+    exact = pf.command(robot, motion, before=0.1, after=0.2, instants=300)
+    assert max(missed(robot, motion, exact, ("z",))) < 0.05e-6
+
+
+def test_the_other_row_of_the_planar_table(planar: pf.Mechanism) -> None:
+    """60 mm in 50 ms, less than the first period; the rigid command misses by 40 mm."""
+    motion = nonic_motion(0.05, x=0.06, y=0.03, rz=0.3)
+    exact = pf.command(planar, motion, before=0.04, after=0.06, instants=300)
+    assert max(missed(planar, motion, exact, ("x", "y"))) < 0.05e-6
+
+
 def test_the_inversion_converges_at_fourth_order_in_the_grid(planar: pf.Mechanism) -> None:
     """Differences of order 4; what deferred correction finds beyond them is left out here.
 
