@@ -92,6 +92,7 @@ class Description:
         solve: What to compute.
         limit: Factor on the memory and the steps that are taken without asking.
         allow: What looks like a slip of units and is meant: some of `ALLOWED`.
+        notes: Features of the robot's file that are not taken over.
     """
 
     __repr__ = brief
@@ -121,6 +122,7 @@ class Description:
     solve: SolveSpec = field(default_factory=SolveSpec)
     limit: float = fields.real(1.0, "ratio", above=0)
     allow: tuple[str, ...] = fields.key((), _allow)
+    notes: tuple[str, ...] = ()
 
     @property
     def sources(self) -> dict[str, str]:
@@ -163,6 +165,7 @@ class Description:
         label = f"{self.name}.yaml"
         raw = schema.mapping(schema.load(self.yaml_text, label), label)
         tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
+        tree = dataclasses.replace(tree, notes=self.notes)
         if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
             place = schema.at(label, "flexible")
             raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
@@ -181,6 +184,8 @@ def read(source: str | Path) -> Description:
         source: A YAML file, a folder NAME that holds NAME.yaml, or the name of a shipped model.
     """
     path = _find(source)
+    if sources.is_robot(path):
+        return _describe(_dumped({"urdf": path.name}), path.stem, path, None)
     return _describe(sources.read_text(path, str(source)), path.stem, path, None)
 
 
@@ -199,7 +204,7 @@ def _find(source: str | Path) -> Path:
     path = Path(source)
     shown = str(source)
     if path.is_file():
-        if path.suffix.lower() not in (".yaml", ".yml"):
+        if path.suffix.lower() not in (".yaml", ".yml", *sources.READERS):
             raise DescriptionError(
                 f'{shown}: not a YAML file. A description is a YAML with "urdf: {path.name}" or '
                 "another URDF in it (models/README.md). Give that file."
@@ -234,9 +239,8 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
     folder = Path() if path is None else path.parent
     if tree is None:
         tree = sources.find(schema.text(block["urdf"], place["urdf"]), folder, place["urdf"])
-    if tree.loops:  # written out, so that the YAML text says all that its file does not
-        written = schema.mapping(block.get("loops", {}), place["loops"])
-        block["loops"] = {**tree.loops, **written}
+    if tree.loops or tree.blocks:  # written out: the YAML text says all that its file does not
+        block = schema.mapping(tree.joined(block), file, _KEYS)
         text = _dumped(block)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
@@ -271,6 +275,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         home=read_home(block.get("home", {}), place["home"], types),
         by_joint=by_joint(block, tree),
         solve=read_solve(block.get("solve", {}), place["solve"]),
+        notes=tree.notes,
         **values,
     )
 

@@ -180,16 +180,11 @@ def test_a_robot_of_example_robot_data_is_found_without_its_meshes(tmp_path: Pat
     assert (folder / "example-robot-data" / "robots" / "ur_description").is_dir()
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [("ur55", 'no robot "ur55" in example-robot-data. Did you mean "ur5"'), ("cassie", "an SDF")],
-)
-def test_a_robot_that_example_robot_data_lacks_is_named(
-    tmp_path: Path, name: str, text: str
-) -> None:
+def test_a_robot_that_example_robot_data_lacks_is_named(tmp_path: Path) -> None:
     pytest.importorskip("example_robot_data")
+    text = 'no robot "ur55" in example-robot-data. Did you mean "ur5"'
     with pytest.raises(DescriptionError, match=text):
-        read(write(tmp_path, f"urdf: example-robot-data:{name}\n"))
+        read(write(tmp_path, "urdf: example-robot-data:ur55\n"))
 
 
 def test_a_missing_example_robot_data_is_explained(
