@@ -57,6 +57,9 @@ def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     place = {key: schema.at(where, key) for key in keys}
     kind = _type(block, name, place["type"], urdf)
     _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
+    if isinstance(block.get("rest"), str):
+        of = schema.quantity(urdf.joints[name].type)
+        block["rest"] = schema.number(block["rest"], place["rest"], of=of)
     values = fields.read(JointExtra, block, place)
     if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
         beside, at = block["parallel_spring"], place["parallel_spring"]

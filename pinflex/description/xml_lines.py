@@ -116,7 +116,5 @@ def numbers(
 def known(name: str, names: Collection[str], element: Element, what: str) -> str:
     """A name that the file defines."""
     if name not in names:
-        raise DescriptionError(
-            f'{element.place}: no such {what}: "{name}".{nearest(name, names)}'
-        )
+        raise DescriptionError(f'{element.place}: no such {what}: "{name}".{nearest(name, names)}')
     return name
