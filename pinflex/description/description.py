@@ -188,6 +188,11 @@ def read(source: str | Path) -> Description:
     return _describe(sources.read_text(path, str(source)), path.stem, path, None)
 
 
+def from_text(text: str, path: Path) -> Description:
+    """A description of a YAML text that is to stand at `path`; the file need not be there."""
+    return _describe(text, path.stem, path, None)
+
+
 def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> Description:
     """Check the whole YAML text; `tree` spares reading the robot's file again."""
     file = f"{name}.yaml" if path is None else path.name
