@@ -19,8 +19,8 @@ from pinflex.errors import PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
     *("check", "modes", "advise", "command", "solve", "compare"),
-    *("sweep", "map", "sensitivity", "design"),
-    *("bench", "view", "verify", "importing"),
+    *("sweep", "map", "sensitivity", "design", "bench"),
+    *("view", "verify", "importing", "schema"),
 )
 _ISSUES = "please report it with the model and the output of --debug"
 _TITLE = (

@@ -42,7 +42,7 @@ __all__ = [
     "read",
 ]
 
-_KEYS = (
+KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),
     *("frames", "flexible", "damping", "forces", "springs", "control", "motion", "solve"),
     *("limit", "allow"),
@@ -196,13 +196,13 @@ def from_text(text: str, path: Path) -> Description:
 def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> Description:
     """Check the whole YAML text; `tree` spares reading the robot's file again."""
     file = f"{name}.yaml" if path is None else path.name
-    place = {key: schema.at(file, key) for key in _KEYS}
-    block = schema.mapping(schema.load(text, file), file, _KEYS, ("urdf",))
+    place = {key: schema.at(file, key) for key in KEYS}
+    block = schema.mapping(schema.load(text, file), file, KEYS, ("urdf",))
     folder = Path() if path is None else path.parent
     if tree is None:
         tree = sources.find(schema.text(block["urdf"], place["urdf"]), folder, place["urdf"])
     if tree.loops or tree.blocks:  # written out: the YAML text says all that its file does not
-        block = schema.mapping(tree.joined(block), file, _KEYS)
+        block = schema.mapping(tree.joined(block), file, KEYS)
         text = _dumped(block)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)

@@ -12,6 +12,7 @@ from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
 TYPES = ("spherical", "universal")  # in place of a URDF's fixed or floating
+KEYS = ("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper")
 _SPRINGS = ("spring", "parallel_spring", "rest")
 
 
@@ -52,9 +53,8 @@ def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra
 
 def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    keys = ("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper")
-    block = schema.mapping(value, where, keys)
-    place = {key: schema.at(where, key) for key in keys}
+    block = schema.mapping(value, where, KEYS)
+    place = {key: schema.at(where, key) for key in KEYS}
     kind = _type(block, name, place["type"], urdf)
     _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
     if isinstance(block.get("rest"), str):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from typing import Any
 
 from pinflex.errors import DescriptionError
 
@@ -63,7 +64,7 @@ UNITS = {"length": _LENGTHS, "place": _LENGTHS, "angle": _ANGLES}
 _MEASURE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]+)")
 
 
-def measured(value: object, of: str | None) -> object:
+def measured(value: Any, of: str | None) -> Any:
     """The number in SI that a text such as "20 mm" or "3 deg" means; any other value as it is.
 
     Args:

@@ -37,6 +37,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
         *_sag_warnings(rest, links),
         *heavy(mechanism.links),
         *check_urdf.ignored(description),
+        *description.notes,
         *check_urdf.beyond_limits(
             description, mechanism, rest.holding_full or rest.holding_linear or rest.holding_rigid
         ),

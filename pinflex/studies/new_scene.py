@@ -26,6 +26,7 @@ _ONE = ("revolute", "continuous", "prismatic")
 _STEP = {"prismatic": 0.005}  # [m] of the motion that is proposed; turning joints:
 _TURN = 0.1  # [rad]
 _NEAR = 1e-6  # [m | rad] frames that coincide
+_TOOL = re.compile(r"platform|tool|effector|eff$|tcp|flange|gripper|foot|hand", re.I)
 _ORDER = ("base", "gravity", "joints", "actuated", "loops", "home")
 
 
@@ -64,9 +65,9 @@ def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str
             f"{source}: {', '.join(missing)}: no beam fits there (no span, or no mass). Choose "
             f"another link: {', '.join(g.link for g in candidates(mechanism)) or 'there is none'}."
         )
-    text = _text(tree, name, blocks, guesses, _proposals(mechanism, blocks), flexible)
-    motion = _motion(mechanism)
-    whole = text + motion
+    blocks["platform"] = _platform(mechanism)
+    text = _text(tree, name, blocks, guesses, _proposals(mechanism), flexible)
+    whole = text + _motion(mechanism)
     load(from_text(whole, out))  # it loads as it is
     return whole, mechanism
 
@@ -142,13 +143,21 @@ def _joints(tree: Source) -> list[str]:
 
 
 def _block(key: str, value: Any) -> list[str]:
-    text = yaml.safe_dump(
-        {key: value}, sort_keys=False, allow_unicode=True, width=96, default_flow_style=None
+    flow = (
+        None
+        if isinstance(value, dict) and any(isinstance(v, dict) for v in value.values())
+        else False
     )
+    text = yaml.safe_dump(
+        {key: value}, sort_keys=False, allow_unicode=True, width=96, default_flow_style=flow
+    )
+    if isinstance(value, list):
+        text = f"{key}: {yaml.safe_dump(value, width=88, default_flow_style=True)}"
     comment = {
         "actuated": "joints with a motor; all others are passive",
         "loops": "joints that close loops",
         "home": "the closed pose from which everything starts",
+        "platform": "GUESS: the frame whose motion matters",
     }.get(key)
     return ["", *([f"# {comment}"] if comment else []), *text.rstrip().splitlines()]
 
@@ -156,7 +165,7 @@ def _block(key: str, value: Any) -> list[str]:
 # Proposals ---------------------------------------------------------------------------------
 
 
-def _proposals(mechanism: Mechanism, blocks: dict[str, Any]) -> list[str]:
+def _proposals(mechanism: Mechanism) -> list[str]:
     """Loops that the file does not close, where ends of branches coincide at home."""
     taken = {f for loop in mechanism.description.loops for f in (loop.frame_a, loop.frame_b)}
     pairs = coinciding(mechanism, taken)
@@ -165,6 +174,18 @@ def _proposals(mechanism: Mechanism, blocks: dict[str, Any]) -> list[str]:
         f"{kind}, between: [{a}, {b}]}}}}, and list the motors under actuated."
         for a, b, kind in pairs
     ]
+
+
+def _platform(mechanism: Mechanism) -> str:
+    """A link whose name sounds like the end of a robot, else one with the most joints below it."""
+    links = mechanism.links
+    depth: list[int] = []
+    for link in links:
+        above = depth[link.parent] if link.parent >= 0 else 0
+        depth.append(above + len(link.steps))
+    heavy = [k for k, link in enumerate(links) if link.weighs] or [0]
+    named = [k for k in range(len(links)) if _TOOL.search(links[k].name) and depth[k]]
+    return links[max(named or heavy, key=lambda k: depth[k])].name
 
 
 def coinciding(mechanism: Mechanism, taken: Collection[str]) -> list[tuple[str, str, str]]:
