@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
+from pinflex.advice.solve import solve
 from pinflex.description import sources
 from pinflex.description.description import from_text
 from pinflex.description.source import Source
@@ -25,6 +26,8 @@ _PACKAGES = "example-robot-data:"
 _ONE = ("revolute", "continuous", "prismatic")
 _STEP = {"prismatic": 0.005}  # [m] of the motion that is proposed; turning joints:
 _TURN = 0.1  # [rad]
+_SHARES = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)  # of it, the largest that can be followed
+_LOOKS = 41  # instants at which it is looked at
 _NEAR = 1e-6  # [m | rad] frames that coincide
 _TOOL = re.compile(r"platform|tool|effector|eff$|tcp|flange|gripper|foot|hand", re.I)
 _ORDER = ("base", "gravity", "joints", "actuated", "loops", "home")
@@ -67,7 +70,7 @@ def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str
         )
     blocks["platform"] = _platform(mechanism)
     text = _text(tree, name, blocks, guesses, _proposals(mechanism), flexible)
-    whole = text + _motion(mechanism)
+    whole = text + _motion(text, out, mechanism)
     load(from_text(whole, out))  # it loads as it is
     return whole, mechanism
 
@@ -185,7 +188,8 @@ def _platform(mechanism: Mechanism) -> str:
         depth.append(above + len(link.steps))
     heavy = [k for k, link in enumerate(links) if link.weighs] or [0]
     named = [k for k in range(len(links)) if _TOOL.search(links[k].name) and depth[k]]
-    return links[max(named or heavy, key=lambda k: depth[k])].name
+    best = [k for k in named if links[k].weighs] or named or heavy
+    return links[max(best, key=lambda k: depth[k])].name
 
 
 def coinciding(mechanism: Mechanism, taken: Collection[str]) -> list[tuple[str, str, str]]:
@@ -216,15 +220,22 @@ def coinciding(mechanism: Mechanism, taken: Collection[str]) -> list[tuple[str, 
     return found
 
 
-def _motion(mechanism: Mechanism) -> str:
-    """A small motion of the first motor."""
+def _motion(text: str, out: Path, mechanism: Mechanism) -> str:
+    """A small motion of the first motor, as far as the rigid robot follows it."""
     motors = mechanism.description.actuated
     if not motors or mechanism.report.mobility != len(mechanism.motors):
         return "\n# No motion is proposed: the motors do not determine it.\n"
     joint = motors[0]
     kind = ET.fromstring(mechanism.description.urdf_text.strip()).find(f".//joint[@name='{joint}']")
     step = _STEP.get(kind.get("type", "") if kind is not None else "", _TURN)
-    return (
-        "\n# A small motion to begin with.\n"
-        f"motion: {{kind: cycloid, joints: {{{quoted(joint)}: {step}}}, duration: 0.5}}\n"
-    )
+    for share in _SHARES:
+        proposal = (
+            "\n# A small motion to begin with.\nmotion: {kind: cycloid, joints: "
+            f"{{{quoted(joint)}: {share * step:g}}}, duration: 0.5}}\n"
+        )
+        try:
+            solve(load(from_text(text + proposal, out)), level="rigid", samples=_LOOKS)
+        except PinflexError:
+            continue
+        return proposal
+    return "\n# No motion is proposed: the rigid robot cannot follow a small one from here.\n"
