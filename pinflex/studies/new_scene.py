@@ -14,7 +14,7 @@ import pinocchio as pin
 import yaml
 
 from pinflex.advice.solve import solve
-from pinflex.description import sources
+from pinflex.description import schema, sources
 from pinflex.description.description import from_text
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError, PinflexError
@@ -44,6 +44,8 @@ def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str
     """
     name = source if source.startswith(_PACKAGES) else _relative(Path(source), out)
     tree = sources.find(name, out.parent, "import")
+    for link in flexible:
+        schema.known(link, source, tree.links, f"link in {tree.file}")
     blocks = tree.joined({})
     if "actuated" not in blocks:
         blocks |= _motors(tree, closed=bool(blocks.get("loops")))
@@ -56,11 +58,6 @@ def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str
     home = home_values(mechanism)
     if home:
         blocks["home"] = home
-    for link in flexible:
-        if link not in tree.links:
-            raise DescriptionError(
-                f'{source}: no such link: "{link}". Links: {", ".join(tree.links)}.'
-            )
     guesses = candidates(mechanism, tuple(flexible))
     missing = sorted({*flexible} - {guess.link for guess in guesses})
     if missing:
