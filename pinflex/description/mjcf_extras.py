@@ -36,7 +36,7 @@ def joints(robot: Robot) -> None:
             )  # fmt: skip
         if extra:
             robot.blocks.setdefault("joints", {})[name] = extra
-        if data.ref:
+        if data.ref or extra.get("rest", 0.0):  # an elastic joint would start at its rest
             robot.blocks.setdefault("home", {})[name] = data.ref
 
 
@@ -60,7 +60,7 @@ def _spring(robot: Robot, name: str, data: JointData) -> dict[str, Any]:
         return {}
     rest = float(numbers(data.given.get("springref", "0"), data.element, "springref", 1)[0])
     rest = float(robot.values.angle(rest)) if data.type == "hinge" else rest
-    return {"spring": stiffness} | ({"rest": rest} if rest else {})
+    return {"spring": stiffness} | ({"rest": rest} if rest or data.ref else {})
 
 
 # Motors --------------------------------------------------------------------------------------
