@@ -9,7 +9,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.mjcf import JointData, Robot
 from pinflex.description.tree_text import pose
-from pinflex.description.xml_lines import Element, known, numbers
+from pinflex.description.xml_lines import Element, known, numbers, unused
 
 _ONE = ("hinge", "slide")
 _CONTROL = ("kp", "kv", "gainprm", "biasprm", "dyntype", "dynprm", "timeconst")
@@ -211,6 +211,25 @@ def _coupling(robot: Robot, element: Element, given: dict[str, str], name: str) 
 
 # What is left out ----------------------------------------------------------------------------
 
+# Attributes by tag that are taken over, or that say nothing about the mechanism.
+_POSE = ("name", "class", "childclass", "pos", "quat", "axisangle", "xyaxes", "zaxis", "euler")
+_LABELS = ("name", "class", "group", "user")
+_TAKEN = {
+    "compiler": ("angle", "eulerseq", "meshdir", "assetdir", "texturedir", "autolimits",
+                 "inertiafromgeom", "discardvisual", "usethread"),
+    "option": ("gravity", "timestep", "integrator", "cone", "jacobian", "solver", "iterations",
+               "tolerance", "impratio", "ls_iterations", "noslip_iterations"),
+    "body": (*_POSE, "user"),
+    "inertial": (*_POSE, "mass", "diaginertia", "fullinertia"),
+    "joint": (*_LABELS, "type", "pos", "axis", "ref", "range", "limited", "armature", "damping",
+              "stiffness", "springref", "frictionloss", "margin", "solreflimit", "solimplimit"),
+    "connect": (*_LABELS, "body1", "body2", "anchor", "site1", "site2", "active", "solref",
+                "solimp"),
+    "weld": (*_LABELS, "body1", "body2", "relpose", "anchor", "site1", "site2", "active", "solref",
+             "solimp", "torquescale"),
+    "mesh": ("name", "class", "file", "scale", "smoothnormal", "maxhullvert", "content_type"),
+}  # fmt: skip
+
 
 def rest(robot: Robot) -> None:
     """Gravity; and sections and geoms without a meaning here, a sentence each."""
@@ -218,9 +237,6 @@ def rest(robot: Robot) -> None:
         if "gravity" in option.attrib:
             vector = numbers(option.get("gravity"), option, "gravity", 3, "acceleration")
             robot.blocks["gravity"] = [float(x) for x in vector]
-        for key in ("wind", "density", "viscosity"):
-            if option.get(key, "0").strip("0. "):
-                robot.note(option, f"{key} of <option> is not taken over.")
     for section in robot.values.root.all():
         if section.tag not in _QUIET:
             robot.note(section, f"<{section.tag}> is not taken over.")
@@ -228,7 +244,24 @@ def rest(robot: Robot) -> None:
             for tendon in section.all():
                 robot.note(tendon, f"the tendon {tendon.get('name', '')} (<{tendon.tag}>) is not "
                            "taken over.")  # fmt: skip
+    _attributes(robot)
     for geom in robot.values.root.iter("geom"):
-        if isinstance(geom, Element) and geom.get("contype", "1") != "0":
+        assert isinstance(geom, Element)
+        if geom.get("contype", "1") != "0":
             robot.note(geom, "geoms do not touch each other here: contacts are not taken over.")
             break
+
+
+def _attributes(robot: Robot) -> None:
+    """Attributes of elements that are taken over but for these."""
+    pending = [robot.values.root]
+    while pending:
+        element = pending.pop()
+        pending += [child for child in element.all() if element.tag not in ("tendon", "equality")]
+        if element.tag == "equality":
+            pending += [child for child in element.all() if child.tag != "joint"]
+        if element.tag in _TAKEN and not (element.tag == "mesh" and not element.get("file")):
+            robot.values.notes += unused(element, _TAKEN[element.tag])
+    for name, data in robot.joints.items():
+        if data.type == "ball" and "range" in data.given:
+            robot.note(data.element, f"range of {name}, a ball joint, is not taken over.")

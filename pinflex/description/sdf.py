@@ -11,7 +11,6 @@ Source: sdformat.org, specification 1.6 (poses in the model's frame, axes in the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,7 +20,7 @@ from pinflex.arrays import Array
 from pinflex.description import urdf
 from pinflex.description.source import Source
 from pinflex.description.tree_text import Inertia, Joint, Tree, Visual, from_rpy, pose
-from pinflex.description.xml_lines import Element, known, numbers, parse
+from pinflex.description.xml_lines import Element, known, numbers, parse, unused
 from pinflex.errors import DescriptionError
 
 _TYPES = {
@@ -33,9 +32,25 @@ _LOOPS = {
     "fixed": "weld", "ball": "spherical", "universal": "universal",
 }  # fmt: skip
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "universal")
-_LINK = ("pose", "inertial", "visual", "collision", "self_collide", "gravity", "kinematic")
-_MODEL = ("link", "joint", "frame", "pose", "self_collide", "static", "allow_auto_disable")
-_QUIET = ("collision", "self_collide", "allow_auto_disable", "sensor", "gui")
+# Tags that are taken over, or that say nothing about the mechanism.
+_TAKEN = {
+    "model": ("link", "joint", "frame", "pose", "self_collide", "static", "allow_auto_disable"),
+    "link": ("pose", "inertial", "visual", "collision", "self_collide"),
+    "inertial": ("pose", "mass", "inertia"),
+    "joint": (
+        "pose",
+        "parent",
+        "child",
+        "axis",
+        "axis2",
+        "gearbox_ratio",
+        "gearbox_reference_body",
+    ),
+    "axis": ("xyz", "limit", "dynamics", "use_parent_model_frame", "initial_position"),
+    "axis2": ("xyz", "use_parent_model_frame"),
+    "limit": ("lower", "upper", "effort", "velocity"),
+    "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
+}
 _HUGE = 1e15  # a limit as large is none
 
 
@@ -69,12 +84,16 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
         raise DescriptionError(f"{model.place}: no <link>. A robot has at least one.")
     joints = {_name(joint): joint for joint in model.all("joint")}
     reading = _Reading(file, Tree(model.get("name") or file), _poses(model), joints)
-    _grow(reading, links)
+    _grow(reading, links, _text(model, "static") in ("1", "true"))
     for name, link in links.items():
         _fill(reading, name, link)
     for name, joint in joints.items():
         _extras(reading, name, joint)
-    _notes(reading, model, links.values())
+    for world in root.all("world"):
+        if _text(world, "gravity"):
+            vector = numbers(_text(world, "gravity"), world, "gravity", 3, "acceleration")
+            reading.blocks["gravity"] = _plain(vector)
+    _notes(reading, model)
     checked = urdf.check(reading.tree.text(), file, package_dirs)
     return replace(checked, loops=reading.loops, blocks=reading.blocks, notes=tuple(reading.notes))
 
@@ -150,7 +169,7 @@ def _axis(reading: _Reading, joint: Element, name: str, tag: str = "axis") -> Ar
 # Tree ----------------------------------------------------------------------------------------
 
 
-def _grow(reading: _Reading, links: dict[str, Element]) -> None:
+def _grow(reading: _Reading, links: dict[str, Element], static: bool) -> None:
     """Links by the first joint that carries each; further joints close loops."""
     carriers: dict[str, str] = {}
     closing: list[str] = []
@@ -179,7 +198,7 @@ def _grow(reading: _Reading, links: dict[str, Element]) -> None:
         )
     root = "world" if tied else roots[0]
     reading.tree.root(root, reading.poses[root])
-    if not tied:
+    if not tied and not static:
         reading.blocks["base"] = "free_flyer"
     waiting = dict(carriers)
     while waiting:
@@ -372,14 +391,13 @@ def _gearbox(reading: _Reading, name: str, joint: Element) -> None:
     )
 
 
-def _notes(reading: _Reading, model: Element, links: Iterable[Element]) -> None:
+def _notes(reading: _Reading, model: Element) -> None:
     """What has no meaning here, each with its line."""
-    others = [e for e in model.all() if e.tag not in _MODEL]
-    others += [e for link in links for e in link.all() if e.tag not in _LINK]
-    for element in others:
-        name = f' "{element.get("name")}"' if element.get("name") else ""
-        reading.notes.append(f"{element.place}: <{element.tag}>{name} is not taken over.")
-    hit = next((e for link in links for e in link.all("collision")), None)
+    for element in model.iter():
+        assert isinstance(element, Element)
+        if element.tag in _TAKEN:
+            reading.notes += unused(element, _TAKEN[element.tag], children=True)
+    hit = next((e for link in model.all("link") for e in link.all("collision")), None)
     if hit is not None:
         reading.notes.append(f"{hit.place}: <collision> is not taken over, here and below.")
     if model.child("pose") is not None:

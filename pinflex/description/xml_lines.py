@@ -113,6 +113,22 @@ def numbers(
     return values
 
 
+def unused(element: Element, taken: Collection[str], children: bool = False) -> Iterator[str]:
+    """Sentences on attributes (or children) of an element that are not among those taken.
+
+    Args:
+        element: The element. taken: Names that are taken over, or that say nothing mechanical.
+        children: Look at the tags of its children instead of its attributes.
+    """
+    own = f' "{element.get("name")}"' if element.get("name") else ""
+    found = {child.tag: child.place for child in reversed([*element.all()])} if children else {}
+    places = found if children else dict.fromkeys(element.attrib, element.place)
+    for name, place in places.items():
+        if name not in taken:
+            word = f"<{name}>" if children else name
+            yield f"{place}: {word} of <{element.tag}>{own} is not taken over."
+
+
 def known(name: str, names: Collection[str], element: Element, what: str) -> str:
     """A name that the file defines."""
     if name not in names:

@@ -217,6 +217,13 @@ def test_what_an_mjcf_says_beside_its_tree(tmp_path: Path) -> None:
     for words in (f"{motor}: gear 5 of motor", f"{motor}: the control law", f"{sensor}: <sensor>"):
         assert f"line {words}" in said
     assert "contacts are not taken over" in said
+    odd = TREE.replace('name="yaw"', 'name="yaw" springdamper="1 1"').replace(
+        '<body name="tool"', '<body gravcomp="1" name="tool"'
+    )
+    path.write_text(odd, "utf-8")
+    said = " ".join(read(path).notes)
+    assert f'line {line(odd, "springdamper")}: springdamper of <joint> "yaw" is not taken' in said
+    assert f'line {line(odd, "gravcomp")}: gravcomp of <body> "tool" is not taken over' in said
 
 
 # A four-bar closed by <connect>; springs with a rest; a second pair of bars that follows the first.
@@ -393,7 +400,7 @@ def test_an_sdf_is_a_tree_with_the_further_joints_as_loops(tmp_path: Path) -> No
     # the rotor's moment about its axis, times the square of the gear
     assert robot.joints["hip"].rotor_inertia == pytest.approx(2e-5 * 20**2, rel=EXACT)
     said = " ".join(robot.notes)
-    assert f'line {line(SDF, "<plugin")}: <plugin> "driver" is not taken over' in said
+    assert f'line {line(SDF, "<plugin")}: <plugin> of <model> "leg" is not taken over' in said
     assert f"line {line(SDF, '<collision')}: <collision> is not taken over, here and below" in said
     gear = line(SDF, 'type="gearbox"')
     assert f"line {gear}: the gearbox gear is rotor inertia 0.008" in said
