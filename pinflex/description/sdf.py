@@ -10,16 +10,27 @@ Source: sdformat.org, specification 1.6 (poses in the model's frame, axes in the
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array
 from pinflex.description import urdf
+from pinflex.description.sdf_values import (
+    Reading,
+    axis_of,
+    dynamics,
+    limits_of,
+    name_of,
+    plain,
+    pose_of,
+    poses,
+    text_of,
+    value_of,
+    visual,
+)
 from pinflex.description.source import Source
-from pinflex.description.tree_text import Inertia, Joint, Tree, Visual, from_rpy, pose
+from pinflex.description.tree_text import Inertia, Joint, Tree
 from pinflex.description.xml_lines import Element, known, numbers, parse, unused
 from pinflex.errors import DescriptionError
 
@@ -51,20 +62,6 @@ _TAKEN = {
     "limit": ("lower", "upper", "effort", "velocity"),
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
 }
-_HUGE = 1e15  # a limit as large is none
-
-
-@dataclass
-class _Reading:
-    """A model on its way into a tree."""
-
-    file: str
-    tree: Tree
-    poses: dict[str, Array]
-    joints: dict[str, Element]
-    blocks: dict[str, Any] = field(default_factory=dict)
-    loops: dict[str, Any] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
@@ -79,117 +76,32 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     if len(models) != 1:
         raise DescriptionError(f"{file}: {len(models)} <model>. Allowed: one. Leave one in.")
     model = models[0]
-    links = {_name(link): link for link in model.all("link")}
+    links = {name_of(link): link for link in model.all("link")}
     if not links:
         raise DescriptionError(f"{model.place}: no <link>. A robot has at least one.")
-    joints = {_name(joint): joint for joint in model.all("joint")}
-    reading = _Reading(file, Tree(model.get("name") or file), _poses(model), joints)
-    _grow(reading, links, _text(model, "static") in ("1", "true"))
+    joints = {name_of(joint): joint for joint in model.all("joint")}
+    reading = Reading(file, Tree(model.get("name") or file), poses(model), joints)
+    _grow(reading, links, text_of(model, "static") in ("1", "true"))
     for name, link in links.items():
         _fill(reading, name, link)
     for name, joint in joints.items():
         _extras(reading, name, joint)
     for world in root.all("world"):
-        if _text(world, "gravity"):
-            vector = numbers(_text(world, "gravity"), world, "gravity", 3, "acceleration")
-            reading.blocks["gravity"] = _plain(vector)
+        if text_of(world, "gravity"):
+            vector = numbers(text_of(world, "gravity"), world, "gravity", 3, "acceleration")
+            reading.blocks["gravity"] = plain(vector)
     _notes(reading, model)
     checked = urdf.check(reading.tree.text(), file, package_dirs)
     return replace(checked, loops=reading.loops, blocks=reading.blocks, notes=tuple(reading.notes))
 
 
-def _name(element: Element) -> str:
-    name = element.get("name") or ""
-    if not name:
-        raise DescriptionError(f"{element.place}: <{element.tag}> without a name. Give it one.")
-    return name
-
-
-def _text(element: Element, tag: str) -> str:
-    return (element.findtext(tag) or "").strip()
-
-
-# Poses ---------------------------------------------------------------------------------------
-
-
-def _pose(element: Element | None) -> tuple[str, Array]:
-    """The frame that a <pose> is written in ("" for the default one), and the matrix."""
-    found = None if element is None else element.child("pose")
-    if found is None or not (found.text or "").strip():
-        return "", np.eye(4)
-    values = numbers(found.text, found, "x y z roll pitch yaw", 6)
-    frame = found.get("relative_to") or found.get("frame") or ""
-    angles = np.radians(values[3:]) if found.get("degrees") == "true" else values[3:]
-    return frame, pose(from_rpy(angles), values[:3])
-
-
-def _poses(model: Element) -> dict[str, Array]:
-    """Pose of every link, joint and frame in the model's frame."""
-    elements = {
-        _name(e): e for tag in ("link", "joint", "frame") for e in model.all(tag)
-    }  # names are unique among them
-    found: dict[str, Array] = {"": np.eye(4), "__model__": np.eye(4), "world": np.eye(4)}
-
-    def at(name: str, way: tuple[str, ...] = ()) -> Array:
-        if name in found:
-            return found[name]
-        if name in way:
-            raise DescriptionError(f"{elements[way[-1]].place}: the poses of {name} go round.")
-        known(name, elements, elements[way[-1]] if way else model, "frame")
-        element = elements[name]
-        frame, matrix = _pose(element)
-        if element.tag == "joint":
-            frame = frame or _text(element, "child")
-        elif element.tag == "frame":
-            frame = frame or element.get("attached_to") or ""
-        found[name] = at(frame, (*way, name)) @ matrix
-        return found[name]
-
-    for name in elements:
-        at(name)
-    return found
-
-
-def _axis(reading: _Reading, joint: Element, name: str, tag: str = "axis") -> Array:
-    """Unit axis of a joint in the model's frame."""
-    element = joint.child(tag)
-    xyz = None if element is None else element.child("xyz")
-    vector = np.array([0.0, 0.0, 1.0]) if xyz is None else numbers(xyz.text, xyz, tag, 3)
-    size = float(np.linalg.norm(vector))
-    if size < 1e-9:
-        raise DescriptionError(f"{joint.place}: {tag} {vector} has no direction.")
-    turned = reading.poses[name]
-    if xyz is not None and xyz.get("expressed_in"):
-        turned = reading.poses[known(xyz.get("expressed_in", ""), reading.poses, xyz, "frame")]
-    elif element is not None and _text(element, "use_parent_model_frame") in ("1", "true"):
-        turned = np.eye(4)
-    return np.asarray(turned[:3, :3] @ vector / size)
-
-
 # Tree ----------------------------------------------------------------------------------------
 
 
-def _grow(reading: _Reading, links: dict[str, Element], static: bool) -> None:
+def _grow(reading: Reading, links: dict[str, Element], static: bool) -> None:
     """Links by the first joint that carries each; further joints close loops."""
-    carriers: dict[str, str] = {}
-    closing: list[str] = []
-    for name, joint in reading.joints.items():
-        kind = joint.get("type") or ""
-        if kind == "gearbox":
-            continue
-        if kind not in _TYPES:
-            raise DescriptionError(
-                f'{joint.place}: a joint of type "{kind}" cannot be taken over. Allowed: '
-                f"{', '.join(_TYPES)}, gearbox. Split or replace it."
-            )
-        child = known(_text(joint, "child"), links, joint, "link")
-        parent = _text(joint, "parent")
-        known(parent, {**links, "world": joint}, joint, "link")
-        if child in carriers or parent in _below(child, carriers, reading):
-            closing.append(name)
-        else:
-            carriers[child] = name
-    tied = any(_text(reading.joints[name], "parent") == "world" for name in carriers.values())
+    carriers, closing = _carriers(reading, links)
+    tied = any(text_of(reading.joints[name], "parent") == "world" for name in carriers.values())
     roots = [link for link in links if link not in carriers]
     if (tied and roots) or (not tied and len(roots) != 1):
         raise DescriptionError(
@@ -203,64 +115,87 @@ def _grow(reading: _Reading, links: dict[str, Element], static: bool) -> None:
     waiting = dict(carriers)
     while waiting:
         for child, name in list(waiting.items()):
-            if _text(reading.joints[name], "parent") in reading.tree.links:
+            if text_of(reading.joints[name], "parent") in reading.tree.links:
                 _carry(reading, child, name)
                 del waiting[child]
     for name in closing:
         _close(reading, name)
 
 
-def _below(link: str, carriers: dict[str, str], reading: _Reading) -> set[str]:
+def _carriers(reading: Reading, links: dict[str, Element]) -> tuple[dict[str, str], list[str]]:
+    """Joint that carries each link, and the joints that close loops."""
+    carriers: dict[str, str] = {}
+    closing: list[str] = []
+    for name, joint in reading.joints.items():
+        kind = joint.get("type") or ""
+        if kind == "gearbox":
+            continue
+        if kind not in _TYPES:
+            raise DescriptionError(
+                f'{joint.place}: a joint of type "{kind}" cannot be taken over. Allowed: '
+                f"{', '.join(_TYPES)}, gearbox. Split or replace it."
+            )
+        child = known(text_of(joint, "child"), links, joint, "link")
+        parent = text_of(joint, "parent")
+        known(parent, {**links, "world": joint}, joint, "link")
+        if child in carriers or parent in _below(child, carriers, reading):
+            closing.append(name)
+        else:
+            carriers[child] = name
+    return carriers, closing
+
+
+def _below(link: str, carriers: dict[str, str], reading: Reading) -> set[str]:
     """The link and all that hangs on it so far."""
     found = {link}
     while True:
-        more = {c for c, j in carriers.items() if _text(reading.joints[j], "parent") in found}
+        more = {c for c, j in carriers.items() if text_of(reading.joints[j], "parent") in found}
         if more <= found:
             return found
         found |= more
 
 
-def _carry(reading: _Reading, child: str, name: str) -> None:
+def _carry(reading: Reading, child: str, name: str) -> None:
     joint = reading.joints[name]
     kind = joint.get("type") or ""
     matrix = reading.poses[child].copy()
     matrix[:3, 3] = reading.poses[name][:3, 3]
-    limits, effort = _limits(joint)
+    limits, effort = limits_of(joint)
     word = _TYPES[kind]
     if word == "revolute" and limits is None:
         word = "continuous"
     axis = np.array([0.0, 0.0, 1.0])
     if kind in _WITH_AXIS:
-        axis = matrix[:3, :3].T @ _axis(reading, joint, name)
+        axis = matrix[:3, :3].T @ axis_of(reading, joint, name)
     made = Joint(name, word, axis, limits, effort)
-    reading.tree.add(child, _text(joint, "parent"), made, matrix)
+    reading.tree.add(child, text_of(joint, "parent"), made, matrix)
     extra: dict[str, Any] = {}
     if kind == "ball":
         extra = {"type": "spherical"}
     elif kind == "universal":
-        second = matrix[:3, :3].T @ _axis(reading, joint, name, "axis2")
-        extra = {"type": "universal", "axes": [_plain(axis), _plain(second)]}
+        second = matrix[:3, :3].T @ axis_of(reading, joint, name, "axis2")
+        extra = {"type": "universal", "axes": [plain(axis), plain(second)]}
     if extra:
         reading.blocks.setdefault("joints", {})[name] = extra
 
 
-def _close(reading: _Reading, name: str) -> None:
+def _close(reading: Reading, name: str) -> None:
     """A loop between two frames at the joint, which meet as the file draws it."""
     joint = reading.joints[name]
     kind = joint.get("type") or ""
     frame = reading.poses[name]
     ends = [
         reading.tree.mark(f"{name}_{end}", link, frame)
-        for end, link in (("a", _text(joint, "parent")), ("b", _text(joint, "child")))
+        for end, link in (("a", text_of(joint, "parent")), ("b", text_of(joint, "child")))
     ]
     loop: dict[str, Any] = {"kind": _LOOPS[kind], "between": ends}
     if kind in _WITH_AXIS:
-        loop["axis"] = _plain(frame[:3, :3].T @ _axis(reading, joint, name))
+        loop["axis"] = plain(frame[:3, :3].T @ axis_of(reading, joint, name))
     if kind == "universal":
-        loop["axis_b"] = _plain(frame[:3, :3].T @ _axis(reading, joint, name, "axis2"))
+        loop["axis_b"] = plain(frame[:3, :3].T @ axis_of(reading, joint, name, "axis2"))
     reading.loops[name] = loop
     for key in ("damping", "spring_stiffness", "friction"):
-        value = _dynamics(joint).get(key, 0.0)
+        value = dynamics(joint).get(key, 0.0)
         if value:
             reading.notes.append(
                 f"{joint.place}: {key} {value:g} of the joint {name}, which closes a loop, is not "
@@ -268,77 +203,27 @@ def _close(reading: _Reading, name: str) -> None:
             )
 
 
-def _plain(vector: Array) -> list[float]:
-    return [round(float(x), 15) + 0.0 for x in vector]
-
-
-def _limits(joint: Element) -> tuple[tuple[float, float] | None, float]:
-    axis = joint.child("axis")
-    limit = None if axis is None else axis.child("limit")
-    if limit is None:
-        return None, 0.0
-    lower, upper, effort = (
-        _value(limit, key, bad)
-        for key, bad in (("lower", -math.inf), ("upper", math.inf), ("effort", 0.0))
-    )
-    bounded = lower > -_HUGE and upper < _HUGE and lower < upper
-    return (lower, upper) if bounded else None, max(effort, 0.0) if effort < _HUGE else 0.0
-
-
-def _value(element: Element, tag: str, default: float = 0.0) -> float:
-    text = _text(element, tag)
-    try:
-        return float(text) if text else default
-    except ValueError:
-        raise DescriptionError(
-            f"{element.place}: {tag}: {text!r} is not a number. Correct it."
-        ) from None
-
-
 # What links and joints have ------------------------------------------------------------------
 
 
-def _fill(reading: _Reading, name: str, link: Element) -> None:
+def _fill(reading: Reading, name: str, link: Element) -> None:
     """Mass and shapes of a link."""
     inertial = link.child("inertial")
     inertia = Inertia()
     if inertial is not None:
-        _, frame = _pose(inertial)
+        _, frame = pose_of(inertial)
         given = inertial.child("inertia")
         xx, xy, xz, yy, yz, zz = (
-            0.0 if given is None else _value(given, f"i{key}")
+            0.0 if given is None else value_of(given, f"i{key}")
             for key in ("xx", "xy", "xz", "yy", "yz", "zz")
         )
         about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        inertia = Inertia(_value(inertial, "mass"), about=about).moved(frame)
-    visuals = [v for v in map(_visual, link.all("visual")) if v is not None]
+        inertia = Inertia(value_of(inertial, "mass"), about=about).moved(frame)
+    visuals = [v for v in map(visual, link.all("visual")) if v is not None]
     reading.tree.load(name, inertia, tuple(visuals), reading.poses[name])
 
 
-def _visual(element: Element) -> Visual | None:
-    geometry = element.child("geometry")
-    shape = None if geometry is None else next(geometry.all(), None)
-    if shape is None:
-        return None
-    _, matrix = _pose(element)
-    if shape.tag == "mesh":
-        file = _text(shape, "uri").removeprefix("model://").removeprefix("package://")
-        scale = _text(shape, "scale") or "1 1 1"
-        return Visual("mesh", matrix, {"filename": f"package://{file}", "scale": scale})
-    if shape.tag in ("box", "cylinder", "sphere"):
-        keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-        return Visual(shape.tag, matrix, {key: _text(shape, key) for key in keys[shape.tag]})
-    return None
-
-
-def _dynamics(joint: Element) -> dict[str, float]:
-    axis = joint.child("axis")
-    given = None if axis is None else axis.child("dynamics")
-    keys = ("damping", "friction", "spring_stiffness", "spring_reference")
-    return {} if given is None else {key: _value(given, key) for key in keys}
-
-
-def _extras(reading: _Reading, name: str, joint: Element) -> None:
+def _extras(reading: Reading, name: str, joint: Element) -> None:
     """Spring, damper and gearbox of a joint of the tree."""
     kind = joint.get("type") or ""
     if kind == "gearbox":
@@ -346,7 +231,7 @@ def _extras(reading: _Reading, name: str, joint: Element) -> None:
         return
     if name in reading.loops:
         return
-    values = _dynamics(joint)
+    values = dynamics(joint)
     extra: dict[str, Any] = {}
     if values.get("damping") and kind != "fixed":
         extra["damper"] = values["damping"]
@@ -362,10 +247,10 @@ def _extras(reading: _Reading, name: str, joint: Element) -> None:
         reading.blocks.setdefault("joints", {}).setdefault(name, {}).update(extra)
 
 
-def _gearbox(reading: _Reading, name: str, joint: Element) -> None:
+def _gearbox(reading: Reading, name: str, joint: Element) -> None:
     """A rotor behind a gear as inertia on the joint that it drives; the motor is there."""
-    rotor, child = _text(joint, "parent"), _text(joint, "child")
-    base, ratio = _text(joint, "gearbox_reference_body"), _value(joint, "gearbox_ratio", 1.0)
+    rotor, child = text_of(joint, "parent"), text_of(joint, "child")
+    base, ratio = text_of(joint, "gearbox_reference_body"), value_of(joint, "gearbox_ratio", 1.0)
     carried = reading.tree.carriers
     if {rotor, child} - {*carried} or {carried[rotor][0], carried[child][0]} != {base} or not ratio:
         reading.notes.append(
@@ -391,7 +276,7 @@ def _gearbox(reading: _Reading, name: str, joint: Element) -> None:
     )
 
 
-def _notes(reading: _Reading, model: Element) -> None:
+def _notes(reading: Reading, model: Element) -> None:
     """What has no meaning here, each with its line."""
     for element in model.iter():
         assert isinstance(element, Element)
