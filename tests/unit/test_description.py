@@ -197,7 +197,7 @@ def test_a_missing_example_robot_data_is_explained(
 
 def test_every_key_is_explained_in_the_readme() -> None:
     text = (Path(description.__file__).parents[2] / "models" / "README.md").read_text("utf-8")
-    keys = {*description._KEYS, *flexible._KEYS, *material._KEYS, *loops.LOOP_KINDS}
+    keys = {*description.KEYS, *flexible.KEYS, *material.KEYS, *loops.LOOP_KINDS}
     for record in (JointExtra, SolveSpec, Basis):
         keys |= {field.name for field in dataclasses.fields(record)} - {"name"}
     keys |= {*material.MATERIALS, *flexible.BOUNDARIES}
