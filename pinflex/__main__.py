@@ -19,7 +19,8 @@ from pinflex.errors import PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
     *("check", "modes", "advise", "command", "shapers", "frf", "solve", "compare"),
-    *("sweep", "map", "sensitivity", "design", "fit", "bench", "view", "verify"),
+    *("sweep", "map", "sensitivity", "design", "fit", "bench"),
+    *("view", "verify", "importing", "schema"),
 )
 _ISSUES = "please report it with the model and the output of --debug"
 _TITLE = (
@@ -45,6 +46,7 @@ examples:
   pinflex bench 3rrs                   which level, modes and step buy which error
   pinflex view run.npz                 its animation
   pinflex verify                       published benchmarks on this machine
+  pinflex import robot.xml             a YAML for an MJCF, SDF, URDF or Gepetto's robot.yaml
 
 exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 
@@ -78,7 +80,8 @@ def _run(arguments: list[str]) -> int:
         warnings.simplefilter("ignore")
     if getattr(args, "limit", None) is not None and hasattr(args, "set"):
         args.set.append(f"limit={args.limit!r}")
-    code: int = import_module(f"pinflex.cli.{args.command}").run(args)
+    module = getattr(args, "module", args.command)
+    code: int = import_module(f"pinflex.cli.{module}").run(args)
     sys.stdout.flush()
     return code
 

@@ -151,22 +151,24 @@ def pid(
     return Pid(kp_, ki_, kd_, target_)
 
 
+KEYS = ("measure", "drive", "kp", "ki", "kd", "target")
+
+
 def read_control(value: object, where: str, urdf: Source) -> Control | None:
     """The block `control`: {NAME: {measure, drive, kp, ki, kd, target}}.
 
     Args:
         value: The parsed block. where: Its place. urdf: Links and joints there are.
     """
-    gains = ("kp", "ki", "kd", "target")
     names, measures, drives, rows = [], [], [], []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
-        block = schema.mapping(item, here, ("measure", "drive", *gains), ("measure", "drive"))
+        block = schema.mapping(item, here, KEYS, ("measure", "drive"))
         names.append(name)
         measures.append(_measure(block["measure"], schema.at(here, "measure"), urdf))
         drives.append(_drive(block["drive"], schema.at(here, "drive"), urdf))
         rows.append(
-            [schema.number(block.get(k, 0.0), schema.at(here, k), of="gain") for k in gains]
+            [schema.number(block.get(k, 0.0), schema.at(here, k), of="gain") for k in KEYS[2:]]
         )
         if not any(rows[-1][:3]):
             raise DescriptionError(f"{here}: it does nothing. Give kp, ki or kd.")

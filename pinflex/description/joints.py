@@ -14,6 +14,10 @@ from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
 TYPES = ("spherical", "universal")  # in place of a URDF's fixed or floating
+KEYS = (
+    *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
+    *("drive", "friction"),
+)
 _SINGLE = ("spring", "parallel_spring", "rest", "drive", "friction")  # for joints of one freedom
 
 
@@ -67,14 +71,13 @@ def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra
 
 def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    keys = (
-        *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
-        *("drive", "friction"),
-    )
-    block = schema.mapping(value, where, keys)
-    place = {key: schema.at(where, key) for key in keys}
+    block = schema.mapping(value, where, KEYS)
+    place = {key: schema.at(where, key) for key in KEYS}
     kind = _type(block, name, place["type"], urdf)
     _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
+    if isinstance(block.get("rest"), str):
+        of = schema.quantity(urdf.joints[name].type)
+        block["rest"] = schema.number(block["rest"], place["rest"], of=of)
     values = fields.read(JointExtra, block, place)
     if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
         beside, at = block["parallel_spring"], place["parallel_spring"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from pinflex.description import ranges
 from pinflex.description.source import HOME_SIZES, Source, SourceJoint
+from pinflex.description.xml_lines import malformed, refuse_doctype
 from pinflex.errors import DescriptionError, nearest
 
 _URDF_TYPES = tuple(t for t in HOME_SIZES if t not in ("universal", "spherical"))
@@ -25,19 +25,13 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
         file: File name, for messages.
         package_dirs: Kept in the result.
     """
-    # A document type can hold entities that grow without bound, and URDF has no use for one.
-    first, *rest = text.split("<!--")
-    if re.search("<!(DOCTYPE|ENTITY)", first + "".join(x.partition("-->")[2] for x in rest), re.I):
-        raise DescriptionError(f"{file}: holds a <!DOCTYPE>, which a URDF must not. Remove it.")
+    refuse_doctype(text, file, "a URDF")
     try:
         root = ET.fromstring(text.strip())
     except ET.ParseError as error:
         # Positions count from the first non-blank line, as the XML declaration must come first.
         line = error.position[0] + text[: len(text) - len(text.lstrip())].count("\n")
-        raise DescriptionError(
-            f"{file}, line {line}: malformed XML: {str(error).split(':')[0]}. Correct the line.",
-            line=line,
-        ) from None
+        raise malformed(file, line, error) from None
     except ValueError as error:
         raise DescriptionError(f"{file}: malformed XML: {error}. Correct it.") from None
     if root.tag != "robot":

@@ -13,6 +13,7 @@ Pinocchio takes the states one after the other; everything around it runs on sta
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +30,7 @@ from pinflex.mechanics.evaluated import (
     Tangent,
 )
 from pinflex.mechanics.geometry import Geometry, spans
+from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
 from pinflex.mechanics.system import System
@@ -294,10 +296,14 @@ class Equations(Geometry):
             self._energies(found[:, s], Y[s], V[s], times[s])
         return Energies(*(found[:, 0] if y.ndim == 1 else found))
 
+    @cached_property
+    def _rotors(self) -> Array:
+        return rotor_energy_left_out(self.model)
+
     def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
         here, model, data = self.map.at(Y, V, np.zeros_like(V), True), self.model, self.data
         for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
-            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate)
+            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + self._rotors @ rate**2
             found[1, k] = pin.computePotentialEnergy(model, data)
         found[2] = self.elastic_energy(Y[:, self.nq_rigid :])
         if self.sprung:
