@@ -22,7 +22,7 @@ from pinflex.text import brief
 
 SPEED = 1e-3  # smoothing speed [rad/s | m/s]: a sticking joint creeps at less
 _STRIBECK = 10.0  # Stribeck speed over the smoothing speed, where none is given
-_KEYS = (
+KEYS = (
     *("gear", "motor_inertia", "stiffness", "damping"),
     *("friction", "efficiency", "limit_curve"),
 )
@@ -117,8 +117,8 @@ def read_drive(value: object, where: str, reduction: float | None) -> tuple[Driv
         value: The parsed block. where: Its place.
         reduction: Gear ratio of the robot's file, for a drive that writes none.
     """
-    block = schema.mapping(value, where, _KEYS)
-    place = {key: schema.at(where, key) for key in _KEYS}
+    block = schema.mapping(value, where, KEYS)
+    place = {key: schema.at(where, key) for key in KEYS}
     found: dict[str, Any] = fields.read(Drive, block, place)
     if "damping" in found and "stiffness" not in found:
         raise DescriptionError(

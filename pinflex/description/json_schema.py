@@ -11,7 +11,17 @@ import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from pinflex.description import control, external, flexible, joints, loops, material, section
+from pinflex.description import (
+    control,
+    drives,
+    external,
+    flexible,
+    joints,
+    loops,
+    material,
+    section,
+    shaping,
+)
 from pinflex.description.description import KEYS, Description
 from pinflex.description.motion import KINDS
 from pinflex.description.patch import KEYS as PATCH_KEYS
@@ -104,9 +114,16 @@ def _joint() -> Form:
         "type": {"enum": [*joints.TYPES]},
         "axes": {"type": "array"},
         "rest": _MEASURE,
+        "drive": _block(_any(drives.KEYS) | _of_record(drives.Drive) | {"friction": _friction()}),
+        "friction": _friction(),
     }
     return _block(_any(joints.KEYS) | _of_record(joints.JointExtra) | own
                   | {"parallel_spring": _NUMBER})  # fmt: skip
+
+
+def _friction() -> Form:
+    """A block, or the sliding friction alone."""
+    return {"anyOf": [_NUMBER, _block(_of_record(drives.Friction))]}
 
 
 def _damping(keys: Iterable[str]) -> Form:
@@ -149,6 +166,11 @@ def _motion() -> Form:
     for kind, make in KINDS.items():
         parameters = inspect.signature(make).parameters
         needed = [key for key, one in parameters.items() if one.default is one.empty]
-        keys: dict[str, Form] = {key: {} for key in parameters}
+        keys: dict[str, Form] = {key: {} for key in parameters} | {"shaper": _shaper()}
         kinds.append(_block(keys | {"kind": {"const": kind}}, ["kind", *needed]))
     return {"anyOf": kinds}
+
+
+def _shaper() -> Form:
+    kinds = {"enum": [*shaping.KINDS]}
+    return {"anyOf": [kinds, _block(_any(shaping.KEYS) | {"kind": kinds})]}

@@ -19,6 +19,7 @@ from pinflex.description.laws import Kinematics
 from pinflex.description.trajectory import Motion
 from pinflex.errors import DescriptionError, nearest
 
+KEYS = ("kind", "frequencies", "damping", "modes")
 KINDS = ("zv", "zvd", "ei")
 MODES = 3  # most of those that a motion excites
 TOLERATED = 0.05  # residual vibration that EI leaves at the frequency it is made for
@@ -67,7 +68,7 @@ def read(value: object, where: str) -> ShaperSpec | None:
     if value is None:
         return None
     block = {"kind": value} if isinstance(value, str) else value
-    block = schema.mapping(block, where, ("kind", "frequencies", "damping", "modes"), ("kind",))
+    block = schema.mapping(block, where, KEYS, ("kind",))
     kind = schema.choice(block["kind"], schema.at(where, "kind"), KINDS)
     given = block.get("frequencies", ())
     found = _each(given, schema.at(where, "frequencies"), above=0.0, of="rate")
