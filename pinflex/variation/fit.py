@@ -21,6 +21,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.description import Description
+from pinflex.description.parameters import parameters
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
@@ -124,7 +125,7 @@ def _bounds(
     """Logarithms of the bounds over the first value, by key."""
     found = {}
     for pattern, pair in ranges.items():
-        for parameter in variants(robot, [pattern]).parameters:
+        for parameter in parameters(robot.description, [pattern])[1]:
             if pair is None:
                 found[parameter.key] = (-math.log(_FACTOR), math.log(_FACTOR))
                 continue
@@ -144,7 +145,7 @@ def _spreads(robot: Mechanism, priors: Mapping[str, float] | None) -> dict[str, 
     for pattern, share in (priors or {}).items():
         if not 0 < share < math.inf:
             raise DescriptionError(f"{robot.name}: prior {pattern}: {share:g}. Give it above 0.")
-        found |= {parameter.key: share for parameter in variants(robot, [pattern]).parameters}
+        found |= {p.key: share for p in parameters(robot.description, [pattern])[1]}
     return found
 
 
@@ -171,19 +172,14 @@ class _Problem:
             raise DescriptionError(f"prior {stray[0]}: it is not varied. Vary it too.")
         self.bounds = np.array([bounds[key] for key in self.names])
         self.prior = np.array([1.0 / spreads.get(key, math.inf) for key in self.names])
-        self.first = np.array([p.value for p in designs.parameters])
         self.scale, self.solves, self._last = 1.0, 0, np.zeros(0)
         self._designs: dict[bytes, Mechanism] = {}
-
-    def values(self, x: Array) -> dict[str, float]:
-        """Values by key."""
-        return dict(zip(self.names, (float(v) for v in self.first * np.exp(x)), strict=True))
 
     def design(self, x: Array) -> Mechanism:
         """The design at x; the last is kept, as residuals and derivatives share it."""
         key = x.tobytes()
         if key not in self._designs:
-            self._designs = {key: self.designs.at(self.values(x))}
+            self._designs = {key: self.designs.at(self.designs.values(x))}
         return self._designs[key]
 
     def data_rows(self, x: Array, coarse: bool = False) -> Array:
@@ -207,7 +203,7 @@ class _Problem:
 
     def jacobian(self, x: Array) -> Array:
         """Derivatives of the residuals and of the priors."""
-        J = self.data.jacobian(self.designs, self.values(x), self.design(x)) / self.scale
+        J = self.data.jacobian(self.designs, self.designs.values(x), self.design(x)) / self.scale
         J[:, unseen(J)[0]] = 0.0  # round-off would lead them astray
         return self.with_priors(J)
 
@@ -238,7 +234,7 @@ class _Problem:
         rows = self.data_rows(x)
         if not told:
             self.scale = _scale(rows, len(x))
-        J = self.data.jacobian(self.designs, self.values(x), self.design(x))
+        J = self.data.jacobian(self.designs, self.designs.values(x), self.design(x))
         return x, rows / self.scale, J / self.scale
 
     def _led(self, x: Array) -> Array:
@@ -248,7 +244,9 @@ class _Problem:
 
         def slope(x: Array) -> Array:
             coarse = partial(self.data.rows, coarse=True)
-            return self.with_priors(differences(coarse, self.designs, self.values(x)) / self.scale)
+            return self.with_priors(
+                differences(coarse, self.designs, self.designs.values(x)) / self.scale
+            )
 
         return self._search(x, lambda x: self.rows(x, True), slope, _NEAR)
 
@@ -278,14 +276,12 @@ def _fitted(problem: _Problem, x: Array, rows: Array, J: Array) -> Fit:
     """What is told of a fit."""
     designs, data = problem.designs, problem.data
     C = covariance(problem.with_priors(J), hidden(problem.with_priors(J)))
-    values = problem.values(x)
-    by_key = {p.key: p for p in designs.parameters}
-    changes = [c for key, value in values.items() for c in by_key[key].overrides(value)]
+    values = designs.values(x)
     best = problem.design(x)
     freedom = len(rows) + int(np.sum(problem.prior > 0)) - len(x)
     return Fit(
-        problem.names, problem.first, np.array([*values.values()]),
-        np.exp(problem.bounds) * problem.first[:, None], C, rows, data.told, freedom,
+        problem.names, designs.first, np.array([*values.values()]),
+        np.exp(problem.bounds) * designs.first[:, None], C, rows, data.told, freedom,
         tuple(sentences(J, C, problem.names)), data.text(best), tuple(data.panels(best)),
-        problem.solves, designs.base.description.with_overrides(changes),
+        problem.solves, designs.described(values),
     )  # fmt: skip
