@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import Progress, load_model, print_json, written
 from pinflex.errors import DescriptionError
 
 
@@ -49,8 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.writing import writable
 
     for path in (args.output, args.plot):
-        if path is not None:
-            writable(path)
+        writable(path)
     vary = dict(_vary(text) for text in args.vary)
     priors = dict(_prior(text) for text in args.prior)
     nodes = dict(_node(text) for text in args.node)
@@ -62,12 +61,7 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
     finally:
         bar.close()
-    files = []
-    if args.plot is not None:
-        found.plot(args.plot)
-        files.append(args.plot)
-    if args.output is not None:
-        files.append(str(found.write(args.output)))
+    files = written(found, args)
     if args.json:
         print_json(found.as_json() | {"files": files})
         return 0

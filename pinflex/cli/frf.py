@@ -54,13 +54,7 @@ or a record: t, INPUT, OUTPUT) is drawn beside it, with its coherence and how we
         default="torque",
         help="torque: motors are free (default); acceleration: they are prescribed",
     )
-    p.add_argument(
-        "--pose",
-        type=parser.pose,
-        default={},
-        metavar="MOTOR=VALUE,...",
-        help="motor positions in rad or m; loops are closed on the way from home",
-    )
+    parser.pose_option(p)
     for name, text in (("from", "first"), ("to", "last")):
         p.add_argument(
             f"--{name}",
