@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.integrators.run import Run
 from pinflex.mechanics.contact import section_forces
 from pinflex.mechanics.expanded import Attachment, Slot
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import solids, stress
 from pinflex.recovery.kinematics import pose_of
 from pinflex.recovery.samples import Samples
@@ -17,25 +15,22 @@ from pinflex.recovery.samples import Samples
 _SECTIONS = 21
 
 
-def links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) -> dict[str, Array]:
-    """Arrays link/NAME/... of a Result.
-
-    Args:
-        mechanism: Mechanism. run: States. samples: What they move and take.
-        reference: Joint poses of the rigid mechanism, shape (nt, joints, 3, 4).
-    """
+def links(samples: Samples) -> dict[str, Array]:
+    """Arrays link/NAME/... of a Result."""
+    mechanism, run, poses = samples.mechanism, samples.run, samples.kinematics.poses
+    reference = poses if samples.rigid_poses is None else samples.rigid_poses
     out = dict[str, Array]()
     bodies = {id(s.body): s.body for s in run.system.expansion.slots}
     cuts = {key: stress.cut(body, _SECTIONS) for key, body in bodies.items()}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
-        pieces = [_piece(run, samples, slot, cuts[id(slot.body)], out) for slot in slots]
+        pieces = [_piece(samples, slot, cuts[id(slot.body)], out) for slot in slots]
         # two bodies share the section between them
         x, resultant, line, turned = (
             np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
             for values in zip(*pieces, strict=True)
         )
-        x, home = x[0], pose_of(samples.kinematics.poses, slots[0].root)
+        x, home = x[0], pose_of(poses, slots[0].root)
         back = (line - home[:, None, :, 3]) @ home[:, :, :3]
         back[:, :, 0] -= x
         spin = _rotation_vectors(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
@@ -56,12 +51,13 @@ def links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) ->
 
 
 def _piece(
-    run: Run, samples: Samples, slot: Slot, section: stress.Cut, out: dict[str, Array]
+    samples: Samples, slot: Slot, section: stress.Cut, out: dict[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
     """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
 
     A solid body adds the stress on its surface to `out`.
     """
+    run = samples.run
     eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
     d = stress.deflections(section, eta)
     # A linear run has its forces on the undeformed link.
