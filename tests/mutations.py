@@ -146,13 +146,12 @@ FrameForce.scale = lambda self, t: plain(self, t) ** 1.05
 """,
         ["tests/verification/test_quiet_terms.py"],
     ),
-    "frequency map: shapes of the first pose, not of the last": (
+    "map along a motion: modes of each pose as sorted, not followed": (
         """
-import inspect
-import pinflex.studies.frequency_map as maps
-source = inspect.getsource(maps.frequency_map)
-exec(source.replace("last = found.shapes[:, order]",
-                    "last = found.shapes if last is None else found.shapes"), maps.__dict__)
+import numpy as np
+import pinflex.studies.pose_map as maps
+maps.tracked = lambda shapes, mass, count, first=None: {
+    place: (np.arange(x.shape[1]), 1.0) for place, x in shapes.items()}
 """,
         ["tests/verification/test_quiet_terms.py"],
     ),
