@@ -70,7 +70,7 @@ def describe(
         "links": _links(mechanism) if run.system.n_eta else {},
         "bodies": _bodies(mechanism),
         "gravity": list(description.gravity),
-        "settings": {k: _plain(v) for k, v in run.settings.items()},
+        "settings": dict(run.settings),
         "resume": None if run.s is None else run.s[-1].tolist(),
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "units": _units(mechanism),
@@ -105,10 +105,6 @@ def assess(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[
         "limits": limits,
         "monitors": {name: asdict(found) for name, found in monitors.items()},
     }
-
-
-def _plain(value: object) -> object:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _joint_index(model: pin.Model) -> dict[str, list[int]]:

@@ -19,7 +19,7 @@ from pinflex.recovery.meta import ASSESSED, assess, describe
 from pinflex.recovery.reactions import shaking_of, world_reactions
 from pinflex.recovery.samples import Samples
 from pinflex.results.lazy import Late
-from pinflex.results.result import Result, plain
+from pinflex.results.result import Result, plain_meta
 from pinflex.threads import one_blas_thread
 
 
@@ -45,10 +45,10 @@ def result_of(
 
     def assessed() -> dict[str, Any]:
         with one_blas_thread(), workspace.keep_alive():
-            return plain(assess(mechanism, run, arrays))
+            return plain_meta(assess(mechanism, run, arrays))
 
     def described() -> dict[str, Any]:
-        return plain(describe(mechanism, run, level, cost, stopped))
+        return plain_meta(describe(mechanism, run, level, cost, stopped))
 
     return Result(run.t, arrays, Late({}, {ASSESSED: assessed, (): described}))
 
