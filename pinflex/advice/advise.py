@@ -334,8 +334,8 @@ class _Study:
         probe, said = self.probe, []
         if probe.rough > 1e-2:
             said.append(
-                f"the motion has corners: interpolation misses {100 * probe.rough:.0f} % of its "
-                "acceleration there, and error bars may be short of them"
+                f"the motion has corners: interpolation misses {percent(probe.rough)} of the "
+                "linear system there, and error bars may be short of them"
             )
         seen = 1.0 / max(probe.third * probe.h, 1e-300)
         if seen < _STEPS_SEEN:

@@ -30,7 +30,7 @@ from pinflex.integrators.linear import (
 from pinflex.integrators.mode_superposition import mode_superposition
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
-from pinflex.levels.linearised import Line, along
+from pinflex.levels.linearised import LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.manifold import Manifold
@@ -78,14 +78,14 @@ def solve_ked(
         start: straight, static or auto, as in `pinflex.levels.start`.
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
-        close: What interpolated matrices may miss (see `linear_line.along`).
+        close: What interpolated matrices may miss (see `linearised.along`).
     Returns:
         The run: nominal motion plus deviation, torques included.
     """
     path, system = nominal(mechanism, motion, t), mechanism.flexible
     nt, free, rows = len(path.t), system.free, system.closed.n
     h = float(t[-1] - t[0]) / (nt - 1)
-    line = Line(mechanism, path)
+    line = LinearPath(mechanism, path)
     at = along(mechanism, motion, path, structural, close, line.dynamics)
     d, v, a = np.zeros((nt, system.nv)), line.v, line.a
     lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
@@ -117,7 +117,7 @@ def solve_ked(
     return replace(run, warnings=(*run.warnings, *_diverging(line, run)))
 
 
-def _diverging(line: Line, run: Run) -> tuple[str, ...]:
+def _diverging(line: LinearPath, run: Run) -> tuple[str, ...]:
     """Where the stiffness of the deflected mechanism has lost its sign, as a warning.
 
     The march is about the rigid motion, whose stiffness may be positive where that of the pose it
