@@ -14,6 +14,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import grades, validity
+from pinflex.results.drawing import urdf_parts
 from pinflex.results.result import UNITS
 
 _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
@@ -75,6 +76,7 @@ def describe(
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "units": _units(mechanism),
         "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
+        "drawing": urdf_parts(description.urdf_text),
         "sources": dict(description.sources),
     }
 

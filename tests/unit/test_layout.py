@@ -50,6 +50,14 @@ def test_results_and_viewer_know_no_physics(package):
     )
 
 
+def test_the_viewer_reads_no_urdf_and_no_yaml():
+    """What it draws a run by is in its meta; only meshes in Collada are XML."""
+    for path in (ROOT / "viewer").glob("*.py"):
+        text = path.read_text("utf-8")
+        parses = any(word in text for word in ("import yaml", "ElementTree"))
+        assert parses == (path.name == "collada.py"), path
+
+
 BLOCKED = """
 import sys
 
