@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pinflex import registered
 from pinflex.description import schema, torsion
 from pinflex.description.ranges import RANGES
 from pinflex.errors import DescriptionError, nearest
@@ -292,6 +293,7 @@ def register_shape(shape: Shape) -> None:
                 f"shape {shape.name}: key {key}: {quantity}.{nearest(quantity, RANGES)}"
             )
     SHAPES[shape.name] = shape
+    registered.note(register_shape, shape.name, shape)
 
 
 def from_spec(spec: object, where: str = "section") -> Section:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from pinflex import registered
 from pinflex.description import urdf
 from pinflex.description.files import MOST_TEXT, require_regular
 from pinflex.description.source import Source
@@ -31,6 +32,7 @@ def register(suffix: str, reader: Reader) -> None:
     if suffix in READERS:
         raise DescriptionError(f"source {suffix}: there is a reader of it. Choose another suffix.")
     READERS[suffix] = reader
+    registered.note(register, suffix, suffix, reader)
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:

@@ -51,10 +51,10 @@ def march_of(spec: SolveSpec) -> March:
         return partial(wilson_theta, theta=1.4 if spec.theta is None else spec.theta)
     if spec.integrator == "mode_superposition":
         return partial(mode_superposition, modes=12 if spec.modes is None else spec.modes)
-    if isinstance(spec.integrator, AlphaScheme):
-        return partial(alpha, spec.integrator)
-    if callable(spec.integrator):
-        march: March = spec.integrator
+    if isinstance(spec.method, AlphaScheme):
+        return partial(alpha, spec.method)
+    if callable(spec.method):
+        march: March = spec.method
         return march
     rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
     return partial(alpha, scheme(spec.by_steps, rho_inf, spec.newmark))

@@ -177,14 +177,14 @@ class Scene:
 
     @property
     def _scheme(self) -> AlphaScheme:
-        if isinstance(self.spec.integrator, AlphaScheme):
-            return self.spec.integrator
+        if isinstance(self.spec.method, AlphaScheme):
+            return replace(self.spec.method, name=self.spec.by_steps)
         rho = 0.8 if self.spec.rho_inf is None else self.spec.rho_inf
         return scheme(self.spec.by_steps, rho, self.spec.newmark)
 
     @property
     def _tableau(self) -> Collocation:
-        given = self.spec.integrator
+        given = self.spec.method
         return given if isinstance(given, Collocation) else radau(STAGES)
 
     @property

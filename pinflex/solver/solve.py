@@ -15,7 +15,7 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion, from_spec, hold
-from pinflex.description.solve import COUPLED_ONLY, SolveSpec, with_options
+from pinflex.description.solve import SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
@@ -106,7 +106,7 @@ def _spec(mechanism: Mechanism, options: dict[str, Any]) -> SolveSpec:
     """What the YAML says with the options in place, as far as the mechanism can do it."""
     spec = with_options(mechanism.description.solve, options)
     _require_method(spec)
-    if spec.integrator in COUPLED_ONLY or isinstance(spec.integrator, Collocation):
+    if spec.only == "coupled" or isinstance(spec.method, Collocation):
         spec = (
             replace(spec, tol=spec.tol or 1e-3)
             if spec.level == "coupled"
@@ -122,7 +122,7 @@ def _spec(mechanism: Mechanism, options: dict[str, Any]) -> SolveSpec:
 
 def _require_method(spec: SolveSpec) -> None:
     """Raise where an integrator given as a value is none that the level can use."""
-    given = spec.integrator
+    given = spec.method
     if given is None or isinstance(given, str | AlphaScheme | Collocation):
         return
     if not callable(given) or spec.level == "coupled":

@@ -40,7 +40,7 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     # Level ked is linear: equal steps keep its matrices. A control has a sampling period.
     if scene.linear or scene.control is not None:
         return by_step_halving(scene, t, tol, progress)
-    given = scene.spec.integrator
+    given = scene.spec.method
     if not (given is None or given == "radau" or isinstance(given, Collocation)):
         return by_error_control(scene, t, tol, progress)
 
