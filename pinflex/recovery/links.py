@@ -10,6 +10,7 @@ from pinflex.mechanics.expanded import Attachment, Slot
 from pinflex.recovery import solids, stress
 from pinflex.recovery.kinematics import pose_of
 from pinflex.recovery.samples import Samples
+from pinflex.rotations import rotation_vector, zyx_matrix
 
 # Per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola.
 _SECTIONS = 21
@@ -33,7 +34,7 @@ def links(samples: Samples) -> dict[str, Array]:
         x, home = x[0], pose_of(poses, slots[0].root)
         back = (line - home[:, None, :, 3]) @ home[:, :, :3]
         back[:, :, 0] -= x
-        spin = _rotation_vectors(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
+        spin = rotation_vector(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
         key = f"link/{name}"
         out[f"{key}/x"] = x
         out[f"{key}/deflection"] = np.concatenate([back, spin], axis=2)
@@ -70,7 +71,7 @@ def _piece(
     local = d[:, :, :3].copy()
     local[:, :, 0] += section.x
     line = local @ root[:, :, :3].swapaxes(1, 2) + root[:, None, :, 3]
-    turned = root[:, None, :, :3] @ _turn(d[:, :, 3:])
+    turned = root[:, None, :, :3] @ zyx_matrix(d[:, :, 3:])
     return (slot.offset + section.x)[None], forces, line, turned
 
 
@@ -90,36 +91,3 @@ def _section_forces(
     for key, value in solids.surface(solid, pull, hung).items():
         out[f"link/{slot.link}/mesh/{key}"] = value
     return solids.resultants(solid, d, pull, hung, eta)
-
-
-def _turn(angles: Array) -> Array:
-    """Rz(rz) Ry(ry) Rx(rx) for angles (..., 3)."""
-    z, y, x = (angles[..., k] for k in range(3))
-    cz, sz, cy, sy, cx, sx = np.cos(z), np.sin(z), np.cos(y), np.sin(y), np.cos(x), np.sin(x)
-    R = np.empty((*angles.shape[:-1], 3, 3))
-    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
-        cz * cy,
-        cz * sy * sx - sz * cx,
-        cz * sy * cx + sz * sx,
-    )
-    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
-        sz * cy,
-        sz * sy * sx + cz * cx,
-        sz * sy * cx - cz * sx,
-    )
-    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = -sy, cy * sx, cy * cx
-    return R
-
-
-def _rotation_vectors(R: Array) -> Array:
-    skew = 0.5 * (R - np.swapaxes(R, -1, -2))
-    sine = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    if np.all(cosine > 0.0):
-        size = np.linalg.norm(sine, axis=-1)
-        ratio = np.where(size > 0.0, np.arctan2(size, cosine) / np.maximum(size, 1e-300), 1.0)
-        return np.asarray(ratio[..., None] * sine)
-    from scipy.spatial.transform import Rotation  # beyond a right angle it takes more care
-
-    flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(flat.reshape(*R.shape[:-2], 3))

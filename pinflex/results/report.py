@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pinflex.arrays import Array
 from pinflex.results.error_bars import ErrorBars, time_error
-from pinflex.results.views import rotation_vector
+from pinflex.rotations import rotation_vector
 from pinflex.text import percent
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ from pinflex.results.views import (
     LoopView,
     peak,
     rms,
-    rotation_vector,
 )
+from pinflex.rotations import rotation_vector
 from pinflex.text import short
 from pinflex.writing import plain, replaced
 

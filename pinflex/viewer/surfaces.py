@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
 from pinflex.results.drawing import Visual, drawing_of
 from pinflex.results.result import Result
+from pinflex.rotations import zyx_matrix
 from pinflex.viewer.collada import read_collada
 from pinflex.viewer.simplify import simplify
 
@@ -68,7 +68,7 @@ def surfaces(
     for link, parts in visuals.items():
         pieces = []
         for part in parts:
-            rotation = np.asarray(Rotation.from_euler("xyz", part.rpy).as_matrix())
+            rotation = zyx_matrix(np.array(part.rpy))
             piece = None if part.file else _shape(part)
             if part.file:
                 path = _resolve(part.file, roots)

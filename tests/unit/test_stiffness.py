@@ -13,7 +13,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanics.equations import Equations
 from pinflex.results.pose_map import stiffness_of
-from pinflex.results.views import rotation_vector
+from pinflex.rotations import rotation_vector
 from pinflex.studies.stiffness import platform_compliance
 from tests.scenes import Body, load, published
 
