@@ -53,7 +53,12 @@ def percent(share: float | None, digits: int = 2, sign: str = "") -> str:
 
 
 def plural(count: int, noun: str) -> str:
-    """Count with its noun: 1 link, 2 links."""
+    """Count with its noun: 1 link, 2 links.
+
+    Args:
+        count: How many.
+        noun: In the singular.
+    """
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 

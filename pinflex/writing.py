@@ -53,7 +53,12 @@ def replaced(path: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write a text whole, in UTF-8 and with the line ends that it has."""
+    """Write a text whole, in UTF-8 and with the line ends that it has.
+
+    Args:
+        path: File.
+        text: Its contents.
+    """
     with replaced(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
     return Path(path)

@@ -91,7 +91,12 @@ class PoseMap:
 
 
 def held(i: int, j: int) -> str:
-    """Name of an entry of K: the force along i for a displacement along j, the others held."""
+    """Name of an entry of K: the force along i for a displacement along j, the others held.
+
+    Args:
+        i: Axis of the force, 0 to 5.
+        j: Axis of the displacement, 0 to 5.
+    """
     return f"K_{AXES[i]}{AXES[j]} ({HELD})"
 
 

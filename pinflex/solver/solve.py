@@ -55,6 +55,17 @@ def solve_level(
 ) -> Result:
     """Solve a scene at one level; the arguments are those of `pinflex.advice.solve.solve`.
 
+    Args:
+        mechanism: From `load`.
+        motion: Default: the motion of the YAML.
+        level: rigid, quasistatic, ked or coupled; default: the YAML's.
+        until: End [s].
+        dt: Step [s].
+        samples: Number of output times.
+        control: Feedback, or False: none.
+        progress: Called with (step, steps).
+        resume: A stopped or shorter run to go on with.
+        **options: Other keys of the YAML block `solve`.
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:

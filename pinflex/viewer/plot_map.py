@@ -72,7 +72,12 @@ def _title(poses: PoseMap, drawn: list[int]) -> str:
 
 
 def save_map(poses: PoseMap, path: str | Path) -> Path:
-    """Write the figure (.png, .pdf, .svg); returns the file."""
+    """Write the figure (.png, .pdf, .svg); returns the file.
+
+    Args:
+        poses: From `pose_map`.
+        path: File.
+    """
     path = check_figure(path)
     with replaced(path) as part:
         plot_map(poses).savefig(part, dpi=DPI)

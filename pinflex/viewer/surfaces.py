@@ -45,7 +45,12 @@ class Surface:
     from_file: bool
 
     def moved(self, rotation: Array, shift: Array) -> Surface:
-        """The surface in another frame: rotation (3, 3) first, then shift [m]."""
+        """The surface in another frame: rotation (3, 3) first, then shift [m].
+
+        Args:
+            rotation: Shape (3, 3).
+            shift: [m], shape (3,).
+        """
         return Surface(self.vertices @ rotation.T + shift, self.faces, self.from_file)
 
 
