@@ -82,12 +82,12 @@ def drawing_of(meta: Mapping[str, Any]) -> Drawing:
         link: [_read_visual(x) for x in every] for link, every in parts.get("visuals", {}).items()
     }
     loops = {x["name"]: x["between"] for x in meta.get("loops", ()) if "between" in x}
-    beams = {
-        name: np.asarray(link["frame"], float) if link.get("frame") else _beam(joints, name)
-        for name, link in meta.get("links", {}).items()
-    }
-    known = {name: axes for name, axes in beams.items() if axes is not None}
-    return Drawing(joints, visuals, loops or _loops_of_texts(sources), known)
+    beams = {}
+    for name, link in meta.get("links", {}).items():
+        axes = link.get("frame") or _beam(joints, name)
+        if axes is not None:
+            beams[name] = np.asarray(axes, float)
+    return Drawing(joints, visuals, loops or _loops_of_texts(sources), beams)
 
 
 def urdf_parts(text: str) -> Plain:
@@ -123,11 +123,12 @@ def _joint(node: ElementTree.Element) -> Plain | None:
 def _visual(node: ElementTree.Element) -> Plain | None:
     geometry, origin = node.find("geometry"), node.find("origin")
     kind = geometry[0] if geometry is not None and len(geometry) else None
-    if kind is None or (kind.tag != "mesh" and kind.tag not in _SHAPES):
+    mesh = kind is not None and kind.tag == "mesh"
+    file = kind.get("filename", "") if kind is not None and mesh else ""
+    if kind is None or not (file if mesh else kind.tag in _SHAPES):
         return None
-    file = kind.get("filename", "") if kind.tag == "mesh" else ""
     try:
-        found = {
+        return {
             "file": file,
             "shape": "" if file else kind.tag,
             "size": [x for key in _SHAPES.get(kind.tag, ()) for x in _numbers(kind, key, "0")],
@@ -137,7 +138,6 @@ def _visual(node: ElementTree.Element) -> Plain | None:
         }
     except ValueError:
         return None
-    return found if file or kind.tag != "mesh" else None
 
 
 def _numbers(node: ElementTree.Element | None, key: str, default: str) -> list[float]:

@@ -80,12 +80,11 @@ def pose_map(
             f"{mechanism.name}: no flexible link and no spring, so nothing vibrates. Write some "
             "under `flexible`."
         )
-    if along is None:
-        axes, cases = _grid(mechanism, grid or {})
-    elif grid:
+    if along is not None and grid:
         raise DescriptionError(f"{mechanism.name}: map: a grid and a motion. Give one of them.")
-    else:
-        axes, cases = _instants(mechanism, along, instants)
+    axes, cases = (
+        _grid(mechanism, grid or {}) if along is None else _instants(mechanism, along, instants)
+    )
     preload = preload if is_loaded(mechanism) else "none"
     named = keys(description, cases, "map", count, preload, free_motors, stiffness)
     settings = {"preload": preload, "free_motors": free_motors}

@@ -73,21 +73,12 @@ def surfaces(
     for link, parts in visuals.items():
         pieces = []
         for part in parts:
-            rotation = zyx_matrix(np.array(part.rpy))
-            piece = None if part.file else _shape(part)
-            if part.file:
-                path = _resolve(part.file, roots)
-                read = None if path is None else _read(path, path.stat().st_mtime_ns, most)
-                if read is None:
-                    missing.append(part.file)
-                    continue
-                vertices, faces, whole = read
-                thinned += whole > len(faces)
-                piece = Surface(vertices * np.array(part.scale), faces, True)
-                if np.prod(part.scale) < 0:  # a mirrored mesh is inside out
-                    piece = Surface(piece.vertices, faces[:, ::-1], True)
-            if piece is not None:
-                pieces.append(piece.moved(rotation, np.array(part.xyz)))
+            piece, less = _mesh(part, roots, most) if part.file else (_shape(part), False)
+            thinned += less
+            if piece is None:
+                missing.append(part.file)
+            else:
+                pieces.append(piece.moved(zyx_matrix(np.array(part.rpy)), np.array(part.xyz)))
         if pieces:
             found[link] = joined(pieces)
     notes = [f"{thinned} of {count} meshes are drawn with fewer triangles"] if thinned else []
@@ -127,6 +118,18 @@ def joined(pieces: list[Surface]) -> Surface:
         np.concatenate([p.faces + n for p, n in zip(pieces, first, strict=False)]),
         all(p.from_file for p in pieces),
     )
+
+
+def _mesh(visual: Visual, roots: Sequence[Path], most: int) -> tuple[Surface | None, bool]:
+    """The surface of a mesh file, None if it is not there, and whether it lost triangles."""
+    path = _resolve(visual.file, roots)
+    read = None if path is None else _read(path, path.stat().st_mtime_ns, most)
+    if read is None:
+        return None, False
+    vertices, faces, whole = read
+    if np.prod(visual.scale) < 0:  # a mirrored mesh is inside out
+        faces = faces[:, ::-1]
+    return Surface(vertices * np.array(visual.scale), faces, True), whole > len(faces)
 
 
 def _shape(visual: Visual) -> Surface:
