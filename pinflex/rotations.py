@@ -23,8 +23,8 @@ def rotation_vector(R: Array) -> Array:
 
 
 def zyx_matrix(angles: Array) -> Array:
-    """Rz(rz) Ry(ry) Rx(rx), shape (..., 3, 3), of angles (rx, ry, rz), shape (..., 3)."""
-    z, y, x = (angles[..., k] for k in (2, 1, 0))
+    """Rz(rz) Ry(ry) Rx(rx), shape (..., 3, 3), of angles (rz, ry, rx), shape (..., 3)."""
+    z, y, x = (angles[..., k] for k in range(3))
     cz, sz, cy, sy, cx, sx = np.cos(z), np.sin(z), np.cos(y), np.sin(y), np.cos(x), np.sin(x)
     rows = (
         (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),

@@ -78,7 +78,7 @@ def surfaces(
             if piece is None:
                 missing.append(part.file)
             else:
-                pieces.append(piece.moved(zyx_matrix(np.array(part.rpy)), np.array(part.xyz)))
+                pieces.append(piece.moved(zyx_matrix(np.array(part.rpy[::-1])), np.array(part.xyz)))
         if pieces:
             found[link] = joined(pieces)
     notes = [f"{thinned} of {count} meshes are drawn with fewer triangles"] if thinned else []

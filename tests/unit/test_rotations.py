@@ -24,6 +24,6 @@ def test_rotations_are_those_of_scipy_near_nothing_and_near_half_a_turn() -> Non
 
 
 def test_zyx_angles_turn_about_the_moved_axes() -> None:
-    angles = np.random.default_rng(2).uniform(-3, 3, size=(4, 5, 3))  # (rx, ry, rz)
-    turn = Rotation.from_euler("ZYX", angles.reshape(-1, 3)[:, ::-1]).as_matrix()
+    angles = np.random.default_rng(2).uniform(-3, 3, size=(4, 5, 3))  # (rz, ry, rx)
+    turn = Rotation.from_euler("ZYX", angles.reshape(-1, 3)).as_matrix()
     np.testing.assert_allclose(zyx_matrix(angles).reshape(-1, 3, 3), turn, atol=1e-15)
