@@ -55,7 +55,7 @@ def rows(self, x):
     return Phi, G
 basis.FlexibleBody.rows = rows
 """,
-        ["tests/unit/test_expansion.py", "tests/verification/test_elastica.py"],
+        ["tests/unit/mechanics/test_expansion.py", "tests/verification/test_elastica.py"],
     ),
     "gyroscopic terms off: velocities make no force": (
         """
@@ -99,14 +99,14 @@ from dataclasses import replace
 plain = ride.split
 ride.split = lambda *link: replace(plain(*link), riders=())
 """,
-        ["tests/unit/test_ride.py", "tests/validation/test_ur5.py"],
+        ["tests/unit/mechanics/test_ride.py", "tests/validation/test_ur5.py"],
     ),
     "riders at the root: none of them loads the beam": (
         """
 import pinflex.mechanics.ride as ride
 ride._beside_the_centre = lambda rest: 0.0
 """,
-        ["tests/unit/test_ride.py"],
+        ["tests/unit/mechanics/test_ride.py"],
     ),
     "centripetal term off: frames accelerate as if their joint only sped up": (
         """

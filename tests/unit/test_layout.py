@@ -84,6 +84,11 @@ def test_every_public_name_is_found_where_the_package_says():
     assert set(pf.__all__) == set(pf._MODULE)
 
 
+def test_the_unit_tests_have_the_folders_of_the_packages():
+    folders = {path.parent.name for path in Path(__file__).parent.glob("*/test_*.py")}
+    assert folders <= set(PACKAGES) and len(folders) > 9
+
+
 def test_the_table_names_every_package():
     assert sorted(TABLE) == PACKAGES
 
