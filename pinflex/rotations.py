@@ -38,6 +38,22 @@ def zyx_matrix(angles: Array) -> Array:
     return R
 
 
+def zyx_angles(R: Array) -> Array:
+    """Intrinsic angles (rz, ry, rx) of R = Rz Ry Rx, shape (..., 3), of rotations (..., 3, 3)."""
+    rz = np.arctan2(R[..., 1, 0], R[..., 0, 0])
+    ry = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
+    return np.stack([rz, ry, np.arctan2(R[..., 2, 1], R[..., 2, 2])], axis=-1)
+
+
+def euler_rates(angles: Array) -> Array:
+    """B (n, 3, 3) in omega = B (rz, ry, rx)', columns the current axes, of angles (n, 3)."""
+    z, y = angles[:, 0], angles[:, 1]
+    cz, sz, cy, sy = np.cos(z), np.sin(z), np.cos(y), np.sin(y)
+    none, one = np.zeros_like(cz), np.ones_like(cz)
+    rows = [[none, -sz, cz * cy], [none, cz, sz * cy], [one, none, -sy]]
+    return np.array(rows).transpose(2, 0, 1)
+
+
 def quaternion(vector: Array) -> Array:
     """Quaternions (..., 4) of rotation vectors (..., 3)."""
     half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
