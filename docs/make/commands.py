@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import re
 
-from pinflex.__main__ import _parser
+from pinflex.__main__ import build_parser
 
 
 def page(parser: argparse.ArgumentParser | None = None) -> str:
     """One section for each command: what it does, its arguments, an example."""
-    parser = parser or _parser()
+    parser = parser or build_parser()
     actions = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     intro = (parser.description or "").strip()
     exits = (parser.epilog or "").rpartition("exit codes:")[2].strip()
@@ -25,22 +25,23 @@ def page(parser: argparse.ArgumentParser | None = None) -> str:
 
 
 def _command(name: str, others: list[str], parser: argparse.ArgumentParser) -> str:
-    also = f"\n\nAlso called {', '.join(f'`pinflex {other}`' for other in others)}." if others else ""
+    also = (
+        f"\n\nAlso called {', '.join(f'`pinflex {other}`' for other in others)}." if others else ""
+    )
     rows = [_row(action) for action in parser._actions if action.help != argparse.SUPPRESS]
     example = re.sub(r"(?m)^  ", "", (parser.epilog or "").removeprefix("example:\n")).rstrip()
     shown = f"\n\n```text\n{example}\n```" if example else ""
     usage = parser.format_usage().removeprefix("usage: ").rstrip()
     return (
-        f"## pinflex {name}\n\n{_prose(parser.description or '')}{also}\n\n```text\n{usage}\n```\n\n"
+        f"## pinflex {name}\n\n{_prose(parser.description or '')}{also}\n\n"
+        f"```text\n{usage}\n```\n\n"
         f"| argument | meaning |\n|---|---|\n{chr(10).join(rows)}{shown}\n"
     )
 
 
 def _prose(text: str) -> str:
     """A description as written; what is indented is laid out by hand."""
-    lines = [
-        f"    {line}" if line.startswith("  ") else line for line in text.strip().splitlines()
-    ]
+    lines = [f"    {line}" if line.startswith("  ") else line for line in text.strip().splitlines()]
     return re.sub(r"(?m)^([^ \n].*)\n(    )", r"\1\n\n\2", "\n".join(lines))
 
 
@@ -48,7 +49,8 @@ def _row(action: argparse.Action) -> str:
     names = ", ".join(f"`{option}`" for option in action.option_strings)
     value = ""
     if action.nargs != 0:
-        shown = action.metavar or (action.choices and "{" + ",".join(map(str, action.choices)) + "}")
+        choices = "{" + ",".join(map(str, action.choices)) + "}" if action.choices else None
+        shown = action.metavar or choices
         shown = " ".join(shown) if isinstance(shown, tuple) else shown or action.dest.upper()
         value = f"`{shown}`"
     meaning = (action.help or "").replace("%(default)s", str(action.default)).replace("%%", "%")

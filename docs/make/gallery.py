@@ -15,7 +15,7 @@ coloured. `examples/gallery.py` makes them all in some ten seconds.
 
 
 def make(made: Path) -> Path:
-    """The folder with the gallery's page and its files; DOCS_GALLERY=0 keeps those that are there."""
+    """The folder with the gallery's page and its files; DOCS_GALLERY=0 keeps what is there."""
     folder = made / "gallery"
     folder.mkdir(parents=True, exist_ok=True)
     example = runpy.run_path(str(EXAMPLE))
@@ -24,10 +24,11 @@ def make(made: Path) -> Path:
         example["main"](str(folder))
     parts = [_INTRO]
     for name, scene in scenes.items():
+        shown = f'src="{name}.html" loading="lazy" title="{scene.title}"'
         parts.append(
             f"## {scene.title}\n\n{scene.text}\n\n"
-            f'<iframe class="scene" src="{name}.html" loading="lazy" title="{scene.title}"></iframe>'
-            f"\n\n<a href=\"{name}.html\">Open it alone</a>\n"
+            f'<iframe class="scene" {shown}></iframe>'
+            f'\n\n<a href="{name}.html">Open it alone</a>\n'
         )
     (folder / "index.md").write_text("\n".join(parts), "utf-8")
     return folder

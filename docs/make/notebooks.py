@@ -7,9 +7,12 @@ import json
 import os
 import re
 import shutil
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import jupytext
+from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
 from nbconvert import MarkdownExporter
 from traitlets.config import Config
@@ -40,16 +43,30 @@ def page(script: Path, out: Path, execute: bool = True) -> str:
     """The Markdown of one tutorial; its pictures and files go to `out`."""
     notebook = jupytext.read(script)
     if execute:
-        NotebookClient(
-            notebook, timeout=_LIMIT, kernel_name="python3", resources={"metadata": {"path": out}}
-        ).execute()
+        _execute(notebook, out)
     settings = Config({"NbConvertBase": {"display_data_priority": _SHOWN}})
     text, resources = MarkdownExporter(config=settings).from_notebook_node(notebook)
     for name, data in resources["outputs"].items():
         (out / name).write_bytes(data)
         text = text.replace(f"]({name})", f"]({script.stem}/{name})")
     (out / f"{script.stem}.ipynb").write_text(json.dumps(notebook, indent=1), "utf-8")
-    return f"{_without_escapes(text)}\n[This page as a notebook]({script.stem}/{script.stem}.ipynb)\n"
+    return (
+        f"{_without_escapes(text)}\n[This page as a notebook]({script.stem}/{script.stem}.ipynb)\n"
+    )
+
+
+def _execute(notebook: Any, out: Path) -> None:
+    """Run every cell, in a kernel on sockets that this user alone can reach where there are such."""
+    with tempfile.TemporaryDirectory() as private:
+        own = (
+            {} if os.name == "nt" else {"transport": "ipc", "connection_file": f"{private}/k.json"}
+        )
+        kernel = KernelManager(**own)
+        place = {"metadata": {"path": out}}
+        try:
+            NotebookClient(notebook, km=kernel, timeout=_LIMIT, resources=place).execute()
+        finally:
+            kernel.shutdown_kernel(now=True)
 
 
 _SHOWN = ["text/html", "image/png", "text/markdown", "text/plain"]

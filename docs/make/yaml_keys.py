@@ -34,12 +34,10 @@ def page() -> str:
     for line in text.splitlines():
         if heading := _HEADING.match(line):
             block = heading[1] or ""
-        if line.startswith("#"):
-            line = re.sub(r"^(#+) `(.*)`$", r"\1 \2", line)
         table = bool(line.startswith("|") and (table or _HEADER.match(line)))
         explained[block] |= {*_KEYS.findall(line), *_HEAD_CELL.findall(line)}
         lines.append(_widened(line, known.get(block, {})) if table else line)
-    _check(known, explained)
+    _check(known, explained, set(re.findall(r"\w+", text)))
     return "\n".join(lines) + "\n"
 
 
@@ -61,9 +59,12 @@ def _walk(form: Form, block: str) -> Iterator[tuple[str, str, Form]]:
         yield from _walk(inner, key)
 
 
-def _check(known: dict[str, dict[str, list[Form]]], explained: dict[str, set[str]]) -> None:
+def _check(
+    known: dict[str, dict[str, list[Form]]], explained: dict[str, set[str]], words: set[str]
+) -> None:
+    """Every key is explained: in its block's section, or where that block is a row of another."""
     for block, keys in known.items():
-        where = explained[block] if block in explained else set().union(*explained.values())
+        where = explained.get(block, words)
         missing = sorted(set(keys) - where - set(explained))  # a block has its own section
         if missing:
             place = block or "the top level"
@@ -86,7 +87,9 @@ def takes(form: Form) -> str:
     """A form in words: `one of ...`, `number, 0 or more`, `true or false`."""
     if "anyOf" in form:
         options = [takes(one) for one in form["anyOf"] if one.get("type") != "null"]
-        unit = " (or with its unit)" if options[0].startswith("number") and "text" in options else ""
+        unit = (
+            " (or with its unit)" if options[0].startswith("number") and "text" in options else ""
+        )
         words = [word for word in options if not (unit and word == "text")]
         return " or ".join(dict.fromkeys(filter(None, words))) + unit
     if "enum" in form or "const" in form:

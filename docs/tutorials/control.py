@@ -31,8 +31,7 @@ f = np.geomspace(10, 500, 400)  # [Hz]
 response = model.response(f)
 figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
 axes.loglog(f, np.abs(response[:, 0, 0]))
-axes.set(xlabel="f [Hz]", ylabel=f"{model.outputs[0]} per {model.inputs[0]}");
-
+axes.set(xlabel="f [Hz]", ylabel=f"{model.outputs[0]} per {model.inputs[0]}")
 # %% [markdown]
 # ## A digital controller on the flexible robot
 #
@@ -55,7 +54,7 @@ assert off.max() < 1e-4
 figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
 axes.plot(run.t, run.torque, label=run.motors)
 axes.set(xlabel="t [s]", ylabel="torque [N m]")
-axes.legend(frameon=False);
+axes.legend(frameon=False)
 
 # %% [markdown]
 # Any law u(t, m, dm/dt, integral of m) takes the place of `track`: see `pf.Control`, and

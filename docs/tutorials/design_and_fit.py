@@ -60,7 +60,7 @@ for (low, high), true in zip(found.intervals, (6.2e10, 7.6e10), strict=True):
 found.plot("fit.png")
 plt.figure(figsize=(8, 4), layout="constrained")
 plt.imshow(plt.imread("fit.png"))
-plt.axis("off");
+plt.axis("off")
 
 # %% [markdown]
 # From a terminal: `pinflex sensitivity`, `pinflex design`, `pinflex fit`; scatter of many robots is

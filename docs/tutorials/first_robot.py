@@ -16,7 +16,7 @@ import numpy as np
 
 import pinflex as pf
 
-Path("arm.urdf").write_text("""
+_ = Path("arm.urdf").write_text("""
 <robot name="arm">
   <link name="base"/>
   <link name="arm">
@@ -38,14 +38,14 @@ Path("arm.urdf").write_text("""
     <parent link="arm"/> <child link="tool"/> <origin xyz="0.6 0 0"/>
   </joint>
 </robot>
-""");  # fmt: skip
+""")  # fmt: skip
 
 # %% [markdown]
 # The **YAML** says what a URDF cannot: which link bends, of what it is made, what moves.
 # [Every key](../reference/yaml.md) has its unit and default.
 
 # %%
-Path("arm.yaml").write_text("""
+_ = Path("arm.yaml").write_text("""
 urdf: arm.urdf
 gravity: [0, 0, 0]                # [m/s^2] the arm turns in a horizontal plane
 platform: tool
@@ -67,8 +67,8 @@ robot = pf.load("arm.yaml")
 
 # %%
 modes = pf.modes(robot, count=3)
-E, I, L = 7.0e10, 0.04 * 0.006**3 / 12, 0.6
-estimate = np.sqrt(3 * E * I / L**3 / (0.5 + 33 / 140 * 0.3888)) / (2 * np.pi)
+EI, L = 7.0e10 * 0.04 * 0.006**3 / 12, 0.6
+estimate = np.sqrt(3 * EI / L**3 / (0.5 + 33 / 140 * 0.3888)) / (2 * np.pi)
 print(modes.frequencies.round(2), "Hz; estimate", round(float(estimate), 2), "Hz")
 assert abs(modes.frequencies[0] / estimate - 1) < 0.05
 
@@ -88,8 +88,7 @@ above.plot(flexible.t, flexible.torque, label="flexible")
 above.set_ylabel("torque [N m]")
 above.legend(frameon=False)
 below.plot(off.t, 1e3 * off.norm)
-below.set(xlabel="t [s]", ylabel="tool off [mm]");
-
+below.set(xlabel="t [s]", ylabel="tool off [mm]")
 # %%
 print(f"tool off by {1e3 * off.max():.2f} mm")
 print(f"stress {1e-6 * flexible.link('arm').von_mises.max():.1f} MPa")
