@@ -56,11 +56,10 @@ def page(script: Path, out: Path, execute: bool = True) -> str:
 
 
 def _execute(notebook: Any, out: Path) -> None:
-    """Run every cell, in a kernel on sockets that this user alone can reach where there are such."""
+    """Run every cell, in a kernel on sockets of this user alone where the system has such."""
     with tempfile.TemporaryDirectory() as private:
-        own = (
-            {} if os.name == "nt" else {"transport": "ipc", "connection_file": f"{private}/k.json"}
-        )
+        sockets = {"transport": "ipc", "connection_file": f"{private}/kernel.json"}
+        own = {} if os.name == "nt" else sockets
         kernel = KernelManager(**own)
         place = {"metadata": {"path": out}}
         try:

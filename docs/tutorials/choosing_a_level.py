@@ -39,7 +39,7 @@ for level, run in runs.items():
         off = run.deviation_from(runs["rigid"], "platform")
         axes.plot(off.t, 1e3 * off.norm, label=level)
 axes.set(xlabel="t [s]", ylabel="off rigid [mm]")
-axes.legend(frameon=False)
+axes.legend(frameon=False);
 # %% [markdown]
 # The scene starts undeformed under gravity and shakes: quasistatic answers with its mean, and the
 # linear level follows the vibration until deflections are no longer small.

@@ -31,7 +31,7 @@ f = np.geomspace(10, 500, 400)  # [Hz]
 response = model.response(f)
 figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
 axes.loglog(f, np.abs(response[:, 0, 0]))
-axes.set(xlabel="f [Hz]", ylabel=f"{model.outputs[0]} per {model.inputs[0]}")
+axes.set(xlabel="f [Hz]", ylabel=f"{model.outputs[0]} per {model.inputs[0]}");
 # %% [markdown]
 # ## A digital controller on the flexible robot
 #
@@ -43,7 +43,7 @@ motion = pf.nonic(platform={"x": 0.06, "y": 0.03, "rz": 0.3}, duration=0.08)
 found = pf.command(robot, motion, "exact", before=0.04, after=0.06)
 control = pf.track(robot, found, kp=50.0, kd=1.0, period=1e-3, delay=1e-3)
 run = pf.solve(robot, found.motion, "coupled", start="static", control=control,
-               until=float(found.t[-1]), tol=1e-3)  # fmt: skip
+               until=float(found.t[-1]), tol=1e-3)
 
 path = found.reference[0, :2] + motion.evaluate(run.t - found.before)[0][:, :2]
 off = np.linalg.norm(run.frame("platform").position[:, :2] - path, axis=1)
@@ -54,7 +54,7 @@ assert off.max() < 1e-4
 figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
 axes.plot(run.t, run.torque, label=run.motors)
 axes.set(xlabel="t [s]", ylabel="torque [N m]")
-axes.legend(frameon=False)
+axes.legend(frameon=False);
 
 # %% [markdown]
 # Any law u(t, m, dm/dt, integral of m) takes the place of `track`: see `pf.Control`, and

@@ -20,7 +20,7 @@ import pinflex as pf
 BASE, ARM, ROD, PLATE = 0.2, 0.3, 0.8, 0.05  # [m] radius of motors, lengths, radius of seats
 Q = 0.3  # [rad] of the arms below the horizontal, where the robot starts
 A = np.arctan2(np.sqrt(ROD**2 - (BASE + ARM * np.cos(Q) - PLATE) ** 2),
-               PLATE - BASE - ARM * np.cos(Q))  # [rad] of the rods, from outward down  # fmt: skip
+               PLATE - BASE - ARM * np.cos(Q))  # [rad] of the rods, from outward down
 
 
 def link(name, mass=0.0, length=0.0):
@@ -50,7 +50,7 @@ for k, yaw in ((1, 0.0), (2, 2 * np.pi / 3), (3, 4 * np.pi / 3)):
     parts += [joint(f"end_{k}", "fixed", f"rod_{k}", f"tip_{k}", ROD)]
     if k > 1:  # the first rod carries the plate, the others are closed by loops
         parts += [link(f"seat_{k}"), joint(f"on_{k}", "fixed", "tool", f"seat_{k}", PLATE, yaw)]
-_ = Path("delta.urdf").write_text(f'<robot name="delta">{"".join(parts)}</robot>')
+Path("delta.urdf").write_text(f'<robot name="delta">{"".join(parts)}</robot>');
 
 # %% [markdown]
 # ## What the URDF cannot say
@@ -60,7 +60,7 @@ _ = Path("delta.urdf").write_text(f'<robot name="delta">{"".join(parts)}</robot>
 # torsion does, so the rods are thick.
 
 # %%
-_ = Path("delta.yaml").write_text(f"""
+Path("delta.yaml").write_text(f"""
 urdf: delta.urdf
 joints:
   knee_1: {{type: universal, axes: [y, z]}}
@@ -98,7 +98,7 @@ robot = pf.load("delta.yaml")
 # %%
 from pinflex.__main__ import main
 
-_ = main(["check", "delta.yaml"])  # in a terminal: pinflex check delta.yaml
+main(["check", "delta.yaml"]);  # in a terminal: pinflex check delta.yaml
 
 # %% [markdown]
 # ## Move the plate
@@ -108,9 +108,9 @@ rigid = pf.solve(robot, level="rigid")
 run = pf.solve(robot)
 off = run.deviation_from(rigid, "tool")
 print(f"plate off by {1e3 * off.max():.3f} mm, first frequency "
-      f"{pf.modes(robot, count=1).frequencies[0]:.1f} Hz")  # fmt: skip
+      f"{pf.modes(robot, count=1).frequencies[0]:.1f} Hz")
 print(f"torque rigid {np.abs(rigid.torque).max():.2f} N m, "
-      f"flexible {np.abs(run.torque).max():.2f} N m")  # fmt: skip
+      f"flexible {np.abs(run.torque).max():.2f} N m")
 assert run.worst_closure < 1e-8
 
 # %%

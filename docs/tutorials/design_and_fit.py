@@ -28,7 +28,7 @@ lighter = pf.design(
     "ur5", "mass",
     {"flexible.*.section.wall": (0.5e-3, 8e-3), "flexible.*.section.diameter": (0.05, 0.12)},
     keep=["frequency.1 > base"], starts=1,
-)  # fmt: skip
+)
 print(lighter.text())
 assert lighter.after["mass"] < lighter.before["mass"]
 
@@ -60,7 +60,7 @@ for (low, high), true in zip(found.intervals, (6.2e10, 7.6e10), strict=True):
 found.plot("fit.png")
 plt.figure(figsize=(8, 4), layout="constrained")
 plt.imshow(plt.imread("fit.png"))
-plt.axis("off")
+plt.axis("off");
 
 # %% [markdown]
 # From a terminal: `pinflex sensitivity`, `pinflex design`, `pinflex fit`; scatter of many robots is

@@ -16,7 +16,7 @@ import numpy as np
 
 import pinflex as pf
 
-_ = Path("arm.urdf").write_text("""
+Path("arm.urdf").write_text("""
 <robot name="arm">
   <link name="base"/>
   <link name="arm">
@@ -38,14 +38,14 @@ _ = Path("arm.urdf").write_text("""
     <parent link="arm"/> <child link="tool"/> <origin xyz="0.6 0 0"/>
   </joint>
 </robot>
-""")  # fmt: skip
+""");
 
 # %% [markdown]
 # The **YAML** says what a URDF cannot: which link bends, of what it is made, what moves.
 # [Every key](../reference/yaml.md) has its unit and default.
 
 # %%
-_ = Path("arm.yaml").write_text("""
+Path("arm.yaml").write_text("""
 urdf: arm.urdf
 gravity: [0, 0, 0]                # [m/s^2] the arm turns in a horizontal plane
 platform: tool
@@ -88,7 +88,7 @@ above.plot(flexible.t, flexible.torque, label="flexible")
 above.set_ylabel("torque [N m]")
 above.legend(frameon=False)
 below.plot(off.t, 1e3 * off.norm)
-below.set(xlabel="t [s]", ylabel="tool off [mm]")
+below.set(xlabel="t [s]", ylabel="tool off [mm]");
 # %%
 print(f"tool off by {1e3 * off.max():.2f} mm")
 print(f"stress {1e-6 * flexible.link('arm').von_mises.max():.1f} MPa")

@@ -62,7 +62,7 @@ commands["exact"].to_csv("command.csv").stat().st_size  # for the controller, SI
 first = float(pf.modes(robot, count=1).frequencies[0])
 shaped = motion.shaped("zvd", modes=[first])
 print(f"first mode {first:.1f} Hz; the move takes {1e3 * (shaped.duration - motion.duration):.1f} "
-      "ms longer")  # fmt: skip
+      "ms longer")
 
 # %% [markdown]
 # From a terminal: `pinflex command MODEL -o command.csv --verify`, `pinflex shapers MODEL`.
