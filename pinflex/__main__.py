@@ -75,6 +75,7 @@ def _run(arguments: list[str]) -> int:
         parser.print_help()
         return 2
     args = parser.parse_args(arguments)
+    args.parser = parser  # `completion` describes it
     if not args.debug:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import checked
 import claims
 import commands
 import gallery
@@ -14,7 +15,10 @@ import notebooks
 import public_names
 import sources_of_formulas
 import yaml_keys
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
+
+import pinflex
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,3 +52,10 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_content(html: str, **unused: Any) -> str:
     """Formulas as MathML, which browsers draw by themselves."""
     return mathml.drawn(html)
+
+
+def on_post_build(config: Any) -> None:
+    """Stop a build whose pages lead nowhere, fetch from elsewhere or lack a name."""
+    found = [*checked.faults(Path(config.site_dir).resolve(), tuple(pinflex.__all__))]
+    if found:
+        raise PluginError("\n".join(["the site has faults:", *found]))

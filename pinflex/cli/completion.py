@@ -32,22 +32,25 @@ stands in ~/.bashrc (zsh: with `zsh` in ~/.zshrc, behind compinit).""",
 
 def run(args: argparse.Namespace) -> int:
     """Print the script of the shell."""
-    print(script(args.shell))
+    print(script(args.parser, args.shell))
     return 0
 
 
-def script(shell: str) -> str:
-    """The script that a shell evaluates."""
+def script(whole: argparse.ArgumentParser, shell: str) -> str:
+    """The script that a shell evaluates.
+
+    Args:
+        whole: Parser of all commands; its arguments learn what completes them.
+        shell: One of SHELLS.
+    """
     try:
         import shtab
     except ImportError as error:
         raise DescriptionError(
             'completion: the package shtab is not installed. pip install "pinflex[completion]".'
         ) from error
-    from pinflex.__main__ import build_parser
     from pinflex.description.finding import model_names
 
-    whole = build_parser()
     for one in _commands(whole):
         for action in one._actions:
             if action.dest == "model":
