@@ -32,6 +32,23 @@ Every name below is `pf.NAME`. Quantities are SI, angles radians, arrays time fi
 Notation: q rigid coordinates, eta elastic ones, y = (q, eta), lam multipliers of the closures.
 """
 
+_VIEWS = """
+## What a result answers with
+
+`result.joint(NAME)`, `.frame(NAME)`, `.link(NAME)`, `.loop(NAME)`, `.drive(NAME)`, `.deviation_from(other)`.
+"""
+
+
+def _views(package: griffe.Object) -> list[str]:
+    """Classes through which a result is read by name."""
+    modules = [package["results"][name] for name in ("views", "drives")]
+    return [
+        member.path
+        for module in modules
+        for member in module.members.values()
+        if member.is_class and not member.is_alias and not member.name.startswith("_")
+    ]
+
 
 def page() -> str:
     """A section for each task, with its names in alphabetical order."""
@@ -47,4 +64,6 @@ def page() -> str:
         if sections[home]:
             parts.append(f"\n## {TITLES.get(home, home.capitalize())}\n")
             parts += [f"::: pinflex.{name}\n" for name in sorted(sections[home], key=str.lower)]
+        if home == "results":
+            parts += [_VIEWS, *(f"::: {path}\n" for path in _views(package))]
     return "\n".join(parts)
