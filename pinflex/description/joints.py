@@ -11,7 +11,7 @@ from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
-TYPES = ("spherical", "universal")  # in place of a URDF's fixed or floating
+TYPES = ("fixed", "spherical", "universal")  # in place of the URDF's
 _SPRINGS = ("spring", "parallel_spring", "rest")
 
 
@@ -21,7 +21,7 @@ class JointExtra:
 
     Attributes:
         name: URDF joint.
-        type: spherical or universal, in place of the URDF's type; None keeps that.
+        type: fixed, spherical or universal, in place of the URDF's type; None keeps that.
         axes: The two unit axes of a universal joint in the joint frame; None: x, then y.
         rotor_inertia: Inertia of the motor, seen at the joint [kg m^2 | kg].
         spring: Stiffness [N m/rad | N/m].
@@ -77,11 +77,8 @@ def _type(block: dict[str, Any], name: str, place: str, urdf: Source) -> str | N
         return None
     written = urdf.joints[name].type
     kind = schema.choice(block["type"], place, TYPES)
-    if written not in ("fixed", "floating"):
-        raise DescriptionError(
-            f"{place}: {kind}, but {urdf.file} says {written}. Only a joint that is fixed or "
-            "floating in the URDF can become another. Change the URDF, or remove the key."
-        )
+    if written == kind:
+        raise DescriptionError(f"{place}: {urdf.file} says {written} already. Remove the key.")
     return kind
 
 
@@ -90,15 +87,20 @@ def _require_one_freedom(
 ) -> None:
     """Springs need a joint of one freedom, and every number a joint that moves."""
     for key in (key for key in block if key not in ("type", "axes")):
-        if key in _SPRINGS and (kind or written in ("floating", "planar")):
+        if kind == "fixed":
             raise DescriptionError(
-                f"{place[key]}: a {kind or written} joint has no one spring. "
-                "Springs act on joints of one degree of freedom. Split the joint in the URDF."
+                f"{place[key]}: the joint is fixed by its `type`, so it would do nothing. "
+                "Remove one of them."
             )
         if written == "fixed" and kind is None:
             raise DescriptionError(
                 f"{place[key]}: the joint is fixed in {file}, so it would do "
                 "nothing. Remove it, or give the joint a type."
+            )
+        if key in _SPRINGS and (kind or written in ("floating", "planar")):
+            raise DescriptionError(
+                f"{place[key]}: a {kind or written} joint has no one spring. "
+                "Springs act on joints of one degree of freedom. Split the joint in the URDF."
             )
 
 

@@ -60,7 +60,7 @@ def link_tree(model: pin.Model, extras: Mapping[str, JointExtra]) -> tuple[Link,
 
     Args:
         model: Model as Pinocchio reads it from a URDF.
-        extras: Joint type overrides (spherical, universal) by joint name.
+        extras: Joint type overrides (fixed, spherical, universal) by joint name.
     Returns:
         The links in depth-first order.
     """
@@ -96,6 +96,8 @@ def _placement(model: pin.Model, carrier: pin.Frame, above: pin.Frame) -> pin.SE
 
 def _steps(model: pin.Model, carrier: pin.Frame, extra: JointExtra | None) -> tuple[JointStep, ...]:
     name = carrier.name
+    if extra is not None and extra.type == "fixed":
+        return ()
     if extra is not None and extra.type == "spherical":
         return (JointStep(name, pin.JointModelSpherical()),)
     if extra is not None and extra.type == "universal":
