@@ -13,6 +13,7 @@ import yaml
 
 from pinflex.description import fields, flexible, schema, sources
 from pinflex.description.control import Control, read_control
+from pinflex.description.couplings import Coupling, couplings, read_actuated
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.description.flexible import Basis, EndMass, FlexibleLink
 from pinflex.description.frames import by_joint, frame, frames
@@ -47,7 +48,6 @@ _KEYS = (
     *("limit", "allow"),
 )
 ALLOWED = ("wide", "heavy", "large")
-_ONE_DOF = ("revolute", "continuous", "prismatic")
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MODEL_FOLDERS = (_PACKAGE / "models", _PACKAGE.parent / "models")
 
@@ -74,6 +74,7 @@ class Description:
         gravity: [m/s^2], world frame.
         base: fixed or free_flyer.
         joints: What the YAML adds to joints, by joint name; do not change it.
+        couplings: Joints that follow others.
         actuated: Joints with a motor.
         loops: Closures.
         idle: held or free: what becomes of freedoms that nothing hangs on.
@@ -105,6 +106,7 @@ class Description:
     gravity: Vec3 = fields.key((0.0, 0.0, -9.81), _gravity)
     base: str = fields.word("fixed", ("fixed", "free_flyer"))
     joints: dict[str, JointExtra] = field(default_factory=dict)
+    couplings: tuple[Coupling, ...] = ()
     actuated: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
     idle: str = fields.word("held", ("held", "free"))
@@ -249,7 +251,9 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         values["platform"] = frame(block["platform"], place["platform"], tree)
     if "frames" in block:
         values["frames"] = frames(block["frames"], place["frames"], tree)
-    actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
+    coupled = couplings(tree, joints, types, place["joints"])
+    motors, at = block.get("actuated"), place["actuated"]
+    actuated = read_actuated(motors, at, types, bool(loops), coupled)
     _beside_motors(joints, actuated, place["joints"])
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
@@ -263,6 +267,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         yaml_text=text,
         package_dirs=tree.package_dirs,
         joints=joints,
+        couplings=coupled,
         actuated=actuated,
         loops=loops,
         control=read_control(block.get("control", {}), place["control"], tree),
@@ -280,19 +285,6 @@ def _dumped(raw: Mapping[str, Any]) -> str:
     return str(
         yaml.safe_dump(dict(raw), sort_keys=False, allow_unicode=True, default_flow_style=None)
     )
-
-
-def _actuated(value: object, where: str, types: Mapping[str, str], closed: bool) -> tuple[str, ...]:
-    """Names of the joints with a motor: those given, or in an open chain all of one freedom."""
-    single = tuple(name for name, kind in types.items() if kind in _ONE_DOF)
-    if value is not None:
-        return schema.names(value, where, single, "joint of one degree of freedom")
-    if closed:
-        raise DescriptionError(
-            f"{where}: missing. With loops not every joint has a motor. List those that do, or [] "
-            f"for none. Joints: {', '.join(single[:12])}{', ...' if len(single) > 12 else ''}."
-        )
-    return single
 
 
 def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], where: str) -> None:

@@ -13,6 +13,8 @@ from pinflex.text import brief
 
 TYPES = ("fixed", "spherical", "universal")  # in place of the URDF's
 _SPRINGS = ("spring", "parallel_spring", "rest")
+_KEYS = ("type", "axes", "rotor_inertia", *_SPRINGS, "damper")
+_LAW = ("follows", "ratio", "offset")
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class JointExtra:
         parallel_spring: Whether it acts beside a motor.
         rest: Position where the spring is slack [rad | m].
         damper: Viscous damping [N m s/rad | N s/m].
+        follows: Joint that it follows; "": none, whatever the URDF says; None: as in the URDF.
+        ratio, offset: Its position is ratio times that joint's + offset [rad | m].
     """
 
     __repr__ = brief
@@ -40,6 +44,9 @@ class JointExtra:
     rest: float = fields.real(0.0, "position")
     damper: float = fields.real(0.0, "damping", low=0)
     parallel_spring: bool = False
+    follows: str | None = None
+    ratio: float = fields.real(1.0, "ratio")
+    offset: float = fields.real(0.0, "position")
 
 
 def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra]:
@@ -52,12 +59,17 @@ def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra
 
 def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    keys = ("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper")
+    keys = (*_KEYS, *_LAW)
     block = schema.mapping(value, where, keys)
     place = {key: schema.at(where, key) for key in keys}
     kind = _type(block, name, place["type"], urdf)
     _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
     values = fields.read(JointExtra, block, place)
+    if "follows" in block:
+        values["follows"] = _followed(block["follows"], place["follows"], urdf)
+    elif "ratio" in block or "offset" in block:
+        key = "ratio" if "ratio" in block else "offset"
+        raise DescriptionError(f"{place[key]}: there is no joint to follow. Add `follows`.")
     if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
         beside, at = block["parallel_spring"], place["parallel_spring"]
         stiffness = schema.number(beside, at, low=0, of="stiffness")
@@ -69,6 +81,13 @@ def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     if "axes" in block:
         values["axes"] = _axes(block["axes"], place["axes"], kind)
     return JointExtra(name, kind, **values)
+
+
+def _followed(value: object, where: str, urdf: Source) -> str:
+    """Joint that is followed; "" for `false`, which lets a joint with a mimic tag go."""
+    if value is False:
+        return ""
+    return schema.known(value, where, urdf.joints, f"joint in {urdf.file}")
 
 
 def _type(block: dict[str, Any], name: str, place: str, urdf: Source) -> str | None:

@@ -52,11 +52,12 @@ LOOP_KINDS: dict[str, LoopKind] = {
 }
 # Not for files: keeps a rod between two balls from turning about itself.
 _SPIN = LoopKind("spin", (), ((2, 0),), ("axis", "axis_b"))
+_OWN = {kind.name: kind for kind in (_SPIN, LoopKind("coupling"))}
 
 
 def loop_kind(name: str) -> LoopKind:
-    """The row of the table of a kind, that of the rod between two balls included."""
-    return _SPIN if name == _SPIN.name else LOOP_KINDS[name]
+    """The row of the table of a kind, those that no file names included."""
+    return _OWN[name] if name in _OWN else LOOP_KINDS[name]
 
 
 def register_loop_kind(kind: LoopKind) -> None:
@@ -68,7 +69,7 @@ def register_loop_kind(kind: LoopKind) -> None:
         DescriptionError: The name is taken, or the rows are none that can be held.
     """
     where = f"loop kind {kind.name}"
-    if kind.name in LOOP_KINDS or kind.name == _SPIN.name:
+    if kind.name in LOOP_KINDS or kind.name in _OWN:
         raise DescriptionError(f"{where}: there is one of that name. Choose another.")
     axes: Sequence[int] = (*kind.points, *(axis for pair in kind.directions for axis in pair))
     if not axes or not {*axes} <= {0, 1, 2} or len({*kind.points}) < len(kind.points):

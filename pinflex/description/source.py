@@ -23,12 +23,16 @@ HOME_SIZES: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class SourceJoint:
-    """A joint of a robot's file: its type and the links it joins."""
+    """A joint of a robot's file: its type, the links it joins, what it follows.
+
+    `mimic` is (joint, ratio, offset) where its position is ratio times that joint's + offset.
+    """
 
     name: str
     type: str
     parent: str
     child: str
+    mimic: tuple[str, float, float] | None = None
 
 
 @dataclass(frozen=True)

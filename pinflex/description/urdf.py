@@ -146,7 +146,18 @@ def _joint(
             raise DescriptionError(
                 f"{where}: axis: {vector} has no direction. Write a unit vector."
             )
-    return SourceJoint(name, kind, ends[0], ends[1])
+    return SourceJoint(name, kind, ends[0], ends[1], _mimic(element.find("mimic"), where))
+
+
+def _mimic(element: ET.Element | None, where: str) -> tuple[str, float, float] | None:
+    """Joint, multiplier and offset of a mimic tag."""
+    if element is None:
+        return None
+    ratio, offset = (
+        _number(element.get(key, default), f"{where}: mimic {key}", of=of)
+        for key, default, of in (("multiplier", "1", "ratio"), ("offset", "0", "position"))
+    )
+    return (element.get("joint") or "").strip(), ratio, offset
 
 
 def _check_tree(links: tuple[str, ...], joints: dict[str, SourceJoint], file: str) -> None:

@@ -32,14 +32,14 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
         DescriptionError: The robot has loops (use `solve(level="rigid")`).
     """
     system = mechanism.rigid
-    if system.closed.n:
+    if len(system.closed.coupled.rows) < system.closed.n:
         raise DescriptionError(
             f"{mechanism.name}: inverse_dynamics is for loop-free robots, this one has "
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
     tau, dynamics = np.empty((len(q), system.nv)), Dynamics(system)
     if np.any(system.D) or len(system.springs.v_at):
-        none = np.zeros(0)
+        none = np.zeros(system.closed.n)  # couplings: of each joint alone
         for k in range(len(q)):
             tau[k] = dynamics.residual(q[k], v[k], a[k], none, 0.0)
         return tau

@@ -92,12 +92,13 @@ class ClosedPoses:
             poses[k] = here.block
         return poses, J, dJ
 
-    def _stacked(self, poses: Array) -> ClosureState:
+    def _stacked(self, Y: Array, poses: Array) -> ClosureState:
         """The closures of all poses, evaluated."""
         d, n = self._dynamics, len(poses)
         if n not in self._stacks:
-            closed = stack(d.system.closed, n, int(d.model.njoints))
+            closed = stack(d.system.closed, n, int(d.model.njoints), int(d.model.nq))
             self._stacks[n] = ClosureState(closed, d.model, d.data, d.closed.poses)
+        self._stacks[n].Q = Y
         self._stacks[n].rows_from(poses.reshape(-1, 12))
         return self._stacks[n]
 
@@ -108,8 +109,11 @@ class ClosedPoses:
             return np.array([c for c, _ in found]), np.array([J_c for _, J_c in found])
         if not d.looped:
             return np.empty((n, 0)), np.empty((n, 0, d.system.nv))
-        state = self._stacked(poses)
-        return state.c.reshape(n, -1).copy(), state.W.reshape(n, -1, 6) @ J * closed.row_mask
+        state = self._stacked(Y, poses)
+        rows = state.W.reshape(n, -1, 6) @ J * closed.row_mask
+        if len(closed.coupled.rows):
+            rows[:, closed.coupled.rows] = closed.coupled.J
+        return state.c.reshape(n, -1).copy(), rows
 
     def _closure_bias(self, Y: Array, V: Array, poses: Array, J: Array, dJ: Array) -> Array:
         d, n, closed = self._dynamics, len(Y), self._dynamics.system.closed
@@ -122,7 +126,7 @@ class ClosedPoses:
             for mask in (closed.support_a, closed.support_b)
         )
         swept = (closed.support_b - closed.support_a) * V[:, None] @ dJ.swapaxes(1, 2)
-        return self._stacked(poses).drift(twist_a, twist_b, swept.reshape(-1, 6)).reshape(n, -1)
+        return self._stacked(Y, poses).drift(twist_a, twist_b, swept.reshape(-1, 6)).reshape(n, -1)
 
     def _place(self, poses: Array) -> tuple[Array, Array]:
         """Coordinates x, y, z, rz, ry, rx (n, 6) and position (n, 3) of the platform."""

@@ -6,6 +6,10 @@ Every kind is made of three sorts of rows between frame a (on body A) and frame 
     direction  c = e_a . e_b                        an axis of a, an axis of b
     distance   c = (|p_b - p_a|^2 - l^2) / (2 l)
 
+and couplings of joints, without frames (`pinflex.description.couplings`):
+
+    coupling   c = q_a - ratio q_b - offset
+
 A sleeve on a flexible beam (`pinflex.mechanics.slider`) adds rows that also hold its elastic
 coordinates.
 
@@ -16,13 +20,14 @@ Jacobians of Pinocchio the closure Jacobian is (W J) times the difference of the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.description.couplings import Coupling
 from pinflex.description.loops import Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.slider import Contact, Sleeve
@@ -30,6 +35,52 @@ from pinflex.text import brief
 
 _AXES = "xyz"
 LENGTHS = 1e-12  # [m] below which a length is none
+_NOWHERE = Attachment(0, pin.SE3.Identity())
+
+
+@dataclass(frozen=True)
+class CoupledRows:
+    """Rows c = Q[own] - ratio Q[leader] - offset of an (expanded) model.
+
+    Attributes:
+        rows: Closure rows, shape (k,).
+        own, leader: Places in Q, shape (k,); without a leader its own, with the ratio 0.
+        ratio, offset: Shape (k,).
+        J: dc/dQ, shape (k, nV).
+    """
+
+    __repr__ = brief
+
+    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    own: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    leader: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    ratio: Array = field(default_factory=lambda: np.zeros(0))
+    offset: Array = field(default_factory=lambda: np.zeros(0))
+    J: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def value(self, Q: Array) -> Array:
+        """c at configurations Q, shape (k,)."""
+        return np.asarray(Q[self.own] - self.ratio * Q[self.leader] - self.offset)
+
+    def select(self, renumber: IntArray) -> CoupledRows:
+        """Those whose new number is not -1."""
+        k = renumber[self.rows] >= 0
+        return CoupledRows(
+            renumber[self.rows[k]], self.own[k], self.leader[k], self.ratio[k], self.offset[k],
+            self.J[k],
+        )  # fmt: skip
+
+    def copies(self, size: int, rows: int, width: int) -> CoupledRows:
+        """Of `size` copies with so many closure rows and coordinates each, one after the other."""
+        step = np.repeat(np.arange(size), len(self.rows))
+
+        def shifted(at: IntArray, by: int) -> IntArray:
+            return np.asarray(np.tile(at, size) + step * by, dtype=np.intp)
+
+        return CoupledRows(
+            shifted(self.rows, rows), shifted(self.own, width), shifted(self.leader, width),
+            np.tile(self.ratio, size), np.tile(self.offset, size), self.J,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,6 +97,7 @@ class Closures:
         dot_rows, dot_a, dot_b: Rows of direction type and the axes they use.
         distance_rows, lengths: Rows of distance type and their lengths in m.
         contacts: Rows of sleeves on flexible beams.
+        coupled: Rows of couplings, with the coordinates and numbers in them.
         support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
         row_mask: support_b - support_a of each row's loop, shape (rows, nV).
     """
@@ -69,6 +121,7 @@ class Closures:
     support_b: Array
     row_mask: Array
     contacts: tuple[Contact, ...] = ()
+    coupled: CoupledRows = field(default_factory=CoupledRows)
 
     @property
     def n(self) -> int:
@@ -98,6 +151,7 @@ class Closures:
             lengths=self.lengths[s],
             row_mask=self.row_mask[rows],
             contacts=tuple(contact.select(renumber) for contact in self.contacts),
+            coupled=self.coupled.select(renumber),
         )
 
 
@@ -106,18 +160,21 @@ def closures(
     frames: Mapping[str, Attachment],
     model: pin.Model,
     sleeves: Mapping[str, Sleeve] | None = None,
+    couplings: Sequence[Coupling] = (),
 ) -> Closures:
-    """Gather the loops of a description on a model.
+    """Gather the loops and couplings of a description on a model.
 
     Args:
         loops: Described loops; a distance without a length gets NaN, to be set at assembly.
         frames: Where each frame sits in the model.
         model: Rigid or expanded model.
         sleeves: What the loops of kind slider hold, by name.
+        couplings: Joints that follow others; they stand first, each as a loop without frames.
     Returns:
         All rows, redundant ones included.
     """
     sleeves = sleeves or {}
+    loops = (*(Loop(one.joint, "coupling", "", "") for one in couplings), *loops)
     ends = [_ends(loop, frames, sleeves.get(loop.name)) for loop in loops]
     rows = _Rows()
     for number, loop in enumerate(loops):
@@ -151,7 +208,26 @@ def closures(
         support_b=support_b,
         row_mask=(support_b - support_a)[loop_of],
         contacts=tuple(rows.contacts),
+        coupled=_coupled(couplings, model),
     )
+
+
+def _coupled(couplings: Sequence[Coupling], model: pin.Model) -> CoupledRows:
+    """The first rows: one for each coupling."""
+    if not couplings:
+        return CoupledRows()
+    own = [model.joints[model.getJointId(one.joint)] for one in couplings]
+    leader = [
+        joint if one.leader is None else model.joints[model.getJointId(one.leader)]
+        for one, joint in zip(couplings, own, strict=True)
+    ]
+    ratio = np.array([one.ratio for one in couplings])
+    J, rows = np.zeros((len(own), int(model.nv))), np.arange(len(own))
+    J[rows, [joint.idx_v for joint in own]] = 1.0
+    J[rows, [joint.idx_v for joint in leader]] -= ratio
+    q_own, q_leader = (np.array([x.idx_q for x in side], dtype=np.intp) for side in (own, leader))
+    offset = np.array([one.offset for one in couplings])
+    return CoupledRows(rows, q_own, q_leader, ratio, offset, J)
 
 
 class _Rows:
@@ -181,6 +257,8 @@ class _Rows:
             self.dots.append((len(labels), a, b))
             about = _AXES[3 - a - b] if a != b else _AXES[a]
             labels.append(f"{loop.name}: rotation about {about}")
+        if loop.kind == "coupling":
+            labels.append(f"{loop.name}: coupling")
         if loop.kind == "distance":
             self.distances.append((len(labels), np.nan if loop.length is None else loop.length))
             labels.append(f"{loop.name}: distance")
@@ -204,6 +282,8 @@ def _ends(
     loop: Loop, frames: Mapping[str, Attachment], sleeve: Sleeve | None
 ) -> tuple[Attachment, Attachment]:
     """Both frames of a loop; those of a slider are turned into that of its beam."""
+    if loop.kind == "coupling":
+        return _NOWHERE, _NOWHERE
     here, other = frames[loop.frame_a], frames[loop.frame_b]
     if sleeve is None:
         return here, other

@@ -42,6 +42,8 @@ class ClosureState:
         self._u_at = self._point_loop[:, None] * 12 + 4 * np.arange(3) + closed.point_axes[:, None]
         self._plain = closed.n == len(closed.point_rows)
         self.contacts = [ContactState(contact) for contact in closed.contacts]
+        self.Q = np.zeros(0)  # configuration of the model, for couplings only
+        self._coupled = closed.coupled if len(closed.coupled.rows) else None
         # Elastic coordinates and their rates, and dc/deta, for the rows of sleeves only.
         self.eta = self.eta_rate = np.zeros(0)
         self.J_eta = np.zeros((closed.n, 0))
@@ -54,9 +56,11 @@ class ClosureState:
             self._evaluate_contacts()
         np.matmul(self.W, columns(self._data.J), out=self.J)
         self.J *= self.closed.row_mask
+        if self._coupled is not None:
+            self.J[self._coupled.rows] = self._coupled.J
 
     def rows_from(self, poses: Array) -> None:
-        """c and W from joint poses, shape (joints, 12) (see `JointPoses`)."""
+        """c and W from joint poses, shape (joints, 12) (see `JointPoses`), and Q for couplings."""
         cl, loops = self.closed, self._loops
         joints = poses.take(cl.bodies, axis=0)
         rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
@@ -87,6 +91,8 @@ class ClosureState:
             u = d / cl.lengths[:, None]
             self.W[cl.distance_rows, :3] = u
             self.W[cl.distance_rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
+        if self._coupled is not None:
+            self.c[self._coupled.rows] = self._coupled.value(self.Q.reshape(-1))
 
     def _evaluate_contacts(self) -> None:
         if self.J_eta.shape[1] != len(self.eta):

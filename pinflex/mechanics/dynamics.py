@@ -47,6 +47,7 @@ class Dynamics(ExpandedState):
     def place(self, y: Array) -> None:
         """Q = T(y) and the blocks of X = dQ/dy."""
         super().place(y)
+        self.closed.Q = self.Q
         if self.flexible:
             self.closed.eta = y[self.nq_rigid :]
 
@@ -309,6 +310,8 @@ class Dynamics(ExpandedState):
             self.closed.evaluate()
         self._load(lam, V, t)
         self.g = np.array(pin.rnea(self.model, self.data, self.Q, V, A, self._loads))
+        coupled = self.system.closed.coupled
+        self.g -= lam[coupled.rows] @ coupled.J if len(coupled.rows) else 0.0
         return self._add_elastic(self.project(self.g), y, v, lam, control_force)
 
     # Energies ------------------------------------------------------------------------------

@@ -163,7 +163,9 @@ class _Loading:
     def __init__(self, description: Description, own: Mapping[str, FlexibleBody]) -> None:
         self.description, self.own = description, own
         self.model = _pinocchio_model(description)
-        self.links = link_tree(self.model, description.joints)
+        pairs = [(one.joint, one.leader) for one in description.couplings]
+        self.coupled = {name for pair in pairs for name in pair if name is not None}
+        self.links = link_tree(self.model, description.joints, self.coupled)
         require_size(self.links, description.urdf_name, description.allow)
         self.gravity = np.array(description.gravity, float)
         self.needed = _needed_frames(description)
@@ -222,7 +224,9 @@ class _Loading:
 
     def tree(self, parts: Mapping[str, FlexiblePart]) -> Expansion:
         """The rigid model: Pinocchio's own where the description adds nothing to it."""
-        changed = any(extra.type for extra in self.description.joints.values())
+        joints = self.model.joints
+        turning = any(joints[self.model.getJointId(name)].nq > 1 for name in self.coupled)
+        changed = turning or any(extra.type for extra in self.description.joints.values())
         if parts or changed:
             tree = expand(self.links, parts, self.needed, None, self.gravity)
         else:

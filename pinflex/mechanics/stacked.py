@@ -46,7 +46,7 @@ class Stacked:
             joints, loops = int(dynamics.model.njoints), len(system.closed.names)
             self._poses = np.empty((size, joints, 12))
             self._J = np.empty((size, 6, nV))
-            stacked = stack(system.closed, size, joints)
+            stacked = stack(system.closed, size, joints, int(dynamics.model.nq))
             self.closed = ClosureState(
                 stacked, dynamics.model, dynamics.data, dynamics.closed.poses
             )
@@ -76,6 +76,7 @@ class Stacked:
                 d.closed.poses.refresh()
                 self._poses[k] = d.closed.poses.block
         if d.looped:
+            self.closed.Q = Q
             g -= self._closure_forces(lam)
         return self.projected(g, Y, V, maps)
 
@@ -154,11 +155,21 @@ class Stacked:
         self.c = closed.c.reshape(size, -1)
         on_loops = np.matmul(self._of_loop, (closed.W * lam.reshape(-1, 1)).reshape(size, -1, 6))
         force: Array = (np.matmul(on_loops, self._J) * self._mask).sum(axis=1)
-        return force
+        return force + self.coupling_forces(lam)
+
+    def coupling_forces(self, lam: Array) -> Array | float:
+        """What couplings of joints add to J_Q' lam (size, rows), shape (size, nV)."""
+        coupled = self.dynamics.system.closed.coupled
+        return lam[:, coupled.rows] @ coupled.J if len(coupled.rows) else 0.0
 
 
-def stack(closed: Closures, size: int, joints: int) -> Closures:
-    """The loops of `size` copies of a model whose joint poses lie one after the other."""
+def stack(closed: Closures, size: int, joints: int, width: int) -> Closures:
+    """The loops of `size` copies of a model whose joint poses lie one after the other.
+
+    Args:
+        closed: Of one model. size: Number of copies. joints: Of one, the world included.
+        width: Length of one configuration.
+    """
     loops, rows = len(closed.names), closed.n
     copies = np.arange(size)[:, None]
     sides = (closed.bodies.reshape(2, 1, loops) + joints * copies).reshape(-1)
@@ -187,4 +198,5 @@ def stack(closed: Closures, size: int, joints: int) -> Closures:
         support_b=none,
         row_mask=none,
         contacts=(),
+        coupled=closed.coupled.copies(size, rows, width),
     )

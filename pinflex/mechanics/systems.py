@@ -66,7 +66,8 @@ def rigid_system(
     model = tree.model
     springs, dampers = joint_springs(description, model)
     held = sleeves(description.loops, parts, tree, description.name)
-    every = closures(description.loops, tree.frames, model, held)
+    coupled = description.couplings
+    every = closures(description.loops, tree.frames, model, held, coupled)
     nv = int(model.nv)
     placed = loads(description.forces, description.springs, tree.frames)
     system = System(
@@ -90,7 +91,7 @@ def rigid_system(
     idle = idle_of(system, description, home)
     spun = len(idle.spins)
     if spun:
-        both = closures((*description.loops, *idle.spins), tree.frames, model, held)
+        both = closures((*description.loops, *idle.spins), tree.frames, model, held, coupled)
         both = replace(both, lengths=_lengths_of(system.closed, description))
         rows = np.concatenate([kept, every.n + np.arange(spun)])
         system = replace(system, closed=both.select(rows))
@@ -111,7 +112,10 @@ def rigid_system(
                 why = axis_hint(dynamics, description.loops, home)
                 raise SingularityError(f"{error}{why}", **error.data) from None
     mobility = nv - len(kept) - spun - len(system.held)
-    report = LoopReport(every.n, len(kept), redundant, mobility, sigma, closed.starts)
+    joined = len(coupled)
+    report = LoopReport(
+        every.n - joined, len(kept) - joined, redundant, mobility, sigma, closed.starts, joined
+    )
     return Assembled(system, home, report, idle)
 
 
@@ -136,7 +140,8 @@ def flexible_system(
         K[at, at], D[at, at] = slot.body.K, slot.body.D
     held = sleeves(description.loops, parts, expansion, description.name)
     loops = (*description.loops, *idle.spins)
-    every = closures(loops, expansion.frames, expansion.model, held)
+    coupled = description.couplings
+    every = closures(loops, expansion.frames, expansion.model, held, coupled)
     lengths = _lengths_of(rigid.closed, description)
     every = replace(every, lengths=lengths)
     placed = loads(description.forces, description.springs, expansion.frames)
@@ -148,7 +153,8 @@ def flexible_system(
         _, J = Dynamics(system).close(np.concatenate([home, np.zeros(m)]))
     kept, redundant = assembly.independent_rows(J, every.labels)
     spun = len(idle.spins)
-    report = LoopReport(every.n - spun, len(kept) - spun, redundant, 0, float("nan"))
+    own = spun + len(coupled)
+    report = LoopReport(every.n - own, len(kept) - own, redundant, 0, float("nan"))
     return replace(system, closed=every.select(kept)), report
 
 

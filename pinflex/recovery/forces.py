@@ -77,14 +77,18 @@ class _Pass:
             return
         for at in spans(nt, TOGETHER):
             Q, V, A, maps = stacked.expanded(run.y[at], run.v[at], run.a[at])
-            loads = self._close(stacked, at) if self.dynamics.looped else {}
+            loads = self._close(stacked, Q, at) if self.dynamics.looped else {}
             self._forces(at.start, Q, V, A, loads)
+            self.g[at] -= stacked.coupling_forces(run.lam[at])
             self._left[at] = stacked.projected(self.g[at], run.y[at], run.v[at], maps)
 
     def arrays(self) -> dict[str, Array]:
         """Arrays of a Result."""
         out, run, model = dict[str, Array](), self.run, self.dynamics.model
-        for k, name in enumerate(run.system.closed.names):
+        closed = run.system.closed
+        for k, (name, kind) in enumerate(zip(closed.names, closed.kinds, strict=True)):
+            if kind == "coupling":
+                continue
             out[f"loop/{name}/wrench"] = self._wrench[:, k]
         for name in self.mechanism.rigid.rigid.names[1:]:
             out[f"reaction/{name}"] = self.f[:, model.getJointId(name)]
@@ -92,12 +96,13 @@ class _Pass:
         out["residual/newton"] = np.abs(self._left[:, run.system.free]).max(axis=1, initial=0.0)
         return out
 
-    def _close(self, stacked: Stacked, at: slice) -> dict[int, Array]:
+    def _close(self, stacked: Stacked, Q: Array, at: slice) -> dict[int, Array]:
         """Gaps and wrenches of the loops; what they load joints with, in their own frames."""
         poses, closed, size = self.poses[at], stacked.closed, stacked.size
         rotation, origin = poses[..., :3], poses[..., 3]
         columns = rotation.swapaxes(-1, -2)
         flat = np.concatenate([columns.reshape(*origin.shape[:2], 9), origin], axis=2)
+        closed.Q = Q
         closed.rows_from(flat.reshape(-1, 12))
         self._gap[at] = np.abs(closed.c.reshape(size, -1)).max(axis=1)
         F = closed.wrenches(self.run.lam[at].reshape(-1)).reshape(size, -1, 6)

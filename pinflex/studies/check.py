@@ -16,7 +16,13 @@ from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.studies import check_warnings
-from pinflex.studies.check_parts import LinkCheck, LoopCheck, link_check, loop_checks
+from pinflex.studies.check_parts import (
+    LinkCheck,
+    LoopCheck,
+    coupling_texts,
+    link_check,
+    loop_checks,
+)
 from pinflex.studies.check_statics import Statics, statics
 from pinflex.studies.mode_shapes import first_modes, rigid_body
 from pinflex.text import brief
@@ -37,6 +43,7 @@ class Check:
         loops, links: One record each.
         platform: Frame, or None.
         elastic_joints: Coordinates with a spring that the rigid level holds.
+        couplings: What follows what, as equations of positions.
         idle: Freedoms that nothing hangs on, held where home has them.
         statics: Sag and holding torques.
         frequencies: [Hz]. frequency_note: Of which state.
@@ -65,6 +72,7 @@ class Check:
     frequency_note: str
     motion: str
     elastic_joints: tuple[str, ...] = field(default=())
+    couplings: tuple[str, ...] = field(default=())
     idle: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
     summaries: tuple[str, ...] = field(default=())
@@ -105,6 +113,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         frequency_note=note,
         motion=motion,
         elastic_joints=mechanism.elastic_joints,
+        couplings=coupling_texts(mechanism),
         idle=mechanism.idle.names,
         warnings=warnings,
         summaries=_summaries(mechanism),

@@ -39,7 +39,9 @@ def _head(c: Check) -> str:
         closed += f" - {plural(r.rank, 'independent closure row')}"
     if c.elastic_joints:
         closed += f" - {plural(len(c.elastic_joints), 'elastic joint')}"
-    idle = c.joints - r.rank * bool(c.loops) - len(c.elastic_joints) - r.mobility
+    if r.coupled:
+        closed += f" - {r.coupled} coupled"
+    idle = c.joints - r.rank * bool(c.loops) - r.coupled - len(c.elastic_joints) - r.mobility
     if idle:
         closed += f" - {idle} idle"
     motors = plural(len(c.motors), "motor") if c.motors else "none"
@@ -55,6 +57,7 @@ def _head(c: Check) -> str:
             f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
             + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else ""),
         ),
+        *([("coupled", "; ".join(c.couplings))] if c.couplings else []),
         *([("idle", f"{', '.join(c.idle)}: nothing hangs on it, held at home")] if c.idle else []),
         ("platform", c.platform or "none named: no deviation can be reported"),
         ("motion", c.motion),

@@ -13,9 +13,10 @@ _SOME = 6  # names listed before "..."
 
 
 def ignored(description: Description) -> list[str]:
-    """Sentences on joint damping, friction and mimic tags of the URDF, which have no effect."""
+    """Sentences on joint damping, friction and mimic tags of the URDF that have no effect."""
     root = ET.fromstring(description.urdf_text.strip())
     damped, rubbing, mimicking = [], [], []
+    names = {joint.get("name", "") for joint in root.findall("joint")}
     for joint in root.findall("joint"):
         name, dynamics = joint.get("name", ""), joint.find("dynamics")
         if dynamics is not None:
@@ -24,7 +25,8 @@ def ignored(description: Description) -> list[str]:
                 damped.append(name)
             if _value(dynamics, "friction"):
                 rubbing.append(name)
-        if joint.find("mimic") is not None:
+        mimic = joint.find("mimic")
+        if mimic is not None and (mimic.get("joint") or "").strip() not in names:
             mimicking.append(name)
     found = []
     if damped:
@@ -38,7 +40,8 @@ def ignored(description: Description) -> list[str]:
         )
     if mimicking:
         found.append(
-            f"mimic in the URDF is not used ({_list(mimicking)}): these joints move by themselves."
+            f"mimic in the URDF names joints that are not there ({_list(mimicking)}): these joints "
+            "move by themselves. Write joints.NAME.follows in the YAML if they should not."
         )
     return found
 
