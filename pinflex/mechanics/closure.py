@@ -28,7 +28,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.couplings import Coupling
-from pinflex.description.loops import Loop, loop_kind
+from pinflex.description.loops import WORLD, Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.slider import Contact, Sleeve
 from pinflex.text import brief
@@ -161,6 +161,7 @@ def closures(
     model: pin.Model,
     sleeves: Mapping[str, Sleeve] | None = None,
     couplings: Sequence[Coupling] = (),
+    ground: Mapping[str, pin.SE3] | None = None,
 ) -> Closures:
     """Gather the loops and couplings of a description on a model.
 
@@ -170,12 +171,13 @@ def closures(
         model: Rigid or expanded model.
         sleeves: What the loops of kind slider hold, by name.
         couplings: Joints that follow others; they stand first, each as a loop without frames.
+        ground: Places in the world of loops that are held there, by loop.
     Returns:
         All rows, redundant ones included.
     """
-    sleeves = sleeves or {}
-    loops = (*(Loop(one.joint, "coupling", "", "") for one in couplings), *loops)
-    ends = [_ends(loop, frames, sleeves.get(loop.name)) for loop in loops]
+    sleeves, ground = sleeves or {}, ground or {}
+    loops = (*(Loop(f"coupling of {one.joint}", "coupling", "", "") for one in couplings), *loops)
+    ends = [_ends(loop, frames, sleeves.get(loop.name), ground.get(loop.name)) for loop in loops]
     rows = _Rows()
     for number, loop in enumerate(loops):
         rows.add(number, loop, sleeves)
@@ -279,11 +281,16 @@ def _turn_b(loop: Loop) -> Array:
 
 
 def _ends(
-    loop: Loop, frames: Mapping[str, Attachment], sleeve: Sleeve | None
+    loop: Loop,
+    frames: Mapping[str, Attachment],
+    sleeve: Sleeve | None,
+    ground: pin.SE3 | None,
 ) -> tuple[Attachment, Attachment]:
     """Both frames of a loop; those of a slider are turned into that of its beam."""
     if loop.kind == "coupling":
         return _NOWHERE, _NOWHERE
+    if ground is not None:
+        frames = {**frames, WORLD: Attachment(0, ground)}
     here, other = frames[loop.frame_a], frames[loop.frame_b]
     if sleeve is None:
         return here, other
