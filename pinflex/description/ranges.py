@@ -46,6 +46,7 @@ RANGES = {
     "stiffness": Range(0.0, 1e30, "N/m or N m/rad", "a steel block of 1 m has 2e11 N/m"),
     "damping": Range(0.0, 1e24, "N s/m or N m s/rad", "a stiffness times a time"),
     "time": Range(1e-12, 1e9, "s", "light crosses 0.3 mm in 1e-12 s, and 1e9 s are 30 years"),
+    "speed": Range(0.0, 1e9, "rad/s or m/s", "light has 3e8 m/s"),
     "rate": Range(1e-12, 1e12, "1/s", "the inverse of a time"),
     "position": Range(0.0, 1e6, "rad or m", "1e6 rad are 160 000 turns"),
     "angle": Range(0.0, 1e6, "rad", "1e6 rad are 160 000 turns"),

@@ -18,6 +18,7 @@ TOLERANCES = (1e-9, 0.1)  # least and largest tol; a scene may have a higher flo
 KED_TERMS = ("full", "structural")
 DRIVES = ("prescribed", "torque")
 STARTS = ("auto", "straight", "static")
+Speeds = tuple[tuple[str, tuple[float | None, ...]], ...]  # by name of a joint or link
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,18 @@ def _outputs(value: object, where: str) -> tuple[str, ...]:
     return schema.names(value, where, ASKED, "output")
 
 
+def _speeds(value: object, where: str) -> Speeds:
+    """Names with a speed, or a list of them; null leaves a component open."""
+    found = []
+    for name, item in schema.mapping(value, where).items():
+        place = schema.at(where, name)
+        entries = item.tolist() if isinstance(item, np.ndarray | np.generic) else item
+        values = entries if isinstance(entries, list | tuple) else [entries]
+        numbers = (None if x is None else schema.number(x, place, of="speed") for x in values)
+        found.append((str(name), tuple(numbers)))
+    return tuple(found)
+
+
 def _integrator(value: object, where: str) -> Any:
     """A name; in Python also a scheme, a tableau or a function, which the level looks at."""
     if not isinstance(value, str | int | float | list | dict):
@@ -100,6 +113,8 @@ class SolveSpec:
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
         start: straight (undeformed), static (in equilibrium), or auto (static where something
             acts and an equilibrium exists).
+        speeds: Start speeds of joints without a prescribed motion [rad/s | m/s], and of links:
+            the velocity of their frames' origins in the world [m/s]; level coupled.
     """
 
     __repr__ = brief
@@ -120,6 +135,7 @@ class SolveSpec:
     kp: float = fields.real(0.0, "stiffness", low=0)
     kd: float = fields.real(0.0, "damping", low=0)
     start: str = fields.word("auto", STARTS)
+    speeds: Speeds = fields.key((), _speeds)
 
     @property
     def by_steps(self) -> str:

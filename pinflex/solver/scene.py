@@ -27,6 +27,7 @@ from pinflex.integrators.steps import Steps
 from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
+from pinflex.levels.speeds import with_speeds
 from pinflex.levels.start import Start, start_of
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.dynamics import Dynamics
@@ -37,6 +38,7 @@ Progress = Callable[[int, int], None]
 _FEW = 400  # steps below which a run may be too coarse for its first mode
 _PER_PERIOD = 10.0  # steps that a vibration needs at the least
 _SHORT = 1e-6  # of the run: shorter steps are looked at for round-off
+_NO_SPEEDS = "start speeds are those of level coupled; level ked starts with those of the motion."
 _FORWARD = 401  # instants between which the torques of the rigid motion are interpolated
 
 
@@ -74,6 +76,8 @@ class Scene:
                 structural, progress, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
+            if spec.speeds:
+                run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
             return thin(self._judged(run, every), every)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
@@ -199,7 +203,10 @@ class Scene:
         """Found once, however often the scene is run."""
         dynamics = Dynamics(self._system)
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
-        return start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+        start = start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+        driven = self.spec.drive == "torque"
+        v = with_speeds(self.mechanism, dynamics, start.y, start.v, self.spec.speeds, driven)
+        return replace(start, v=v)
 
     def _drive(self, t: Array) -> TorqueDrive | None:
         if self.spec.drive != "torque":
