@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from pinflex.actuation.motors import default_motion as default_motion
 from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.description.control import Control
-from pinflex.description.motion import Motion, from_spec, hold
+from pinflex.description.motion import Motion
 from pinflex.description.solve import COUPLED_ONLY, SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
@@ -162,16 +163,6 @@ def _before(
             f"{mechanism.name}: resume: what the stored run holds does not fit together "
             f"({type(error).__name__}: {error}). Solve again from the start."
         ) from error
-
-
-def default_motion(mechanism: Mechanism) -> Motion:
-    """The motion of the YAML; one second at rest where it has none."""
-    block = mechanism.description.motion
-    if block is None:
-        return hold(duration=1.0)
-    path = mechanism.description.path
-    folder = None if path is None else path.parent
-    return from_spec(block, f"{mechanism.name}.yaml: motion", folder)
 
 
 def _run(scene: Scene, end: float, progress: Progress | None) -> Run:
