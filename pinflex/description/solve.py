@@ -113,8 +113,8 @@ class SolveSpec:
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
         start: straight (undeformed), static (in equilibrium), or auto (static where something
             acts and an equilibrium exists).
-        speeds: Start speeds of joints without a prescribed motion [rad/s | m/s], and of links:
-            the velocity of their frames' origins in the world [m/s]; level coupled.
+        start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
+            velocities of links' origins in the world [m/s]; level coupled.
     """
 
     __repr__ = brief
@@ -135,7 +135,7 @@ class SolveSpec:
     kp: float = fields.real(0.0, "stiffness", low=0)
     kd: float = fields.real(0.0, "damping", low=0)
     start: str = fields.word("auto", STARTS)
-    speeds: Speeds = fields.key((), _speeds)
+    start_speeds: Speeds = fields.key((), _speeds)
 
     @property
     def by_steps(self) -> str:

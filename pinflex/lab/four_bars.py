@@ -64,7 +64,7 @@ def b0(m: Mechanism, until: float, every: float, h: float) -> Array:
     """Places of the first tip in multiples of `every` s, m, shape (nt, 2)."""
     run = solve_level(
         m, hold(duration=until), "coupled", dt=h, samples=round(until / every) + 1,
-        tolerance=TOLERANCE, speeds=SPEEDS,
+        tolerance=TOLERANCE, start_speeds=SPEEDS,
     )  # fmt: skip
     return run.frame("tip_0").position[:, :2]
 

@@ -226,7 +226,7 @@ def spatial_slider_crank() -> Outcome:
     """Start, and crank angle over 5 s, against the one-freedom reduction."""
     m = slider_crank()
     r = solve_level(m, hold(duration=5.0), "coupled", dt=5e-4, samples=201,
-                    speeds={"crank_joint": 6.0})  # fmt: skip
+                    start_speeds={"crank_joint": 6.0})  # fmt: skip
     turn = r.joint("crank_joint").position
     angle = np.unwrap(np.arctan2(turn[:, 1], turn[:, 0]))
     exact = slider_crank_exact(r.t)

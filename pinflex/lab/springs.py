@@ -179,7 +179,7 @@ def a05() -> Outcome:
     m = governor()
     h = 1e-3
     r = solve_level(m, hold(duration=2.0), "coupled", dt=h, samples=2001,
-                    speeds={"shaft_joint": 2 * math.pi})  # fmt: skip
+                    start_speeds={"shaft_joint": 2 * math.pi})  # fmt: skip
     s = 0.5 + r.joint("slider_joint").position
     checks = [
         Check(f"slider height at {t:g} s [m]", float(s[round(t / h)]), exact, 1e-4,

@@ -74,8 +74,8 @@ def with_speeds(
     v = _corrected(dynamics, y, v, A, b, free)
     if _misses(A, b, v):
         raise DescriptionError(
-            f"{mechanism.name}: solve.speeds: {', '.join(name for name, _ in speeds)}: the loops "
-            f"and motors do not allow these speeds together; they miss by "
+            f"{mechanism.name}: solve.start_speeds: {', '.join(name for name, _ in speeds)}: the "
+            "loops and motors do not allow these speeds together; they miss by "
             f"{np.max(np.abs(A @ v - b)):.3g} (m/s or rad/s). Name fewer of them: what is not "
             "named follows."
         )
@@ -125,13 +125,14 @@ def _sorted(
         else:
             known = nearest(name, [*list(model.names)[1:], *frames])
             raise DescriptionError(
-                f'{mechanism.name}: solve.speeds: no such moving joint or link: "{name}".{known}'
+                f"{mechanism.name}: solve.start_speeds: no such moving joint or link: "
+                f'"{name}".{known}'
             )
         if len(values) != count:
             what = "velocity of its origin" if not rows else "speed for each freedom"
             raise DescriptionError(
-                f"{mechanism.name}: solve.speeds.{name}: {len(values)} values. Allowed: {count}, "
-                f"the {what}."
+                f"{mechanism.name}: solve.start_speeds.{name}: {len(values)} values. Allowed: "
+                f"{count}, the {what}."
             )
     return joints, links
 
@@ -144,7 +145,7 @@ def _prescribed(
     else:
         why, advice = "is idle or a base that is held", "Write idle: free"
     return DescriptionError(
-        f"{mechanism.name}: solve.speeds.{name}: {name} {why}. {advice}, or leave it out."
+        f"{mechanism.name}: solve.start_speeds.{name}: {name} {why}. {advice}, or leave it out."
     )
 
 

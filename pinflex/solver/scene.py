@@ -76,7 +76,7 @@ class Scene:
                 structural, progress, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
-            if spec.speeds:
+            if spec.start_speeds:
                 run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
             return thin(self._judged(run, every), every)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
@@ -205,7 +205,7 @@ class Scene:
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
         start = start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
         driven = self.spec.drive == "torque"
-        v = with_speeds(self.mechanism, dynamics, start.y, start.v, self.spec.speeds, driven)
+        v = with_speeds(self.mechanism, dynamics, start.y, start.v, self.spec.start_speeds, driven)
         return replace(start, v=v)
 
     def _drive(self, t: Array) -> TorqueDrive | None:

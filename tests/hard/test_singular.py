@@ -98,7 +98,7 @@ def test_coupled_through_a_lost_command_ends_in_a_named_error_or_closed_loops(
 @pytest.mark.parametrize("kind", ["planar", "revolute"])
 def test_a_free_four_bar_passes_its_change_points_on_the_symmetric_branch(kind: str) -> None:
     m = four_bars(2, kind)
-    r = pf.solve(m, pf.hold(duration=5.0), "coupled", dt=1e-3, samples=2, speeds=SPEEDS)
+    r = pf.solve(m, pf.hold(duration=5.0), "coupled", dt=1e-3, samples=2, start_speeds=SPEEDS)
     found = r.frame("tip_0").position[-1, :2]
     # 2e-7 measured: second order at 1 ms through three change points.
     np.testing.assert_allclose(found, four_bars_exact(2, np.array([5.0]))[0], atol=2e-6)
@@ -136,7 +136,7 @@ def test_bricard_keeps_rank_four_of_five_along_the_whole_path() -> None:
 def test_a_tight_tolerance_does_not_stop_at_the_round_off_of_a_flat_pose() -> None:
     """Step 1429 ends 7e-4 rad from it, where round-off of closures moves rods by 1e3 times that."""
     m = four_bars(2)
-    r = pf.solve(m, pf.hold(duration=1.0), "coupled", dt=5e-4, samples=2, speeds=SPEEDS,
+    r = pf.solve(m, pf.hold(duration=1.0), "coupled", dt=5e-4, samples=2, start_speeds=SPEEDS,
                  tolerance=1e-10)  # fmt: skip
     place = r.frame("tip_0").position[-1, :2]
     exact = four_bars_exact(2, np.array([0.0, 1.0]))[1]

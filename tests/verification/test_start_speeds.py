@@ -43,7 +43,7 @@ def double_pendulum(t: Array, speeds: tuple[float, float]) -> Array:
 def test_a_double_pendulum_starts_with_its_speeds(named: dict[str, float], tmp_path: Path) -> None:
     """A joint that is not named does not turn at first."""
     robot = load(tmp_path, ARMS, FALLING)
-    run = pf.solve(robot, level="coupled", until=1.0, samples=21, tol=1e-7, speeds=named)
+    run = pf.solve(robot, level="coupled", until=1.0, samples=21, tol=1e-7, start_speeds=named)
     angles = np.column_stack([run.joint(x).position for x in ("upper_joint", "lower_joint")])
     speeds = named["upper_joint"], named.get("lower_joint", 0.0)
     exact = double_pendulum(run.t, speeds)
@@ -57,7 +57,7 @@ def test_a_double_pendulum_starts_with_its_speeds(named: dict[str, float], tmp_p
 def test_one_speed_of_a_loop_makes_the_others(speeds: dict[str, object]) -> None:
     """The spatial slider-crank of the IFToMM library, from its crank, slider joint or slider."""
     run = pf.solve(slider_crank(), pf.hold(duration=0.2), "coupled", tol=1e-6, samples=11,
-                   speeds=speeds)  # fmt: skip
+                   start_speeds=speeds)  # fmt: skip
     assert run.joint("crank_joint").velocity[0] == pytest.approx(6.0, rel=1e-12)
     assert run.joint("slider_joint").velocity[0] == pytest.approx(0.24, rel=1e-12)
     turn = run.joint("crank_joint").position
@@ -66,7 +66,7 @@ def test_one_speed_of_a_loop_makes_the_others(speeds: dict[str, object]) -> None
 
 
 def test_the_yaml_says_it_too(tmp_path: Path) -> None:
-    yaml = FALLING + "solve: {until: 0.1, samples: 3, dt: 1e-3, speeds: {lower_joint: -2}}\n"
+    yaml = FALLING + "solve: {until: 0.1, samples: 3, dt: 1e-3, start_speeds: {lower_joint: -2}}\n"
     run = pf.solve(load(tmp_path, ARMS, yaml))
     assert run.joint("lower_joint").velocity[0] == -2.0
     assert run.joint("upper_joint").velocity[0] == 0.0
@@ -83,7 +83,7 @@ def test_a_blow_at_the_tip_gives_each_mode_of_a_beam_its_share(tmp_path: Path) -
     robot = load(tmp_path, beam, yaml, basis)
     speed = 1e-3
     run = pf.solve(robot, level="coupled", until=0.5, samples=1001, tol=1e-5,
-                   speeds={"tip": [None, speed, None]})  # fmt: skip
+                   start_speeds={"tip": [None, speed, None]})  # fmt: skip
     moved = run.frame("tip").position[:, 1]
     omega = np.array([1.87510407, 4.69409113, 7.85475744, 10.99554073]) ** 2
     # Clamped-free modes have the same |phi(L)|, so that four of them share the speed equally.
@@ -99,8 +99,8 @@ def test_a_blow_at_the_tip_gives_each_mode_of_a_beam_its_share(tmp_path: Path) -
             {"uper_joint": 1},
             'no such moving joint or link: "uper_joint". Did you mean "upper',
         ),
-        ({"upper_joint": [1, 2]}, "speeds.upper_joint: 2 values. Allowed: 1"),
-        ({"tip": 1}, "speeds.tip: 1 values. Allowed: 3"),
+        ({"upper_joint": [1, 2]}, "start_speeds.upper_joint: 2 values. Allowed: 1"),
+        ({"tip": 1}, "start_speeds.tip: 1 values. Allowed: 3"),
         ({"upper_joint": "fast"}, "'fast' is not a number"),
         ({"tip": [0, 1, 1]}, "do not allow these speeds together; they miss by"),
     ],
@@ -110,14 +110,14 @@ def test_speeds_that_cannot_be_are_refused(
 ) -> None:
     robot = load(tmp_path, ARMS, FALLING)
     with pytest.raises(pf.DescriptionError) as error:
-        pf.solve(robot, level="coupled", until=0.1, speeds=speeds)
+        pf.solve(robot, level="coupled", until=0.1, start_speeds=speeds)
     assert said in str(error.value)
 
 
 def test_a_motor_follows_its_motion_unless_torques_drive_it(tmp_path: Path) -> None:
     robot = load(tmp_path, ARMS, FALLING.replace("[]", "[upper_joint]"))
     with pytest.raises(pf.DescriptionError, match="is a motor, and follows the motion"):
-        pf.solve(robot, level="coupled", until=0.1, speeds={"upper_joint": 1.0})
+        pf.solve(robot, level="coupled", until=0.1, start_speeds={"upper_joint": 1.0})
     run = pf.solve(robot, level="coupled", until=0.1, samples=3, drive="torque",
-                   speeds={"upper_joint": 1.0})  # fmt: skip
+                   start_speeds={"upper_joint": 1.0})  # fmt: skip
     assert run.joint("upper_joint").velocity[0] == 1.0
