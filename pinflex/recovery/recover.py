@@ -55,7 +55,8 @@ def result_of(
 
     def assessed() -> dict[str, Any]:
         with one_blas_thread(), workspace.keep_alive():
-            return plain(assess(mechanism, run, arrays))
+            found = assess(mechanism, run, arrays)
+            return plain(found | {"warnings": [*found["warnings"], *find.said()]})
 
     def described() -> dict[str, Any]:
         return plain(describe(mechanism, run, level, cost, stopped))
@@ -135,11 +136,18 @@ class Recovery:
         reference = self._samples.kinematics.poses if self._reference is None else self._reference
         return links(self._mechanism, self._run, self._samples, reference)
 
+    def said(self) -> list[str]:
+        """Where the rigid mechanism is left out, as a warning."""
+        return [self._path.said] if self._path is not None and self._path.said else []
+
+    @cached_property
+    def _path(self) -> Nominal | None:
+        return self._rigid_path()
+
     @cached_property
     def _reference(self) -> Array | None:
         """Joint poses of the rigid mechanism, or None where the run is its own."""
-        path = self._rigid_path()
-        return None if path is None else joint_poses(self._mechanism, path)
+        return None if self._path is None else joint_poses(self._mechanism, self._path)
 
 
 def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:

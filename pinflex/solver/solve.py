@@ -22,6 +22,7 @@ from pinflex.errors import (
     DescriptionError,
     MotionError,
     RunInterrupted,
+    SceneError,
 )
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
@@ -194,7 +195,7 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
     determined = mechanism.report.mobility == len(run.system.motors)
     let_go = run.system is mechanism.loose and run.system is not mechanism.flexible
     if run.settings.get("drive") != "torque" and determined and not let_go:
-        return nominal(mechanism, motion, run.t)
+        return _as_far_as_it_goes(mechanism, motion, run)
     from pinflex.mechanics.assembly import close_loops
 
     dynamics, axes = Dynamics(mechanism.rigid), motor_axes(mechanism)
@@ -207,6 +208,29 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
         q[k] = close_loops(dynamics, pose, passive)[0] if dynamics.looped else pose
     empty = np.zeros((len(run.t), int(mechanism.rigid.nv)))
     return Nominal(run.t, q, empty, empty)
+
+
+def _as_far_as_it_goes(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal:
+    """The nominal motion; where the rigid mechanism cannot follow, the run's own joints."""
+    try:
+        return nominal(mechanism, motion, run.t)
+    except SceneError as error:
+        time = error.data.get("time")
+        if time is None:
+            raise
+        loop = error.data.get("loop")
+        why = f' at a singular pose of loop "{loop}"' if loop else ""
+    n, m = int(mechanism.rigid.nq), int(mechanism.rigid.nv)
+    q, v, a = run.y[:, :n].copy(), run.v[:, :m].copy(), run.a[:, :m].copy()
+    count = int(np.sum(run.t < time))
+    if count > 1:
+        known = nominal(mechanism, motion, run.t[:count])
+        q[:count], v[:count], a[:count] = known.q, known.v, known.a
+    said = (
+        f"from t = {time:.4g} s on the rigid mechanism cannot follow the motors{why}, and the "
+        "flexible one can: rigid poses are left out there, the run's own stand for them."
+    )
+    return Nominal(run.t, q, v, a, said)
 
 
 def _result(

@@ -95,6 +95,31 @@ def test_coupled_through_a_lost_command_ends_in_a_named_error_or_closed_loops(
     assert "t = 0." in str(caught.value)
 
 
+RODS = """flexible:
+  "*_rod":
+    material: {E: 2e9, nu: 0.3, rho: urdf}
+    section: {shape: rectangle, width: 0.05, thickness: 0.02}
+    axial: true
+    damping: {modal: 0.05}
+"""
+
+
+def test_a_run_goes_on_where_only_the_rigid_machine_is_stuck(tmp_path: Path) -> None:
+    """The elbows part by half a millimetre more than two rods reach: flexible ones stretch."""
+    m = five_bar(tmp_path, UPRIGHT, RODS)
+    turn = float(np.arcsin((2.0005 - 1) / 2))
+    apart = pf.quintic(joints={"left_crank_joint": turn, "right_crank_joint": -turn}, duration=1.0)
+    run = pf.solve(m, apart, level="coupled", dt=2e-3, samples=101)
+    assert run.t[-1] == 1.0 and run.array("residual/closure").max() < 1e-9
+    (said,) = [w for w in run.meta["warnings"] if "rigid poses are left out" in w]
+    assert 'at a singular pose of loop "pin"' in said and "from t = 0.96" in said
+    # As long as there is a rigid machine, its pose is the one beside the run.
+    rigid = pf.solve(m, apart, level="rigid", until=0.9, samples=91)
+    poses = [r.array("body/left_crank/pose_rigid")[:91] for r in (run, rigid)]
+    np.testing.assert_allclose(*poses, atol=1e-9)
+    assert np.isfinite(run.link("left_rod").centreline_rigid).all()
+
+
 @pytest.mark.parametrize("kind", ["planar", "revolute"])
 def test_a_free_four_bar_passes_its_change_points_on_the_symmetric_branch(kind: str) -> None:
     m = four_bars(2, kind)
