@@ -20,6 +20,7 @@ from pinflex.mechanics import workspace
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.cost import require_workspace
+from pinflex.mechanics.damping import with_damping
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
 from pinflex.mechanics.freedoms import Idle
@@ -137,6 +138,7 @@ def load(
     source: str | Path | Description,
     overrides: Sequence[str] = (),
     bodies: Mapping[str, FlexibleBody] | None = None,
+    damping: Mapping[str, Array] | None = None,
 ) -> Mechanism:
     """Read a model (URDF + YAML) and assemble it.
 
@@ -145,6 +147,8 @@ def load(
         overrides: "key.path=value" changes of the YAML, applied before validation.
         bodies: Stations, stiffness and damping of flexible links by name, from anywhere, in place
             of those that the description makes, with their own mass in place of the URDF's.
+        damping: Matrices of flexible links by name, N s/m in their elastic coordinates, shape
+            (n, n) each, in place of what the description says of them.
     Returns:
         The mechanism with its loops closed at home.
     Raises:
@@ -154,7 +158,10 @@ def load(
     description = source if isinstance(source, Description) else read(source)
     if overrides:
         description = description.with_overrides(overrides)
-    return _Loading(description, bodies or {}).mechanism()
+    found = _Loading(description, bodies or {}).mechanism()
+    if not damping:
+        return found
+    return replace(found, flexible=with_damping(found.flexible, found.name, damping))
 
 
 class _Loading:
