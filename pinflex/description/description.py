@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from pinflex.description import fields, flexible, schema, sources
+from pinflex.description import curved, fields, flexible, schema, sources
 from pinflex.description.control import Control, read_control
 from pinflex.description.couplings import Coupling, couplings, read_actuated
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
@@ -239,6 +239,10 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
     if tree.loops:  # written out, so that the YAML text says all that its file does not
         written = schema.mapping(block.get("loops", {}), place["loops"])
         block["loops"] = {**tree.loops, **written}
+        text = _dumped(block)
+    straight = curved.straightened(block, place, tree)
+    if straight is not None:  # written out, as loops are
+        block, tree = straight
         text = _dumped(block)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)

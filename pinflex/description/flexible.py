@@ -205,7 +205,7 @@ _KEYS = (
     *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
     *_SWITCHES,
     *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
-    *("patches", "third_order"),
+    *("patches", "third_order", "polyline", "arc"),  # the last two: `description.curved`
 )  # fmt: skip
 
 
