@@ -63,7 +63,7 @@ def solve(
         return _solve_advised(mechanism, motion, progress=progress, **given, **options)
     start = options.get("start", mechanism.description.solve.start)
     moved = motion if motion is not None else default_motion(mechanism)
-    look = partial(_look, mechanism, moved, start == "static")
+    look = partial(_look, mechanism, moved, isinstance(start, str) and start == "static")
     try:
         found = solve_level(
             mechanism, motion, level, progress=progress, resume=resume, **given, **options

@@ -67,6 +67,13 @@ def _outputs(value: object, where: str) -> tuple[str, ...]:
     return schema.names(value, where, ASKED, "output")
 
 
+def _start(value: object, where: str) -> Any:
+    """A word; in Python also a run, or (run, time), which level coupled looks at."""
+    if not isinstance(value, str | int | float | list | dict):
+        return value
+    return schema.choice(value, where, STARTS)
+
+
 def _speeds(value: object, where: str) -> Speeds:
     """Names with a speed, or a list of them; null leaves a component open."""
     found = []
@@ -112,7 +119,8 @@ class SolveSpec:
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
         start: straight (undeformed), static (in equilibrium), or auto (static where something
-            acts and an equilibrium exists).
+            acts and an equilibrium exists). In Python also a run, or (run, time [s]), of level
+            coupled: from its state then.
         start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
             velocities of links' origins in the world [m/s]; level coupled.
     """
@@ -134,7 +142,7 @@ class SolveSpec:
     drive: str = fields.word("prescribed", DRIVES)
     kp: float = fields.real(0.0, "stiffness", low=0)
     kd: float = fields.real(0.0, "damping", low=0)
-    start: str = fields.word("auto", STARTS)
+    start: Any = fields.key("auto", _start, choices=STARTS)
     start_speeds: Speeds = fields.key((), _speeds)
 
     @property

@@ -60,7 +60,7 @@ def state_at(mechanism: Mechanism, dynamics: Dynamics, at: At, motion: Motion | 
         motion: Of a time; default: that of the YAML.
     """
     if isinstance(at, tuple):
-        return _of_run(mechanism, *at)
+        return state_of_run(mechanism, *at)
     if isinstance(at, Mapping):
         path = Path(mechanism, hold(duration=1.0))
         q, (v, a) = (
@@ -95,12 +95,13 @@ def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:
     return speeds
 
 
-def _of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
+def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
+    """The sample of a run of this mechanism that is nearest to a time [s]."""
     k = int(np.argmin(np.abs(result.t - time)))
     system, arrays = mechanism.flexible, result.arrays
     if "eta" not in arrays and system.n_eta:
         raise DescriptionError(
-            f"{mechanism.name}: modes: at: a run of level {result.level}, in which no link "
+            f"{mechanism.name}: a run of level {result.level}, in which no link "
             "deforms. Give one of level quasistatic, ked or coupled, or a time of the motion."
         )
     parts = [("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a")]
@@ -111,7 +112,7 @@ def _of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
     lam = arrays["multiplier"][k]
     if (len(y), len(v), len(lam)) != (system.nq, system.nv, system.closed.n):
         raise DescriptionError(
-            f"{mechanism.name}: modes: at: the run has {len(v)} coordinates and {len(lam)} closure "
+            f"{mechanism.name}: the run has {len(v)} coordinates and {len(lam)} closure "
             f"rows, the mechanism {system.nv} and {system.closed.n}. Give the one that was solved."
         )
     about = f"the run at t = {result.t[k]:g} s"

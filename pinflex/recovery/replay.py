@@ -40,8 +40,8 @@ def run_of(mechanism: Mechanism, result: Result) -> Run:
         )
     path = None
     if "nominal/q" in result.arrays:
-        q, v, a = (result.array(f"nominal/{x}") for x in "qva")
-        path = Nominal(result.t, q, v, a)
+        rigid = [result.array(f"nominal/{x}") for x in "qva"]
+        path = Nominal(result.t, rigid[0], rigid[1], rigid[2])
     settings = dict(result.meta["settings"])
     return Run(system, result.t, y, v, a, lam, result.torque, {}, settings, path=path)
 

@@ -15,7 +15,7 @@ from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.description.solve import SolveSpec
-from pinflex.errors import MotionError, RunInterrupted, SceneError
+from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as adaptive
 from pinflex.integrators.alpha_adaptive import AlphaSteps
@@ -28,7 +28,7 @@ from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.speeds import with_speeds
-from pinflex.levels.start import Start, start_of
+from pinflex.levels.start import Start, start_from, start_of
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.dynamics import Dynamics
 from pinflex.mechanics.mechanism import Mechanism
@@ -69,6 +69,11 @@ class Scene:
         require_steps(self.mechanism, steps, float(t[-1]), "dt" if spec.dt else "until")
         fine = np.linspace(t[0], t[-1], steps + 1)
         if self.linear:
+            if not isinstance(spec.start, str):
+                raise DescriptionError(
+                    f"{self.mechanism.name}: solve.start: a run is gone on with at level coupled. "
+                    "Give a word: auto, static or straight."
+                )
             structural = spec.ked == "structural"
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
             run = solve_ked(
@@ -203,7 +208,10 @@ class Scene:
         """Found once, however often the scene is run."""
         dynamics = Dynamics(self._system)
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
-        start = start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+        if isinstance(self.spec.start, str):
+            start = start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+        else:
+            start = start_from(self.mechanism, dynamics, path, self.spec.start)
         driven = self.spec.drive == "torque"
         v = with_speeds(self.mechanism, dynamics, start.y, start.v, self.spec.start_speeds, driven)
         return replace(start, v=v)

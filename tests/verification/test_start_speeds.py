@@ -121,3 +121,35 @@ def test_a_motor_follows_its_motion_unless_torques_drive_it(tmp_path: Path) -> N
     run = pf.solve(robot, level="coupled", until=0.1, samples=3, drive="torque",
                    start_speeds={"upper_joint": 1.0})  # fmt: skip
     assert run.joint("upper_joint").velocity[0] == 1.0
+
+
+KICKED = Body("beam", "base"), Body("tip", "beam", xyz=(1, 0, 0))
+
+
+def test_a_run_may_start_from_the_bent_and_moving_state_of_another(tmp_path: Path) -> None:
+    """A beam held by a force and let go: a free vibration, and where it is stopped it goes on."""
+    force = "forces: {push: {at: tip, force: [0, 0.01, 0]}}\n"
+    yaml = f"gravity: [0, 0, 0]\nactuated: []\nframes: [tip]\nflexible:{UNIT_BEAM}"
+    basis = ["flexible.beam.second_order=false", "flexible.beam.basis.internal=4"]
+    pushed = load(tmp_path, KICKED, force + yaml, basis)
+    bent = pf.solve(pushed, pf.hold(duration=0.1), "coupled", start="static", samples=3, dt=1e-3)
+    free = load(tmp_path, KICKED, yaml, basis)
+    both = pf.solve(free, pf.hold(duration=1.0), "coupled", start=bent, samples=101, tol=1e-6)
+    # P L^3 / 3 at first, then the modes' sum: all but 3 % of it is the first mode's.
+    tip = both.frame("tip").position[:, 1]
+    assert tip[0] == pytest.approx(0.01 / 3, rel=1e-9)
+    first = np.cos(1.87510407**2 * both.t)
+    share = 4 / 1.87510407**4 * 3  # phi(L)^2 = 4 over omega^2, of the sum 1/3
+    assert np.abs(tip / tip[0] - share * first).max() < 1.1 * (1 - share)
+    rest = pf.solve(free, pf.hold(duration=0.6), "coupled", start=(both, 0.4), samples=61, tol=1e-6)
+    np.testing.assert_allclose(rest.frame("tip").position[:, 1], tip[40:], atol=1e-5 * tip[0])
+
+
+def test_a_run_that_is_no_start_of_the_motion_is_refused(tmp_path: Path) -> None:
+    robot = load(tmp_path, ARMS, FALLING.replace("[]", "[upper_joint]"))
+    away = pf.quintic(joints={"upper_joint": 1.0}, duration=0.1)
+    run = pf.solve(robot, away, "coupled", samples=3, dt=1e-3)
+    with pytest.raises(pf.DescriptionError, match="its motors stand 1"):
+        pf.solve(robot, pf.hold(duration=0.1), "coupled", start=run, dt=1e-3)
+    with pytest.raises(pf.DescriptionError, match="Allowed: auto, static, straight, a result"):
+        pf.solve(robot, away, "coupled", start=(run,), dt=1e-3)
