@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.system import System
 
 # Two central differences, at h and h/2, extrapolated: h^4 f5/480 and round-off over h are both
@@ -22,7 +22,7 @@ def _central(f: Callable[[float], Array], h: float) -> Array:
     return np.asarray((4 * difference(h / 2) - difference(h)) / 3)
 
 
-def by_configuration(d: Dynamics, f: Callable[[Array], Array], y: Array) -> Array:
+def by_configuration(d: Equations, f: Callable[[Array], Array], y: Array) -> Array:
     """df/dy along every velocity row at y, shape (len(f), nv)."""
     rows = np.eye(d.system.nv)
     return np.array([_central(lambda h, e=e: f(d.integrate(y, h * e)), STEP) for e in rows]).T
@@ -33,7 +33,9 @@ def by_vector(f: Callable[[Array], Array], v: Array) -> Array:
     return np.array([(f(v + e) - f(v - e)) / 2 for e in np.eye(len(v))]).T
 
 
-def by_time(d: Dynamics, f: Callable[[Array, Array], Array], y: Array, v: Array, a: Array) -> Array:
+def by_time(
+    d: Equations, f: Callable[[Array, Array], Array], y: Array, v: Array, a: Array
+) -> Array:
     """df/dt along the motion with constant acceleration a through (y, v)."""
     return _central(lambda t: f(d.integrate(y, t * v + 0.5 * t * t * a), v + t * a), STEP)
 
@@ -41,7 +43,7 @@ def by_time(d: Dynamics, f: Callable[[Array, Array], Array], y: Array, v: Array,
 def random_state(system: System, home: Array, seed: int) -> tuple[Array, Array, Array, Array]:
     """y, v, a, lam of size one; links bend by a few per cent of a metre-size span."""
     rng = np.random.default_rng(seed)
-    d = Dynamics(system)
+    d = Equations(system)
     n = int(system.rigid.nv)
     size = np.ones(system.nv)
     size[n:] = 0.02

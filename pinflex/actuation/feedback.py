@@ -10,7 +10,7 @@ from pinflex.actuation.signals import Signals
 from pinflex.arrays import Array
 from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 # Gains of a law come from differences over this part of the size of its arguments: exact for the
@@ -121,7 +121,7 @@ def _joint_row(mechanism: Mechanism, joint: str) -> int:
 class FeedbackState:
     """The integrals of a control along a run, and its forces at any state."""
 
-    def __init__(self, feedback: Feedback, dynamics: Dynamics, h: float) -> None:
+    def __init__(self, feedback: Feedback, dynamics: Equations, h: float) -> None:
         self.feedback, self._dynamics, self._half = feedback, dynamics, 0.5 * h
         n, self._t = len(feedback.S), 0.0
         self.m, self.total = np.zeros(n), np.zeros(n)

@@ -148,7 +148,7 @@ def _march(path: Path, t: Array) -> Nominal:
                 path.locate(pose, t[k - 1], t[k])
                 raise
         v[k], a[k] = path.rates(pose, imposed[1][k], imposed[2][k], t[k])
-        path.dynamics.closed.require_on_beams(path.mechanism.name, float(t[k]))
+        path.dynamics.require_on_beams(pose, path.mechanism.name, float(t[k]))
         q[k] = pose
     return Nominal(t, q, v, a)
 

@@ -11,9 +11,9 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError, MotionError, SceneError
 from pinflex.mechanics import assembly
-from pinflex.mechanics.closed_poses import COORDINATES, ClosedPoses
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.frames import PlatformCoordinates
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -31,26 +31,24 @@ class Path:
 
     def __init__(self, mechanism: Mechanism, motion: Motion) -> None:
         self.mechanism, self.motion = mechanism, motion
-        self.dynamics = Dynamics(mechanism.rigid)
+        self.dynamics = Equations(mechanism.rigid)
         self.manifold = Manifold(self.dynamics)
         self.axes = motor_axes(mechanism)
         self.names = mechanism.coordinates
         system = mechanism.rigid
         self.passive = system.free
-        self.platform = motion.target == "platform"
+        self.platform: PlatformCoordinates | None = None
         self.sign = 0.0
         self.rows = system.closed.n
-        self.poses = ClosedPoses(self.dynamics)
         self.unknown, equations = self.passive, self.rows
         units = assembly.units(self.dynamics, mechanism.home)
         per_row = units.rows
-        if self.platform:
-            columns = tuple(COORDINATES.index(name) for name in motion.names)
-            self.poses = ClosedPoses(self.dynamics, self._frame(), columns)
+        if motion.target == "platform":
+            self.platform = PlatformCoordinates(self.dynamics, self._frame(), motion.names)
             every = np.arange(system.nv)
             self.unknown = np.setdiff1d(every, system.held).astype(np.intp)
-            equations += len(columns)
-            imposed = np.where(self.poses.turns, 1.0, 1.0 / units.length)
+            equations += len(motion.names)
+            imposed = np.where(self.platform.turning, 1.0, 1.0 / units.length)
             per_row = np.concatenate([per_row, imposed])
         self._factors = per_row[:, None] * units.columns[self.unknown]
         if equations != len(self.unknown):
@@ -58,7 +56,7 @@ class Path:
 
     def _wrong_count(self, equations: int) -> SceneError:
         where, mobility = self.mechanism.name, self.mechanism.report.mobility
-        if not self.platform:
+        if self.platform is None:
             if equations < len(self.unknown):
                 J = self.dynamics.close(self.mechanism.home)[1][:, self.passive]
                 _, motion = assembly.null_motion(
@@ -97,17 +95,17 @@ class Path:
 
     def imposed(self, t: Array) -> tuple[Array, Array, Array]:
         """Imposed coordinates over time: motor positions or platform coordinates."""
-        if not self.platform:
+        if self.platform is None:
             return joint_path(self.mechanism, self.motion, t)
         p, v, a = self.motion.evaluate(t)
         if not self.motion.absolute:
-            p = p + self.poses.at(self.mechanism.home[None])[1][0]
+            p = p + self._values(self.mechanism.home)
         return p, v, a
 
     def start(self, imposed: tuple[Array, Array, Array]) -> Array:
         """First pose of the path: reached from home in small moves, so the branch is kept."""
         home = self.mechanism.home
-        begin = self.poses.at(home[None])[1][0] if self.platform else self.axes.read(home)
+        begin = self._values(home) if self.platform else self.axes.read(home)
         end, pose = imposed[0][0], home
         for part in (1.0,) if np.allclose(begin, end, atol=1e-9) else np.linspace(0.05, 1.0, 20):
             pose = self.solve(pose, begin + part * (end - begin), 0.0)
@@ -115,12 +113,33 @@ class Path:
 
     def equations(self, poses: Array, target: Array) -> tuple[Array, Array]:
         """What is open at poses (n, nq), shape (n, k), and its Jacobian, shape (n, k, nv)."""
-        c, place, J = self.poses.at(poses)
-        if not self.platform:
+        at = self.dynamics.kinematics(poses)
+        c, J = self.dynamics.closure_of(at)
+        if self.platform is None:
             return c, J
-        error, turns = place - target, self.poses.turns
-        error[:, turns] = (error[:, turns] + np.pi) % (2 * np.pi) - np.pi
-        return np.concatenate([c, error], axis=1), J
+        place, J_place = self.platform.at(at)
+        error = self.platform.error(place, target)
+        return np.concatenate([c, error], axis=1), np.concatenate([J, J_place], axis=1)
+
+    def _values(self, pose: Array) -> Array:
+        """Platform coordinates that are imposed, at a pose, shape (k,)."""
+        assert self.platform is not None
+        found: Array = self.platform.values(self.dynamics.joint_poses(pose))[0]
+        return found
+
+    def _jacobian(self, pose: Array) -> Array:
+        """Jacobian of the rows at a pose, by all velocity rows, shape (1, k, nv)."""
+        at = self.dynamics.kinematics(pose)
+        J = self.dynamics.closure_of(at).J
+        return J if self.platform is None else np.concatenate([J, self.platform.at(at)[1]], axis=1)
+
+    def _bias(self, poses: Array, v: Array) -> Array:
+        """What velocities v (n, nv) alone make of the rows' accelerations, shape (n, k)."""
+        at = self.dynamics.kinematics(poses, v)
+        gamma = self.dynamics.bias_of(at, v)
+        if self.platform is None:
+            return gamma
+        return np.concatenate([gamma, self.platform.bias(at)], axis=1)
 
     def _equations(self, pose: Array, target: Array) -> tuple[Array, Array]:
         error, J = self.equations(pose[None], target)
@@ -133,7 +152,7 @@ class Path:
             MotionError: It cannot be reached from the guess.
         """
         pose = guess.copy()
-        if not self.platform:
+        if self.platform is None:
             self.axes.write(pose, target)
         error, J = self._equations(pose, target)
         size = float(np.max(np.abs(error), initial=0.0))
@@ -165,14 +184,14 @@ class Path:
 
     def rates(self, pose: Array, v_in: Array, a_in: Array, time: float) -> tuple[Array, Array]:
         """Exact velocity and acceleration at a closed pose; raises where they are not unique."""
-        J = self.poses.at(pose[None])[2]
+        J = self._jacobian(pose)
         self._check(J[0][:, self.unknown], "path" if self.platform else "motors", time)
         v, a = self.rates_of(pose[None], J, v_in[None], a_in[None])
         return v[0], a[0]
 
     def start_from(self, pose: Array) -> None:
         """Take the branch of a closed pose."""
-        self._check(self.poses.at(pose[None])[2][0][:, self.unknown], "motors", 0.0)
+        self._check(self._jacobian(pose)[0][:, self.unknown], "motors", 0.0)
 
     def rates_of(self, poses: Array, J: Array, v_in: Array, a_in: Array) -> tuple[Array, Array]:
         """Velocities and accelerations (n, nv) at closed poses with the Jacobians J there."""
@@ -186,7 +205,7 @@ class Path:
             v_in, a_in = (-(J[:, :, motors] @ x[:, :, None])[:, :, 0] for x in (v_in, a_in))
         if len(unknown):
             v[:, unknown] = np.linalg.solve(J[:, :, unknown], v_in[:, :, None])[:, :, 0]
-            a_in = a_in - self.poses.bias(poses, v)
+            a_in = a_in - self._bias(poses, v)
             a[:, unknown] = np.linalg.solve(J[:, :, unknown], a_in[:, :, None])[:, :, 0]
         return v, a
 
@@ -223,7 +242,7 @@ class Path:
                 good = middle
             except SceneError:
                 bad = middle
-        J = self.poses.at(pose[None])[2][0][:, self.unknown]
+        J = self._jacobian(pose)[0][:, self.unknown]
         which = "path" if self.platform else "motors"
         # At a fold the smallest singular value falls with the square root of the time left, so
         # after 24 halvings of one sample it is far below this.

@@ -26,18 +26,17 @@ from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.linearised import Line
 from pinflex.levels.modes import modes
 from pinflex.linalg import independent_rows, saddle
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
-from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.mechanics.system import System
 
 _KNOTS = 80  # intervals to begin with: cubics follow an eightieth of a cycloid to 1e-5
 _MOST_KNOTS = 640
 _ROUGH = 1e-2  # of the largest acceleration: where interpolation is off by more, more knots
 _PERIOD = 20  # steps for each period of the third mode: amplitudes within 1 %
-_TOGETHER = 32  # states in one evaluation: the workspace stays in cache
 _MOST = 640  # steps: more would cost as much as the run that is to be saved
 
 
@@ -112,7 +111,7 @@ class Probe:
                 break
             self.knots *= 2
         self.h = float(self.t[1])
-        self.dynamics = Dynamics(self.system)
+        self.dynamics = Equations(self.system)
         line = Line(mechanism, self.path, dynamics=self.dynamics)
         self.v0, self.a0 = line.v, line.a
         here = [line.full(k) for k in range(0, len(self.t), self.stride)]
@@ -230,15 +229,14 @@ class Probe:
     def _defect(self, found: Deviation, close: Array) -> tuple[Array, Array]:
         """Forces left (nt, nv), and the p (3, nt, nv) with its rates that closes the loops."""
         dynamics, base, Y = self.dynamics, self.between(self.base), self._poses(found)
-        left, p = np.empty((self.steps, self.system.nv)), np.zeros((3, *self.v0.shape))
-        for k in range(self.steps):
-            y, v = Y[k], self.v0[k] + found.v[k]
-            a = self.a0[k] + found.a[k]
-            left[k] = dynamics.residual(y, v, a, base[k] + found.lam[k], float(self.t[k]))
-            if dynamics.looped:
+        p = np.zeros((3, *self.v0.shape))
+        V, A = self.v0 + found.v, self.a0 + found.a
+        left, c = dynamics.residual(Y, V, A, base + found.lam, self.t)
+        for s in spans(self.steps if dynamics.looped else 0):
+            J, gamma = dynamics.close(Y[s]).J, dynamics.closure_bias(Y[s], V[s])
+            v_gap, a_gap = ((J @ x[s][:, :, None])[:, :, 0] for x in (V, A))
+            for k, gaps in enumerate(np.stack([c[s], v_gap, a_gap + gamma], 1), start=s.start):
                 i, w = self.weights(k)
-                J, c = dynamics.jacobian(), dynamics.closed.c.copy()
-                gaps = np.array([c, J @ v, J @ a + dynamics.closure_bias(y, v)])
                 p[:, k] = -gaps @ np.tensordot(w, close[i : i + 4], 1).T
         return left, p
 
@@ -269,10 +267,7 @@ class Probe:
         """The states and the torques of the full equations."""
         lam, motors = self.between(self.base) + found.lam, self.system.motors
         run = self._run(found, np.empty((self.steps, len(motors))))
-        stacked = Stacked(self.dynamics, min(self.steps, _TOGETHER))
-        for at in spans(self.steps, _TOGETHER):
-            left = stacked.residual(run.y[at], run.v[at], run.a[at], lam[at], self.t[at])
-            run.torque[at] = left[:, motors]
+        run.torque[:] = self.dynamics.residual(run.y, run.v, run.a, lam, self.t).r[:, motors]
         return run
 
     def rigid(self) -> Run:

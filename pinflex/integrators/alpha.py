@@ -23,7 +23,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.consistent import consistent_acceleration
 from pinflex.integrators.newton import Newton, Step
 from pinflex.integrators.schemes import AlphaScheme
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 # Newton stops when the estimated error of the acceleration, weighted by the iteration matrix, is
@@ -52,7 +52,7 @@ class March:
     def __init__(
         self,
         mechanism: Mechanism,
-        dynamics: Dynamics,
+        dynamics: Equations,
         path: MotorPath,
         scheme: AlphaScheme,
         drive: TorqueDrive | None,
@@ -142,11 +142,11 @@ class March:
         fresh, change, gains, to_y = self.slow, self._change, self._gains, self._to_y
         for iteration in range(MAX_ITERATIONS):
             self.control(k, now.y, now.v)
-            r = dynamics.residual(now.y, now.v, now.a, now.lam, t, self.control_force)
+            r, c = dynamics.residual(now.y, now.v, now.a, now.lam, t, self.control_force)
             if self.drive is not None:
                 now.torque = self.drive.torque(k, path, self.axes, now.y, now.v)
                 r[motors] -= now.torque
-            ds, dlam = newton.step(r[newton.free], dynamics.closed.c)
+            ds, dlam = newton.step(r[newton.free], c)
             self.iterations += 1
             size = sqrt((newton.weight * ds) @ ds)
             if not isfinite(size):
@@ -167,8 +167,8 @@ class March:
             goal = max(self.tolerance * self.reference, 0.01 * newton.noise)
             # What cannot be moved any more has to balance to this part of the inertia forces.
             rough = max(goal, _STUCK * self.reference)
-            if (left <= goal and newton.closed(dynamics.closed.c)) or (
-                newton.stuck and newton.spent(r[newton.free], dynamics.closed.c, rough)
+            if (left <= goal and newton.closed(c)) or (
+                newton.stuck and newton.spent(r[newton.free], c, rough)
             ):
                 if prescribed:
                     now.torque = r[motors] + newton.motor_rows @ ds
@@ -213,7 +213,7 @@ class March:
         )  # fmt: skip
         free, scheme = newton.free, self.scheme
         M = dynamics.mass(first.y)[np.ix_(free, free)]
-        J = dynamics.close(first.y)[1][:, free]
+        J = dynamics.close(first.y).J[:, free]
         mu = (scheme.beta * self.h / scheme.mass_factor) * (after.lam - lam)
         v = first.v.copy()
         v[free] += np.linalg.lstsq(M, J.T @ mu, rcond=1e-14)[0]
@@ -244,7 +244,7 @@ class March:
         a_ahead, _ = accelerate(ahead, v + dt * a, part)
         s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
         self.control(k, y, v)
-        r = dynamics.residual(y, v, a, lam, t, self.control_force)
+        r, _ = dynamics.residual(y, v, a, lam, t, self.control_force)
         torque = r[motors] if drive is None else drive.torque(k, path, self.axes, y, v)
         return Step(y.copy(), v.copy(), a, s, lam, torque)
 
@@ -255,6 +255,7 @@ class March:
         still, straight = np.zeros(dynamics.system.nv), now.y.copy()
         straight[dynamics.nq_rigid :] = 0.0
         none = np.zeros(dynamics.system.closed.n)
-        force = dynamics.residual(straight, still, still, none, t, self.control_force)[newton.free]
+        left, _ = dynamics.residual(straight, still, still, none, t, self.control_force)
+        force = left[newton.free]
         static = float(np.sqrt(force @ (force / np.maximum(newton.weight, 1e-300))))
         self.reference = max(static, newton.size(now.a), 1e-12)

@@ -26,7 +26,7 @@ from pinflex.integrators.alpha import NEWTON, March, NoConvergence
 from pinflex.integrators.newton import Step
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.integrators.steps import Path, StepFailed, largest
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -81,7 +81,7 @@ class AlphaSteps:
     def __init__(
         self,
         mechanism: Mechanism,
-        dynamics: Dynamics,
+        dynamics: Equations,
         path: Path,
         t: tuple[float, float],
         scheme: AlphaScheme,
@@ -185,12 +185,15 @@ class AlphaSteps:
             newton.refresh(start, start.t)
             march.slow = False
             # The iteration matrix at a scaled c moves v by J dv = -c / (beta h^2).
-            c = (1.0 - ratio * ratio) * self.scheme.beta * h * h * (self.dynamics.jacobian() @ v)
+            J = self.dynamics.close(start.y).J
+            c = (1.0 - ratio * ratio) * self.scheme.beta * h * h * (J @ v)
             v[newton.free] += newton.step(np.zeros(newton.n), c)[0]
         return Step(start.y, v, start.a, s, start.lam, start.torque)
 
     def _state(self, now: Step, t: float, h: float) -> State:
-        power = np.array([now.torque @ now.v[self.march.motors], self.dynamics.losses(now.v)])
+        power = np.array(
+            [now.torque @ now.v[self.march.motors], self.dynamics.losses(now.y, now.v)]
+        )
         return State(now.y, now.v, now.a, now.s, now.lam, now.torque, t, h, power)
 
     def _displacement(self, y: Array) -> Array:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 
 def consistent_acceleration(
-    dynamics: Dynamics,
+    dynamics: Equations,
     y: Array,
     v: Array,
     held: IntArray,
@@ -34,7 +34,7 @@ def consistent_acceleration(
     free = np.setdiff1d(np.setdiff1d(np.arange(nv), held), system.held)
     a = np.zeros(nv)
     a[held] = a_held
-    r = dynamics.residual(y, v, a, np.zeros(rows), t, control_force)
+    r, _ = dynamics.residual(y, v, a, np.zeros(rows), t, control_force)
     if tau is not None:
         r[system.motors] -= tau
     M = dynamics.mass(y)

@@ -14,7 +14,7 @@ from pinflex.integrators.alpha import MAX_ITERATIONS, NEWTON, March, NoConvergen
 from pinflex.integrators.newton import Step
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 
@@ -22,7 +22,7 @@ from pinflex.mechanics.mechanism import Mechanism
 @np.errstate(over="ignore", invalid="ignore")
 def integrate(
     mechanism: Mechanism,
-    dynamics: Dynamics,
+    dynamics: Equations,
     start: tuple[Array, Array],
     path: MotorPath,
     scheme: AlphaScheme,
@@ -77,7 +77,7 @@ def integrate(
 
     def keep(k: int, now: Step) -> None:
         Y[k], V[k], A[k], S[k], L[k], T[k] = now.y, now.v, now.a, now.s, now.lam, now.torque
-        power[k] = now.torque @ now.v[system.motors], dynamics.losses(now.v)
+        power[k] = now.torque @ now.v[system.motors], dynamics.losses(now.y, now.v)
         if acting is not None and signals is not None:
             march.control(k, now.y, now.v)
             assert march.control_force is not None
@@ -97,7 +97,7 @@ def integrate(
             # Both go on as they did: a multiplier left behind would cost one more correction.
             guess = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam
             last, now = now, march.step(now, guess, k)
-            dynamics.closed.require_on_beams(mechanism.name, float(t[k]))
+            dynamics.require_on_beams(now.y, mechanism.name, float(t[k]))
             keep(k, now)
             if progress is not None and k % 64 == 0:
                 progress(k, steps)

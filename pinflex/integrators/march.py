@@ -11,7 +11,7 @@ from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, MotionError
 from pinflex.integrators.run import Run
 from pinflex.integrators.steps import StepFailed, Steps
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 # First steps, of the run. A long one damps what begins to ring there, and nothing shows that it
 # did: two runs would agree without it. Only a run that knows no scale begins so.
@@ -112,7 +112,7 @@ def integrate(
         counts["steps"] += 1
         record.take(stages, step)
         try:
-            dynamics.closed.require_on_beams(name, now.t)
+            dynamics.require_on_beams(now.y, name, now.t)
         except MotionError as error:
             error.result = run(str(error))
             raise
@@ -157,7 +157,7 @@ def _stuck(name: str, now: Any, run: Callable[[str], Run]) -> ConvergenceError:
 class _Record:
     """States at the samples, filled as the run goes."""
 
-    def __init__(self, dynamics: Dynamics, t: Array) -> None:
+    def __init__(self, dynamics: Equations, t: Array) -> None:
         system, n = dynamics.system, len(t)
         self.system, self.t, self.count = system, t, 0
         self.y, self.v = np.empty((n, system.nq)), np.empty((n, system.nv))

@@ -11,7 +11,7 @@ from pinflex.actuation.drive import TorqueDrive
 from pinflex.actuation.feedback import FeedbackState
 from pinflex.arrays import Array
 from pinflex.integrators.schemes import AlphaScheme
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 
 @dataclass
@@ -31,7 +31,7 @@ class Newton:
 
     def __init__(
         self,
-        dynamics: Dynamics,
+        dynamics: Equations,
         scheme: AlphaScheme,
         h: float,
         drive: TorqueDrive | None,
@@ -56,7 +56,7 @@ class Newton:
         scheme, h, n = self.scheme, self.h, self.n
         weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
         state = step.y, step.v, step.a, step.lam
-        full = self.dynamics.iteration_matrix(*state, t, weights, exact)
+        full, J = self.dynamics.iteration_matrix(*state, t, weights, exact)
         if self.drive is not None:
             push = weights[2] * self.drive.kp + weights[1] * self.drive.kd
             full[self.motors, self.motors] += push
@@ -69,7 +69,6 @@ class Newton:
         # Positions are known to 1e-15 (m, rad); as accelerations that is this much noise.
         self.noise = 1e-15 / (scheme.beta * h * h) * float(np.sqrt(self.weight.sum()))
         if self.rows:
-            J = self.dynamics.jacobian()
             S[:n, n:] = J[:, self.free].T
             S[n:, :n] = J[:, self.free]
             self.J_motors = J[:, self.motors]

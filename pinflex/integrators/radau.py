@@ -24,10 +24,9 @@ from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.consistent import consistent_acceleration
 from pinflex.integrators.stage_newton import StageNewton
 from pinflex.integrators.steps import Path, StepFailed, largest
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.stacked import Stacked
 
 STAGES = 6
 _MAX_ITERATIONS = 10
@@ -89,7 +88,7 @@ class Stages:
     def __init__(
         self,
         mechanism: Mechanism,
-        dynamics: Dynamics,
+        dynamics: Equations,
         path: Path,
         resolution: float,
         method: Collocation,
@@ -101,7 +100,6 @@ class Stages:
         self.dynamics, self.path, self.drive = dynamics, path, drive
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.method, self.resolution = method, resolution
-        self.stacked = Stacked(dynamics, method.s)
         self.free = system.free if drive is None else system.unheld
         self.newton = StageNewton(dynamics, method, self.free, drive)
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
@@ -114,7 +112,7 @@ class Stages:
         d, path = self.dynamics, self.path(np.array([t]))
         if self.drive is None:
             a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t)
-            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t)[self.motors])
+            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t).r[self.motors])
         torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
         a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t)
         return Start(t, y, v, a, lam, torque)
@@ -151,13 +149,13 @@ class Stages:
                 fresh = iteration
             if newton.h != h:
                 newton.factor(h)
-            r = self.stacked.residual(y_s, v_s, a, lam, t)
+            r, c = self.dynamics.residual(y_s, v_s, a, lam, t)
             torque = r[:, self.motors]
             if self.drive is not None:
                 torque = self.drive.pull(path, self.axes, y_s, v_s)
                 r[:, self.motors] -= torque
             self.iterations += 1
-            dz, dlam = newton.step(r[:, free], self.stacked.c)
+            dz, dlam = newton.step(r[:, free], c)
             da = m.A2_inverse @ dz
             a[:, free] += da
             lam += dlam
@@ -172,7 +170,7 @@ class Stages:
             left = size * rate / (1.0 - rate) if rate < 0.9 else np.inf
             goal = max(_NEWTON * min(self.resolution, _COARSE) * reach, self._floor(_ROUND_OFF))
             small = left <= goal or (iteration > 0 and size < 0.1 * goal)  # round-off has no rate
-            if small and np.abs(self.stacked.c).max(initial=0.0) < self._open:
+            if small and np.abs(c).max(initial=0.0) < self._open:
                 break
             if (iteration >= fresh + 2 and rate > 0.5) or size > 1e3 * max(reach, goal):
                 if fresh >= 0 or size > max(reach, goal):

@@ -13,14 +13,14 @@ import numpy as np
 from pinflex.actuation.drive import TorqueDrive
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 
 class StageNewton:
     """Tangent and factors of the stages, kept while they contract."""
 
     def __init__(
-        self, dynamics: Dynamics, method: Collocation, free: IntArray, drive: TorqueDrive | None
+        self, dynamics: Equations, method: Collocation, free: IntArray, drive: TorqueDrive | None
     ) -> None:
         from scipy.linalg import lapack  # slow to import: only runs pay for it
 
@@ -34,15 +34,13 @@ class StageNewton:
 
     def refresh(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> None:
         """Tangent at a state at time t (s)."""
-        parts = self._dynamics.tangent(y, v, a, lam, t)
+        *parts, J = self._dynamics.tangent(y, v, a, lam, t)
         if self._drive is not None:
             for part, gain in zip(parts[1:], (self._drive.kd, self._drive.kp), strict=True):
                 part[self.motors, self.motors] += gain
         at = np.ix_(self.free, self.free)
         self.M, self.C, self.K = (np.asfortranarray(part[at]) for part in parts)
         self._motor_rows = tuple(part[np.ix_(self.motors, self.free)].T for part in parts)
-        system = self._dynamics.system
-        J = self._dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
         self.J, self._J_motors = J[:, self.free], J[:, self.motors]
         self.tangents += 1
         self.h, self.stale = 0.0, False

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 Path = Callable[[Array], MotorPath]
 
@@ -30,7 +30,7 @@ class Steps(Protocol):
         scale: Largest displacement of the run so far.
     """
 
-    dynamics: Dynamics
+    dynamics: Equations
     idle: tuple[float, float]
     memory: float
     scale: float

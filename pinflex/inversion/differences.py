@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 
 
@@ -39,7 +39,7 @@ EIGHTH = Stencil(
 )
 
 
-def rates(dynamics: Dynamics, y: Array, h: float, stencil: Stencil) -> tuple[Array, Array]:
+def rates(dynamics: Equations, y: Array, h: float, stencil: Stencil) -> tuple[Array, Array]:
     """v and a, each (nt, nv), of poses y (nt + 2 reach, nq), a time h (s) apart."""
     n = stencil.reach
     manifold, middle = Manifold(dynamics), y[n : len(y) - n]

@@ -26,7 +26,6 @@ from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
 from pinflex.inversion.differences import EIGHTH, FOURTH, padded, rates
 from pinflex.inversion.instant import Balanced, Instant
-from pinflex.mechanics.structure import structural_stiffness
 
 _HELD = 1e8  # weight of rest at the start over that of a deviation elsewhere
 _SMALL = 1e-6  # weight of the rigid coordinates over the smallest stiffness
@@ -172,9 +171,7 @@ class _Inversion:
 
 def _weights(instant: Instant) -> tuple[Array, Array]:
     """Weights of a deviation at a free node and at one held at rest, each (nv, nv), of order 1."""
-    K = structural_stiffness(
-        instant.dynamics, instant.target.path.straight(instant.system.n_eta)[0]
-    )
+    K = instant.dynamics.structural_stiffness(instant.target.path.straight(instant.system.n_eta)[0])
     sizes = np.diag(K)
     least = float(np.min(sizes[sizes > 0.0], initial=1.0))
     free = K + np.diag(np.where(sizes > 0.0, 0.0, _SMALL * least))

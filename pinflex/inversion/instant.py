@@ -19,9 +19,9 @@ from scipy.linalg import lu_factor, lu_solve
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
-from pinflex.inversion.platform import PlatformCoordinates
 from pinflex.inversion.target import Target
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import PlatformCoordinates
 from pinflex.mechanics.mechanism import Mechanism
 
 _BALANCED = 1e-11  # m or rad: the last Newton correction; the next is round-off
@@ -52,7 +52,7 @@ class Instant:
 
     def __init__(self, mechanism: Mechanism, target: Target) -> None:
         self.system = system = mechanism.flexible
-        self.dynamics = Dynamics(system)
+        self.dynamics = Equations(system)
         self.target = target
         self.axes = motor_axes(mechanism)
         self.free = system.free
@@ -63,9 +63,10 @@ class Instant:
     def residual(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Rows that have to vanish at instant k, shape (nv + rows,), and motor torques (nm,)."""
         d = self.dynamics
-        r = d.residual(y, v, a, lam, float(self.target.t[k]))
-        c = np.array(d.closed.c) if self.rows else np.zeros(0)
-        error = self.platform.error(self.platform.values(y), self.target.position[k])
+        r, c = d.residual(y, v, a, lam, float(self.target.t[k]))
+        error = self.platform.error(
+            self.platform.values(d.joint_poses(y))[0], self.target.position[k]
+        )
         idle = self.target.idle[k] @ (self.axes.read(y) - self.target.motors[k])
         held = np.zeros(len(self.system.held))  # never moved: nothing is ever open there
         return np.concatenate([r[self.free], c, error, idle, held]), r[self.system.motors]
@@ -73,12 +74,12 @@ class Instant:
     def tangents(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> Tangents:
         """Derivatives of the rows at instant k."""
         d = self.dynamics
-        M, C, K = (x[self.free] for x in d.tangent(y, v, a, lam, float(self.target.t[k])))
-        J = d.jacobian() if self.rows else np.zeros((0, self.system.nv))
+        *parts, J = d.tangent(y, v, a, lam, float(self.target.t[k]))
+        M, C, K = (x[self.free] for x in parts)
         idle = np.zeros((len(self.target.idle[k]), self.system.nv))
         idle[:, self.axes.v_at] = self.target.idle[k]
         held = np.eye(self.system.nv)[self.system.held]
-        every = np.concatenate([J, self.platform.at(y)[1], idle, held])
+        every = np.concatenate([J, self.platform.at(d.kinematics(y))[1][0], idle, held])
         return Tangents(M, C, K, every, -J[:, self.free].T)
 
 

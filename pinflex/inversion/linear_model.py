@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from scipy.linalg import eig
 
 from pinflex.arrays import Array
@@ -27,7 +26,8 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.modes import condensed
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import null_space
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.threads import one_blas_thread
 
@@ -147,10 +147,9 @@ def linearise(
     """
     if motors not in INPUTS:
         raise DescriptionError(f"motors: {motors}.{nearest(motors, INPUTS)}")
-    system, dynamics = mechanism.flexible, Dynamics(mechanism.flexible)
+    system, dynamics = mechanism.flexible, Equations(mechanism.flexible)
     found, still = rest(mechanism, q), np.zeros(system.nv)
-    M, C, K = dynamics.tangent(found.y, still, still, found.lam, 0.0)
-    J = dynamics.close(found.y)[1] if system.closed.n else np.zeros((0, system.nv))
+    M, C, K, J = dynamics.tangent(found.y, still, still, found.lam, 0.0)
     driven = motors == "acceleration"
     free = system.free if driven else system.unheld
     N = np.zeros((system.nv, len(free)))
@@ -185,7 +184,7 @@ def linearise(
 
 
 def _inputs(
-    mechanism: Mechanism, dynamics: Dynamics, y: Array, driven: bool, forces: Sequence[str]
+    mechanism: Mechanism, dynamics: Equations, y: Array, driven: bool, forces: Sequence[str]
 ) -> tuple[Array, tuple[str, ...]]:
     """Generalised forces of unit inputs, (nv, inputs), without driven motors; names of all."""
     system, unit = mechanism.flexible, "rad/s^2 | m/s^2" if driven else "N m | N"
@@ -244,7 +243,7 @@ def _unit(text: str) -> str:
     return base + ("", "/s", "/s^2")[rate]
 
 
-def _frame_row(mechanism: Mechanism, dynamics: Dynamics, y: Array, text: str) -> Array:
+def _frame_row(mechanism: Mechanism, dynamics: Equations, y: Array, text: str) -> Array:
     """How a frame's point or rotation moves with the coordinates, shape (nv,)."""
     name, _, axis = text.rpartition(".")
     if axis not in AXES or not name:
@@ -252,17 +251,11 @@ def _frame_row(mechanism: Mechanism, dynamics: Dynamics, y: Array, text: str) ->
             f"{text}: write FRAME.AXIS with one of the axes {', '.join(AXES)}, or a joint's name."
         )
     here = mechanism.frame(name)
-    dynamics.place(y)
-    pin.computeJointJacobians(dynamics.model, dynamics.data, dynamics.Q)
-    J = pin.getFrameJacobian(
-        dynamics.model, dynamics.data, here.joint, here.placement,
-        pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-    )  # fmt: skip
-    return np.asarray(dynamics.times_map(np.asarray(J).reshape(6, -1))[AXES.index(axis)])
+    return np.asarray(frame_jacobian(dynamics, y, here)[AXES.index(axis)])
 
 
 def _output_rows(
-    mechanism: Mechanism, dynamics: Dynamics, y: Array, wanted: Sequence[str]
+    mechanism: Mechanism, dynamics: Equations, y: Array, wanted: Sequence[str]
 ) -> tuple[Array, Array]:
     """Rows of positions by velocity rows, shape (outputs, nv), and the order of each's rate."""
     rows, order = [], []

@@ -11,11 +11,11 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
+from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, MotionError
-from pinflex.inversion.platform import PlatformCoordinates
 from pinflex.mechanics.assembly import independent_rows
-from pinflex.mechanics.closed_poses import COORDINATES
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import PlatformCoordinates
 from pinflex.mechanics.mechanism import Mechanism
 
 
@@ -82,25 +82,28 @@ def target(
             "`platform: FRAME`."
         )
     path = nominal(mechanism, delayed(motion, before), t)
-    dynamics, axes = Dynamics(mechanism.rigid), motor_axes(mechanism)
-    every = PlatformCoordinates(dynamics, mechanism.rigid.expansion.frames[frame], COORDINATES)
-    poses = [every.at(q) for q in path.q]
-    position = np.array([values for values, _ in poses])
+    dynamics, axes = Equations(mechanism.rigid), motor_axes(mechanism)
+    every = PlatformCoordinates(
+        dynamics, mechanism.rigid.expansion.frames[frame], PLATFORM_COORDINATES
+    )
+    at = dynamics.kinematics(path.q)
+    position, J = every.at(at)
     position[:, 3:] = np.unwrap(position[:, 3:], axis=0)
-    gains = [_by_motors(mechanism, dynamics, q, J) for q, (_, J) in zip(path.q, poses, strict=True)]
-    gain, nm = np.array(gains), len(axes.v_at)
+    closed = dynamics.closure_of(at).J
+    gain = np.array([_by_motors(mechanism, *pair) for pair in zip(closed, J, strict=True)])
+    nm = len(axes.v_at)
     chosen = tuple(names or (motion.names if motion.target == "platform" else ()))
     if not chosen:
         size = np.linalg.norm(position[:, :3] - position[0, :3], axis=1).max()
         unit = np.array([1.0, 1.0, 1.0, size, size, size])[:, None]
-        kept, _ = independent_rows(gain[0] * unit, COORDINATES)
-        chosen = tuple(COORDINATES[k] for k in kept[:nm])
+        kept, _ = independent_rows(gain[0] * unit, PLATFORM_COORDINATES)
+        chosen = tuple(PLATFORM_COORDINATES[k] for k in kept[:nm])
     if len(chosen) > nm:
         raise DescriptionError(
             f"{mechanism.name}: {len(chosen)} platform coordinates ({', '.join(chosen)}) for {nm} "
             f"motors. Name at most {nm} of them in `coordinates`."
         )
-    columns = [COORDINATES.index(name) for name in chosen]
+    columns = [PLATFORM_COORDINATES.index(name) for name in chosen]
     gain = gain[:, columns]
     idle = np.array([np.linalg.svd(G)[2][len(chosen) :] for G in gain]).reshape(len(t), -1, nm)
     motors = axes.read(path.q)
@@ -114,11 +117,10 @@ def target(
     return Target(t, before, chosen, position[:, columns], motors, gain, idle, path)
 
 
-def _by_motors(mechanism: Mechanism, dynamics: Dynamics, q: Array, J: Array) -> Array:
+def _by_motors(mechanism: Mechanism, closed: Array, J: Array) -> Array:
     """Platform coordinates by motor positions, shape (6, nm): the passive joints follow."""
     motors, passive = mechanism.rigid.motors, mechanism.rigid.free
-    if not dynamics.looped:
+    if not len(closed):
         return np.asarray(J[:, motors])
-    c = dynamics.close(q)[1]
-    follow = -np.linalg.lstsq(c[:, passive], c[:, motors], rcond=1e-12)[0]
+    follow = -np.linalg.lstsq(closed[:, passive], closed[:, motors], rcond=1e-12)[0]
     return np.asarray(J[:, motors] + J[:, passive] @ follow)

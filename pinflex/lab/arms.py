@@ -18,7 +18,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import PLANE_BEAM, Body, frame_positions, release, scene
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 TURN, SPAN = -1.5, 10.0  # [rad], [m]
@@ -69,7 +69,7 @@ flexible:
 
 def struck(m: Mechanism, y: Array, v: Array, jump: float) -> Array:
     """v after the root's speed has jumped: other momenta stay, M_ff dv_f + M_fm jump = 0."""
-    M, free, motors = Dynamics(m.flexible).mass(y), m.flexible.free, m.flexible.motors
+    M, free, motors = Equations(m.flexible).mass(y), m.flexible.free, m.flexible.motors
     after = v.copy()
     after[motors] += jump
     after[free] -= np.linalg.solve(
@@ -80,12 +80,11 @@ def struck(m: Mechanism, y: Array, v: Array, jump: float) -> Array:
 
 def conserved(m: Mechanism, run: Run, omega: float, every: int) -> Array:
     """T + V - omega H, J, shape (nt,)."""
-    d, rows = Dynamics(run.system), []
+    d, rows = Equations(run.system), []
     for y, v in zip(run.y[::every], run.v[::every], strict=True):
         energy = sum(d.energies(y, v, 0.0))
-        d.place(y)
-        V, _ = d.expand_motion(v, np.zeros_like(v))
-        h = pin.computeCentroidalMomentum(d.model, d.data, d.Q, V)
+        here = d.at(y, v, np.zeros_like(v))
+        h = pin.computeCentroidalMomentum(d.model, d.data, here.Q[0], here.V[0])
         about_axis = h.angular[2] + np.cross(d.data.com[0], h.linear)[2]
         rows.append(energy - omega * about_axis)
     return np.array(rows)

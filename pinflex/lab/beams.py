@@ -13,7 +13,7 @@ from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import Body, scene
 from pinflex.levels.modes import modes
 from pinflex.levels.quasistatic import balance
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 
 LIMIT = 1e-6  # a converged discretisation
@@ -180,7 +180,7 @@ def _steady_stretch() -> float:
     system = m.flexible
     v, still = np.zeros(system.nv), np.zeros(system.nv)
     v[system.motors] = 6.0
-    rest = balance(Dynamics(system), m.undeformed(), v, still, system.free, 0.0)
+    rest = balance(Equations(system), m.undeformed(), v, still, system.free, 0.0)
     (slot,) = system.expansion.slots
     eta = rest.y[int(system.rigid.nq) :]
     return float(slot.body.rows(slot.body.length)[0][0] @ eta[slot.eta])

@@ -17,7 +17,8 @@ from pinflex.lab.extrapolation import by_count, extrapolated
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import Body, scene
 from pinflex.levels.quasistatic import rest, static_equilibrium
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism
 
 # Bisshopp, Drucker 1945, recomputed with elliptic integrals: a = P L^2/EI: tip angle, dy/L, x/L.
@@ -36,10 +37,7 @@ FROM = "extrapolated from 6, 8, 10, 12"
 def tip_pose(m: Mechanism, frame: str = "tip") -> pin.SE3:
     """Pose of a frame at the static equilibrium."""
     rest = static_equilibrium(m)
-    d, here = Dynamics(m.flexible), m.frame(frame)
-    d.place(rest.y)
-    pin.forwardKinematics(d.model, d.data, d.Q)
-    return d.data.oMi[here.joint] * here.placement
+    return frame_pose(Equations(m.flexible), rest.y, m.frame(frame))
 
 
 def cantilever(
@@ -228,8 +226,8 @@ def buckling() -> Outcome:
     def lowest(load: float, segments: int) -> float:
         m = frame(load, segments)
         at = rest(m)  # beyond the load sought it is unstable, and that is no surprise
-        d, still = Dynamics(m.flexible), np.zeros(m.flexible.nv)
-        K = d.tangent(at.y, still, still, at.lam, 0.0)[2]
+        d, still = Equations(m.flexible), np.zeros(m.flexible.nv)
+        K = d.tangent(at.y, still, still, at.lam, 0.0).K
         stiff = np.linalg.inv(np.linalg.cholesky(m.flexible.K))
         # In units of the unloaded stiffness, so that every direction counts alike.
         return float(np.linalg.eigvalsh(stiff @ (0.5 * (K + K.T)) @ stiff.T)[0])

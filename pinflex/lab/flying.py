@@ -13,7 +13,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import PLANE_BEAM, Body, release, scene
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 KICK, UNTIL = 2.5, 5.0  # [s]
@@ -46,13 +46,12 @@ flexible:
 
 def invariants(mechanism: Mechanism, run: Run, every: int) -> Array:
     """Centre of mass x, y, momentum p_x, p_y, angular momentum about it, energy; (nt, 6)."""
-    d = Dynamics(run.system)
+    d = Equations(run.system)
     rows = []
     for y, v in zip(run.y[::every], run.v[::every], strict=True):
         energy = sum(d.energies(y, v, 0.0)[:3])
-        d.place(y)
-        V, _ = d.expand_motion(v, np.zeros_like(v))
-        h = pin.computeCentroidalMomentum(d.model, d.data, d.Q, V)
+        here = d.at(y, v, np.zeros_like(v))
+        h = pin.computeCentroidalMomentum(d.model, d.data, here.Q[0], here.V[0])
         rows.append([*d.data.com[0][:2], *h.linear[:2], h.angular[2], energy])
     return np.array(rows)
 

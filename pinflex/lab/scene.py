@@ -15,7 +15,8 @@ from pinflex.description.motion import hold
 from pinflex.integrators.equal_steps import integrate
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import generalized_alpha
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import Frame
 from pinflex.mechanics.mechanism import Mechanism, load
 
 Vec = Sequence[float]
@@ -107,31 +108,20 @@ def release(
     start = mechanism.undeformed() if y is None else y
     speed = np.zeros(system.nv) if v is None else v
     return integrate(
-        mechanism, Dynamics(system), (start, speed), path, generalized_alpha(rho_inf),
+        mechanism, Equations(system), (start, speed), path, generalized_alpha(rho_inf),
         tolerance=tolerance,
     )  # fmt: skip
 
 
 def energy(mechanism: Mechanism, run: Run, every: int = 1) -> Array:
     """Kinetic and potential energy of a run, J, shape (nt,)."""
-    dynamics = Dynamics(run.system)
-    return np.array(
-        [
-            sum(dynamics.energies(y, v, 0.0))
-            for y, v in zip(run.y[::every], run.v[::every], strict=True)
-        ]
-    )
+    dynamics = Equations(run.system)
+    return np.asarray(np.sum(dynamics.energies(run.y[::every], run.v[::every], 0.0), axis=0))
 
 
 def frame_positions(mechanism: Mechanism, run: Run, name: str, steps: Sequence[int]) -> Array:
     """World positions of a frame at some steps, m, shape (len(steps), 3)."""
-    import pinocchio as pin
-
-    dynamics = Dynamics(run.system)
+    dynamics = Equations(run.system)
     here = run.system.expansion.frames[name]
-    found = np.empty((len(steps), 3))
-    for row, k in enumerate(steps):
-        dynamics.place(run.y[k])
-        pin.forwardKinematics(dynamics.model, dynamics.data, dynamics.Q)
-        found[row] = (dynamics.data.oMi[here.joint] * here.placement).translation
-    return found
+    _, p = Frame(dynamics.model, here).pose(dynamics.joint_poses(run.y[list(steps)]))
+    return p

@@ -18,10 +18,9 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Pieces
 from pinflex.integrators.linear import Instant
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import structural_stiffness
 
 _NODES = 8  # intervals between the nodes of a piece to begin with
 _FEW = 4  # the same where a piece is one polynomial of the motion
@@ -61,10 +60,10 @@ class Line:
         mechanism: Mechanism,
         path: Nominal,
         structural: bool = False,
-        dynamics: Dynamics | None = None,
+        dynamics: Equations | None = None,
     ) -> None:
         """`dynamics`: a workspace of the flexible mechanism to work on; None: one of its own."""
-        self.dynamics, self.path = dynamics or Dynamics(mechanism.flexible), path
+        self.dynamics, self.path = dynamics or Equations(mechanism.flexible), path
         system, m = mechanism.flexible, int(mechanism.flexible.rigid.nv)
         self.v, self.a = (np.zeros((len(path.t), system.nv)) for _ in range(2))
         self.v[:, :m], self.a[:, :m] = path.v, path.a
@@ -81,12 +80,11 @@ class Line:
         y, v, a = self.flat(k), self.v[k], self.a[k]
         t = float(self.path.t[k])
         base = _rigid_multipliers(dynamics, self._stiff, y, v, a, t)
-        r = dynamics.residual(y, v, a, base, t)
-        M, C, K = dynamics.tangent(y, v, a, base, t)
+        r, _ = dynamics.residual(y, v, a, base, t)
+        M, C, K, J = dynamics.tangent(y, v, a, base, t)
         alpha, beta = self._damping
-        J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
         if self._structural or alpha or beta:
-            structure = structural_stiffness(dynamics, y)
+            structure = dynamics.structural_stiffness(y)
             if self._structural:
                 C, K = system.D, structure
             C = C + alpha * M + beta * structure
@@ -110,7 +108,7 @@ def along(
     path: Nominal,
     structural: bool,
     close: float,
-    dynamics: Dynamics | None = None,
+    dynamics: Equations | None = None,
 ) -> Callable[[int], Linear]:
     """The system at every step of a nominal motion.
 
@@ -265,7 +263,7 @@ class _Between:
 
 
 def _rigid_multipliers(
-    dynamics: Dynamics, passive: IntArray, y: Array, v: Array, a: Array, t: float
+    dynamics: Equations, passive: IntArray, y: Array, v: Array, a: Array, t: float
 ) -> Array:
     """Closure forces of the rigid motion in the rows of the flexible mechanism.
 
@@ -275,6 +273,6 @@ def _rigid_multipliers(
     system = dynamics.system
     if not system.closed.n:
         return np.zeros(0)
-    r = dynamics.residual(y, v, a, np.zeros(system.closed.n), t)
-    J = dynamics.jacobian()[:, passive]
+    r, _ = dynamics.residual(y, v, a, np.zeros(system.closed.n), t)
+    J = dynamics.close(y).J[:, passive]
     return np.asarray(np.linalg.lstsq(J.T, r[passive], rcond=1e-10)[0], dtype=float)

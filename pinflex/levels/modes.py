@@ -16,9 +16,8 @@ from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.moving_modes import At, Moving, state_at, whirl
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import null_space
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import structural_stiffness
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
@@ -90,7 +89,7 @@ def modes(
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
         raise DescriptionError(f"modes: count: {count!r:.80}. Give a whole number.")
     system = mechanism.flexible
-    dynamics = Dynamics(system)
+    dynamics = Equations(system)
     if at is not None:
         if q is not None:
             raise DescriptionError("modes: q and at: a pose or a motion. Give one of them.")
@@ -111,7 +110,7 @@ def modes(
 
 
 def _about(
-    mechanism: Mechanism, dynamics: Dynamics, state: Moving, count: int, free_motors: bool
+    mechanism: Mechanism, dynamics: Equations, state: Moving, count: int, free_motors: bool
 ) -> Modes:
     """Complex modes about a motion; a divergence has a negative frequency, as at a pose."""
     system = mechanism.flexible
@@ -126,23 +125,23 @@ def _about(
 
 
 def linearised(
-    mechanism: Mechanism, dynamics: Dynamics, q: Array | None, preload: str
+    mechanism: Mechanism, dynamics: Equations, q: Array | None, preload: str
 ) -> tuple[Array, Array]:
     """The pose y that is linearised about, and the stiffness there, as in `modes`."""
     if preload not in ("gravity", "none"):
         raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
     if preload == "none":
         y = mechanism.undeformed(q)
-        return y, structural_stiffness(dynamics, y)
+        return y, dynamics.structural_stiffness(y)
     found, still = rest(mechanism, q, dynamics=dynamics), np.zeros(dynamics.system.nv)
-    return found.y, dynamics.tangent(found.y, still, still, found.lam, 0.0)[2]
+    return found.y, dynamics.tangent(found.y, still, still, found.lam, 0.0).K
 
 
-def allowed_motions(dynamics: Dynamics, y: Array, free: IntArray) -> Array:
+def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
     """Basis of what the closures leave of the free coordinates, shape (free, n)."""
     if not dynamics.system.closed.n:
         return np.eye(len(free))
-    return null_space(dynamics.close(y)[1][:, free])
+    return null_space(dynamics.close(y).J[:, free])
 
 
 def condensed(K: Array, M: Array) -> tuple[Array, Array, Array]:

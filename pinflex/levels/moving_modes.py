@@ -25,7 +25,7 @@ from pinflex.description.schema import number
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.quasistatic import balance
 from pinflex.linalg import null_space
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.text import brief
@@ -50,7 +50,7 @@ class Moving:
     about: str
 
 
-def state_at(mechanism: Mechanism, dynamics: Dynamics, at: At, motion: Motion | None) -> Moving:
+def state_at(mechanism: Mechanism, dynamics: Equations, at: At, motion: Motion | None) -> Moving:
     """The state that `at` names; links are balanced with the inertia forces of the nominal motion.
 
     Args:
@@ -119,7 +119,7 @@ def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
     return Moving(y, v, a, lam, float(result.t[k]), about)
 
 
-def whirl(dynamics: Dynamics, state: Moving, free: IntArray) -> tuple[Array, Array]:
+def whirl(dynamics: Equations, state: Moving, free: IntArray) -> tuple[Array, Array]:
     """Eigenvalues s [1/s] and shapes of the vibration about a state, slowest first.
 
     Of a pair the one that turns forward is kept; of a divergence s and -s the growing one.
@@ -132,7 +132,7 @@ def whirl(dynamics: Dynamics, state: Moving, free: IntArray) -> tuple[Array, Arr
     system = dynamics.system
     M, C, K = (
         A[np.ix_(free, free)]
-        for A in dynamics.tangent(state.y, state.v, state.a, state.lam, state.t)
+        for A in dynamics.tangent(state.y, state.v, state.a, state.lam, state.t)[:3]
     )
     Z = np.eye(len(free))
     if system.closed.n:

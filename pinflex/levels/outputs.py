@@ -19,9 +19,9 @@ from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import SceneError
 from pinflex.integrators.run import Run
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import Frame
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.stacked import Stacked
 
 _SAMPLES = 51  # instants at which poses are compared: the samples, or every k-th of more
 ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands of steps are not
@@ -40,7 +40,7 @@ class Outputs:
         motion: Motion,
         t: Array,
         asked: Sequence[str] = ASKED,
-        dynamics: Dynamics | None = None,
+        dynamics: Equations | None = None,
     ) -> None:
         self._asked, self._dynamics = asked, dynamics  # a new workspace is dear in large models
         self._mechanism, self._motion, self._t = mechanism, motion, t
@@ -103,7 +103,7 @@ class Outputs:
     def _poses(self, run: Run) -> tuple[Array, Array]:
         if self._before is not None and self._before[0] is run:
             return self._before[1]
-        dynamics = self._dynamics or Dynamics(run.system)
+        dynamics = self._dynamics or Equations(run.system)
         poses = platform_poses(self._mechanism, dynamics, run.y[self._keep])
         self._before = run, poses
         return poses
@@ -111,7 +111,7 @@ class Outputs:
     def _rigid_poses(self, run: Run) -> tuple[Array, Array]:
         """Of the rigid motion; where it is not known, the first pose of the run."""
         if self._rigid is None:
-            dynamics, q = Dynamics(self._mechanism.rigid), None
+            dynamics, q = Equations(self._mechanism.rigid), None
             try:
                 q = nominal(self._mechanism, self._motion, self._t).q[self._keep]
             except SceneError:
@@ -120,16 +120,10 @@ class Outputs:
         return self._rigid
 
 
-def platform_poses(mechanism: Mechanism, dynamics: Dynamics, y: Array) -> tuple[Array, Array]:
+def platform_poses(mechanism: Mechanism, dynamics: Equations, y: Array) -> tuple[Array, Array]:
     """Position (m), shape (n, 3), and rotation (n, 3, 3) of the platform at poses y (n, nq)."""
-    model, data = dynamics.model, dynamics.data
-    frame = model.getFrameId(mechanism.description.platform, pin.FrameType.BODY)
-    p, R = np.empty((len(y), 3)), np.empty((len(y), 3, 3))
-    still = np.zeros((len(y), dynamics.system.nv))
-    for k, q in enumerate(Stacked(dynamics, len(y)).expanded(y, still, still)[0]):
-        pin.forwardKinematics(model, data, q)
-        pose = pin.updateFramePlacement(model, data, frame)
-        p[k], R[k] = pose.translation, pose.rotation
+    platform = dynamics.system.expansion.frames[str(mechanism.description.platform)]
+    R, p = Frame(dynamics.model, platform).pose(dynamics.joint_poses(y))
     return p, R
 
 

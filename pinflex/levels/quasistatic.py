@@ -14,9 +14,8 @@ from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
 from pinflex.linalg import negative_directions, saddle_matrix
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.structure import structural_stiffness
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
@@ -46,7 +45,7 @@ class UnstableWarning(UserWarning):
 
 
 def balance(
-    dynamics: Dynamics,
+    dynamics: Equations,
     y: Array,
     v: Array,
     a: Array,
@@ -74,7 +73,7 @@ def balance(
     found = _newton(dynamics, y, v, a, free, t, lam, None, 0.0)
     if found is not None:
         return found
-    start = dynamics.residual(y, v, a, np.zeros_like(lam), t)[free]
+    start = dynamics.residual(y, v, a, np.zeros_like(lam), t).r[free]
     state, done, part = Equilibrium(y, np.zeros_like(lam), start, 0), 0.0, 0.25
     spent = _ITERATIONS
     while done < 1.0 and part > 1e-3 and spent < patience:
@@ -95,7 +94,7 @@ def balance(
 
 
 def _newton(
-    dynamics: Dynamics,
+    dynamics: Equations,
     y: Array,
     v: Array,
     a: Array,
@@ -109,20 +108,18 @@ def _newton(
     n, rows = len(free), dynamics.system.closed.n
 
     def error(y: Array, lam: Array) -> Array:
-        r = dynamics.residual(y, v, a, lam, t)[free]
-        if offset is not None:
-            r = r - weight * offset
-        return np.concatenate([r, dynamics.closed.c])
+        r, c = dynamics.residual(y, v, a, lam, t)
+        left = r[free] if offset is None else r[free] - weight * offset
+        return np.concatenate([left, c])
 
     e = error(y, lam)
     previous = np.inf
     for iteration in range(1, _ITERATIONS):
-        K = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
-        J = dynamics.jacobian()[:, free] if rows else np.zeros((0, n))
+        K, J = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
         if n + rows == 0:
-            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t), 0)
+            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t).r, 0)
         try:
-            step = np.linalg.solve(saddle_matrix(K[np.ix_(free, free)], J), -e)
+            step = np.linalg.solve(saddle_matrix(K[np.ix_(free, free)], J[:, free]), -e)
         except np.linalg.LinAlgError:
             return None
         if not np.all(np.isfinite(step)):
@@ -137,7 +134,7 @@ def _newton(
         if not np.all(np.isfinite(e)):
             return None
         if turn < BALANCED or (turn < 1e-8 and turn >= 0.5 * previous):
-            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t), iteration)
+            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t).r, iteration)
         previous = turn
     return None
 
@@ -173,10 +170,10 @@ def rest(
     mechanism: Mechanism,
     q: Array | None = None,
     free_motors: bool = False,
-    dynamics: Dynamics | None = None,
+    dynamics: Equations | None = None,
 ) -> Equilibrium:
     """`static_equilibrium` for those who look at `unstable` themselves, on their workspace."""
-    dynamics = dynamics or Dynamics(mechanism.flexible)
+    dynamics = dynamics or Equations(mechanism.flexible)
     system = mechanism.flexible
     free = np.arange(system.nv) if free_motors else system.free
     still = np.zeros(system.nv)
@@ -188,20 +185,19 @@ def rest(
 
 
 def unstable_directions(
-    dynamics: Dynamics, y: Array, v: Array, a: Array, lam: Array, t: float, free: IntArray
+    dynamics: Equations, y: Array, v: Array, a: Array, lam: Array, t: float, free: IntArray
 ) -> int:
     """Number of directions that the closures allow in which the tangent stiffness is negative."""
-    K = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)[np.ix_(free, free)]
-    return negative_directions(K, dynamics.jacobian()[:, free] if dynamics.looped else K[:0])
+    K, J = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
+    return negative_directions(K[np.ix_(free, free)], J[:, free])
 
 
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness."""
-    dynamics, system = Dynamics(mechanism.flexible), mechanism.flexible
+    dynamics, system = Equations(mechanism.flexible), mechanism.flexible
     y0, still, free = mechanism.undeformed(q), np.zeros(system.nv), system.free
-    r0 = dynamics.residual(y0, still, still, np.zeros(system.closed.n), 0.0)
-    J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
-    K = structural_stiffness(dynamics, y0)
+    r0, _ = dynamics.residual(y0, still, still, np.zeros(system.closed.n), 0.0)
+    J, K = dynamics.close(y0).J, dynamics.structural_stiffness(y0)
     n, rows = len(free), len(J)
     S = saddle_matrix(K[np.ix_(free, free)], J[:, free])
     x = np.linalg.solve(S, np.concatenate([-r0[free], np.zeros(rows)]))
@@ -227,7 +223,7 @@ def solve_quasistatic(
         ConvergenceError: With `.result` up to the last balanced instant.
     """
     path, system = nominal(mechanism, motion, t), mechanism.flexible
-    dynamics = Dynamics(system)
+    dynamics = Equations(system)
     nt, m, free = len(path.t), int(system.rigid.nv), system.free
     y, lam = np.empty((nt, system.nq)), np.empty((nt, system.closed.n))
     v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))

@@ -32,12 +32,10 @@ from pinflex.levels.quasistatic import (
     unstable_text,
 )
 from pinflex.linalg import negative_directions, saddle_matrix
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.stacked import Stacked, spans
 
-_TOGETHER = 32  # states in one evaluation: numpy's price is spread, the workspace stays in cache
 _NODES = 12  # intervals between the nodes of a piece to begin with
 _ASTRAY = 0.1  # of the largest nominal acceleration: nodes that miss so much are too few
 _APART = 6  # nodes from one with a tangent to the next
@@ -68,7 +66,7 @@ class Equilibria:
 
         self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
         self._system, self._close = mechanism.flexible, close
-        self.dynamics = Dynamics(self._system)
+        self.dynamics = Equations(self._system)
         self._manifold = Manifold(self.dynamics)
         corners = breaks(motion, self._system.loads)
         self._pieces = Pieces(float(t[0]), float(t[-1]), corners)
@@ -79,7 +77,6 @@ class Equilibria:
         width = int(self._ends[-1] + self._system.rigid.nv)
         self._values = np.empty((len(self._pieces), 0, width))
         self._factors: list[tuple[float, Array, Array]] = []  # time, LU, pivots
-        self._stacks: dict[int, Stacked] = {}
         self._reach, self._force = np.inf, 0.0  # largest deviation and force, once known
         self._doubtful = False  # whether some tangent gives way
         self._counts = {"steps": 0.0, "newton": 0.0, "tangents": 0.0}
@@ -191,7 +188,7 @@ class Equilibria:
         Y, V, A, lam = self._states(path, guess)
         use, previous = self._nearest(path.t), np.full(n, np.inf)
         for _ in range(rounds or _MOST):
-            R, C = self._residuals(Y, V, A, lam, path.t)
+            R, C = self.dynamics.residual(Y, V, A, lam, path.t)
             force = max(self._force, _largest(R[:, system.motors]), _largest(lam))
             if _largest(R[:, free]) <= close * force and _largest(C) < gap:
                 break
@@ -218,25 +215,13 @@ class Equilibria:
         moved = self._manifold.log(path.straight(system.n_eta), Y)
         return np.hstack([moved, lam, R[:, system.motors], path.a])
 
-    def _residuals(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
-        """Forces left (n, nv) and gaps of the closures (n, rows)."""
-        R, C = np.empty_like(V), np.empty_like(lam)
-        for at in spans(len(t), _TOGETHER):
-            size = at.stop - at.start
-            if size not in self._stacks:
-                self._stacks[size] = Stacked(self.dynamics, size)
-            R[at] = self._stacks[size].residual(Y[at], V[at], A[at], lam[at], t[at])
-            C[at] = self._stacks[size].c
-        return R, C
-
     def _tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> int:
         """Factors of the tangent at a state; their number."""
         d, free = self.dynamics, self._system.free
-        K = d.iteration_matrix(y, v, a, lam, t, STIFFNESS)[np.ix_(free, free)]
-        J = d.jacobian()[:, free] if d.looped else np.zeros((0, len(free)))
+        S, J = d.iteration_matrix(y, v, a, lam, t, STIFFNESS)
+        K, J = S[np.ix_(free, free)], J[:, free]
         self._doubtful |= negative_directions(K, J) > 0
-        S = saddle_matrix(K, J)
-        lu, pivots, info = self._lapack.dgetrf(S)
+        lu, pivots, info = self._lapack.dgetrf(saddle_matrix(K, J))
         if info != 0 or not np.all(np.isfinite(lu)):
             raise _Unclear
         self._factors.append((t, lu, pivots))

@@ -10,13 +10,11 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
-from pinflex.mechanics.closed_poses import ClosedPoses
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.stacked import Stacked, spans
 from pinflex.mechanics.system import System
 
-_TOGETHER = 256  # instants at a time
 _RANK = 1e-14  # more closure rows than passive coordinates: any split of the forces balances
 
 
@@ -37,12 +35,10 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
             f"{mechanism.name}: inverse_dynamics is for loop-free robots, this one has "
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
-    tau, dynamics = np.empty((len(q), system.nv)), Dynamics(system)
+    tau, dynamics = np.empty((len(q), system.nv)), Equations(system)
     if np.any(system.D) or len(system.springs.v_at):
-        none = np.zeros(system.closed.n)  # couplings: of each joint alone
-        for k in range(len(q)):
-            tau[k] = dynamics.residual(q[k], v[k], a[k], none, 0.0)
-        return tau
+        apart = np.zeros((len(q), system.closed.n))  # couplings: of each joint alone
+        return dynamics.residual(q, v, a, apart, 0.0).r
     model, data, rnea = dynamics.model, dynamics.data, pin.rnea
     for k in range(len(q)):
         tau[k] = rnea(model, data, q[k], v[k], a[k])
@@ -76,11 +72,10 @@ def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
         The run, with motor torques and closure multipliers.
     """
     path, system = nominal(mechanism, motion, t), mechanism.rigid
-    dynamics, n = Dynamics(system), len(t)
-    poses, stacked = ClosedPoses(dynamics), Stacked(dynamics, min(n, _TOGETHER))
+    dynamics, n = Equations(system), len(t)
     lam, torque = np.zeros((n, system.closed.n)), np.empty((n, len(system.motors)))
-    for at in spans(n, _TOGETHER):
+    for at in spans(n):
         q, v, a = path.q[at], path.v[at], path.a[at]
-        r = stacked.residual(q, v, a, np.zeros_like(lam[at]), path.t[at])
-        lam[at], torque[at] = multipliers(system, poses.at(q)[2], r)
+        r, _ = dynamics.residual(q, v, a, lam[at], path.t[at])
+        lam[at], torque[at] = multipliers(system, dynamics.close(q).J, r)
     return Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n})

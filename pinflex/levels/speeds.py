@@ -20,7 +20,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.solve import Speeds
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import columns, skew
 
@@ -29,7 +29,7 @@ _MISSED = 1e-9  # of the largest speed: round-off of a constraint that can be me
 
 def with_speeds(
     mechanism: Mechanism,
-    dynamics: Dynamics,
+    dynamics: Equations,
     y: Array,
     v: Array,
     speeds: Speeds,
@@ -87,7 +87,9 @@ def _misses(A: Array, b: Array, v: Array) -> bool:
     return float(np.max(np.abs(A @ v - b), initial=0.0)) > _MISSED * size
 
 
-def _corrected(dynamics: Dynamics, y: Array, v: Array, A: Array, b: Array, free: IntArray) -> Array:
+def _corrected(
+    dynamics: Equations, y: Array, v: Array, A: Array, b: Array, free: IntArray
+) -> Array:
     """v with the rows `free` moved by the least kinetic energy so that A v = b, if that can be."""
     if not len(free) or not len(A):
         return v
@@ -151,16 +153,16 @@ def _prescribed(
 
 def _link_rows(
     mechanism: Mechanism,
-    dynamics: Dynamics,
+    dynamics: Equations,
     y: Array,
     links: Sequence[tuple[str, Sequence[float | None]]],
 ) -> tuple[Array, Array]:
     """Rows (k, nv) that make the given components of the links' velocities, and those (k,)."""
     rows, given = [np.zeros((0, dynamics.system.nv))], list[float]()
     for name, values in links:
-        dynamics.place(y)
+        at = dynamics.at(y)
         model, data = dynamics.model, dynamics.data
-        pin.computeJointJacobians(model, data, dynamics.Q)
+        pin.computeJointJacobians(model, data, at.Q[0])
         here = dynamics.system.expansion.frames[name]
         point = (data.oMi[here.joint] * here.placement).translation
         support = np.zeros(int(model.nv))
@@ -168,7 +170,7 @@ def _link_rows(
             step = model.joints[joint]
             support[step.idx_v : step.idx_v + step.nv] = 1.0
         world = columns(data.J) * support
-        moved = dynamics.times_map(world[:3] - skew(point[None])[0] @ world[3:])
+        moved = at.times_map(world[:3] - skew(point[None])[0] @ world[3:])
         kept = [k for k, value in enumerate(values) if value is not None]
         rows.append(moved[kept])
         given += [float(x) for x in values if x is not None]

@@ -19,7 +19,7 @@ from pinflex.levels.moving_modes import state_of_run
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 from pinflex.results.result import Result
@@ -72,7 +72,7 @@ def in_equilibrium(mechanism: Mechanism, start: str) -> tuple[bool, str]:
 
 
 def start_of(
-    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Dynamics, start: str
+    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Equations, start: str
 ) -> Start:
     """Where a coupled run starts: straight, static or auto (see `in_equilibrium`).
 
@@ -95,7 +95,7 @@ def start_of(
     return _static_start(mechanism, motion, path, dynamics, start, Start(y, v, "straight"))
 
 
-def start_from(mechanism: Mechanism, dynamics: Dynamics, path: MotorPath, given: object) -> Start:
+def start_from(mechanism: Mechanism, dynamics: Equations, path: MotorPath, given: object) -> Start:
     """The state of a run of the same coordinates; its loads and motion may have been others.
 
     Args:
@@ -132,7 +132,7 @@ def _static_start(
     mechanism: Mechanism,
     motion: Motion,
     path: MotorPath,
-    dynamics: Dynamics,
+    dynamics: Equations,
     start: str,
     straight: Start,
 ) -> Start:
@@ -159,7 +159,7 @@ def _static_start(
 
 
 def linear_start(
-    mechanism: Mechanism, path: Nominal, structural: bool, start: str, dynamics: Dynamics
+    mechanism: Mechanism, path: Nominal, structural: bool, start: str, dynamics: Equations
 ) -> Start:
     """The same for level ked: deviations d of the free coordinates from the nominal motion.
 
@@ -202,9 +202,9 @@ def lasting(system: System) -> System:
     return replace(system, loads=replace(system.loads, forces=forces))
 
 
-def _lasting(dynamics: Dynamics) -> Dynamics:
+def _lasting(dynamics: Equations) -> Equations:
     system = lasting(dynamics.system)
-    return dynamics if system is dynamics.system else Dynamics(system)
+    return dynamics if system is dynamics.system else Equations(system)
 
 
 def _shaken(why: str) -> str:
@@ -222,7 +222,7 @@ def _no_equilibrium(text: str, error: ConvergenceError | None = None) -> Converg
 
 
 def straight_start(
-    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Dynamics
+    mechanism: Mechanism, motion: Motion, path: MotorPath, dynamics: Equations
 ) -> tuple[Array, Array]:
     """Undeformed pose and compatible velocities at the first time.
 

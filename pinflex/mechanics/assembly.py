@@ -12,7 +12,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.closure_log import size_of, translations
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.text import brief
 
 # Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
@@ -72,10 +72,9 @@ class Units:
         return scaled
 
 
-def units(dynamics: Dynamics, home: Array) -> Units:
+def units(dynamics: Equations, home: Array) -> Units:
     """Units of the closure Jacobian of a rigid mechanism."""
-    dynamics.close(home)
-    closed, length = dynamics.system.closed, size_of(dynamics)
+    closed, length = dynamics.system.closed, size_of(dynamics.kinematics(home))
     rows = np.full(closed.n, 1.0 / length)
     rows[closed.dot_rows] = 1.0
     for one in closed.contacts:
@@ -88,7 +87,7 @@ def units(dynamics: Dynamics, home: Array) -> Units:
 
 
 def close_loops(
-    dynamics: Dynamics, y: Array, moving: IntArray, iterations: int = 60
+    dynamics: Equations, y: Array, moving: IntArray, iterations: int = 60
 ) -> tuple[Array, float]:
     """Newton with step halving on c(y) = 0 over some velocity rows.
 
@@ -102,7 +101,6 @@ def close_loops(
     """
     c, J = dynamics.close(y)
     size = float(np.max(np.abs(c), initial=0.0))
-    c = c.copy()
     for _ in range(iterations):
         if size < CLOSED * 1e-2:
             break
@@ -123,7 +121,7 @@ def close_loops(
             step = 0.5 * step
         if not accepted:
             break
-        y, J, c, size = trial, J_trial, c_trial.copy(), size_trial
+        y, J, c, size = trial, J_trial, c_trial, size_trial
     return y, size
 
 
@@ -170,7 +168,7 @@ def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, 
 
 
 def require_regular(
-    dynamics: Dynamics, y: Array, motors: IntArray, names: Sequence[str], where: str
+    dynamics: Equations, y: Array, motors: IntArray, names: Sequence[str], where: str
 ) -> float:
     """Singular-value ratio of the passive closure Jacobian; raises where the motors lose command.
 
@@ -180,7 +178,7 @@ def require_regular(
     if not dynamics.looped:
         return float("nan")
     scale = units(dynamics, y)
-    J = scale.of(dynamics.close(y)[1])
+    J = scale.of(dynamics.close(y).J)
     passive = np.setdiff1d(np.arange(dynamics.n_rigid), motors)
     if len(passive) > len(J):
         return 0.0

@@ -21,7 +21,7 @@ from pinflex.description.loops import Loop
 from pinflex.errors import AssemblyError
 from pinflex.mechanics.assembly import CLOSED, close_loops
 from pinflex.mechanics.closure_log import LogClosure, size_of, translations
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.text import brief
 
@@ -72,7 +72,7 @@ def limits_of(written: pin.Model, model: pin.Model) -> Limits:
 
 
 def assemble(
-    dynamics: Dynamics,
+    dynamics: Equations,
     guess: Array,
     held: IntArray,
     where: str,
@@ -94,7 +94,7 @@ def assemble(
         AssemblyError: No closed pose was found, with the loop, how far it stays open in m (`gap`)
             and rad (`turn`), and the best pose.
     """
-    if not np.all(np.isfinite(dynamics.close(guess)[0])):
+    if not np.all(np.isfinite(dynamics.close(guess).c)):
         raise AssemblyError(
             f"{where}: the places of the loops' frames are not finite numbers. Check the origins "
             "in the URDF for numbers that are far too large."
@@ -104,10 +104,10 @@ def assemble(
     for moving in (search.passive, search.every):
         pose, size = close_loops(dynamics, guess, moving)
         if size < CLOSED * 10:
-            fits = not search.closure.flipped()
+            fits = not search.closure.flipped(pose)
             if fits and search.inside(pose, free=True):
                 return Closed(pose, 0)
-            if fits or not search.welded_wrong():
+            if fits or not search.welded_wrong(pose):
                 spare = pose if spare is None else spare
     found = search.run()
     if found is not None:
@@ -121,13 +121,12 @@ class _Search:
     """Least squares from one pose after the other, on the joints that take part in loops."""
 
     def __init__(
-        self, dynamics: Dynamics, guess: Array, held: IntArray, limits: Limits, given: IntArray
+        self, dynamics: Equations, guess: Array, held: IntArray, limits: Limits, given: IntArray
     ) -> None:
         self.dynamics, self.guess = dynamics, guess
-        dynamics.close(guess)
-        self.length = size_of(dynamics)
+        self.length = size_of(dynamics.kinematics(guess))
         self.closure = LogClosure(dynamics, self.length)
-        cosines = self.closure.axes()
+        cosines = self.closure.axes(guess)
         rows, model = dynamics.n_rigid, dynamics.system.rigid
         self.every = np.arange(rows, dtype=np.intp)
         self.passive = np.setdiff1d(self.every, held).astype(np.intp)
@@ -175,11 +174,11 @@ class _Search:
             low <= pose[q] <= high for q, low, high, given in self.limited if not (free and given)
         )
 
-    def welded_wrong(self) -> bool:
-        """Whether, as evaluated, more than the side of an axis is wrong."""
+    def welded_wrong(self, pose: Array) -> bool:
+        """Whether more than the side of an axis is wrong at a pose."""
         signs = self.closure.signs
-        self.closure.signs = np.sign(self.closure.axes())
-        wrong = self.closure.flipped()
+        self.closure.signs = np.sign(self.closure.axes(pose))
+        wrong = self.closure.flipped(pose)
         self.closure.signs = signs
         return wrong
 
@@ -236,7 +235,7 @@ class _Search:
 
     def _polished(self, pose: Array, rows: IntArray) -> Array | None:
         pose, size = close_loops(self.dynamics, pose, rows)
-        good = size < CLOSED * 10 and not self.closure.flipped() and self.inside(pose)
+        good = size < CLOSED * 10 and not self.closure.flipped(pose) and self.inside(pose)
         return pose if good else None
 
     def _drawn(self, pose: Array, rows: IntArray) -> Array:

@@ -30,6 +30,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.couplings import Coupling
 from pinflex.description.loops import WORLD, Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.poses import support
 from pinflex.mechanics.slider import Contact, Sleeve
 from pinflex.text import brief
 
@@ -59,8 +60,8 @@ class CoupledRows:
     J: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def value(self, Q: Array) -> Array:
-        """c at configurations Q, shape (k,)."""
-        return np.asarray(Q[self.own] - self.ratio * Q[self.leader] - self.offset)
+        """c at configurations Q (n, nQ), shape (n, k)."""
+        return np.asarray(Q[:, self.own] - self.ratio * Q[:, self.leader] - self.offset)
 
     def select(self, renumber: IntArray) -> CoupledRows:
         """Those whose new number is not -1."""
@@ -68,18 +69,6 @@ class CoupledRows:
         return CoupledRows(
             renumber[self.rows[k]], self.own[k], self.leader[k], self.ratio[k], self.offset[k],
             self.J[k],
-        )  # fmt: skip
-
-    def copies(self, size: int, rows: int, width: int) -> CoupledRows:
-        """Of `size` copies with so many closure rows and coordinates each, one after the other."""
-        step = np.repeat(np.arange(size), len(self.rows))
-
-        def shifted(at: IntArray, by: int) -> IntArray:
-            return np.asarray(np.tile(at, size) + step * by, dtype=np.intp)
-
-        return CoupledRows(
-            shifted(self.rows, rows), shifted(self.own, width), shifted(self.leader, width),
-            np.tile(self.ratio, size), np.tile(self.offset, size), self.J,
         )  # fmt: skip
 
 
@@ -183,12 +172,7 @@ def closures(
         rows.add(number, loop, sleeves)
     sides = [e[0] for e in ends] + [e[1] for e in ends]
     turns = [axis_frame(loop.axis, None) for loop in loops] + [_turn_b(loop) for loop in loops]
-    local = np.zeros((len(sides), 3, 4))
-    for k, (end, turn) in enumerate(zip(sides, turns, strict=True)):
-        local[k, :, :3] = end.placement.rotation @ turn
-        local[k, :, 3] = end.placement.translation
-    support_a = _supports(model, [e[0].joint for e in ends])
-    support_b = _supports(model, [e[1].joint for e in ends])
+    support_a, support_b = (_supports(model, at) for at in (sides[: len(ends)], sides[len(ends) :]))
     points = np.array(rows.points, dtype=np.intp).reshape(-1, 2)
     dots = np.array(rows.dots, dtype=np.intp).reshape(-1, 3)
     loop_of = np.array(rows.owner, dtype=np.intp)
@@ -198,7 +182,7 @@ def closures(
         labels=tuple(rows.labels),
         loop_of=loop_of,
         bodies=np.array([s.joint for s in sides], dtype=np.intp),
-        local=local,
+        local=_local(sides, turns),
         point_rows=points[:, 0].copy(),
         point_axes=points[:, 1].copy(),
         dot_rows=dots[:, 0].copy(),
@@ -230,6 +214,21 @@ def _coupled(couplings: Sequence[Coupling], model: pin.Model) -> CoupledRows:
     q_own, q_leader = (np.array([x.idx_q for x in side], dtype=np.intp) for side in (own, leader))
     offset = np.array([one.offset for one in couplings])
     return CoupledRows(rows, q_own, q_leader, ratio, offset, J)
+
+
+def _local(sides: Sequence[Attachment], turns: Sequence[Array]) -> Array:
+    """Frames [R | p] of the sides in their joints, turned, shape (sides, 3, 4)."""
+    local = np.zeros((len(sides), 3, 4))
+    for k, (end, turn) in enumerate(zip(sides, turns, strict=True)):
+        local[k, :, :3] = end.placement.rotation @ turn
+        local[k, :, 3] = end.placement.translation
+    return local
+
+
+def _supports(model: pin.Model, sides: Sequence[Attachment]) -> Array:
+    """1 where a velocity row moves a side, shape (sides, nV)."""
+    found = [support(model, side.joint) for side in sides]
+    return np.array(found).reshape(len(sides), int(model.nv))
 
 
 class _Rows:
@@ -319,13 +318,3 @@ def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
         columns[(k + 2) % 3] = second
         columns[(k + 1) % 3] = np.cross(second, axis)
     return np.column_stack(columns)
-
-
-def _supports(model: pin.Model, joints: Sequence[int]) -> Array:
-    support = np.zeros((len(joints), model.nv))
-    for k, joint in enumerate(joints):
-        for above in model.supports[joint]:
-            if above:
-                step = model.joints[above]
-                support[k, step.idx_v : step.idx_v + step.nv] = 1.0
-    return support

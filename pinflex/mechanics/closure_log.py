@@ -19,8 +19,8 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.loops import ALONG, TURNED, Pairs, loop_kind
 from pinflex.mechanics.closure import LENGTHS, Closures
-from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.poses import columns
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.geometry import Kinematics
 
 _STRAIGHT = 1e-9  # sine of the angle of two axes below which they count as one line
 
@@ -28,7 +28,7 @@ _STRAIGHT = 1e-9  # sine of the angle of two axes below which they count as one 
 class LogClosure:
     """c and J of one system with rotations as angles, workspace included."""
 
-    def __init__(self, dynamics: Dynamics, length: float) -> None:
+    def __init__(self, dynamics: Equations, length: float) -> None:
         """`length` (m) weighs the rotations: the size of the mechanism."""
         self.dynamics, self.length = dynamics, length
         closed: Closures = dynamics.system.closed
@@ -41,32 +41,39 @@ class LogClosure:
         # -1 where two axes are to point against each other
         self.signs = np.ones(len(closed.names))
 
-    def axes(self) -> Array:
-        """Cosine of the angle of the two axes of each loop (1 where it has none), as evaluated."""
-        state, closed = self.dynamics.closed, self.dynamics.system.closed
-        cosines = (state.frames_a[:, :, 2] * state.frames_b[:, :, 2]).sum(axis=1)
+    def _frames(self, pose: Array) -> tuple[Array, Array]:
+        """Rotations of the frames of the loops, (loops, 3, 3) each."""
+        state = self.dynamics.kinematics(pose).closed
+        assert state is not None
+        return state.frames_a[:, :, :3], state.frames_b[:, :, :3]
+
+    def axes(self, pose: Array) -> Array:
+        """Cosine of the angle of the two axes of each loop (1 where it has none), at a pose."""
+        (a, b), closed = self._frames(pose), self.dynamics.system.closed
+        cosines = (a[:, :, 2] * b[:, :, 2]).sum(axis=1)
         return np.where([_holds(kind) == ALONG for kind in closed.kinds], cosines, 1.0)
 
-    def flipped(self) -> bool:
-        """Whether the rows vanish, as evaluated, with the frames of a loop turned by half a turn.
+    def flipped(self, pose: Array) -> bool:
+        """Whether the rows vanish, at a pose, with the frames of a loop turned by half a turn.
 
         A revolute joint can be that, as its pin may be put in from either side; `signs` says from
         which.
         """
-        state, closed = self.dynamics.closed, self.dynamics.system.closed
-        for k, kind in enumerate(closed.kinds):
+        frames_a, frames_b = self._frames(pose)
+        for k, kind in enumerate(self.dynamics.system.closed.kinds):
             if _holds(kind) == TURNED:
-                turn = state.frames_a[k, :, :3].T @ state.frames_b[k, :, :3]
+                turn = frames_a[k].T @ frames_b[k]
                 if np.min(np.diag(turn)) < 0.5:
                     return True
-        return bool(np.any(self.axes() * self.signs < 0))
+        return bool(np.any(self.axes(pose) * self.signs < 0))
 
     def at(self, y: Array) -> tuple[Array, Array]:
         """Residual (m), shape (rows,), and its Jacobian, shape (rows, nv)."""
         d = self.dynamics
-        c, J = (x.copy() for x in d.close(y))
-        closed, state = d.system.closed, d.closed
-        spin = columns(d.data.J)[3:]
+        at, closed = d.kinematics(y), d.system.closed
+        c, J = (x[0] for x in d.closure_of(at))
+        state, spin = at.closed, at.J[0, 3:]
+        assert state is not None
         for k, kind, rows in self._turns:
             a, b = state.frames_a[k, :, :3], state.frames_b[k, :, :3]
             relative = spin * closed.row_mask[rows[0]]
@@ -117,12 +124,12 @@ def _between(z: Array) -> tuple[Array, Array]:
     return f * z[:2], f * turn[:2] + np.outer(z[:2], df)
 
 
-def size_of(dynamics: Dynamics) -> float:
-    """Size of the mechanism as last evaluated: the largest distance of two joints or frames, m."""
-    state = dynamics.closed
-    points = np.concatenate(
-        [state.poses.translation[1:], state.frames_a[:, :, 3], state.frames_b[:, :, 3]]
-    )
+def size_of(at: Kinematics) -> float:
+    """Size of a mechanism at one state: the largest distance of two joints or frames, m."""
+    points = at.poses[0, 1:, 9:]
+    if at.closed is not None:
+        frames = at.closed.frames_a, at.closed.frames_b
+        points = np.concatenate([points, *(frame[:, :, 3] for frame in frames)])
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     largest = float(np.max(apart, initial=0.0))
     return largest if largest > LENGTHS else 1.0

@@ -1,4 +1,4 @@
-"""Closures evaluated at a configuration: residual c, Jacobian J and their exact derivatives.
+"""Closures at one state or at many: residual c, Jacobian J and their exact derivatives.
 
 See `pinflex.mechanics.closure` for the rows.
 """
@@ -6,136 +6,156 @@ See `pinflex.mechanics.closure` for the rows.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.contact import ContactState
-from pinflex.mechanics.poses import SKEW, JointPoses, columns, skew
+from pinflex.mechanics.poses import LEVERS, skew
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.closure_rows import ClosureRows
 
 
 class ClosureState:
-    """Closures evaluated at one configuration: c, W and what their derivatives need."""
+    """Closures at n states: a value, made by `ClosureRows.at`.
 
-    def __init__(
-        self, closed: Closures, model: pin.Model, data: pin.Data, poses: JointPoses | None = None
-    ) -> None:
-        """`poses`: those of the data, where they are known."""
-        self.closed = closed
-        self.poses = poses or JointPoses(model, data)
-        self._model, self._data = model, data
-        loops = len(closed.names)
-        self._loops = loops
-        self.c = np.zeros(closed.n)
-        self.W = np.zeros((closed.n, 6))
-        self.J = np.zeros((closed.n, model.nv))
-        self._point_loop = closed.loop_of[closed.point_rows]
-        self._dot_loop = closed.loop_of[closed.dot_rows]
-        self._distance_loop = closed.loop_of[closed.distance_rows]
-        self._frames = np.zeros((2 * loops, 3, 4))
-        self.frames_a, self.frames_b = self._frames[:loops], self._frames[loops:]
-        self.gap = np.zeros((loops, 3))
-        self._arm = np.zeros((loops, 3, 3))
-        # Flat positions of u = a[loop, :, axis] among the frames: one `take` instead of indexing.
-        self._u_at = self._point_loop[:, None] * 12 + 4 * np.arange(3) + closed.point_axes[:, None]
-        self._plain = closed.n == len(closed.point_rows)
-        self.contacts = [ContactState(contact) for contact in closed.contacts]
-        self.Q = np.zeros(0)  # configuration of the model, for couplings only
-        self._coupled = closed.coupled if len(closed.coupled.rows) else None
-        # Elastic coordinates and their rates, and dc/deta, for the rows of sleeves only.
-        self.eta = self.eta_rate = np.zeros(0)
-        self.J_eta = np.zeros((closed.n, 0))
+    Attributes:
+        c: Residuals, shape (n, rows). W: By the relative world twists, shape (n rows, 6).
+        frames_a, frames_b: Frames of the loops in the world, [R | p], shape (n loops, 3, 4).
+        contacts: Sleeves, of one state after the other.
+    """
 
-    def evaluate(self) -> None:
-        """c, W and J from the joint poses and Jacobians in the data (both must be current)."""
-        self.poses.refresh()
-        self.rows_from(self.poses.block)
-        if self.contacts:
-            self._evaluate_contacts()
-        np.matmul(self.W, columns(self._data.J), out=self.J)
-        self.J *= self.closed.row_mask
-        if self._coupled is not None:
-            self.J[self._coupled.rows] = self._coupled.J
-
-    def rows_from(self, poses: Array) -> None:
-        """c and W from joint poses, shape (joints, 12) (see `JointPoses`), and Q for couplings."""
-        cl, loops = self.closed, self._loops
-        joints = poses.take(cl.bodies, axis=0)
+    def __init__(self, rows: ClosureRows, poses: Array, eta: Array, Q: Array) -> None:
+        self._rows = r = rows
+        loops, closed = r.loops, r.closed
+        joints = poses.take(r.bodies, axis=0)
         rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-        np.matmul(rotations, cl.local, out=self._frames)
-        origin = self._frames[:, :, 3]
-        origin += joints[:, 9:]
-        np.subtract(origin[loops:], origin[:loops], out=self.gap)
-        np.matmul(origin[loops:], SKEW, out=self._arm.reshape(loops, 9))
-        if len(cl.point_rows):
-            u, loop = self._frames.take(self._u_at), self._point_loop
-            c = np.einsum("ij,ij->i", u, self.gap.take(loop, axis=0))
-            turned = np.matmul(self._arm.take(loop, axis=0), u[:, :, None])[:, :, 0]
-            if self._plain:
-                self.c, self.W[:, :3], self.W[:, 3:] = c, u, turned
-            else:
-                rows = cl.point_rows
-                self.c[rows], self.W[rows, :3], self.W[rows, 3:] = c, u, turned
-        if len(cl.dot_rows):
-            loop = self._dot_loop
-            e_a = self.frames_a[loop, :, cl.dot_a]
-            e_b = self.frames_b[loop, :, cl.dot_b]
-            self.c[cl.dot_rows] = (e_a * e_b).sum(1)
-            self.W[cl.dot_rows, 3:] = (skew(e_b) @ e_a[:, :, None])[:, :, 0]
-        if len(cl.distance_rows):
-            loop = self._distance_loop
+        frames = np.matmul(rotations, r.local)
+        frames[:, :, 3] += joints[:, 9:]
+        self.frames_a, self.frames_b = frames[:loops], frames[loops:]
+        ends = frames[:, :, 3].reshape(2, loops, 3).transpose(1, 0, 2).reshape(loops, 6)
+        # u times these is u . (p_b - p_a) and p_b x u.
+        self._levers = levers = (ends @ LEVERS).reshape(loops, 3, 4)
+        self._n = r.size
+        if r.plain:
+            u = frames.take(r.u_at)
+            held = np.matmul(u[:, None], levers.take(r.point_loop, axis=0))[:, 0]
+            c, self.W = held[:, 0], np.concatenate([u, held[:, 1:]], axis=1)
+        else:
+            c, self.W = np.empty(r.size * closed.n), np.zeros((r.size * closed.n, 6))
+            self._mixed_rows(frames, c)
+        self.c = c.reshape(r.size, closed.n)
+        if r.coupled is not None:
+            self.c[:, r.coupled.rows] = r.coupled.value(Q)
+        self.contacts: list[ContactState] = []
+        if r.contacts:
+            self._slide(c, eta)
+
+    @property
+    def gap(self) -> Array:
+        """Origin of b less that of a, shape (n loops, 3)."""
+        return np.asarray(self._levers[:, :, 0])
+
+    @property
+    def _arm(self) -> Array:
+        """Matrices of p_b x (.), shape (n loops, 3, 3)."""
+        return np.asarray(self._levers[:, :, 1:].swapaxes(1, 2))
+
+    def _mixed_rows(self, frames: Array, c: Array) -> None:
+        """Rows of points, of directions and of distances."""
+        r = self._rows
+        if len(r.point_rows):
+            u = frames.take(r.u_at)
+            held = np.matmul(u[:, None], self._levers[r.point_loop])[:, 0]
+            c[r.point_rows], self.W[r.point_rows] = held[:, 0], np.hstack([u, held[:, 1:]])
+        if len(r.dot_rows):
+            e_a = self.frames_a[r.dot_loop, :, r.dot_a]
+            e_b = self.frames_b[r.dot_loop, :, r.dot_b]
+            c[r.dot_rows] = (e_a * e_b).sum(1)
+            self.W[r.dot_rows, 3:] = (skew(e_b) @ e_a[:, :, None])[:, :, 0]
+        if len(r.distance_rows):
+            loop = r.distance_loop
             d = self.gap[loop]
-            self.c[cl.distance_rows] = ((d * d).sum(1) - cl.lengths**2) / (2 * cl.lengths)
-            u = d / cl.lengths[:, None]
-            self.W[cl.distance_rows, :3] = u
-            self.W[cl.distance_rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
-        if self._coupled is not None:
-            self.c[self._coupled.rows] = self._coupled.value(self.Q.reshape(-1))
+            c[r.distance_rows] = ((d * d).sum(1) - r.lengths**2) / (2 * r.lengths)
+            u = d / r.lengths[:, None]
+            self.W[r.distance_rows, :3] = u
+            self.W[r.distance_rows, 3:] = (self._arm[loop] @ u[:, :, None])[:, :, 0]
 
-    def _evaluate_contacts(self) -> None:
-        if self.J_eta.shape[1] != len(self.eta):
-            self.J_eta = np.zeros((self.closed.n, len(self.eta)))
-        for one in self.contacts:
-            k = one.loop
-            one.evaluate(self.frames_a[k], self.frames_b[k], self._arm[k], self.eta)
-            self.c[one.rows], self.W[one.rows] = one.value, one.W
-            if self.J_eta.shape[1]:
-                self.J_eta[one.rows, one.eta] = one.by_eta
+    def _slide(self, c: Array, eta: Array) -> None:
+        """Rows of sleeves, one state after the other."""
+        r = self._rows
+        loops, count = len(r.closed.names), r.closed.n
+        for k in range(r.size):
+            for rows in r.contacts:
+                loop = rows.loop + k * loops
+                one = rows.at(self.frames_a[loop], self.frames_b[loop], self._arm[loop], eta[k])
+                at = rows.rows + k * count
+                c[at], self.W[at] = one.value, one.W
+                self.contacts.append(one)
 
-    def require_on_beams(self, where: str, t: float | None = None) -> None:
-        """Raise a MotionError where a sleeve has left its beam, at a time t (s)."""
-        for one in self.contacts:
-            one.require_on_beam(self.closed.names[one.loop], where, t)
+    def jacobian(self, J: Array) -> Array:
+        """dc/dQ, shape (n, rows, nV), for world Jacobians J (n, 6, nV) of the joints."""
+        found: Array = self.W.reshape(self._n, -1, 6) @ J * self._rows.closed.row_mask
+        if self._rows.coupled is not None:
+            found[:, self._rows.coupled.rows] = self._rows.coupled.J
+        return found
+
+    def by_eta(self, n_eta: int) -> Array:
+        """dc/deta of the sleeves' rows at fixed poses, shape (n, rows, n_eta)."""
+        out = np.zeros((*self.c.shape, n_eta))
+        if n_eta:
+            for k, one in self._by_state():
+                out[k, one.rows, one.eta] = one.by_eta
+        return out
+
+    def _by_state(self) -> list[tuple[int, ContactState]]:
+        each = len(self._rows.contacts)
+        return [(i // each, one) for i, one in enumerate(self.contacts)]
 
     def wrenches(self, lam: Array) -> Array:
-        """World wrench [force; moment about the origin] on each B, shape (loops, 6)."""
-        F = np.zeros((self._loops, 6))
-        np.add.at(F, self.closed.loop_of, self.W * lam[:, None])
-        return F
+        """World wrench [force; moment about the origin] on each B, shape (n, loops, 6)."""
+        rows = (self.W * lam.reshape(-1, 1)).reshape(self._n, -1, 6)
+        return np.asarray(np.matmul(self._rows.of_loop, rows))
 
-    def body_wrenches(self, lam: Array) -> dict[int, Array]:
-        """World wrenches of the closures by joint: +W on B, -W on A."""
-        total = {int(body): np.zeros(6) for body in self.closed.bodies}
-        for k, wrench in enumerate(self.wrenches(lam)):
-            total[int(self.closed.bodies[self._loops + k])] += wrench
-            total[int(self.closed.bodies[k])] -= wrench
-        return total
+    def loop_wrenches(self, lam: Array) -> Array:
+        """Wrench on each B about the origin of frame b, in the world, shape (n, loops, 6)."""
+        out = self.wrenches(lam)
+        origin = self.frames_b[:, :, 3].reshape(self._n, -1, 3)
+        out[..., 3:] -= np.cross(origin, out[..., :3])
+        return out
 
-    def bias(self, V: Array) -> Array:
-        """Jdot V, shape (rows,): needs J and dJ (time variation) current in the data.
+    def sleeves(self, lam: Array) -> Array:
+        """(x, F, M) that sleeves put on their beams at three places, shape (n, sleeves, 3, 7)."""
+        found = [one.forces(lam[k]) for k, one in self._by_state()]
+        return np.array(found).reshape(self._n, len(self._rows.contacts), 3, 7)
+
+    def forces(self, lam: Array, J: Array) -> Array:
+        """J_Q' lam, shape (n, nV), for multipliers (n, rows) and world Jacobians J (n, 6, nV)."""
+        force: Array = (lam[:, None] @ self.jacobian(J))[:, 0]
+        return force
+
+    def bias(self, V: Array, J: Array, dJ: Array, eta_rate: Array) -> Array:
+        """Jdot V, shape (n, rows).
 
         Rows of sleeves add what follows from `eta_rate`, so that cdd = J A + J_eta eta_a + bias.
-        """
-        cl, data = self.closed, self._data
-        twist_a = (cl.support_a * V) @ columns(data.J).T
-        twist_b = (cl.support_b * V) @ columns(data.J).T
-        return self.drift(twist_a, twist_b, (cl.support_b - cl.support_a) * V @ columns(data.dJ).T)
 
-    def drift(self, twist_a: Array, twist_b: Array, turned: Array) -> Array:
-        """`bias` from the world twists of A and B and their relative acceleration, (loops, 6)."""
-        cl, relative = self.closed, twist_b - twist_a
+        Args:
+            V: Shape (n, nV). J, dJ: World Jacobians and their rates, shape (n, 6, nV).
+            eta_rate: Rates of the elastic coordinates, shape (n, n_eta).
+        """
+        cl = self._rows.closed
+        twist_a, twist_b = (
+            ((mask * V[:, None]) @ J.swapaxes(1, 2)).reshape(-1, 6)
+            for mask in (cl.support_a, cl.support_b)
+        )
+        turned = (self._rows.mask * V[:, None] @ dJ.swapaxes(1, 2)).reshape(-1, 6)
+        return self._drift(twist_a, twist_b, turned, eta_rate).reshape(self._n, -1)
+
+    def _drift(self, twist_a: Array, twist_b: Array, turned: Array, eta_rate: Array) -> Array:
+        """`bias` from the world twists of A and B and their relative acceleration, (n loops, 6)."""
+        r, relative = self._rows, twist_b - twist_a
         rate = np.zeros_like(self.W)
         spin_a, spin_b = skew(twist_a[:, 3:]), skew(twist_b[:, 3:])
         p_b = self.frames_b[:, :, 3]
@@ -148,51 +168,51 @@ class ClosureState:
             turn = swept[loop] @ u[:, :, None] + self._arm[loop] @ du[:, :, None]
             rate[rows, 3:] = turn[:, :, 0]
 
-        if len(cl.point_rows):
-            loop = self._point_loop
-            u = self.frames_a[loop, :, cl.point_axes]
-            point(cl.point_rows, loop, u, (spin_a[loop] @ u[:, :, None])[:, :, 0])
-        if len(cl.dot_rows):
-            loop = self._dot_loop
-            e_a = self.frames_a[loop, :, cl.dot_a]
-            e_b = self.frames_b[loop, :, cl.dot_b]
+        if len(r.point_rows):
+            loop = r.point_loop
+            u = self.frames_a[loop, :, r.point_axes]
+            point(r.point_rows, loop, u, (spin_a[loop] @ u[:, :, None])[:, :, 0])
+        if len(r.dot_rows):
+            loop = r.dot_loop
+            e_a = self.frames_a[loop, :, r.dot_a]
+            e_b = self.frames_b[loop, :, r.dot_b]
             de_a = (spin_a[loop] @ e_a[:, :, None])[:, :, 0]
             de_b = (spin_b[loop] @ e_b[:, :, None])[:, :, 0]
-            rate[cl.dot_rows, 3:] = np.cross(de_b, e_a) + np.cross(e_b, de_a)
-        if len(cl.distance_rows):
-            loop = self._distance_loop
-            u = self.gap[loop] / cl.lengths[:, None]
-            du = (v_b - v_a)[loop] / cl.lengths[:, None]
-            point(cl.distance_rows, loop, u, du)
-        drift = np.zeros(cl.n)
-        for one in self.contacts:
-            k = one.loop
-            rate[one.rows], drift[one.rows] = one.bias(
-                spin_a[k], spin_b[k], (v_b - v_a)[k], swept[k], self.gap[k], self.eta,
-                self.eta_rate,
-            )  # fmt: skip
-        loop = cl.loop_of
+            rate[r.dot_rows, 3:] = np.cross(de_b, e_a) + np.cross(e_b, de_a)
+        if len(r.distance_rows):
+            loop = r.distance_loop
+            u = self.gap[loop] / r.lengths[:, None]
+            du = (v_b - v_a)[loop] / r.lengths[:, None]
+            point(r.distance_rows, loop, u, du)
+        drift = np.zeros(len(rate))
+        loops, count = len(r.closed.names), r.closed.n
+        for i, one in self._by_state():
+            k, at = one.loop + i * loops, one.rows + i * count
+            rate[at], drift[at] = one.bias(
+                spin_a[k], spin_b[k], (v_b - v_a)[k], swept[k], self.gap[k], eta_rate[i]
+            )
+        loop = r.loop_of
         total: Array = (rate * relative[loop]).sum(1) + (self.W * turned[loop]).sum(1)
         return total + drift
 
-    def force_tangent(self, lam: Array, times_map: Callable[[Array], Array]) -> Array:
-        """Part of d(J' lam)/dy that Pinocchio's derivatives with fixed local forces miss.
+    def force_tangent(self, lam: Array, J: Array, times_map: Callable[[Array], Array]) -> Array:
+        """Part of d(J' lam)/dy of one state that Pinocchio's derivatives miss.
 
-        The closure force follows frame a in direction and frame b in its point of attack, so in
-        the bodies' own frames it changes with the relative motion of the two.
+        They hold local forces fixed. The closure force follows frame a in direction and frame b in
+        its point of attack, so in the bodies' own frames it changes with their relative motion.
 
         Args:
-            lam: Multipliers, shape (rows,).
+            lam: Multipliers, shape (rows,). J: World Jacobian, shape (6, nV).
             times_map: D (k, nV) to D X (k, nv).
         Returns:
             Shape (nv, nv).
         """
-        cl, J = self.closed, columns(self._data.J)
-        on_a, on_b = np.zeros((self._loops, 6, 6)), np.zeros((self._loops, 6, 6))
-        force = np.zeros((self._loops, 3))
-        np.add.at(force, self._point_loop, self.W[cl.point_rows, :3] * lam[cl.point_rows, None])
-        pull = self.W[cl.distance_rows, :3] * lam[cl.distance_rows, None]
-        np.add.at(force, self._distance_loop, pull)
+        r, loops = self._rows, self._rows.loops
+        on_a, on_b = np.zeros((loops, 6, 6)), np.zeros((loops, 6, 6))
+        force = np.zeros((loops, 3))
+        np.add.at(force, r.point_loop, self.W[r.point_rows, :3] * lam[r.point_rows, None])
+        pull = self.W[r.distance_rows, :3] * lam[r.distance_rows, None]
+        np.add.at(force, r.distance_loop, pull)
         for one in self.contacts:
             force[one.loop] += lam[one.rows] @ self.W[one.rows, :3]
             turned_b, turned_a = one.turning_stiffness(lam)
@@ -203,26 +223,26 @@ class ClosureState:
         on_b[:, 3:, 3:] += arm @ f
         on_a[:, 3:, :3] -= f
         on_a[:, 3:, 3:] += f @ arm
-        for row, loop in zip(cl.distance_rows, self._distance_loop, strict=True):
-            k = lam[row] / cl.lengths[list(cl.distance_rows).index(row)]
+        for row, loop in zip(r.distance_rows, r.distance_loop, strict=True):
+            k = lam[row] / r.lengths[list(r.distance_rows).index(row)]
             move = np.hstack([np.eye(3), -arm[loop]]) * k
             for side in (on_a, on_b):
                 side[loop, :3] += move
                 side[loop, 3:] += arm[loop] @ move
-        if len(cl.dot_rows):
-            loop = self._dot_loop
-            mu = lam[cl.dot_rows, None, None]
-            e_a = skew(self.frames_a[loop, :, cl.dot_a])
-            e_b = skew(self.frames_b[loop, :, cl.dot_b])
+        if len(r.dot_rows):
+            loop = r.dot_loop
+            mu = lam[r.dot_rows, None, None]
+            e_a = skew(self.frames_a[loop, :, r.dot_a])
+            e_b = skew(self.frames_b[loop, :, r.dot_b])
             np.add.at(on_b[:, 3:, 3:], loop, mu * (e_b @ e_a))
             np.add.at(on_a[:, 3:, 3:], loop, mu * (e_a @ e_b))
         n = J.shape[1]
-        J_a = times_map((J * cl.support_a[:, None]).reshape(-1, n)).reshape(self._loops, 6, -1)
-        J_b = times_map((J * cl.support_b[:, None]).reshape(-1, n)).reshape(self._loops, 6, -1)
+        J_a = times_map((J * r.closed.support_a[:, None]).reshape(-1, n)).reshape(loops, 6, -1)
+        J_b = times_map((J * r.closed.support_b[:, None]).reshape(-1, n)).reshape(loops, 6, -1)
         pushed = on_b @ (J_b - J_a), on_a @ (J_b - J_a)
         width = J_a.shape[2]
         total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)
         total -= J_a.reshape(-1, width).T @ pushed[1].reshape(-1, width)
         for one in self.contacts:
-            one.add_tangent(total, lam, (J_b - J_a)[one.loop], self.eta, width - len(self.eta))
+            one.add_tangent(total, lam, (J_b - J_a)[one.loop])
         return total

@@ -49,12 +49,11 @@ def _row(sort: str, direction: str, a: float) -> tuple[int, Array, Array, Array]
     return _PLACE, n0, N, O
 
 
-class ContactState:
-    """The rows of one sleeve, their Jacobians and second derivatives.
+class ContactRows:
+    """The rows of one sleeve: their constants.
 
     Attributes:
-        value: h, shape (rows,). W: By the relative twist at the world origin, (rows, 6).
-        by_eta: dh/deta of the body's coordinates, (rows, n).
+        rows: Among the closure rows. loop: Of the sleeve. eta: Of its beam in the coordinates.
     """
 
     def __init__(self, contact: Contact) -> None:
@@ -63,81 +62,95 @@ class ContactState:
         self.eta = sleeve.eta
         made = [_row(sort, direction, sleeve.half) for sort, direction in sleeve.sorts]
         count = len(made)
-        self._source = np.array([m[0] for m in made], dtype=np.intp)
-        self._n0 = np.array([m[1] for m in made]).reshape(count, 3)
-        self._N = np.array([m[2] for m in made]).reshape(count, 3, _SIZE)
-        self._O = np.array([m[3] for m in made]).reshape(count, _SIZE)
-        self._placed = self._source == _PLACE
-        self._turning = np.flatnonzero(~self._placed)
-        self._at = sleeve.half * np.array([-1.0, 0.0, 1.0])
-        self._n = sleeve.eta.stop - sleeve.eta.start
-        self.X = float("nan")
-        self.value, self.W = np.zeros(count), np.zeros((count, 6))
-        self.by_eta = np.zeros((count, self._n))
+        self.source = np.array([m[0] for m in made], dtype=np.intp)
+        self.n0 = np.array([m[1] for m in made]).reshape(count, 3)
+        self.N = np.array([m[2] for m in made]).reshape(count, 3, _SIZE)
+        self.O = np.array([m[3] for m in made]).reshape(count, _SIZE)
+        self.placed = self.source == _PLACE
+        self.turning = np.flatnonzero(~self.placed)
+        self.places = sleeve.half * np.array([-1.0, 0.0, 1.0])
+        self.n = sleeve.eta.stop - sleeve.eta.start
 
-    def evaluate(self, frame_a: Array, frame_b: Array, arm: Array, eta: Array) -> None:
-        """Place the sleeve.
+    def at(self, frame_a: Array, frame_b: Array, arm: Array, eta: Array) -> ContactState:
+        """The rows at one state.
 
         Args:
             frame_a: Beam frame [R | p], shape (3, 4). frame_b: The sleeve's frame.
             arm: skew(p_b), shape (3, 3). eta: Elastic coordinates of all bodies.
         """
+        return ContactState(self, frame_a, frame_b, arm, eta)
+
+
+class ContactState:
+    """The rows of one sleeve at one state, their Jacobians and second derivatives.
+
+    Attributes:
+        rows, loop, eta: As in `ContactRows`. X: Where on the beam the sleeve is, m.
+        value: h, shape (rows,). W: By the relative twist at the world origin, (rows, 6).
+        by_eta: dh/deta of the body's coordinates, (rows, n).
+    """
+
+    def __init__(
+        self, rows: ContactRows, frame_a: Array, frame_b: Array, arm: Array, eta: Array
+    ) -> None:
+        """As `ContactRows.at`."""
+        self._of, self.rows, self.loop, self.eta = rows, rows.rows, rows.loop, rows.eta
+        self._width = len(eta)
         self._R, self._arm = frame_a[:, :3], arm
         self._axes = frame_b[:, :2].T  # x and y of b in the world
         here = np.vstack([frame_b[:, 3] - frame_a[:, 3], self._axes]) @ self._R
-        X = float(here[0, 0])
-        if X != self.X:  # forces, tangent and bias ask for the same place in turn
-            self.X = X
-            self._tables()
-        mine = eta[self.eta]
-        s = here[self._source]
-        g, self._g_X = self._B @ mine, self._B_X @ mine
-        self._c, normal = self._O, self._n0
-        if len(self._turning):
-            self._c = self._c + np.einsum("ri,rik->rk", s, self._N)
-            normal = normal + self._N @ g
-        self.value = (s * normal).sum(axis=1) + self._O @ g
+        self.X = float(here[0, 0])
+        self._tables()
+        self._mine = eta[self.eta]
+        s = here[rows.source]
+        g, self._g_X = self._B @ self._mine, self._B_X @ self._mine
+        self._c, normal = rows.O, rows.n0
+        if len(rows.turning):
+            self._c = self._c + np.einsum("ri,rik->rk", s, rows.N)
+            normal = normal + rows.N @ g
+        self.value = (s * normal).sum(axis=1) + rows.O @ g
         self.by_eta, self._by_X_eta = self._c @ self._B, self._c @ self._B_X
         self._by_X = self._c @ self._g_X
         self._normal = normal @ self._R.T
         push = self._by_X[:, None] * self._R[:, 0]
-        push[self._placed] += self._normal[self._placed]
+        push[rows.placed] += self._normal[rows.placed]
+        self.W = np.empty((len(push), 6))
         self.W[:, :3], self.W[:, 3:] = push, push @ arm.T
-        if len(self._turning):
-            k = self._turning
-            self.W[k, 3:] += np.cross(self._axes[self._source[k] - 1], self._normal[k])
+        if len(rows.turning):
+            k = rows.turning
+            self.W[k, 3:] += np.cross(self._axes[rows.source[k] - 1], self._normal[k])
 
     def _tables(self) -> None:
         """B and dB/dX, shape (9, n)."""
-        self._B, self._B_X = np.zeros((_SIZE, self._n)), np.zeros((_SIZE, self._n))
-        sleeve = self.contact.sleeve
+        self._B, self._B_X = np.zeros((_SIZE, self._of.n)), np.zeros((_SIZE, self._of.n))
+        sleeve = self._of.contact.sleeve
         for direction, family in sleeve.families.items():
             at = sleeve.columns[direction]
             if direction == "p":
                 F = family.evaluate(np.array([self.X]))
                 self._B[_TWIST, at], self._B_X[_TWIST, at] = F.f[0], F.df[0]
                 continue
-            F, k = family.evaluate(self.X + self._at), _FIRST[direction]
+            F, k = family.evaluate(self.X + self._of.places), _FIRST[direction]
             self._B[k : k + 3, at], self._B_X[k : k + 3, at] = F.f, F.df
             self._B[k + 3, at], self._B_X[k + 3, at] = F.df[1], F.curv[1]
 
-    def _by_XX(self, eta: Array) -> Array:
+    def _by_XX(self) -> Array:
         """d2h/dX2, shape (rows,)."""
-        sleeve, g = self.contact.sleeve, np.zeros(_SIZE)
+        sleeve, g = self._of.contact.sleeve, np.zeros(_SIZE)
         for direction, family in sleeve.families.items():
-            mine = eta[self.eta][sleeve.columns[direction]]
+            mine = self._mine[sleeve.columns[direction]]
             step = _STEP * family.length
             around = family.evaluate(np.array([self.X - step, self.X + step]))
             if direction == "p":
                 g[_TWIST] = np.diff(around.df, axis=0)[0] @ mine / (2.0 * step)
                 continue
             k = _FIRST[direction]
-            g[k : k + 3] = family.evaluate(self.X + self._at).curv @ mine
+            g[k : k + 3] = family.evaluate(self.X + self._of.places).curv @ mine
             g[k + 3] = np.diff(around.curv, axis=0)[0] @ mine / (2.0 * step)
         return np.asarray(self._c @ g)
 
     def bias(
-        self, spin_a: Array, spin_b: Array, v_ab: Array, swept: Array, gap: Array, eta: Array,
+        self, spin_a: Array, spin_b: Array, v_ab: Array, swept: Array, gap: Array,
         rate: Array,
     ) -> tuple[Array, Array]:  # fmt: skip
         """Time derivative of W (rows, 6), and of by_eta times the elastic rates, (rows,).
@@ -145,26 +158,26 @@ class ContactState:
         Args:
             spin_a, spin_b: skew of the frames' angular velocities. v_ab: Velocity of b's origin
                 less that of a's (m/s). swept: skew of b's. gap: b's origin less a's (m).
-            eta, rate: Elastic coordinates and their rates.
+            rate: Of the elastic coordinates.
         """
         R, mine = self._R, rate[self.eta]
         slip = float(R[:, 0] @ v_ab + (spin_a @ R[:, 0]) @ gap)
         g_rate = self._g_X * slip + self._B @ mine
-        s_rate = np.vstack([np.zeros(3), self._axes @ (spin_b - spin_a).T @ R])[self._source]
-        c_rate = np.einsum("ri,rik->rk", s_rate, self._N)
+        s_rate = np.vstack([np.zeros(3), self._axes @ (spin_b - spin_a).T @ R])[self._of.source]
+        c_rate = np.einsum("ri,rik->rk", s_rate, self._of.N)
         swing = self._by_X_eta @ mine
         drift = swing * slip + c_rate @ (self._B @ mine)
-        grow = self._by_XX(eta) * slip + swing + c_rate @ self._g_X
+        grow = self._by_XX() * slip + swing + c_rate @ self._g_X
         out = np.zeros_like(self.W)
         along = spin_a @ R[:, 0]
         push = grow[:, None] * R[:, 0] + self._by_X[:, None] * along
-        n_rate = self._normal @ spin_a.T + (self._N @ g_rate) @ R.T
-        push[self._placed] += n_rate[self._placed]
+        n_rate = self._normal @ spin_a.T + (self._of.N @ g_rate) @ R.T
+        push[self._of.placed] += n_rate[self._of.placed]
         out[:, :3] = push
         out[:, 3:] = self.W[:, :3] @ swept.T + push @ self._arm.T
-        if len(self._turning):
-            k = self._turning
-            e = self._axes[self._source[k] - 1]
+        if len(self._of.turning):
+            k = self._of.turning
+            e = self._axes[self._of.source[k] - 1]
             out[k, 3:] += np.cross(e @ spin_b.T, self._normal[k]) + np.cross(e, n_rate[k])
         return out, drift
 
@@ -174,31 +187,31 @@ class ContactState:
         Args:
             lam: Multipliers of all closure rows.
         """
-        k = self._turning
-        e, n = skew(self._axes[self._source[k] - 1]), skew(self._normal[k])
+        k = self._of.turning
+        e, n = skew(self._axes[self._of.source[k] - 1]), skew(self._normal[k])
         weights = lam[self.rows[k], None, None]
         return (weights * (e @ n)).sum(axis=0), (weights * (n @ e)).sum(axis=0)
 
-    def add_tangent(self, total: Array, lam: Array, J_rel: Array, eta: Array, start: int) -> None:
+    def add_tangent(self, total: Array, lam: Array, J_rel: Array) -> None:
         """Add what the moving contact changes in J' lam.
 
         Args:
             total: d(J' lam)/dy, shape (nv, nv). lam: Multipliers of all closure rows.
             J_rel: Relative twist of b to a by v, shape (6, nv).
-            eta: Elastic coordinates of all bodies. start: Where they begin in v.
         """
         push, x = lam[self.rows], self._R[:, 0]
         slip = np.concatenate([x, self._arm @ x]) @ J_rel
-        total += float(push @ self._by_XX(eta)) * np.outer(slip, slip)
+        total += float(push @ self._by_XX()) * np.outer(slip, slip)
+        start = len(total) - self._width  # where the elastic coordinates begin in v
         at = slice(start + self.eta.start, start + self.eta.stop)
         cross = np.outer(slip, push @ self._by_X_eta)
-        if len(self._turning):
-            k = self._turning
-            moved = -self._R.T @ skew(self._axes[self._source[k] - 1]) @ J_rel[3:]
-            pulled = np.einsum("r,riv,rik->vk", push[k], moved, self._N[k])
+        if len(self._of.turning):
+            k = self._of.turning
+            moved = -self._R.T @ skew(self._axes[self._of.source[k] - 1]) @ J_rel[3:]
+            pulled = np.einsum("r,riv,rik->vk", push[k], moved, self._of.N[k])
             total += np.outer(pulled @ self._g_X, slip) + np.outer(slip, pulled @ self._g_X)
             cross += pulled @ self._B
-        if self._n:
+        if self._of.n:
             total[:, at] += cross
             total[at] += cross.T
 
@@ -211,7 +224,7 @@ class ContactState:
         push = lam[self.rows]
         on = push @ self._c
         out = np.zeros((3, 7))
-        out[:, 0] = self.X + self._at
+        out[:, 0] = self.X + self._of.places
         out[1, 1] = -push @ self._by_X
         out[:, 2], out[:, 3] = on[0:3], on[4:7]
         out[1, 4], out[1, 5], out[1, 6] = on[_TWIST], -on[7], on[3]
@@ -223,7 +236,7 @@ class ContactState:
         Args:
             name: Of the loop. where: Name of the model. t: Time (s), if there is one.
         """
-        sleeve = self.contact.sleeve
+        sleeve = self._of.contact.sleeve
         ends = (self.X - sleeve.half, self.X + sleeve.half)
         # An end may stand on an end of the beam, up to what closing the loops leaves.
         slack = 1e-9 * sleeve.length

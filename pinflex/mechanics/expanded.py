@@ -32,7 +32,6 @@ class Interface:
     x: float
     attachment: Attachment
     force_rows: IntArray
-    moment_rows: IntArray
     turns: tuple[int, ...]
 
 

@@ -235,10 +235,9 @@ class _Assembler:
         slide = self._rows(joint)
         self._map(slot, slide, Phi[:3], None if G is None else G[:3])
         joint, turned = self._turn(joint, slot, Phi[3:], None if G is None else G[3:])
-        rows = np.array([row for _, row in turned], dtype=np.intp)
         turns = tuple(direction for direction, _ in turned)
         x = float(place[0])
-        return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, rows, turns)
+        return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, turns)
 
     def _slide(self, root: Attachment, place: Array) -> int:
         placement = root.placement * pin.SE3(np.eye(3), place)

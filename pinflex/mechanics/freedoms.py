@@ -30,7 +30,7 @@ from pinflex.description.loops import Loop
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.poses import skew
+from pinflex.mechanics.poses import skew, support
 
 INDEPENDENT = 1e-8  # of the largest: as closure rows that count
 _STILL = 1e-7  # of the mechanism's size, for a motion of size one: closed loops leave 1e-12
@@ -131,11 +131,7 @@ class Freedoms:
 
     def _twists(self, joint: int, N: Array) -> Array:
         """World twist at the origin [v; w] of a joint's body in each motion, shape (6, k)."""
-        support = np.zeros(int(self._model.nv))
-        for above in list(self._model.supports[joint])[1:]:
-            step = self._model.joints[above]
-            support[step.idx_v : step.idx_v + step.nv] = 1.0
-        return np.asarray((self._all * support) @ N)
+        return np.asarray((self._all * support(self._model, joint)) @ N)
 
     def _interfaces(self, closed: Closures) -> list[tuple[int, int, tuple[Array, Array]]]:
         """Pairs of bodies with the points in the world at which they hang on each other."""

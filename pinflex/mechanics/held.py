@@ -11,7 +11,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
 from pinflex.linalg import independent_rows
 from pinflex.mechanics import assembly
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, Idle, allowed
 from pinflex.mechanics.system import Springs, System
 
@@ -54,7 +54,7 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
     locked = np.unique(np.concatenate([system.motors, system.held, base])).astype(np.intp)
     frames, found = system.expansion.frames, Idle()
     if len(locked) + system.closed.n < system.nv:
-        J = Dynamics(system).close(home)[1].copy() if system.closed.n else np.zeros((0, system.nv))
+        J = Equations(system).close(home)[1].copy() if system.closed.n else np.zeros((0, system.nv))
         named = [*description.frames, *(force.frame for force in description.forces)]
         named += [f for spring in description.springs for f in (spring.frame_a, spring.frame_b)]
         still = None if description.platform is None else frames[description.platform]
@@ -75,5 +75,5 @@ def at_rest(system: System, description: Description, home: Array, names: Sequen
             moved[at : at + 1 + s.paired[k]] = (np.cos(rest), np.sin(rest)) if s.paired[k] else rest
     if np.array_equal(moved, home) or not system.closed.n:
         return moved
-    pose, size = assembly.close_loops(Dynamics(system), moved, system.free)
+    pose, size = assembly.close_loops(Equations(system), moved, system.free)
     return pose if size < 10 * assembly.CLOSED else home

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.external import FrameForce, FrameSpring
 from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.poses import columns, skew
+from pinflex.mechanics.poses import skew, support
 
 Times = Callable[[Array], Array]
 
@@ -52,15 +52,29 @@ def loads(
     )
 
 
-class LoadState:
-    """Loads evaluated at one configuration (joint Jacobians and poses must be current)."""
+class LoadRows:
+    """Loads of one model, ready to be evaluated: with the velocity rows that move their joints."""
 
-    def __init__(self, given: Loads, model: pin.Model, data: pin.Data) -> None:
-        self._given, self._data = given, data
-        self._support = {
-            place.joint: _support(model, place.joint)
+    def __init__(self, given: Loads, model: pin.Model) -> None:
+        self.given = given
+        self.support = {
+            place.joint: support(model, place.joint)
             for places in [(p,) for _, p in given.forces] + [(a, b) for _, a, b in given.springs]
             for place in places
+        }
+
+    def at(self, poses: Array, J: Array) -> LoadState:
+        """The loads at joint poses (joints, 12), see `JointPoses`, and world Jacobians (6, nV)."""
+        return LoadState(self, poses, J)
+
+
+class LoadState:
+    """Loads at one configuration: a value, made by `LoadRows.at`."""
+
+    def __init__(self, rows: LoadRows, poses: Array, J: Array) -> None:
+        self._given, self._support, self._J = rows.given, rows.support, J
+        self._pose = {
+            joint: (poses[joint, :9].reshape(3, 3).T, poses[joint, 9:]) for joint in rows.support
         }
 
     def wrenches(self, V: Array, t: float) -> dict[int, Array]:
@@ -80,10 +94,9 @@ class LoadState:
 
     def generalized(self, V: Array, t: float) -> Array:
         """Generalised forces J' W at time t (s), shape (nV,)."""
-        J = columns(self._data.J)
-        f = np.zeros(J.shape[1])
+        f = np.zeros(self._J.shape[1])
         for joint, wrench in self.wrenches(V, t).items():
-            f += self._support[joint] * (wrench @ J)
+            f += self._support[joint] * (wrench @ self._J)
         return f
 
     def energy(self, t: float) -> float:
@@ -110,7 +123,7 @@ class LoadState:
 
         The change of a damper's direction with its speed is left out (zero at rest).
         """
-        J = columns(self._data.J)
+        J = self._J
         lifted = {joint: times_map(J * mask) for joint, mask in self._support.items()}
         width = next(iter(lifted.values())).shape[1]
         out = np.zeros((width, width))
@@ -129,7 +142,7 @@ class LoadState:
 
     def stiffness(self, times_map: Times) -> Array:
         """Stiffness of the springs along their lines, shape (nv, nv)."""
-        J = columns(self._data.J)
+        J = self._J
         rows = []
         for spring, a, b in self._given.springs:
             p_a, p_b = self._point(a), self._point(b)
@@ -170,12 +183,13 @@ class LoadState:
         scale = force.scale(t)
         F, M = scale * np.array(force.force), scale * np.array(force.moment)
         if force.follower:
-            R = self._data.oMi[place.joint].rotation @ place.placement.rotation
+            R = self._pose[place.joint][0] @ place.placement.rotation
             F, M = R @ F, R @ M
         return self._point(place), F, M
 
     def _point(self, place: Attachment) -> Array:
-        return np.asarray(self._data.oMi[place.joint].act(place.placement.translation))
+        R, p = self._pose[place.joint]
+        return np.asarray(R @ place.placement.translation + p)
 
     def _tension(
         self,
@@ -192,19 +206,10 @@ class LoadState:
         u = d / max(length, 1e-300)
         rate = 0.0
         if V is not None and spring.damper:
-            twist_a = columns(self._data.J) @ (self._support[a.joint] * V)
-            twist_b = columns(self._data.J) @ (self._support[b.joint] * V)
+            twist_a = self._J @ (self._support[a.joint] * V)
+            twist_b = self._J @ (self._support[b.joint] * V)
             v_a = twist_a[:3] + np.cross(twist_a[3:], p_a)
             v_b = twist_b[:3] + np.cross(twist_b[3:], p_b)
             rate = float(u @ (v_b - v_a))
         pull = spring.stiffness * (length - spring.length) + spring.damper * rate
         return length, u, pull, rate
-
-
-def _support(model: pin.Model, joint: int) -> Array:
-    support = np.zeros(model.nv)
-    for above in model.supports[joint]:
-        if above:
-            step = model.joints[above]
-            support[step.idx_v : step.idx_v + step.nv] = 1.0
-    return support

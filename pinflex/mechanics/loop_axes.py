@@ -9,15 +9,14 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.loops import ALONG, Loop, loop_kind
 from pinflex.mechanics.closure import axis_frame
-from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.poses import columns
+from pinflex.mechanics.equations import Equations
 
 _PARALLEL = 1e-6  # sine of the angle of two axes below which they are parallel
 _TURNED = 1e-2  # sine of the angle from which a loop's axis is another one
 _SHOWN = 4  # joints listed before "..."
 
 
-def axis_hint(dynamics: Dynamics, loops: Sequence[Loop], pose: Array) -> str:
+def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
     """A sentence for each hinge of a loop whose axis crosses those of all its hinged neighbours.
 
     Args:
@@ -25,10 +24,11 @@ def axis_hint(dynamics: Dynamics, loops: Sequence[Loop], pose: Array) -> str:
     Returns:
         Text with a space before it, or "".
     """
-    dynamics.close(pose)
-    system, state = dynamics.system, dynamics.closed
+    at, system = dynamics.kinematics(pose), dynamics.system
+    state = at.closed
+    assert state is not None
     closed, model = system.closed, system.rigid
-    turning = columns(dynamics.data.J)[3:]
+    turning = at.J[0, 3:]
     hinged = {
         joint.idx_v: name
         for joint, name in zip(model.joints[1:], model.names[1:], strict=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 # p @ _TIMES gives the 4x4 matrix of a product from the left by each quaternion p.
 _TIMES = np.array(
@@ -29,7 +29,7 @@ class Manifold:
         turning: Whether some joint turns in space, so that its rates are not those of its move.
     """
 
-    def __init__(self, dynamics: Dynamics, told: Sequence[int] | IntArray = ()) -> None:
+    def __init__(self, dynamics: Equations, told: Sequence[int] | IntArray = ()) -> None:
         """`told`: rows of single-axis joints whose coordinates the caller writes."""
         self._dynamics = dynamics
         joints = [j for j in dynamics.system.rigid.joints[1:] if j.nv]

@@ -17,6 +17,12 @@ SKEW = np.array(
     dtype=float,
 ).reshape(3, 9)
 
+# [p_a, p_b] @ LEVERS gives, row by row, [p_b - p_a | (p_b x (.))'], the 3x4 matrix of a closure.
+_LEVERS = np.zeros((6, 3, 4))
+_LEVERS[:3, :, 0], _LEVERS[3:, :, 0] = -np.eye(3), np.eye(3)
+_LEVERS[3:, :, 1:] = SKEW.reshape(3, 3, 3).swapaxes(1, 2)
+LEVERS = _LEVERS.reshape(6, 12)
+
 
 def skew(p: Array) -> Array:
     """Matrices of p x (.), shape (n, 3, 3), for p of shape (n, 3)."""
@@ -55,7 +61,36 @@ class JointPoses:
         if not self._direct:
             self.block[:] = self._copied()
 
+    def current(self) -> Array:
+        """The poses as they are now, shape (joints, 12): read, or copied, before the next call."""
+        self.refresh()
+        return self.block
+
 
 def columns(jacobian: Array) -> Array:
     """A (6, nV) matrix, also where Pinocchio hands a single column over as a vector."""
     return jacobian if jacobian.ndim == 2 else jacobian.reshape(6, 1)
+
+
+def as_matrices(poses: Array) -> Array:
+    """Poses [R | p], shape (..., 3, 4), of poses (..., 12)."""
+    columns_of = poses.reshape(*poses.shape[:-1], 4, 3)
+    return np.ascontiguousarray(columns_of.swapaxes(-1, -2))
+
+
+def local_wrench(poses: Array, wrench: Array) -> Array:
+    """World wrenches about the origin (..., 6), in the joint frames of poses (..., 12) instead."""
+    turned = poses[..., :9].reshape(*poses.shape[:-1], 3, 3)  # columns first
+    both = wrench.reshape(*wrench.shape[:-1], 2, 3)
+    arm = (poses[..., 9:] @ SKEW).reshape(turned.shape)  # p x (.)
+    both[..., 1, :] -= (arm @ both[..., 0, :, None])[..., 0]
+    return np.asarray((both @ turned.swapaxes(-1, -2)).reshape(wrench.shape))
+
+
+def support(model: pin.Model, joint: int) -> Array:
+    """1 for the velocity rows that move a joint, else 0, shape (nV,)."""
+    found = np.zeros(int(model.nv))
+    for above in list(model.supports[joint])[1:]:  # the first is the world
+        step = model.joints[above]
+        found[step.idx_v : step.idx_v + step.nv] = 1.0
+    return found

@@ -26,11 +26,11 @@ from pinflex.description.description import Description
 from pinflex.description.motion import Motion, from_spec
 from pinflex.errors import PinflexError
 from pinflex.linalg import null_space
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.planes import LeftOut, undecided
-from pinflex.mechanics.structure import structural_stiffness
 from pinflex.mechanics.system import System
 from pinflex.mechanics.tree import Link
 
@@ -136,12 +136,11 @@ class _Look:
     """A system at home in linear statics, motors locked; what is free to move is held."""
 
     def __init__(self, system: System, home: Array) -> None:
-        self.dynamics = dynamics = Dynamics(system)
+        self.dynamics = dynamics = Equations(system)
         self.system, self.n = system, int(system.rigid.nv)
         self.y = np.concatenate([home, np.zeros(system.n_eta)])
-        self.K = structural_stiffness(dynamics, self.y)
-        looped = dynamics.looped
-        self.J = dynamics.close(self.y)[1] if looped else np.zeros((0, system.nv))
+        self.K = dynamics.structural_stiffness(self.y)
+        self.J = dynamics.close(self.y).J
         # Rows of unit stiffness: stretch is 1e6 times stiffer than bending.
         self.scale = np.ones(system.nv)
         stiff = np.flatnonzero(np.diag(self.K)[self.n :] > 0) + self.n
@@ -190,13 +189,7 @@ class _Look:
 
     def jacobian(self, place: Attachment) -> Array:
         """Of a frame's origin and its rotation, world axes, shape (6, nv)."""
-        d = self.dynamics
-        d.place(self.y)
-        pin.computeJointJacobians(d.model, d.data, d.Q)
-        J: Array = pin.getFrameJacobian(
-            d.model, d.data, place.joint, place.placement, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
-        return d.times_map(J.reshape(6, -1))
+        return frame_jacobian(self.dynamics, self.y, place)
 
     def at_rest(self) -> Array:
         """Generalised forces of gravity, loads and tensioned springs, shape (nv,)."""
@@ -205,16 +198,16 @@ class _Look:
     def moving(self, v: Array) -> Array:
         """The same, with the inertia forces of speeds v (dampers left out)."""
         no_lam, still = np.zeros(self.system.closed.n), np.zeros(self.system.nv)
-        r = self.dynamics.residual(self.y, v, still, no_lam, 0.0)
+        r, _ = self.dynamics.residual(self.y, v, still, no_lam, 0.0)
         return np.asarray(self.system.D @ v - r)
 
     def falling(self) -> Array:
         """Generalised forces of a unit gravity along x, y and z, shape (nv, 3)."""
         d = self.dynamics
-        d.place(self.y)
-        J = pin.jacobianCenterOfMass(d.model, d.data, d.Q)
+        here = d.at(self.y)
+        J = pin.jacobianCenterOfMass(d.model, d.data, here.Q[0])
         mass = sum(inertia.mass for inertia in d.model.inertias)
-        return np.asarray(mass * d.times_map(np.array(J)).T)
+        return np.asarray(mass * here.times_map(np.array(J)).T)
 
 
 def _frames(
@@ -240,7 +233,7 @@ def _load_cases(description: Description, look: _Look) -> Iterator[tuple[str, Ar
             W = np.concatenate([force.force, force.moment])
             J = look.jacobian(place)
             if force.follower:
-                pose = look.dynamics.data.oMi[place.joint] * place.placement
+                pose = frame_pose(look.dynamics, look.y, place)
                 W = np.kron(np.eye(2), pose.rotation) @ W
             yield f"load {force.name}", J.T @ W, ""
     M, J = look.dynamics.mass(look.y)[:, :n], look.J[:, :n]

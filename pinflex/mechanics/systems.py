@@ -16,7 +16,7 @@ from pinflex.mechanics import assembly
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble
 from pinflex.mechanics.closure import Closures, closures
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.held import at_rest, elastic_rows, idle_of
@@ -80,7 +80,7 @@ def rigid_system(
         model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed
     )  # fmt: skip
     system = replace(system, closed=_with_lengths(system, guess))
-    dynamics = Dynamics(system)
+    dynamics = Equations(system)
     where = f"{description.name}: home"
     closed = Closed(guess, 0)
     if every.n:
@@ -102,10 +102,9 @@ def rigid_system(
         rows = np.concatenate([kept, every.n + np.arange(spun)])
         system = replace(system, closed=both.select(rows))
     system = replace(system, held=np.union1d(elastic, idle.held).astype(np.intp))
-    dynamics = Dynamics(system)
+    dynamics = Equations(system)
     if every.n:
-        dynamics.close(home)
-        dynamics.closed.require_on_beams(where)
+        dynamics.require_on_beams(home, where)
     sigma = float("nan")
     if every.n:
         if redundant:
@@ -173,7 +172,7 @@ def flexible_system(
     )  # fmt: skip
     J = np.zeros((0, n + m))
     if every.n:
-        _, J = Dynamics(system).close(np.concatenate([home, np.zeros(m)]))
+        _, J = Equations(system).close(np.concatenate([home, np.zeros(m)]))
     kept, redundant = assembly.independent_rows(J, every.labels)
     spun = len(idle.spins)
     own = spun + len(coupled)
@@ -195,12 +194,12 @@ def _with_lengths(system: System, guess: Array) -> Closures:
     closed = system.closed
     if not np.any(np.isnan(closed.lengths)):
         return closed
-    dynamics = Dynamics(
+    dynamics = Equations(
         replace(system, closed=replace(closed, lengths=np.ones(len(closed.lengths))))
     )
-    dynamics.close(guess)
-    loops = closed.loop_of[closed.distance_rows]
-    measured = np.linalg.norm(dynamics.closed.gap[loops], axis=1)
+    placed = dynamics.kinematics(guess).closed
+    assert placed is not None
+    measured = np.linalg.norm(placed.gap[closed.loop_of[closed.distance_rows]], axis=1)
     lengths = np.where(np.isnan(closed.lengths), measured, closed.lengths)
     if np.any(lengths < 1e-12):
         raise DescriptionError("loops: a distance of zero. Use kind: spherical for a common point.")
@@ -209,14 +208,16 @@ def _with_lengths(system: System, guess: Array) -> Closures:
 
 def _refuse_singular_home(
     description: Description,
-    dynamics: Dynamics,
+    dynamics: Equations,
     home: Array,
     redundant: Sequence[str],
     every: Closures,
     kept: IntArray,
 ) -> None:
     """Rows that are dependent only at home, not beside it, mean that home itself is singular."""
-    full = Dynamics(replace(dynamics.system, closed=replace(every, lengths=_fill(dynamics, every))))
+    full = Equations(
+        replace(dynamics.system, closed=replace(every, lengths=_fill(dynamics, every)))
+    )
     _, J = dynamics.close(home)
     _, _, Vt = np.linalg.svd(J) if len(J) else (None, None, np.eye(dynamics.n_rigid))
     for motion in Vt[len(J) :]:
@@ -236,7 +237,7 @@ def _refuse_singular_home(
             )
 
 
-def _fill(dynamics: Dynamics, every: Closures) -> Array:
+def _fill(dynamics: Equations, every: Closures) -> Array:
     closed = dynamics.system.closed
     by_loop = {
         int(closed.loop_of[row]): length

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 # J is differentiated along the nominal motion over this time, s: its error, the square of it
@@ -32,7 +32,7 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     path, names = run.path, mechanism.description.reported
     if path is None or not names:
         return {}
-    dynamics, system = Dynamics(run.system), run.system
+    dynamics, system = Equations(run.system), run.system
     frames = [dynamics.model.getFrameId(name, pin.FrameType.BODY) for name in names]
     m = int(system.rigid.nv)
     error = np.empty((3, len(run.t), len(names), 6))
@@ -61,12 +61,12 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     }
 
 
-def _jacobians(dynamics: Dynamics, y: Array, frames: list[int]) -> Array:
+def _jacobians(dynamics: Equations, y: Array, frames: list[int]) -> Array:
     """World-aligned Jacobians of frames in minimal coordinates, shape (frames, 6, nv)."""
     model, data = dynamics.model, dynamics.data
-    dynamics.place(y)
-    pin.computeJointJacobians(model, data, dynamics.Q)
+    here = dynamics.at(y)
+    pin.computeJointJacobians(model, data, here.Q[0])
     pin.updateFramePlacements(model, data)
     aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     rows = np.vstack([pin.getFrameJacobian(model, data, frame, aligned) for frame in frames])
-    return dynamics.times_map(rows).reshape(len(frames), 6, -1)
+    return here.times_map(rows).reshape(len(frames), 6, -1)

@@ -10,13 +10,12 @@ import pinocchio as pin
 from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.stacked import Stacked, spans
+from pinflex.mechanics.poses import as_matrices
 from pinflex.text import brief
-
-TOGETHER = 64  # samples at a time: numpy's price for a call is spread, little memory is needed
 
 
 @dataclass(frozen=True)
@@ -41,35 +40,22 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
         mechanism: Mechanism that was solved.
         run: Its states.
     """
-    dynamics, nt = Dynamics(run.system), len(run.t)
-    model, data, here = dynamics.model, dynamics.data, dynamics.closed.poses
+    dynamics, nt = Equations(run.system), len(run.t)
+    model, data, here = dynamics.model, dynamics.data, dynamics.poses
     reported = mechanism.description.reported
     frames = {name: run.system.expansion.frames[name] for name in reported}
-    poses, energy = np.empty((nt, model.njoints, 3, 4)), np.zeros((nt, 4))
+    poses = np.empty((nt, model.njoints, 3, 4))
     rates = {frame.joint: np.empty((nt, 2, 6)) for frame in frames.values()}
-    stacked = Stacked(dynamics, min(nt, TOGETHER))
-    for at in spans(nt, TOGETHER):
-        Q, V, A, _ = stacked.expanded(run.y[at], run.v[at], run.a[at])
-        for k, (q, v, a) in enumerate(zip(Q, V, A, strict=True), start=at.start):
+    for s in spans(nt):
+        at = dynamics.at(run.y[s], run.v[s], run.a[s])
+        for k, (q, v, a) in enumerate(zip(at.Q, at.V, at.A, strict=True), start=s.start):
             pin.forwardKinematics(model, data, q, v, a)
             here.refresh()
             poses[k, :, :, :3], poses[k, :, :, 3] = here.rotation, here.translation
             for joint, table in rates.items():
                 table[k] = data.v[joint].vector, data.a[joint].vector
-            energy[k, 0] = pin.computeKineticEnergy(model, data)
-            energy[k, 1] = pin.computePotentialEnergy(model, data)
-            if dynamics.loaded:
-                energy[k, 3] = dynamics.loads.energy(float(run.t[k]))
-    eta = run.y[:, dynamics.nq_rigid :]
-    energy[:, 2] = dynamics.elastic_energy(eta)
-    if dynamics.sprung:
-        s = run.system.springs
-        stretch = np.array([dynamics.spring_angles(y) for y in run.y]) - s.rest
-        energy[:, 3] += 0.5 * stretch**2 @ s.stiffness
-    arrays = {
-        f"energy/{name}": energy[:, k]
-        for k, name in enumerate(("kinetic", "gravity", "elastic", "spring"))
-    }
+    energies = dynamics.energies(run.y, run.v, run.t)
+    arrays = {f"energy/{name}": x for name, x in energies._asdict().items()}
     for name, frame in frames.items():
         found = _frame(poses[:, frame.joint], rates[frame.joint], frame.placement)
         keys = ("position", "rotation", "velocity", "acceleration")
@@ -103,14 +89,8 @@ def joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
         mechanism: Mechanism that was solved.
         path: Motion of the rigid mechanism.
     """
-    dynamics = Dynamics(mechanism.rigid)
-    model, here = dynamics.model, dynamics.closed.poses
-    poses = np.empty((len(path.t), model.njoints, 3, 4))
-    for k, q in enumerate(path.q):
-        pin.forwardKinematics(model, dynamics.data, q)
-        here.refresh()
-        poses[k, :, :, :3], poses[k, :, :, 3] = here.rotation, here.translation
-    return poses
+    dynamics = Equations(mechanism.rigid)
+    return as_matrices(dynamics.joint_poses(path.q))
 
 
 def pose_of(poses: Array, here: Attachment) -> Array:

@@ -8,8 +8,8 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.integrators.run import Run
-from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.loads import Loads, LoadState
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.loads import LoadRows, Loads
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import columns
 from pinflex.recovery.kinematics import joint_poses
@@ -93,7 +93,7 @@ def shaking_of(run: Run) -> Array:
     Weight, external loads and inertia of all that moves, motors' reactions included:
     -(dh/dt - gravity - loads). A rotor's own spin counts as inertia about its joint's axis.
     """
-    dynamics = Dynamics(run.system)
+    dynamics = Equations(run.system)
     out = np.empty((len(run.t), 6))
     for k in range(len(run.t)):
         y, v = run.acting(k)
@@ -101,22 +101,22 @@ def shaking_of(run: Run) -> Array:
     return out
 
 
-def _from_ground(dynamics: Dynamics, y: Array, v: Array, a: Array, t: float) -> Array:
+def _from_ground(dynamics: Equations, y: Array, v: Array, a: Array, t: float) -> Array:
     """Wrench about the origin that the moving bodies need from the ground at t, shape (6,)."""
     model, data = dynamics.model, dynamics.data
-    dynamics.place(y)
-    V, A = dynamics.expand_motion(v, a)
-    pin.computeCentroidalMomentumTimeVariation(model, data, dynamics.Q, V, A)
+    here = dynamics.at(y, v, a)
+    Q, V, A = here.Q[0], here.V[0], here.A[0]
+    pin.computeCentroidalMomentumTimeVariation(model, data, Q, V, A)
     mass, center = float(pin.computeTotalMass(model)), data.com[0]
     force = data.dhg.linear - mass * model.gravity.linear
     moment = data.dhg.angular + np.cross(center, force)
-    pin.computeJointJacobians(model, data, dynamics.Q)
+    pin.computeJointJacobians(model, data, Q)
     axes = columns(data.J)[3:]  # zero for joints that slide
     moment = moment + axes @ (model.armature * A)
     wrench = np.concatenate([force, moment])
     given = dynamics.system.loads.forces
     if given:
-        loads = LoadState(Loads(given, ()), model, data)
+        loads = LoadRows(Loads(given, ()), model).at(dynamics.poses.current(), columns(data.J))
         for joint, load in loads.wrenches(V, t).items():
             wrench -= load if joint else 0.0 * load
     return wrench

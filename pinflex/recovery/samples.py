@@ -25,7 +25,7 @@ class Samples:
     @cached_property
     def forces(self) -> Forces:
         """Expanded forces, and those of joints, loops and sleeves."""
-        return forces(self.mechanism, self.run, self.kinematics.poses)
+        return forces(self.mechanism, self.run)
 
     def interface_load(self, joint: int, rows: IntArray) -> tuple[Array, Array]:
         """Force and moment, in the beam frame, that what hangs on an interface needs."""

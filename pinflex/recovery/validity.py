@@ -15,12 +15,10 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.integrators.run import Run
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
-from pinflex.mechanics.stacked import Stacked, spans
-from pinflex.recovery.kinematics import TOGETHER
 from pinflex.text import brief
 
 # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
@@ -70,7 +68,7 @@ def monitors(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dic
     if not run.system.n_eta:
         return {}
     rates = _angular_speeds(run)
-    M = Dynamics(run.system).mass(run.y[0])
+    M = Equations(run.system).mass(run.y[0])
     ends = {}
     for slot in run.system.expansion.slots:
         if id(slot.body) not in ends:
@@ -155,17 +153,15 @@ def _stiffness(part: FlexiblePart) -> float | None:
 def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
     """Some instants (n,), and the angular speeds (n,) then of the joints that carry a body."""
     every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
-    dynamics = Dynamics(run.system)
+    dynamics = Equations(run.system)
     model, data = dynamics.model, dynamics.data
     turning = {s.root.joint: np.zeros((len(every), 3)) for s in run.system.expansion.slots}
     y, v = run.y[every], run.v[every]
-    stacked = Stacked(dynamics, min(len(every), TOGETHER))
-    for at in spans(len(every), TOGETHER):
-        Q, V, _, _ = stacked.expanded(y[at], v[at], np.zeros_like(v[at]))
-        for k in range(at.start, at.stop):
-            pin.forwardKinematics(model, data, Q[k - at.start], V[k - at.start])
-            for joint, rate in turning.items():
-                rate[k] = data.v[joint].angular
+    here = dynamics.at(y, v, np.zeros_like(v))
+    for k, (Q, V) in enumerate(zip(here.Q, here.V, strict=True)):
+        pin.forwardKinematics(model, data, Q, V)
+        for joint, rate in turning.items():
+            rate[k] = data.v[joint].angular
     return run.t[every], {joint: np.linalg.norm(w, axis=1) for joint, w in turning.items()}
 
 

@@ -12,7 +12,7 @@ from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import independent_rows
 from pinflex.mechanics.assembly import RANK
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.solver.scene import Progress, Scene, default_step
 from pinflex.solver.tolerance import solve_to_tolerance
 
@@ -79,7 +79,7 @@ def _require_one_answer(scene: Scene) -> None:
     torque, rigid = spec.drive == "torque", spec.level == "ked" and not mechanism.compliant
     if len(system.motors) <= mobility or torque or rigid or not system.closed.n:
         return
-    J = Dynamics(system).close(mechanism.undeformed())[1][:, system.free]
+    J = Equations(system).close(mechanism.undeformed())[1][:, system.free]
     rank = len(independent_rows(J, RANK))
     if rank == len(J):
         return

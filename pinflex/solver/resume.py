@@ -10,7 +10,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.newton import Step
 from pinflex.integrators.run import Run
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 
@@ -55,10 +55,10 @@ def stored(mechanism: Mechanism, result: Result) -> Run:
 
 def _balanced(run: Run) -> bool:
     """Whether the last state satisfies the equations of motion and the closures."""
-    dynamics, system = Dynamics(run.system), run.system
+    dynamics, system = Equations(run.system), run.system
     y, v, a, lam = run.y[-1], run.v[-1], run.a[-1], run.lam[-1]
-    r = dynamics.residual(y, v, a, lam, float(run.t[-1]))
-    open_by = float(np.max(np.abs(dynamics.closed.c), initial=0.0))
+    r, c = dynamics.residual(y, v, a, lam, float(run.t[-1]))
+    open_by = float(np.max(np.abs(c), initial=0.0))
     inertia = dynamics.mass(y) @ a
     scale = max(float(np.max(np.abs(x), initial=0.0)) for x in (inertia, r, run.torque[-1]))
     left = np.append(r[system.free], r[system.motors] - run.torque[-1])

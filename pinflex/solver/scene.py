@@ -30,7 +30,7 @@ from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.speeds import with_speeds
 from pinflex.levels.start import Start, start_from, start_of
 from pinflex.mechanics.cost import require_steps
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.resume import state
 
@@ -95,7 +95,7 @@ class Scene:
             start = Start(self.before.y[-1], self.before.v[-1], begun)
             at = every * (len(self.before.t) - 1)
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
-        dynamics = Dynamics(self._system)  # takes the workspace that the start has given back
+        dynamics = Equations(self._system)  # takes the workspace that the start has given back
         try:
             run = coupled.integrate(
                 self.mechanism, dynamics, (start.y, start.v), path, self._scheme, drive,
@@ -139,7 +139,7 @@ class Scene:
         rows = run.system.motors
         if not len(rows) or (h > _SHORT * float(run.t[-1]) and h > 1e-6):
             return 0.0
-        M = np.abs(Dynamics(run.system).mass(run.y[-1])[rows])
+        M = np.abs(Equations(run.system).mass(run.y[-1])[rows])
         size = float(np.max(np.abs(run.y)))
         return float(np.finfo(float).eps * size / h**2 * np.max(M.sum(axis=1)))
 
@@ -159,7 +159,7 @@ class Scene:
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
         start, drive = self._start, self._drive(t)
-        dynamics = Dynamics(self._system)  # takes the workspace that the start has given back
+        dynamics = Equations(self._system)  # takes the workspace that the start has given back
         path, forces = self._path(t), not self.spec.asked or "torque" in self.spec.asked
         steps: Steps
         if alpha:
@@ -206,7 +206,7 @@ class Scene:
     @cached_property
     def _start(self) -> Start:
         """Found once, however often the scene is run."""
-        dynamics = Dynamics(self._system)
+        dynamics = Equations(self._system)
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
         if isinstance(self.spec.start, str):
             start = start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)

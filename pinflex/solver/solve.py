@@ -29,7 +29,7 @@ from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.recover import result_of
 from pinflex.results.result import Result
@@ -198,7 +198,7 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
         return _as_far_as_it_goes(mechanism, motion, run)
     from pinflex.mechanics.assembly import close_loops
 
-    dynamics, axes = Dynamics(mechanism.rigid), motor_axes(mechanism)
+    dynamics, axes = Equations(mechanism.rigid), motor_axes(mechanism)
     passive = mechanism.rigid.free
     n = int(mechanism.rigid.nq)
     q = np.empty((len(run.t), n))

@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.errors import SceneError
 from pinflex.levels.quasistatic import Equilibrium, linear_statics, rest, unstable_text
 from pinflex.levels.rigid import multipliers
-from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.views import rotation_vector
 from pinflex.text import brief
@@ -67,7 +66,7 @@ def statics(mechanism: Mechanism) -> Statics:
     full, full_reason = _try(lambda: rest(mechanism))
     if full is not None and full.unstable:
         full, full_reason = None, unstable_text("static equilibrium")
-    dynamics = Dynamics(system)
+    dynamics = Equations(system)
     return Statics(
         linear=_sag(mechanism, dynamics, linear, True),
         full=_sag(mechanism, dynamics, full, False),
@@ -82,9 +81,9 @@ def statics(mechanism: Mechanism) -> Statics:
 def rigid_holding(mechanism: Mechanism) -> tuple[Array, Array]:
     """Motor torques at home without elasticity, and the couples that hold the spins of rods."""
     system = mechanism.rigid
-    dynamics, still = Dynamics(system), np.zeros(system.nv)
-    r = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n), 0.0)
-    J = dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
+    dynamics, still = Equations(system), np.zeros(system.nv)
+    r, _ = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n), 0.0)
+    J = dynamics.close(mechanism.home).J
     lam, torque = multipliers(system, J[None], r[None])
     return torque[0], lam[0, lam.shape[1] - len(mechanism.idle.spins) :]
 
@@ -112,29 +111,18 @@ def _holding(mechanism: Mechanism, found: Equilibrium | None) -> tuple[float, ..
 
 
 def _sag(
-    mechanism: Mechanism, dynamics: Dynamics, found: Equilibrium | None, linear: bool
+    mechanism: Mechanism, dynamics: Equations, found: Equilibrium | None, linear: bool
 ) -> Sag | None:
     if found is None or mechanism.description.platform is None:
         return None
     flat = mechanism.undeformed()
     here = mechanism.frame(mechanism.description.platform)
     if linear:  # the differential of the pose, without the second order of its turns
-        still = np.zeros(dynamics.system.nv)
-        dynamics.place(flat)
-        V, _ = dynamics.expand_motion(dynamics.difference(flat, found.y), still)
-        pin.forwardKinematics(dynamics.model, dynamics.data, dynamics.Q, V)
-        R = (dynamics.data.oMi[here.joint] * here.placement).rotation
-        rate = here.placement.actInv(dynamics.data.v[here.joint])
-        return Sag(_triple(R @ rate.linear), _triple(R @ rate.angular))
-    straight, bent = (_pose(dynamics, here, y) for y in (flat, found.y))
+        moved = frame_jacobian(dynamics, flat, here) @ dynamics.difference(flat, found.y)
+        return Sag(_triple(moved[:3]), _triple(moved[3:]))
+    straight, bent = (frame_pose(dynamics, y, here) for y in (flat, found.y))
     turned = rotation_vector((bent.rotation @ straight.rotation.T)[None])[0]
     return Sag(_triple(bent.translation - straight.translation), _triple(turned))
-
-
-def _pose(dynamics: Dynamics, here: Attachment, y: Array) -> pin.SE3:
-    dynamics.place(y)
-    pin.forwardKinematics(dynamics.model, dynamics.data, dynamics.Q)
-    return dynamics.data.oMi[here.joint] * here.placement
 
 
 def _triple(vector: Array) -> tuple[float, float, float]:

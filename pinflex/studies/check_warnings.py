@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
@@ -120,7 +120,7 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
             "Their motions must agree; prescribe the platform's motion instead."
         )
     if mechanism.description.loops:
-        crossed = axis_hint(Dynamics(mechanism.rigid), mechanism.description.loops, mechanism.home)
+        crossed = axis_hint(Equations(mechanism.rigid), mechanism.description.loops, mechanism.home)
         warnings += [crossed.strip()] if crossed else []
     every = dict.fromkeys((*report.redundant, *mechanism.flexible_report.redundant))
     if every:

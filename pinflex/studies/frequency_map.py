@@ -13,7 +13,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError
 from pinflex.levels.modes import Modes, modes
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import default_motion
 from pinflex.studies.check import is_loaded
@@ -84,7 +84,7 @@ def frequency_map(
     end = mechanism.description.solve.until or motion.duration
     t = np.linspace(0.0, min(end, motion.duration) or end, instants)
     poses = nominal(mechanism, motion, t).q
-    dynamics = Dynamics(mechanism.flexible)
+    dynamics = Equations(mechanism.flexible)
     preload = preload if is_loaded(mechanism) else "none"
     rows, last, missing = [], None, ""
     for time, q in zip(t, poses, strict=True):

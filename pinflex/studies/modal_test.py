@@ -12,14 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.modes import modes
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.poses import columns
 from pinflex.text import brief
 
 
@@ -149,18 +148,14 @@ def _h1(force: Array, response: Array, rate: float) -> tuple[Array, Array]:
 
 def point_rows(mechanism: Mechanism, y: Array, link: str, x: Array, across: str) -> Array:
     """Rows that give the speed of the centre line at x along the beam's own y or z, (nx, nv)."""
-    dynamics = Dynamics(mechanism.flexible)
-    model, data, system = dynamics.model, dynamics.data, mechanism.flexible
-    dynamics.place(y)
-    pin.computeJointJacobians(model, data, dynamics.Q)
+    dynamics = Equations(mechanism.flexible)
+    system = mechanism.flexible
     slot = next(s for s in system.expansion.slots if s.link == link)
-    pose = data.oMi[slot.root.joint] * slot.root.placement
+    R = frame_pose(dynamics, y, slot.root).rotation.T
     component = "xyz".index(across)
     out = np.zeros((len(x), system.nv))
-    J = np.zeros((6, model.nv))
-    if slot.root.joint:
-        J = columns(pin.getJointJacobian(model, data, slot.root.joint, pin.ReferenceFrame.WORLD))
-    J = pose.actionInverse @ dynamics.times_map(J)  # of the root section, in its own frame
+    world = frame_jacobian(dynamics, y, slot.root)
+    J = np.vstack([R @ world[:3], R @ world[3:]])  # of the root section, in its own frame
     first = int(system.rigid.nv)
     for k, at in enumerate(x):
         out[k] = (J[:3] + np.cross(J[3:].T, [at, 0.0, 0.0]).T)[component]

@@ -9,7 +9,7 @@ import numpy as np
 from pinflex.actuation.nominal import Nominal
 from pinflex.integrators.run import Run
 from pinflex.levels.modes import Modes
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.meta import describe
 from pinflex.recovery.recover import recover
@@ -50,7 +50,7 @@ def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
     Displacements are measured from the pose that was linearised about, sag included; fields that a
     shape without size does not have (stress, forces) are left out.
     """
-    dynamics = Dynamics(mechanism.flexible)
+    dynamics = Equations(mechanism.flexible)
     return [
         (float(f), _run(mechanism, dynamics, found, k, float(f)))
         for k, f in enumerate(found.frequencies)
@@ -59,7 +59,7 @@ def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
 
 
 def _run(
-    mechanism: Mechanism, dynamics: Dynamics, found: Modes, k: int, frequency: float
+    mechanism: Mechanism, dynamics: Equations, found: Modes, k: int, frequency: float
 ) -> Result:
     system = dynamics.system
     t = np.linspace(0.0, 1.0 / frequency, _INSTANTS)

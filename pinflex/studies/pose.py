@@ -14,7 +14,7 @@ from pinflex.description.motion import Motion
 from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.linalg import null_space
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 _SAME = 1e-6  # two coordinates that a mechanism cannot move apart: far above round-off
@@ -92,7 +92,7 @@ def _held(mechanism: Mechanism, named: Iterable[str]) -> list[str]:
     description = mechanism.description
     if description.platform is None:
         return []
-    system = Dynamics(mechanism.rigid)
+    system = Equations(mechanism.rigid)
     free = null_space(system.close(mechanism.home)[1]) if system.looped else np.eye(system.n_rigid)
     pin.framesForwardKinematics(system.model, system.data, mechanism.home)
     frame = system.model.getFrameId(description.platform, pin.FrameType.BODY)

@@ -17,7 +17,7 @@ from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
 from pinflex.levels.modes import modes
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.cases import combined, listed
@@ -195,7 +195,7 @@ def _gathered(
     free_motors: bool,
 ) -> PoseMap:
     """The grid of all poses, modes in one order."""
-    dynamics = Dynamics(mechanism.flexible)
+    dynamics = Equations(mechanism.flexible)
     shape = tuple(map(len, axes.values()))
     known = {place: record.found for place, record in found.items() if not record.error}
     order = tracked(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.modes import allowed_motions, linearised
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -50,11 +50,11 @@ def platform_compliance(
         raise DescriptionError(
             f"{mechanism.name}: stiffness needs the frame it is of. Write `platform: FRAME`."
         )
-    dynamics = Dynamics(mechanism.flexible)
+    dynamics = Equations(mechanism.flexible)
     y, K = linearised(mechanism, dynamics, q, preload)
     free = mechanism.flexible.free
     Z = allowed_motions(dynamics, y, free)
-    every = _jacobian(mechanism, dynamics, name, y)[:, free]
+    every = frame_jacobian(dynamics, y, mechanism.frame(name))[:, free]
     J = every @ Z
     # a platform that the closures hold moves by round-off, which is no compliance
     J[np.abs(J) < _HELD * np.max(np.abs(every), initial=0.0)] = 0.0
@@ -126,15 +126,3 @@ def stiffness_of(compliance: Array) -> tuple[Array, int]:
     K[rigid], K[:, rigid] = 0.0, 0.0
     K[rigid, rigid] = np.inf
     return K, int(np.sum(gives))
-
-
-def _jacobian(mechanism: Mechanism, dynamics: Dynamics, name: str, y: Array) -> Array:
-    """Velocity of the frame's origin and its angular velocity in world axes, shape (6, nv)."""
-    here = mechanism.frame(name)
-    dynamics.place(y)
-    pin.computeJointJacobians(dynamics.model, dynamics.data, dynamics.Q)
-    J: Array = pin.getFrameJacobian(
-        dynamics.model, dynamics.data, here.joint, here.placement,
-        pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-    )  # fmt: skip
-    return dynamics.times_map(J.reshape(6, -1))

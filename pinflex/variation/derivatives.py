@@ -26,7 +26,7 @@ from pinflex.arrays import Array
 from pinflex.levels.modes import allowed_motions, condensed
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import saddle_matrix
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 STEP = 4e-3  # of the logarithm, at a held state: h^6 is 4e-15
@@ -115,7 +115,7 @@ class _State:
     """
 
     def __init__(self, base: Mechanism) -> None:
-        dynamics, system = Dynamics(base.flexible), base.flexible
+        dynamics, system = Equations(base.flexible), base.flexible
         found = rest(base, dynamics=dynamics)
         self.still, self.free = np.zeros(system.nv), system.free
         self.y, self.lam = found.y, found.lam
@@ -133,18 +133,15 @@ class _State:
         self.elastic = np.flatnonzero(size > 1e-7 * np.max(size, initial=0.0))
         self.saddle = saddle_matrix(K, J)
 
-    def _matrices(self, dynamics: Dynamics, y: Array, lam: Array) -> tuple[Array, Array, Array]:
+    def _matrices(self, dynamics: Equations, y: Array, lam: Array) -> tuple[Array, Array, Array]:
         """K, M and J of the free coordinates."""
-        K = dynamics.tangent(y, self.still, self.still, lam, 0.0)[2]
-        M = dynamics.mass(y)
-        rows = dynamics.system.closed.n
-        J = dynamics.close(y)[1][:, self.free] if rows else np.zeros((0, len(self.free)))
+        M, _, K, J = dynamics.tangent(y, self.still, self.still, lam, 0.0)
         square = np.ix_(self.free, self.free)
-        return K[square], M[square], J
+        return K[square], M[square], J[:, self.free]
 
     def derivatives(self, at: At, h: float) -> Array:
         """d ln(frequency) of all modes by differences of +-h at the held, then the led state."""
-        sides = [Dynamics(at(s).flexible) for s in (-h, h)]
+        sides = [Equations(at(s).flexible) for s in (-h, h)]
         forces = [self._unbalanced(side) for side in sides]
         n = len(self.free)
         led = np.asarray(np.linalg.solve(self.saddle, -(forces[1] - forces[0]) / (2.0 * h)), float)
@@ -161,13 +158,12 @@ class _State:
             found[group] = np.linalg.eigvalsh(0.5 * (form + form.T)) / (2.0 * value)
         return found
 
-    def _unbalanced(self, dynamics: Dynamics) -> Array:
+    def _unbalanced(self, dynamics: Equations) -> Array:
         """Residual and closures of another design at the held state."""
-        r = dynamics.residual(self.y, self.still, self.still, self.lam, 0.0)[self.free]
-        c = dynamics.close(self.y)[0] if dynamics.system.closed.n else np.zeros(0)
-        return np.concatenate([r, c])
+        r, c = dynamics.residual(self.y, self.still, self.still, self.lam, 0.0)
+        return np.concatenate([r[self.free], c])
 
-    def _moved(self, dynamics: Dynamics, step: Array) -> Array:
+    def _moved(self, dynamics: Equations, step: Array) -> Array:
         dy = np.zeros(dynamics.system.nv)
         dy[self.free] = step
         return dynamics.integrate(self.y, dy)

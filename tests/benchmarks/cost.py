@@ -27,7 +27,7 @@ from pinflex.actuation.drive import motor_path
 from pinflex.description.motion import from_spec
 from pinflex.integrators.equal_steps import integrate
 from pinflex.levels.start import straight_start
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.viewer.view import write_html
 
 
@@ -68,7 +68,7 @@ def coupled_step(name: str, steps: int) -> tuple[float, dict[str, float], int]:
     robot = pf.load(name)
     motion = from_spec(robot.description.motion, name)
     t = np.linspace(0.0, robot.description.solve.until, steps + 1)
-    dynamics, path = Dynamics(robot.flexible), motor_path(robot, motion, t)
+    dynamics, path = Equations(robot.flexible), motor_path(robot, motion, t)
     start = straight_start(robot, motion, path, dynamics)
     scheme = pf.generalized_alpha()
     run = integrate(robot, dynamics, start, path, scheme)

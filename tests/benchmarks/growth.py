@@ -22,7 +22,7 @@ from pinflex.actuation.drive import motor_path
 from pinflex.integrators.equal_steps import integrate
 from pinflex.lab.scene import Body, scene
 from pinflex.levels.start import straight_start
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.workspace import size
 from pinflex.solver.solve import default_motion
@@ -100,18 +100,18 @@ def row(kind: str, m: Mechanism) -> str:
 
 def parts(m: Mechanism) -> tuple[float, float, float]:
     """Microseconds of a residual, a tangent and a step; its workspace then serves the next run."""
-    d = Dynamics(m.flexible)
+    d = Equations(m.flexible)
     y, v = m.undeformed(), np.zeros(m.flexible.nv)
     lam = np.zeros(m.flexible.closed.n)
     repeats = max(40, 20000 // m.flexible.nv)
     return (
-        best(lambda: d.residual(y, v, v, lam, 0.0), repeats),
+        best(lambda: d.residual(y, v, v, lam, 0.0).r, repeats),
         best(lambda: d.iteration_matrix(y, v, v, lam, 0.0, (1.0, 0.0, 1.0)), repeats // 20),
         1e6 * march(m, d, 500) / 500,
     )
 
 
-def march(m: Mechanism, d: Dynamics, steps: int) -> float:
+def march(m: Mechanism, d: Equations, steps: int) -> float:
     """Seconds of steps of 0.2 ms."""
     motion = default_motion(m)
     path = motor_path(m, motion, 2e-4 * np.arange(steps + 1))

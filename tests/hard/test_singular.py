@@ -123,9 +123,11 @@ def test_a_run_goes_on_where_only_the_rigid_machine_is_stuck(tmp_path: Path) -> 
 @pytest.mark.parametrize("kind", ["planar", "revolute"])
 def test_a_free_four_bar_passes_its_change_points_on_the_symmetric_branch(kind: str) -> None:
     m = four_bars(2, kind)
-    r = pf.solve(m, pf.hold(duration=5.0), "coupled", dt=1e-3, samples=2, start_speeds=SPEEDS)
+    # With Newton's usual 1e-7 the change points magnify what it leaves: 0.6 to 3e-6, by round-off.
+    r = pf.solve(m, pf.hold(duration=5.0), "coupled", dt=1e-3, samples=2, start_speeds=SPEEDS,
+                 tolerance=1e-10)  # fmt: skip
     found = r.frame("tip_0").position[-1, :2]
-    # 2e-7 measured: second order at 1 ms through three change points.
+    # 9.7e-7 measured: second order at 1 ms through three change points.
     np.testing.assert_allclose(found, four_bars_exact(2, np.array([5.0]))[0], atol=2e-6)
     # Hinges in 3-D bring three redundant rows each, found by rank.
     assert len(m.report.redundant) == (6 if kind == "revolute" else 0)
@@ -145,11 +147,11 @@ def test_bricard_keeps_rank_four_of_five_along_the_whole_path() -> None:
     from dataclasses import replace
 
     from pinflex.mechanics.closure import closures
-    from pinflex.mechanics.dynamics import Dynamics
+    from pinflex.mechanics.equations import Equations
 
     r = release(m, 2.0, 2e-3)
     every = closures(m.description.loops, m.flexible.expansion.frames, m.flexible.expansion.model)
-    d = Dynamics(replace(m.flexible, closed=every))
+    d = Equations(replace(m.flexible, closed=every))
     for y in r.y[::50]:
         c, J = d.close(y)
         sigma = np.linalg.svd(J, compute_uv=False)

@@ -11,7 +11,7 @@ import pinflex as pf
 from pinflex.integrators.schemes import generalized_alpha
 from pinflex.lab.loops import pendulum
 from pinflex.lab.scene import energy, release
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from tests.scenes import Body, load
 
 STEPS = [10.0**-k for k in range(2, 8)]
@@ -20,11 +20,11 @@ STEPS = [10.0**-k for k in range(2, 8)]
 def condition(name: str, h: float) -> float:
     """Condition number of [M' J'; J 0], the matrix of a Newton step, diagonal and rows of one."""
     m = pf.load(name)
-    system, d, scheme = m.flexible, Dynamics(m.flexible), generalized_alpha()
+    system, d, scheme = m.flexible, Equations(m.flexible), generalized_alpha()
     zero, lam, free = np.zeros(system.nv), np.zeros(system.closed.n), system.free
     weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
-    M = d.iteration_matrix(m.undeformed(), zero, zero, lam, 0.0, weights)[np.ix_(free, free)]
-    J = d.jacobian()[:, free]
+    S, J = d.iteration_matrix(m.undeformed(), zero, zero, lam, 0.0, weights)
+    M, J = S[np.ix_(free, free)], J[:, free]
     scale = 1 / np.sqrt(np.abs(np.diag(M)))
     M, J = M * scale * scale[:, None], J * scale
     J /= np.linalg.norm(J, axis=1, keepdims=True)

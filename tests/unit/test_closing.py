@@ -13,7 +13,7 @@ import pinflex as pf
 from pinflex.lab.scene import urdf
 from pinflex.mechanics import assembly
 from pinflex.mechanics.closure_log import LogClosure
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.studies.check import check
 from tests.scenes import Body, load
 
@@ -80,7 +80,7 @@ joints: {{j4_joint: {{type: spherical}}}}
 loops: {{tie: {{kind: {kind}, between: [hand, hold]{more}}}}}
 """
     m = load(tmp_path, ARM, yaml)
-    dynamics = Dynamics(m.rigid)
+    dynamics = Equations(m.rigid)
     assert np.max(np.abs(dynamics.close(m.home)[0])) < 1e-12
     log = LogClosure(dynamics, 0.7)
     random = np.random.default_rng(1)

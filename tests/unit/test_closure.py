@@ -10,7 +10,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.poses import skew
 from tests.finite import by_configuration, by_time, by_vector, close
 from tests.scenes import Body, load
@@ -54,14 +54,14 @@ def loop(folder: Path, kind: str, extra: str = "") -> pf.Mechanism:
     return load(folder, ARMS, yaml)
 
 
-def spots(d: Dynamics, m: pf.Mechanism, y: Array) -> tuple[pin.SE3, pin.SE3]:
+def spots(d: Equations, m: pf.Mechanism, y: Array) -> tuple[pin.SE3, pin.SE3]:
     """World poses of both frames, by Pinocchio alone."""
     pin.forwardKinematics(d.model, d.data, y)
     a, b = (m.rigid.expansion.frames[name] for name in ("hook", "eye"))
     return d.data.oMi[a.joint] * a.placement, d.data.oMi[b.joint] * b.placement
 
 
-def relative_twists(d: Dynamics, m: pf.Mechanism, y: Array) -> Array:
+def relative_twists(d: Equations, m: pf.Mechanism, y: Array) -> Array:
     """Twist of b against a at the point of b, on the axes of a, per joint: shape (6, nv)."""
     A, B = spots(d, m, y)
     pin.computeJointJacobians(d.model, d.data, y)
@@ -84,7 +84,7 @@ def test_the_derivatives_of_a_closure_are_exact(kind: str, axis: str, tmp_path: 
     extra = f", axis: {OBLIQUE}" if axis == "oblique" else ""
     extra += ", axis_b: [0, 1, -1]" if kind == "universal" and extra else ""
     m = loop(tmp_path, kind, extra)
-    d, rng = Dynamics(m.rigid), np.random.default_rng(5)
+    d, rng = Equations(m.rigid), np.random.default_rng(5)
     n = m.rigid.nv
     for _ in range(3):
         y = d.integrate(m.home, rng.uniform(-0.4, 0.4, n))  # away from closed: more than needed
@@ -92,14 +92,14 @@ def test_the_derivatives_of_a_closure_are_exact(kind: str, axis: str, tmp_path: 
         check_derivatives(d, y, v, a, lam)
 
 
-def check_derivatives(d: Dynamics, y: Array, v: Array, a: Array, lam: Array) -> None:
+def check_derivatives(d: Equations, y: Array, v: Array, a: Array, lam: Array) -> None:
     close(d.close(y)[1], by_configuration(d, lambda y: d.close(y)[0].copy(), y), DIFFERENCES)
     rate = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, a)
     np.testing.assert_allclose(d.closure_bias(y, v) + d.close(y)[1] @ a, rate, atol=DIFFERENCES)
-    M, C, K = d.tangent(y, v, a, lam, 0.0)
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
-    close(C, by_vector(lambda v: d.residual(y, v, a, lam, 0.0), v), DIFFERENCES)
-    close(M, by_vector(lambda a: d.residual(y, v, a, lam, 0.0), a), DIFFERENCES)
+    M, C, K, _ = d.tangent(y, v, a, lam, 0.0)
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0).r, y), DIFFERENCES)
+    close(C, by_vector(lambda v: d.residual(y, v, a, lam, 0.0).r, v), DIFFERENCES)
+    close(M, by_vector(lambda a: d.residual(y, v, a, lam, 0.0).r, a), DIFFERENCES)
 
 
 @pytest.mark.parametrize(("kind", "rank"), KINDS.items())
@@ -109,7 +109,7 @@ def test_a_closure_takes_as_many_freedoms_as_documented(
     m = loop(tmp_path, kind)
     assert (m.report.rows, m.report.rank, m.report.redundant) == (rank, rank, ())
     assert m.report.mobility == m.rigid.nv - rank
-    d = Dynamics(m.rigid)
+    d = Equations(m.rigid)
     c, J = d.close(m.home)
     assert np.abs(c).max() < 1e-12  # the package's own limit of a closed pose [m or rad]
     assert np.linalg.matrix_rank(J) == rank
@@ -142,7 +142,7 @@ def test_a_closure_leaves_exactly_the_motions_of_its_joint(kind: str, tmp_path: 
     extra = f", axis: {OBLIQUE}" if turns else ""
     extra += ", axis_b: [0, 1, -1]" if kind == "universal" else ""
     m = loop(tmp_path, kind, extra)
-    d = Dynamics(m.rigid)
+    d = Equations(m.rigid)
     A, B = spots(d, m, m.home)
     z = np.array([2.0, -1.0, 3.0]) / np.sqrt(14.0)
     free = allowed(kind, A, B, z, np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0))
@@ -161,7 +161,7 @@ def test_a_closure_leaves_exactly_the_motions_of_its_joint(kind: str, tmp_path: 
 def test_a_closed_pose_looks_as_its_name_says(tmp_path: Path) -> None:
     for kind in KINDS:
         m = loop(tmp_path, kind)
-        A, B = spots(Dynamics(m.rigid), m, m.home)
+        A, B = spots(Equations(m.rigid), m, m.home)
         gap = A.rotation.T @ (B.translation - A.translation)
         turn = A.rotation.T @ B.rotation
         if kind in ("weld", "revolute", "universal", "spherical"):
@@ -178,11 +178,11 @@ def test_a_closed_pose_looks_as_its_name_says(tmp_path: Path) -> None:
 
 def test_a_distance_is_kept_at_its_home_value_or_the_given_one(tmp_path: Path) -> None:
     m = loop(tmp_path, "distance")
-    A, B = spots(Dynamics(m.rigid), m, pin.neutral(m.rigid.rigid))
+    A, B = spots(Equations(m.rigid), m, pin.neutral(m.rigid.rigid))
     home = np.linalg.norm(B.translation - A.translation)
     assert m.rigid.closed.lengths == pytest.approx(home, rel=1e-12)
     given = loop(tmp_path, "distance", ", length: 0.5")
-    A, B = spots(Dynamics(given.rigid), given, given.home)
+    A, B = spots(Equations(given.rigid), given, given.home)
     assert np.linalg.norm(B.translation - A.translation) == pytest.approx(0.5, rel=1e-12)
 
 
@@ -194,6 +194,6 @@ def test_a_closure_force_pulls_both_bodies_with_equal_and_opposite_wrenches(
     heavy = Body("ballast", "base", mass=1.0, inertia=(1, 1, 1))
     for kind, rows in KINDS.items():
         m = load(tmp_path, (heavy, *ARMS), yaml.replace("KIND", kind))
-        _, J = Dynamics(m.rigid).close(m.home)
+        _, J = Equations(m.rigid).close(m.home)
         assert J.shape == (rows, m.rigid.nv)
         np.testing.assert_allclose(J[:, :6], 0.0, atol=1e-12)

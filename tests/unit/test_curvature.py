@@ -8,8 +8,7 @@ import pytest
 import pinflex as pf
 from pinflex.bodies.curvature import Curvature, curvature
 from pinflex.bodies.family import hermite
-from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.stacked import Stacked
+from pinflex.mechanics.equations import Equations
 from tests.finite import slope
 
 
@@ -61,16 +60,16 @@ def test_an_arc_has_the_energy_of_its_curvature():
 def test_equations_with_it_are_consistent():
     """Tangent = differences of the residual; stages together = one by one; energy and force."""
     robot = pf.load("cantilever", ["flexible.beam.third_order=true"])
-    d, n = Dynamics(robot.flexible), robot.flexible.nv
+    d, n = Equations(robot.flexible), robot.flexible.nv
     rng = np.random.default_rng(6)
     Y, V, A = 0.3 * rng.normal(size=(3, 2, n))
     none, h = np.zeros((2, 0)), 1e-5
     along = rng.normal(size=n)
-    K = d.tangent(Y[0], V[0], A[0], none[0], 0.0)[2]
-    ends = [d.residual(Y[0] + s * h * along, V[0], A[0], none[0], 0.0) for s in (1.0, -1.0)]
+    K = d.tangent(Y[0], V[0], A[0], none[0], 0.0).K
+    ends = [d.residual(Y[0] + s * h * along, V[0], A[0], none[0], 0.0).r for s in (1.0, -1.0)]
     change = (ends[0] - ends[1]) / (2 * h)
     assert np.allclose(K @ along, change, rtol=1e-6, atol=1e-6 * np.max(np.abs(change)))
-    together = Stacked(d, 2).residual(Y, V, A, none, np.zeros(2))
-    assert np.allclose(together, [d.residual(*s, 0.0) for s in zip(Y, V, A, none, strict=True)])
+    together = d.residual(Y, V, A, none, np.zeros(2)).r
+    assert np.allclose(together, [d.residual(*s, 0.0).r for s in zip(Y, V, A, none, strict=True)])
     rise = [float(d.elastic_energy(Y[0] + s * h * along)) for s in (1.0, -1.0)]
     assert d.elastic_forces(Y[0]) @ along == pytest.approx((rise[0] - rise[1]) / (2 * h), rel=1e-7)

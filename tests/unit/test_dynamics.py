@@ -11,7 +11,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.system import System
 from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
 from tests.finite import by_configuration, by_time, by_vector, close, random_state
@@ -45,9 +45,9 @@ def case(request: pytest.FixtureRequest) -> tuple[System, Array]:
 def test_columns_of_crba_are_columns_of_rnea(case: tuple[System, Array], seed: int) -> None:
     system, home = case
     y, v, a, lam = random_state(system, home, seed)
-    d = Dynamics(_bare(system))
-    base = d.residual(y, v, np.zeros_like(a), lam, 0.0)
-    columns = [d.residual(y, v, e, lam, 0.0) - base for e in np.eye(system.nv)]
+    d = Equations(_bare(system))
+    base = d.residual(y, v, np.zeros_like(a), lam, 0.0).r
+    columns = [d.residual(y, v, e, lam, 0.0).r - base for e in np.eye(system.nv)]
     if columns:
         M = d.mass(y)
         close(np.array(columns).T, M, ROUNDING * 1e2)  # differences of forces far larger than M
@@ -59,25 +59,21 @@ def test_columns_of_crba_are_columns_of_rnea(case: tuple[System, Array], seed: i
 def test_the_coordinate_map_has_X_for_derivative(case: tuple[System, Array], seed: int) -> None:
     system, home = case
     y, v, a, _ = random_state(system, home, seed)
-    d, model = Dynamics(system), system.expansion.model
+    d, model = Equations(system), system.expansion.model
 
     def expanded(y: Array) -> Array:
-        d.place(y)
-        return np.array(d.Q)
+        return np.array(d.at(y).Q[0])
 
     centre = expanded(y)
     X = by_configuration(d, lambda y: pin.difference(model, centre, expanded(y)), y)
-    d.place(y)
     if system.nv:
-        close(d.X, X, DIFFERENCES)
+        close(d.at(y).times_map(np.eye(model.nv)), X, DIFFERENCES)
 
     def velocity(y: Array, v: Array) -> Array:
-        d.place(y)
-        return np.array(d.expand_motion(v, np.zeros_like(v))[0])
+        return np.array(d.at(y, v, np.zeros_like(v)).V[0])
 
     rate = by_time(d, velocity, y, v, a)
-    d.place(y)
-    _, A = d.expand_motion(v, a)
+    A = d.at(y, v, a).A[0]
     np.testing.assert_allclose(A, rate, atol=DIFFERENCES)  # of order one
 
 
@@ -89,12 +85,12 @@ def test_the_closures_have_J_and_gamma_for_derivatives(
     if not system.closed.n:
         pytest.skip("no loops")
     y, v, a, _ = random_state(system, home, seed)
-    d = Dynamics(system)
-    J = by_configuration(d, lambda y: d.close(y)[0].copy(), y)
-    close(d.close(y)[1], J, DIFFERENCES)
-    rate = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, a)
+    d = Equations(system)
+    J = by_configuration(d, lambda y: d.close(y).c, y)
+    close(d.close(y).J, J, DIFFERENCES)
+    rate = by_time(d, lambda y, v: d.close(y).J @ v, y, v, a)
     gamma = d.closure_bias(y, v)
-    np.testing.assert_allclose(d.close(y)[1] @ a + gamma, rate, atol=DIFFERENCES)
+    np.testing.assert_allclose(d.close(y).J @ a + gamma, rate, atol=DIFFERENCES)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -106,19 +102,19 @@ def test_the_tangent_is_the_derivative_of_the_residual(
         pytest.skip("nothing moves")
     bare = _bare(system)
     y, v, a, lam = random_state(system, home, seed)
-    d = Dynamics(bare)
-    M, C, K = d.tangent(y, v, a, lam, 0.0)
-    close(M, by_vector(lambda a: d.residual(y, v, a, lam, 0.0), a), DIFFERENCES)
-    close(C, by_vector(lambda v: d.residual(y, v, a, lam, 0.0), v), DIFFERENCES)
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
-    stiff = Dynamics(system)
+    d = Equations(bare)
+    M, C, K, _ = d.tangent(y, v, a, lam, 0.0)
+    close(M, by_vector(lambda a: d.residual(y, v, a, lam, 0.0).r, a), DIFFERENCES)
+    close(C, by_vector(lambda v: d.residual(y, v, a, lam, 0.0).r, v), DIFFERENCES)
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0).r, y), DIFFERENCES)
+    stiff = Equations(system)
     np.testing.assert_allclose(
-        stiff.tangent(y, v, a, lam, 0.0)[2],
+        stiff.tangent(y, v, a, lam, 0.0).K,
         K + system.K,
         atol=ROUNDING * np.abs(K + system.K).max(),
     )
     elastic = system.K[:, int(system.rigid.nv) :] @ y[int(system.rigid.nq) :]
-    difference = stiff.residual(y, v, a, lam, 0.0) - d.residual(y, v, a, lam, 0.0)
+    difference = stiff.residual(y, v, a, lam, 0.0).r - d.residual(y, v, a, lam, 0.0).r
     np.testing.assert_allclose(
         difference, elastic, atol=ROUNDING * max(1.0, np.abs(elastic).max(initial=0.0))
     )
@@ -129,10 +125,12 @@ def test_newtons_matrix_is_the_weighted_sum_of_the_tangents(case: tuple[System, 
     if not system.nv:
         pytest.skip("nothing moves")
     y, v, a, lam = random_state(system, home, 5)
-    d = Dynamics(system)
+    d = Equations(system)
     weights = (0.7, 3e-2, 1e-3)
-    expected = sum(w * part for w, part in zip(weights, d.tangent(y, v, a, lam, 0.0), strict=True))
-    found = d.iteration_matrix(y, v, a, lam, 0.0, weights, rates=True)
+    expected = sum(
+        w * part for w, part in zip(weights, d.tangent(y, v, a, lam, 0.0)[:3], strict=True)
+    )
+    found = d.iteration_matrix(y, v, a, lam, 0.0, weights, rates=True).S
     close(found, np.asarray(expected), ROUNDING)
 
 
@@ -142,10 +140,10 @@ def test_the_power_of_all_forces_is_the_rate_of_all_energies(
 ) -> None:
     system, home = case
     y, v, a, lam = random_state(system, home, seed)
-    d = Dynamics(system)
+    d = Equations(system)
     rate = by_time(d, lambda y, v: np.array([sum(d.energies(y, v, 0.0))]), y, v, a)[0]
-    r = d.residual(y, v, a, lam, 0.0)
-    J = d.jacobian() if system.closed.n else np.zeros((0, system.nv))
+    r = d.residual(y, v, a, lam, 0.0).r
+    J = d.close(y).J
     power = v @ (r + J.T @ lam) - v @ system.D @ v
     size = max(1.0, np.abs(v * r).sum())
     assert power == pytest.approx(rate, abs=DIFFERENCES * size)
@@ -160,17 +158,17 @@ def test_undeformed_links_weigh_and_pull_as_the_rigid_mechanism(
     if not n:
         pytest.skip("nothing moves rigidly")
     q, v, a, _ = random_state(m.rigid, m.home, 3)
-    rigid, flexible = Dynamics(m.rigid), Dynamics(m.flexible)
+    rigid, flexible = Equations(m.rigid), Equations(m.flexible)
     still = np.zeros(m.flexible.n_eta)
     y = np.concatenate([q, still])
-    expected = rigid.residual(q, v, a, np.zeros(m.rigid.closed.n), 0.0)
+    expected = rigid.residual(q, v, a, np.zeros(m.rigid.closed.n), 0.0).r
     found = flexible.residual(
         y,
         np.concatenate([v, still]),
         np.concatenate([a, still]),
         np.zeros(m.flexible.closed.n),
         0.0,
-    )
+    ).r
     scale = np.abs(expected).max()
     np.testing.assert_allclose(found[:n], expected, atol=ROUNDING * scale)
     M = rigid.mass(q)
@@ -186,7 +184,7 @@ def test_slender_beams_weigh_what_the_urdf_says(name: str) -> None:
     for joint, extra in d.joints.items():
         model.armature[model.joints[model.getJointId(joint)].idx_v] = extra.rotor_inertia
     M = pin.crba(model, model.createData(), m.home)
-    ours = Dynamics(m.rigid).mass(m.home)
+    ours = Equations(m.rigid).mass(m.home)
     # The ur5 keeps the URDF's inertia; the other URDFs have rods, written to nine digits.
     tolerance = 1e-12 if name == "ur5" else 1e-8
     np.testing.assert_allclose(np.diag(ours), np.diag(M), rtol=tolerance)
@@ -213,9 +211,9 @@ def test_a_robot_without_flexible_links_is_pinocchio_to_the_last_bit(
     v, a = rng.uniform(-2, 2, (2, 20, model.nv))
     expected = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
     np.testing.assert_array_equal(pf.inverse_dynamics(m, q, v, a), expected)
-    d = Dynamics(m.rigid)
+    d = Equations(m.rigid)
     apart = np.zeros(m.rigid.closed.n)  # no force between panda's fingers
-    found = [d.residual(*row, apart, 0.0) for row in zip(q, v, a, strict=True)]
+    found = [d.residual(*row, apart, 0.0).r for row in zip(q, v, a, strict=True)]
     np.testing.assert_array_equal(found, expected)
 
 

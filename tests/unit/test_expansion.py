@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.description.description import model_names
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from tests.finite import slope
 from tests.scenes import Body, load
 
@@ -44,9 +44,8 @@ def mechanism(name: str) -> pf.Mechanism:
 
 
 def pose(m: pf.Mechanism, frame: str, y: Array) -> pin.SE3:
-    d = Dynamics(m.flexible)
-    d.place(y)
-    pin.forwardKinematics(d.model, d.data, d.Q)
+    d = Equations(m.flexible)
+    pin.forwardKinematics(d.model, d.data, d.at(y).Q[0])
     here = m.frame(frame)
     return d.data.oMi[here.joint] * here.placement
 
@@ -59,13 +58,12 @@ def bent(m: pf.Mechanism, eta: Array) -> Array:
 def test_undeformed_links_are_where_the_rigid_tree_has_them(name: str) -> None:
     m = mechanism(name)
     rng = np.random.default_rng(1)
-    rigid = Dynamics(m.rigid)
+    rigid = Equations(m.rigid)
     q = rigid.integrate(m.home, rng.uniform(-0.5, 0.5, m.rigid.nv))
-    rigid.place(q)
     pin.forwardKinematics(rigid.model, rigid.data, q)
-    flexible = Dynamics(m.flexible)
-    flexible.place(np.concatenate([q, np.zeros(m.flexible.n_eta)]))
-    pin.forwardKinematics(flexible.model, flexible.data, flexible.Q)
+    flexible = Equations(m.flexible)
+    y = np.concatenate([q, np.zeros(m.flexible.n_eta)])
+    pin.forwardKinematics(flexible.model, flexible.data, flexible.at(y).Q[0])
     frames = m.flexible.expansion.frames
     assert len(frames) > 2
     for frame, there in frames.items():
@@ -83,7 +81,7 @@ def test_the_rigid_tree_is_the_urdf(name: str) -> None:
     model = pin.buildModelFromXML(m.description.urdf_text)
     assert m.coordinates == tuple(model.names[1:])
     q = pin.integrate(model, pin.neutral(model), np.linspace(-0.6, 0.7, model.nv))
-    data, rigid = model.createData(), Dynamics(m.rigid)
+    data, rigid = model.createData(), Equations(m.rigid)
     pin.framesForwardKinematics(model, data, q)
     pin.forwardKinematics(rigid.model, rigid.data, q)
     for frame, here in m.rigid.expansion.frames.items():
@@ -197,9 +195,9 @@ def test_what_hangs_in_the_middle_rides_on_its_section(tmp_path: Path) -> None:
     body = with_ring.flexible.expansion.slots[0].body
     v[body.slices["v"].start] = 1.0  # the tip moves at 1 m/s
     y = bent(with_ring, np.zeros(body.n))
-    energy = Dynamics(with_ring.flexible).energies(y, v, 0.0)[0]
+    energy = Equations(with_ring.flexible).energies(y, v, 0.0)[0]
     bare = load(tmp_path, (STRAIGHT[0], STRAIGHT[2]), BEAM + END)
-    energy -= Dynamics(bare.flexible).energies(y, v, 0.0)[0]
+    energy -= Equations(bare.flexible).energies(y, v, 0.0)[0]
     rows, _ = body.rows(0.6)
     speed, spin = rows[1] @ v, rows[3] @ v
     # A point mass 0.1 m above the axis: the bending rotation about z moves it along x only if it

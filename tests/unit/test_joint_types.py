@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 UR5 = "urdf: example-robot-data:ur5\n"
 
@@ -53,4 +53,4 @@ def test_a_revolute_may_become_another_joint(tmp_path: Path, kind: str, freedoms
     pin.seed(0)
     q = pin.randomConfiguration(exchanged, -np.ones(exchanged.nq), np.ones(exchanged.nq))
     expected = pin.crba(exchanged, exchanged.createData(), q)
-    assert Dynamics(robot.rigid).mass(q) == pytest.approx(expected, abs=1e-12)  # round-off
+    assert Equations(robot.rigid).mass(q) == pytest.approx(expected, abs=1e-12)  # round-off

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from tests.scenes import Body, load
 
@@ -37,7 +37,7 @@ def test_side_by_side_as_one_by_one(tmp_path: Path, first: str, second: str, cir
     )
     ball = "joints:\n  arm_joint: {type: spherical}\n" if second == "fixed" else ""
     m = load(tmp_path, bodies, f"actuated: []\n{ball}{_BENDS}")
-    d, rng = Dynamics(m.flexible), np.random.default_rng(7)
+    d, rng = Equations(m.flexible), np.random.default_rng(7)
     moves = rng.normal(size=(5, m.flexible.nv))
     each = np.array([d.integrate(m.undeformed(), 0.3 * move) for move in moves])
     one_by_one = np.array([d.integrate(y, move) for y, move in zip(each, moves, strict=True)])

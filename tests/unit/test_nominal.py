@@ -15,7 +15,7 @@ from pinflex.actuation.nominal import Nominal, _filled, _march, nominal
 from pinflex.actuation.nominal_path import Path
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion, from_spec
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from tests.scenes import Body, load
 
 CLOSED = 1e-11  # [m] ten times the package's own limit of a closed pose
@@ -56,7 +56,7 @@ def test_velocity_and_acceleration_are_the_rates_of_the_position(name: str) -> N
     m = mechanism(name.split()[0])
     motion = MOTIONS[name] or own_motion(m)
     model = m.rigid.rigid
-    d = Dynamics(m.rigid)
+    d = Equations(m.rigid)
     T = min(motion.duration, 2.0)
     h = 1e-4 * T  # [s]
     for t in np.array([0.23, 0.61]) * T:

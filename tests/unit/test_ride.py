@@ -16,7 +16,7 @@ from pinflex.description.flexible import Basis, EndMass, FlexibleLink
 from pinflex.description.material import named
 from pinflex.description.section import from_spec
 from pinflex.mechanics import ride
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.recovery.validity import first_frequency
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
@@ -188,7 +188,7 @@ def test_the_flexible_model_has_the_urdfs_inertia_and_tends_to_its_torques(tmp_p
         m = arm(tmp_path, more=f"segments: {segments}")
         model = pin.buildModelFromXML(m.description.urdf_text)
         M = pin.crba(model, model.createData(), pin.neutral(model))
-        ours = Dynamics(m.flexible).mass(m.undeformed())[:2, :2]
+        ours = Equations(m.flexible).mass(m.undeformed())[:2, :2]
         np.testing.assert_allclose(ours, M, atol=ROUNDING)
     model.gravity.linear = np.array([0, 0, -9.81])
     data = model.createData()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from tests.finite import by_configuration, by_time, close, random_state, slope
 from tests.scenes import Body, load
 
@@ -39,7 +39,7 @@ def robot(*changes: str) -> pf.Mechanism:
 @pytest.mark.parametrize("basis", BASES)
 def test_rows_bias_and_tangent_are_exact(basis: str, sleeve: str) -> None:
     m = robot(BASES[basis], *SLEEVES[sleeve])
-    d = Dynamics(m.flexible)
+    d = Equations(m.flexible)
     y, v, a, lam = random_state(m.flexible, m.undeformed(), 1)
     # Deflections of a per cent of the beam's length, half a metre.
     y[3:], v[3:] = 0.3 * y[3:], 0.3 * v[3:]
@@ -49,8 +49,8 @@ def test_rows_bias_and_tangent_are_exact(basis: str, sleeve: str) -> None:
     np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
     d.system.K[:] = 0.0  # beside the beam's own stiffness all else would drown
     d.stiffness[:] = 0.0
-    K = d.tangent(y, v, a, lam, 0.0)[2]
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
+    K = d.tangent(y, v, a, lam, 0.0).K
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0).r, y), DIFFERENCES)
 
 
 def test_a_load_beyond_the_sleeve_bends_the_beam_as_an_overhanging_one() -> None:
@@ -160,7 +160,7 @@ def test_in_space_the_rows_hold_both_bendings_and_the_twist(
 ) -> None:
     m = load(tmp_path, ROD, SPACE, changes)
     assert m.flexible_report.rank == rows
-    d = Dynamics(m.flexible)
+    d = Equations(m.flexible)
     y, v, a, lam = random_state(m.flexible, m.undeformed(), 2)
     y[8:], v[7:] = 0.5 * y[8:], 0.5 * v[7:]  # a per cent of the length
     J = d.close(y)[1].copy()
@@ -169,8 +169,8 @@ def test_in_space_the_rows_hold_both_bendings_and_the_twist(
     np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
     d.system.K[:] = 0.0
     d.stiffness[:] = 0.0
-    K = d.tangent(y, v, a, lam, 0.0)[2]
-    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0), y), DIFFERENCES)
+    K = d.tangent(y, v, a, lam, 0.0).K
+    close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0).r, y), DIFFERENCES)
 
 
 TUBE = """

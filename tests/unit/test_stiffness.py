@@ -11,7 +11,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SingularityError
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.results.views import rotation_vector
 from pinflex.studies.stiffness import platform_compliance, stiffness_of
 from tests.scenes import Body, load, published
@@ -100,9 +100,9 @@ def _pose_under(robot: pf.Mechanism, wrench: Array) -> pin.SE3:
     frame = robot.description.platform
     load = f"{{at: {frame}, force: {wrench[:3].tolist()}, moment: {wrench[3:].tolist()}}}"
     robot = pf.load(robot.description, [f"forces={{probe: {load}}}"])
-    dynamics, here = Dynamics(robot.flexible), robot.frame(str(frame))
-    dynamics.place(pf.static_equilibrium(robot).y)
-    pin.forwardKinematics(dynamics.model, dynamics.data, dynamics.Q)
+    dynamics, here = Equations(robot.flexible), robot.frame(str(frame))
+    bent = dynamics.at(pf.static_equilibrium(robot).y)
+    pin.forwardKinematics(dynamics.model, dynamics.data, bent.Q[0])
     return dynamics.data.oMi[here.joint] * here.placement
 
 

@@ -29,7 +29,7 @@ from pinflex.description.flexible import Basis, FlexibleLink
 from pinflex.description.material import Material
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from tests.finite import by_configuration, close, random_state
 from tests.scenes import Body, load
 
@@ -232,15 +232,15 @@ def test_a_solid_rod_and_a_beam_rod_make_the_same_robot(tmp_path: Path) -> None:
 
 def test_mass_matrix_and_tangent_of_a_solid_are_exact(tmp_path: Path) -> None:
     m = load(tmp_path, RODS, SCENE % MESH)
-    system, d = m.flexible, Dynamics(m.flexible)
+    system, d = m.flexible, Equations(m.flexible)
     y, v, a, lam = random_state(system, m.undeformed(), 3)
     M = d.mass(y)
     zero = np.zeros(system.nv)
-    base = d.residual(y, zero, zero, lam, 0.0).copy()
-    columns = np.array([d.residual(y, zero, e, lam, 0.0) - base for e in np.eye(system.nv)]).T
+    base = d.residual(y, zero, zero, lam, 0.0).r.copy()
+    columns = np.array([d.residual(y, zero, e, lam, 0.0).r - base for e in np.eye(system.nv)]).T
     close(M, columns, 1e-7)  # K eta is 1e7 N here, and its round-off 1e-9 N
-    _, _, K = d.tangent(y, v, a, lam, 0.0)
-    close(K, by_configuration(d, lambda q: d.residual(q, v, a, lam, 0.0), y), 1e-6)
+    _, _, K, _ = d.tangent(y, v, a, lam, 0.0)
+    close(K, by_configuration(d, lambda q: d.residual(q, v, a, lam, 0.0).r, y), 1e-6)
     flat = d.mass(m.undeformed())[1:, 1:]
     body = m.parts["rod"].bodies[0]
     tip = flat - body.M  # what is left is the load at the interface

@@ -7,7 +7,7 @@ import scipy.linalg  # noqa: F401  # its BLAS is not numpy's
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import pinflex as pf
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.studies.check import check
 from pinflex.threads import one_blas_thread
 
@@ -27,13 +27,13 @@ def test_every_blas_is_held_and_let_go() -> None:
 @pytest.mark.parametrize("call", [pf.modes, pf.static_equilibrium, check])
 def test_what_linearises_holds_it_too(call: object, monkeypatch: pytest.MonkeyPatch) -> None:
     robot, seen = pf.load("cantilever"), []
-    tangent = Dynamics._derivatives
+    tangent = Equations._derivatives
 
     def watched(*args: object) -> object:
         seen.append(blas_threads())
         return tangent(*args)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Dynamics, "_derivatives", watched)
+    monkeypatch.setattr(Equations, "_derivatives", watched)
     with threadpool_limits(limits=2, user_api="blas"):
         call(robot)  # type: ignore[operator]
     assert seen

@@ -9,7 +9,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.mechanics import workspace
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 _HEAVIER = [
     "flexible.*.material.rho=9000",
@@ -33,11 +33,11 @@ def _tree(*joints: pin.JointModel, parents: tuple[int, ...] | None = None) -> pi
 
 def _all_numbers(m: pf.Mechanism) -> list[Array]:
     """What every algorithm that runs on a workspace gives, at one moving, bent state."""
-    rng, system, d = np.random.default_rng(3), m.flexible, Dynamics(m.flexible)
+    rng, system, d = np.random.default_rng(3), m.flexible, Equations(m.flexible)
     y = d.integrate(m.undeformed(), 1e-3 * rng.standard_normal(system.nv))
     v, a = rng.standard_normal((2, system.nv))
     lam = rng.standard_normal(system.closed.n)
-    found = [d.residual(y, v, a, lam, 0.0), d.mass(y), *d.tangent(y, v, a, lam, 0.0), *d.close(y)]
+    found = [*d.residual(y, v, a, lam, 0.0), d.mass(y), *d.tangent(y, v, a, lam, 0.0), *d.close(y)]
     return [np.array(one) for one in (*found, d.closure_bias(y, v), d.energies(y, v, 0.0))]
 
 
@@ -49,7 +49,7 @@ def test_the_workspace_of_a_heavier_twin_gives_the_same_numbers_to_the_last_bit(
     workspace._spare.clear()
     _all_numbers(heavier)
     left = [data for _, data in workspace._spare.values()]
-    assert Dynamics(m.flexible).data in left
+    assert Equations(m.flexible).data in left
     for found, number in zip(_all_numbers(m), expected, strict=True):
         np.testing.assert_array_equal(found, number)
 

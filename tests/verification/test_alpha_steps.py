@@ -22,7 +22,7 @@ from pinflex.integrators.schemes import scheme
 from pinflex.lab.loops import pendulum
 from pinflex.levels.outputs import Outputs
 from pinflex.levels.start import straight_start
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import default_motion
 from tests.finite import slope
@@ -45,7 +45,7 @@ def march(
     h *= end / h.sum()
     path = path_between(m, motion, 0.0, end)
     steps = AlphaSteps(
-        m, Dynamics(m.flexible), path, (0.0, h[0]), scheme(integrator), 1e-3, tolerance=1e-10
+        m, Equations(m.flexible), path, (0.0, h[0]), scheme(integrator), 1e-3, tolerance=1e-10
     )
     start = straight_start(m, motion, motor_path(m, motion, np.zeros(1)), steps.dynamics)
     states, last = [steps.first(0.0, *start)], None

@@ -20,7 +20,7 @@ from pinflex.integrators.collocation import radau
 from pinflex.integrators.radau import Stages, Start, Step
 from pinflex.lab.loops import pendulum
 from pinflex.levels.start import straight_start
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from tests.finite import slope
 
@@ -44,7 +44,7 @@ def marched(
     """Equal steps from a state, Newton to round-off."""
     system = m.flexible
     path: Callable[[Array], MotorPath] = lambda t: motor_path(m, motion, t)  # noqa: E731
-    march = Stages(m, Dynamics(system), path, 1e-10, radau(stages))
+    march = Stages(m, Equations(system), path, 1e-10, radau(stages))
     now, steps = march.first(0.0, y, v), []
     for _ in range(round(until / h)):
         march.newton.stale = True  # a tangent of its own for each step
@@ -141,7 +141,7 @@ def test_equal_steps_agree_with_generalized_alpha_refined(name: str) -> None:
     motion, end = from_spec(m.description.motion, name), 0.02
     t = np.linspace(0.0, end, 21)
     path = motor_path(m, motion, t[:1])
-    start = straight_start(m, motion, path, Dynamics(m.flexible))
+    start = straight_start(m, motion, path, Equations(m.flexible))
     march, steps, now = marched(m, 5, 1e-3, end, motion, *start)
     dt = {"race_r1": 1e-5, "race_r2": 2.5e-5}[name]
     # Newton's tolerance out of the way of both.

@@ -26,7 +26,7 @@ def test_our_integration_gives_the_consistent_reference() -> None:
 def test_pinflex_accelerates_the_same_masses_in_both_conventions() -> None:
     """One instant in the middle of nowhere: accelerations to round-off."""
     from pinflex.integrators.consistent import consistent_acceleration
-    from pinflex.mechanics.dynamics import Dynamics
+    from pinflex.mechanics.equations import Equations
 
     q, dq = np.array([2e-3, -1e-3, 1e-4, 2e-4]), np.array([0.7, -0.4, 0.05, 0.1])
     for factor in (1.0, 15.0):
@@ -34,7 +34,7 @@ def test_pinflex_accelerates_the_same_masses_in_both_conventions() -> None:
         y, v = scene.start(q, dq)
         system = scene.m.flexible
         a, _ = consistent_acceleration(
-            Dynamics(system), y, v, system.motors, np.zeros(1), None, 0.0
+            Equations(system), y, v, system.motors, np.zeros(1), None, 0.0
         )
         w, wd = np.concatenate([[0.0, simeon.CRANK + simeon.ROD + q[3]], q]), np.zeros(6)
         wd[0], wd[1], wd[2:] = v[scene.rows[0]] + v[scene.rows[1]], dq[3], dq

@@ -15,7 +15,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.levels.quasistatic import balance
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from tests.finite import slope
 
 EXACT = -0.573779  # [m] tip lag of the geometrically exact beam
@@ -108,7 +108,7 @@ def test_the_steady_stretch_is_that_of_a_spinning_rod(
     m = pf.load("spinning_beam", changes)
     v, still = np.zeros(m.flexible.nv), np.zeros(m.flexible.nv)
     v[m.flexible.motors] = SPEED
-    y = balance(Dynamics(m.flexible), m.undeformed(), v, still, m.flexible.free, 0.0).y
+    y = balance(Equations(m.flexible), m.undeformed(), v, still, m.flexible.free, 0.0).y
     eta = y[int(m.flexible.rigid.nq) :]
     stretch = sum(
         float(slot.body.rows(slot.body.length)[0][0] @ eta[slot.eta])

@@ -20,7 +20,7 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import platform_poses
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.recovery.recover import recover
 from pinflex.solver.scene import Scene
@@ -78,8 +78,8 @@ def _careful(scene: Scene, t: Array, resolution: float) -> Run:
 def outputs(scene: Scene, run: Run) -> Arrays:
     """Torques, platform pose and the rigid one; if asked for deflection, that of the links."""
     m = scene.mechanism
-    position, rotation = platform_poses(m, Dynamics(run.system), run.y)
-    rigid = platform_poses(m, Dynamics(m.rigid), nominal(m, scene.motion, run.t).q)
+    position, rotation = platform_poses(m, Equations(run.system), run.y)
+    rigid = platform_poses(m, Equations(m.rigid), nominal(m, scene.motion, run.t).q)
     found = {
         "torque": run.torque,
         "position": position,

@@ -1,0 +1,337 @@
+"""The equations of motion of one system, at one state or at many.
+
+    r(y, v, a, lam) = X' (rnea(Q, X v, X a + Xdot v) - J_Q' lam) + K y + D v,     c(y) = 0
+
+With no flexible link X = I and this is Pinocchio itself. Here r leaves out the motor torques: the
+rows of motors give the torque that the motion needs.
+
+Every call is a value: states and time go in, arrays that nothing overwrites come out, by name.
+States are time-first, y (n, nq); one state y (nq,) is a batch of one, and answers lose the axis.
+Pinocchio takes the states one after the other; everything around it runs on stacked arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.mechanics.closure_state import ClosureState
+from pinflex.mechanics.coordinate_map import Configuration
+from pinflex.mechanics.derivatives import Derivatives
+from pinflex.mechanics.evaluated import (
+    Energies,
+    IterationMatrix,
+    JointForces,
+    Residual,
+    Tangent,
+)
+from pinflex.mechanics.geometry import Geometry, spans
+from pinflex.mechanics.loads import LoadRows
+from pinflex.mechanics.poses import local_wrench
+from pinflex.mechanics.system import System
+
+
+class Equations(Geometry):
+    """The equations of a system (make one per run).
+
+    Attributes:
+        stiffness: Of the links by eta, shape (n_eta, n_eta).
+        damped, sprung, loaded: Whether there are dampers, joint springs, loads.
+    """
+
+    def __init__(self, system: System) -> None:
+        super().__init__(system)
+        self.damped = bool(np.any(system.D))
+        self.sprung = len(system.springs.v_at) > 0
+        self.loaded = system.loads.present
+        self.stiffness = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
+        links = [(slot.eta, slot.body.curvature) for slot in system.expansion.slots]
+        self._curved = [(at, bent) for at, bent in links if bent is not None]
+        self._loads = LoadRows(system.loads, self.model)
+        # Joints that closures and loads act on, and by which loops: +1 on B, -1 on A.
+        bodies = system.closed.bodies.reshape(2, -1)
+        self._acted = sorted({*bodies.ravel().tolist(), *self._loads.support})
+        at = np.array(self._acted, dtype=np.intp)[:, None]
+        self._of_loops = (at == bodies[1]).astype(float) - (at == bodies[0])
+        # Scratch of `joint_forces` and of the derivatives, which write whatever they then read.
+        self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
+
+    # Forces --------------------------------------------------------------------------------
+
+    def residual(
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        t: float | Array,
+        control_force: Array | None = None,
+    ) -> Residual:
+        """Forces that the motion (y, v, a) with multipliers lam leaves to the motors.
+
+        r = X' (rnea - J_Q' lam) + K y + D v, zero in the rows of everything that is not driven.
+
+        Args:
+            y: [q; eta], shape (nq,) or (n, nq). v, a: Shape (nv,) or (n, nv).
+            lam: Shape (rows,) or (n, rows), N | N m.
+            t: Time in s, at which the loads are taken; shape (n,) for n states.
+            control_force: Generalised forces of a feedback, as v, N | N m; None: none.
+        """
+        if y.ndim == 1:
+            r, c = self._residuals(y[None], v[None], a[None], lam[None], (t,))
+            if control_force is not None:
+                r -= control_force
+            return Residual(r[0], c[0])
+        r, c = np.empty((len(y), self.system.nv)), np.empty((len(y), self.system.closed.n))
+        for s in spans(len(y)):
+            r[s], c[s] = self._residuals(y[s], v[s], a[s], lam[s], np.broadcast_to(t, len(y))[s])
+        return Residual(r if control_force is None else r - control_force, c)
+
+    def _residuals(
+        self, Y: Array, V: Array, A: Array, lam: Array, t: Array | tuple[float | Array, ...]
+    ) -> tuple[Array, Array]:
+        here = self.map.at(Y, V, A, True)
+        n, closed = len(Y), None
+        g = np.empty((n, self._nV))
+        for k in range(n):
+            g[k] = pin.rnea(self.model, self.data, here.Q[k], here.V[k], here.A[k])
+        if self.looped or self.loaded:
+            poses, J, _ = self._placed(here)
+        if self.looped:
+            closed = self._closed(poses, here, Y)
+            g -= closed.forces(lam, J)
+            c = closed.c
+        else:
+            c = np.zeros((n, 0))
+        if self.loaded:
+            for k in range(n):
+                g[k] -= self._loads.at(poses[k], J[k]).generalized(here.V[k], float(t[k]))
+        return self._projected(here, g, Y, V, closed, lam), c
+
+    def _projected(
+        self,
+        here: Configuration,
+        g: Array,
+        Y: Array,
+        V: Array,
+        closed: ClosureState | None,
+        lam: Array,
+    ) -> Array:
+        """X' g with the forces of stiffness, damping, springs and sleeves, shape (n, nv)."""
+        r, m = here.project(g), self.n_rigid
+        if self.flexible:
+            r[:, m:] += self.elastic_forces(Y[:, self.nq_rigid :])
+        if self.damped:
+            r += V @ self.system.D
+        if self.sprung:
+            s = self.system.springs
+            r[:, s.v_at] += s.stiffness * (self.spring_angles(Y) - s.rest)
+        if self.slides and closed is not None:
+            r[:, m:] -= (lam[:, None] @ closed.by_eta(self.system.n_eta))[:, 0]
+        return r
+
+    def elastic_forces(self, eta: Array) -> Array:
+        """What deformed links resist with, for elastic coordinates (..., n_eta), the same shape."""
+        force = eta @ self.stiffness
+        for at, bent in self._curved:
+            force[..., at] += bent.force(eta[..., at])
+        return np.asarray(force)
+
+    def spring_angles(self, y: Array) -> Array:
+        """Positions (rad | m) of the joints with springs, shape (..., springs)."""
+        s = self.system.springs
+        angle = np.array(y[..., s.q_at])
+        for k in np.flatnonzero(s.paired):
+            angle[..., k] = np.arctan2(y[..., s.q_at[k] + 1], y[..., s.q_at[k]])
+        return angle
+
+    # Matrices, at one state ----------------------------------------------------------------
+
+    def mass(self, y: Array) -> Array:
+        """M = X' crba(Q) X, shape (nv, nv)."""
+        here = self.map.at(y[None], passing=True)
+        return here.both_sides(pin.crba(self.model, self.data, here.Q[0]))
+
+    def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
+        """Exact derivatives at t (s), y (nq,), v and a (nv,), lam (rows,)."""
+        found, J = self._derivatives(y, v, a, lam, t, True)
+        M, C, K = (found.weighted(weights, True) for weights in np.eye(3))
+        return Tangent(M, C, K, J)
+
+    def iteration_matrix(
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        t: float,
+        weights: Sequence[float],
+        rates: bool = False,
+    ) -> IterationMatrix:
+        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy for Newton.
+
+        The rates of the second-order rows are left out unless asked for: they are of the order of
+        the step times the elastic rates, and Newton does not miss them in a smooth motion.
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,). t: Time in s.
+            weights: Of M, C and K.
+            rates: Exact, also where links accelerate wildly.
+        """
+        found, J = self._derivatives(y, v, a, lam, t, weights[2] != 0.0)
+        return IterationMatrix(found.weighted(weights, rates), J)
+
+    def _derivatives(
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, follow_closures: bool
+    ) -> tuple[Derivatives, Array]:
+        """Derivatives of the expanded model with what closures and loads add, and J (rows, nv)."""
+        Y = y[None]
+        here = self.map.at(Y, v[None], a[None], True)
+        follow, load, J_c = None, None, np.zeros((0, self.system.nv))
+        if self.looped or self.loaded:
+            poses, J, _ = self._placed(here)
+            closed = self._closed(poses, here, Y) if self.looped else None
+            if closed is not None:
+                J_c = self._jacobian(here, closed, J)[0]
+                if follow_closures:
+                    follow = closed.force_tangent(lam, J[0], here.times_map)
+            if self.loaded:
+                load = self._loads.at(poses[0], J[0])
+            self._push(self._wrenches(here, poses, J, closed, lam[None], (t,))[0])
+        model, data, pushed = self.model, self.data, self._pushed
+        dQ, dV, M = pin.computeRNEADerivatives(model, data, here.Q[0], here.V[0], here.A[0], pushed)
+        found = Derivatives(
+            self.system, here, dQ, dV, M, np.array(data.tau), a[self.n_rigid :],
+            [(at, bent.stiffness(y[self.nq_rigid :][at])) for at, bent in self._curved],
+            follow, load, t,
+        )  # fmt: skip
+        return found, J_c
+
+    # Joint forces --------------------------------------------------------------------------
+
+    def joint_forces(
+        self,
+        y: Array,
+        v: Array,
+        a: Array,
+        lam: Array,
+        t: Array,
+        joints: Sequence[int],
+        control_force: Array | None = None,
+    ) -> JointForces:
+        """Forces of joints, loops and sleeves at n states.
+
+        Args:
+            y: Shape (n, nq). v, a: Shape (n, nv). lam: Shape (n, rows). t: Times in s, (n,).
+            joints: Numbers of the joints whose forces are wanted.
+            control_force: Generalised forces of a feedback, shape (n, nv), N | N m; None: none.
+        """
+        found = [self._joint_forces(y[s], v[s], a[s], lam[s], t[s], joints) for s in spans(len(y))]
+        every = JointForces(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+        return every if control_force is None else every._replace(r=every.r - control_force)
+
+    def _joint_forces(
+        self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
+    ) -> JointForces:
+        here, n, closed = self.map.at(Y, V, A, True), len(Y), None
+        g, f = np.empty((n, self._nV)), np.empty((n, len(joints), 6))
+        total = np.zeros((n, len(self._acted), 6))
+        if self.looped or self.loaded:
+            poses, J, _ = self._placed(here)
+            closed = self._closed(poses, here, Y) if self.looped else None
+            total = self._wrenches(here, poses, J, closed, lam, t)
+        for k in range(n):
+            self._push(total[k])
+            model, data, pushed = self.model, self.data, self._pushed
+            g[k] = pin.rnea(model, data, here.Q[k], here.V[k], here.A[k], pushed)
+            for i, joint in enumerate(joints):
+                f[k, i] = data.f[joint].vector
+        coupled = self.system.closed.coupled
+        if len(coupled.rows):  # torques in joints, no wrenches on bodies
+            g -= lam[:, coupled.rows] @ coupled.J
+        r = self._projected(here, g, Y, V, closed, lam)
+        if closed is None:
+            none = np.zeros((n, 0))
+            return JointForces(r, none, g, f, none.reshape(n, 0, 6), none.reshape(n, 0, 3, 7))
+        return JointForces(r, closed.c, g, f, closed.loop_wrenches(lam), closed.sleeves(lam))
+
+    def _wrenches(
+        self,
+        here: Configuration,
+        poses: Array,
+        J: Array,
+        closed: ClosureState | None,
+        lam: Array,
+        t: Array | tuple[float, ...],
+    ) -> Array:
+        """Wrenches of closures and loads in the frames of the joints acted on, (n, joints, 6)."""
+        total = np.zeros((len(poses), len(self._acted), 6))
+        if closed is not None:
+            total += self._of_loops @ closed.wrenches(lam)
+        if self.loaded:
+            for k, whole in enumerate(total):
+                load = self._loads.at(poses[k], J[k])
+                for joint, wrench in load.wrenches(here.V[k], float(t[k])).items():
+                    whole[self._acted.index(joint)] += wrench
+        return local_wrench(poses[:, self._acted], total)
+
+    def _push(self, wrenches: Array) -> None:
+        """Let wrenches (joints acted on, 6) act in what Pinocchio evaluates next."""
+        for joint, wrench in zip(self._acted, wrenches, strict=True):
+            self._pushed[joint] = pin.Force(wrench)
+
+    # Energies ------------------------------------------------------------------------------
+
+    def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
+        """Energies at y (nq,) or (n, nq), v (nv,) or (n, nv), and times t (s), shape (n,)."""
+        Y, V = np.atleast_2d(y), np.atleast_2d(v)
+        found, times = np.zeros((4, len(Y))), np.broadcast_to(t, len(Y))
+        for s in spans(len(Y)):
+            self._energies(found[:, s], Y[s], V[s], times[s])
+        return Energies(*(found[:, 0] if y.ndim == 1 else found))
+
+    def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
+        here, model, data = self.map.at(Y, V, np.zeros_like(V), True), self.model, self.data
+        for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
+            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate)
+            found[1, k] = pin.computePotentialEnergy(model, data)
+        found[2] = self.elastic_energy(Y[:, self.nq_rigid :])
+        if self.sprung:
+            s = self.system.springs
+            found[3] = 0.5 * (self.spring_angles(Y) - s.rest) ** 2 @ s.stiffness
+        if self.loaded:
+            poses, J, _ = self._placed(here)
+            found[3] += [self._loads.at(*at).energy(float(when))
+                         for *at, when in zip(poses, J, t, strict=True)]  # fmt: skip
+
+    def elastic_energy(self, eta: Array) -> Array:
+        """Strain energy of the links (J) for elastic coordinates (..., n_eta), shape (...)."""
+        energy = 0.5 * np.sum(eta @ self.stiffness * eta, axis=-1)
+        for at, bent in self._curved:
+            energy = energy + bent.energy(eta[..., at])
+        return np.asarray(energy)
+
+    def losses(self, y: Array, v: Array) -> float:
+        """Power that damping takes at y (nq,) and v (nv,), W."""
+        power = float(v @ self.system.D @ v) if self.damped else 0.0
+        if self.loaded:
+            at = self.kinematics(y, v)
+            power += self._loads.at(at.poses[0], at.J[0]).dissipation(at.here.V[0])
+        return power
+
+    def structural_stiffness(self, y: Array) -> Array:
+        """K of links and springs alone, without the stiffness that loads bring, shape (nv, nv).
+
+        Springs between frames resist along their line at the pose y; what their pull adds across
+        it is a load's.
+        """
+        K = self.system.K.copy()
+        springs = self.system.springs
+        K[springs.v_at, springs.v_at] += springs.stiffness
+        if self.system.loads.springs:
+            at = self.kinematics(y)
+            K += self._loads.at(at.poses[0], at.J[0]).stiffness(at.here.times_map)
+        return K

@@ -1,0 +1,195 @@
+"""Joints and closures of one system, at one state or at many.
+
+Every call is a value: states go in, arrays that nothing overwrites come out. States are time-first,
+y (n, nq); Pinocchio takes them one after the other, everything around it runs on stacked arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.mechanics import workspace
+from pinflex.mechanics.closure_rows import ClosureRows
+from pinflex.mechanics.closure_state import ClosureState
+from pinflex.mechanics.coordinate_map import Configuration, CoordinateMap
+from pinflex.mechanics.evaluated import Closure
+from pinflex.mechanics.poses import JointPoses, columns
+from pinflex.mechanics.system import System
+
+_SIZES = 8  # numbers of states whose index tables are kept
+_TOGETHER = 32  # states at a time: numpy's price for a call is spread, what is used stays in cache
+
+
+class Kinematics(NamedTuple):
+    """Joints and closures at n states.
+
+    Attributes:
+        here: Expanded configuration and map.
+        poses: Of joints, shape (n, joints, 12), see `JointPoses`.
+        J, dJ: World Jacobians of the joints and their rates, shape (n, 6, nV); dJ (0, 6, nV)
+            without rates.
+        closed: Loops, where there are any.
+    """
+
+    here: Configuration
+    poses: Array
+    J: Array
+    dJ: Array
+    closed: ClosureState | None
+
+
+class Geometry:
+    """Configurations, joints and closures of a system, on a pin.Data of its own.
+
+    Attributes:
+        system: What is evaluated. model: Its expanded model. data: Pinocchio's workspace.
+        n_rigid, nq_rigid: Rigid velocities and coordinates. flexible: Whether any link bends.
+        vector_space: Whether y moves by plain addition. looped: Whether there are closures.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.model: pin.Model = system.expansion.model
+        self.data: pin.Data = workspace.acquire(self.model)
+        self.map = CoordinateMap(system.rigid, system.expansion)
+        self.n_rigid, self.nq_rigid = self.map.n_rigid, self.map.nq_rigid
+        self.flexible = self.map.flexible
+        self.vector_space = self.nq_rigid == self.n_rigid
+        self.looped = system.closed.n > 0
+        self._joints, self._nV = int(self.model.njoints), int(self.model.nv)
+        self.slides = self.flexible and len(system.closed.contacts) > 0
+        self.poses = JointPoses(self.model, self.data)
+        self._closures: dict[int, ClosureRows] = {}
+
+    def __del__(self) -> None:
+        if hasattr(self, "data"):
+            workspace.release(self.model, self.data)
+
+    def integrate(self, y: Array, dy: Array) -> Array:
+        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,)."""
+        if self.vector_space:
+            return y + dy
+        moved = np.empty_like(y)
+        n, m = self.nq_rigid, self.n_rigid
+        moved[:n] = pin.integrate(self.system.rigid, y[:n], dy[:m])
+        moved[n:] = y[n:] + dy[m:]
+        return moved
+
+    def difference(self, y0: Array, y1: Array) -> Array:
+        """dy that takes y0 to y1, shape (nv,)."""
+        if self.vector_space:
+            return y1 - y0
+        n, m = self.nq_rigid, self.n_rigid
+        dy = np.empty(self.system.nv)
+        dy[:m] = pin.difference(self.system.rigid, y0[:n], y1[:n])
+        dy[m:] = y1[n:] - y0[n:]
+        return dy
+
+    def at(self, y: Array, v: Array | None = None, a: Array | None = None) -> Configuration:
+        """Expanded configuration and map, always with a first axis for the states.
+
+        Args:
+            y: Shape (nq,) or (n, nq). v, a: Shape (nv,) or (n, nv), both or neither.
+        """
+        return self.map.at(*(None if x is None else np.atleast_2d(x) for x in (y, v, a)))  # type: ignore[arg-type]
+
+    def joint_poses(self, y: Array) -> Array:
+        """Poses of the joints, see `JointPoses`, at y (nq,) or (n, nq), shape (n, joints, 12)."""
+        Y = np.atleast_2d(y)
+        out = np.empty((len(Y), self._joints, 12))
+        for s in spans(len(Y)):
+            for k, Q in enumerate(self.map.at(Y[s], passing=True).Q, start=s.start):
+                pin.forwardKinematics(self.model, self.data, Q)
+                out[k] = self.poses.current()
+        return out
+
+    def kinematics(self, y: Array, v: Array | None = None) -> Kinematics:
+        """Joints and closures at y (nq,) or (n, nq); with v, the rates of the Jacobians too."""
+        return self._kinematics(y, v, False)
+
+    def _kinematics(self, y: Array, v: Array | None, passing: bool) -> Kinematics:
+        Y, V = np.atleast_2d(y), None if v is None else np.atleast_2d(v)
+        here = self.map.at(Y, V, None if V is None else np.zeros_like(V), passing)
+        poses, J, dJ = self._placed(here, v is not None)
+        loops = len(self.system.closed.names)
+        closed = self._closed(poses, here, Y) if loops else None
+        return Kinematics(here, poses, J, dJ, closed)
+
+    def _placed(self, here: Configuration, rates: bool = False) -> tuple[Array, Array, Array]:
+        """Joint poses (n, joints, 12), world Jacobians (n, 6, nV) and, if asked, their rates."""
+        n, model, data = len(here.Q), self.model, self.data
+        poses, J = np.empty((n, self._joints, 12)), np.empty((n, 6, self._nV))
+        dJ = np.empty((n if rates else 0, 6, self._nV))
+        for k in range(n):
+            if rates:
+                pin.computeJointJacobiansTimeVariation(model, data, here.Q[k], here.V[k])
+                dJ[k] = columns(data.dJ)
+            else:
+                pin.computeJointJacobians(model, data, here.Q[k])
+            J[k], poses[k] = columns(data.J), self.poses.current()
+        return poses, J, dJ
+
+    def _closed(self, poses: Array, here: Configuration, Y: Array) -> ClosureState:
+        n = len(poses)
+        rows = self._closures.get(n)
+        if rows is None:
+            if len(self._closures) > _SIZES:
+                self._closures.clear()
+            rows = self._closures[n] = ClosureRows(self.system.closed, n, self._joints)
+        return rows.at(poses, Y[:, self.nq_rigid :], here.Q)
+
+    def close(self, y: Array) -> Closure:
+        """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""
+        if y.ndim == 1:
+            c, J = self.closure_of(self._kinematics(y, None, True))
+            return Closure(c[0], J[0])
+        rows, nv = self.system.closed.n, self.system.nv
+        c, J = np.empty((len(y), rows)), np.empty((len(y), rows, nv))
+        for s in spans(len(y)):
+            c[s], J[s] = self.closure_of(self._kinematics(y[s], None, True))
+        return Closure(c, J)
+
+    def closure_of(self, at: Kinematics) -> Closure:
+        """Closure residuals and their Jacobian where the joints are."""
+        if at.closed is None:
+            return Closure(np.zeros((len(at.J), 0)), np.zeros((len(at.J), 0, self.system.nv)))
+        return Closure(at.closed.c, self._jacobian(at.here, at.closed, at.J))
+
+    def _jacobian(self, here: Configuration, closed: ClosureState, J: Array) -> Array:
+        """dc/dy = J_Q X, shape (n, rows, nv)."""
+        found = here.times_map(closed.jacobian(J))
+        if self.slides:
+            found[..., self.n_rigid :] += closed.by_eta(self.system.n_eta)
+        return found
+
+    def require_on_beams(self, y: Array, where: str, t: float | None = None) -> None:
+        """Raise a MotionError where a sleeve has left its beam at y (nq,), at a time t (s)."""
+        closed = self.kinematics(y).closed if self.system.closed.contacts else None
+        for one in closed.contacts if closed is not None else ():
+            one.require_on_beam(self.system.closed.names[one.loop], where, t)
+
+    def closure_bias(self, y: Array, v: Array) -> Array:
+        """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv)."""
+        gamma = self.bias_of(self._kinematics(y, v, True), np.atleast_2d(v))
+        return gamma[0] if y.ndim == 1 else gamma
+
+    def bias_of(self, at: Kinematics, V: Array) -> Array:
+        """gamma (n, rows) where joints move with V (n, nv)."""
+        if at.closed is None:
+            return np.zeros((len(V), 0))
+        here = at.here
+        gamma = at.closed.bias(here.V, at.J, at.dJ, V[:, self.n_rigid :])
+        if self.flexible:
+            gamma += (at.closed.jacobian(at.J) @ here.A[:, :, None])[:, :, 0]
+        return gamma
+
+
+def spans(count: int) -> Iterator[slice]:
+    """Slices that cover `count` states, `_TOGETHER` at a time."""
+    for first in range(0, count, _TOGETHER):
+        yield slice(first, min(first + _TOGETHER, count))
