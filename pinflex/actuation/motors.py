@@ -104,11 +104,11 @@ def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, A
     return joint_curve(mechanism, motion)(t)
 
 
-def default_motion(mechanism: Mechanism) -> Motion:
-    """The motion of the YAML; one second at rest where it has none."""
-    block = mechanism.description.motion
+def plain_motion(mechanism: Mechanism) -> Motion:
+    """The motion of the YAML without its shaper."""
+    path, block = mechanism.description.path, mechanism.description.motion
     if block is None:
         return hold(duration=1.0)
-    path = mechanism.description.path
+    spec = {key: x for key, x in block.items() if key != "shaper"}
     folder = None if path is None else path.parent
-    return from_spec(block, f"{mechanism.name}.yaml: motion", folder)
+    return from_spec(spec, f"{mechanism.name}.yaml: motion", folder)

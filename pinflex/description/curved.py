@@ -12,6 +12,7 @@ import copy
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,8 @@ def straightened(
         found |= _pieces(spec, names, f"{link}_end")
         _rebuild(root, tree, link, [*names, f"{link}_end"], corners, where)
     text = ET.tostring(root, encoding="unicode")
-    return {**block, "flexible": found}, sources.read(text, tree.file, tree.package_dirs)
+    written = sources.read(text, tree.file, tree.package_dirs)
+    return {**block, "flexible": found}, replace(written, notes=tree.notes)
 
 
 def _curved(spec: object) -> bool:

@@ -142,7 +142,7 @@ class SolveSpec:
     drive: str = fields.word("prescribed", DRIVES)
     kp: float = fields.real(0.0, "stiffness", low=0)
     kd: float = fields.real(0.0, "damping", low=0)
-    start: Any = fields.key("auto", _start, choices=STARTS)
+    start: Any = fields.key("auto", _start, choices=STARTS, form={"enum": STARTS})
     start_speeds: Speeds = fields.key((), _speeds)
 
     @property

@@ -19,6 +19,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath, TorqueDrive
 from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.sampler import Sampler
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.consistent import consistent_acceleration
@@ -94,10 +95,12 @@ class Stages:
         method: Collocation,
         drive: TorqueDrive | None = None,
         forces: bool = True,
+        sampler: Sampler | None = None,
     ) -> None:
         system = dynamics.system
         self.by_energy = forces and dynamics.flexible
         self.dynamics, self.path, self.drive = dynamics, path, drive
+        self.sampler = sampler
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.method, self.resolution = method, resolution
         self.free = system.free if drive is None else system.unheld
@@ -109,12 +112,15 @@ class Stages:
 
     def first(self, t: float, y: Array, v: Array) -> Start:
         """Consistent accelerations, multipliers and torques at (y, v)."""
-        d, path = self.dynamics, self.path(np.array([t]))
+        d, path, u = self.dynamics, self.path(np.array([t])), None
+        if self.sampler is not None:
+            self.sampler.reach(t, y, v)
+            u = self.sampler.force
         if self.drive is None:
-            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t)
-            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t).r[self.motors])
+            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t, u)
+            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t, u).r[self.motors])
         torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
-        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t)
+        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t, u)
         return Start(t, y, v, a, lam, torque)
 
     def step(self, start: Start, h: float, last: Step | None) -> Step:
@@ -127,6 +133,7 @@ class Stages:
             StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
         """
         m, free, newton, y, v = self.method, self.free, self.newton, start.y, start.v
+        held = None if self.sampler is None else self.sampler.force
         a, lam = self._predict(start, h, last)
         t = start.t + h * m.c
         path = self.path(t)
@@ -149,7 +156,7 @@ class Stages:
                 fresh = iteration
             if newton.h != h:
                 newton.factor(h)
-            r, c = self.dynamics.residual(y_s, v_s, a, lam, t)
+            r, c = self.dynamics.residual(y_s, v_s, a, lam, t, held)
             torque = r[:, self.motors]
             if self.drive is not None:
                 torque = self.drive.pull(path, self.axes, y_s, v_s)
@@ -235,8 +242,11 @@ class Stages:
 
     def _power(self, v: Array, torque: Array) -> Array:
         """Power of the motors and of the damping at states, shape (s, 2)."""
-        lost = np.sum(v @ self.dynamics.system.D * v, axis=1)
-        return np.column_stack([np.sum(torque * v[:, self.motors], axis=1), lost])
+        lost = self.dynamics.system.dissipation(v)
+        put_in = np.sum(torque * v[:, self.motors], axis=1)
+        if self.sampler is not None:
+            put_in = put_in + v @ self.sampler.force
+        return np.column_stack([put_in, lost])
 
     @property
     def order(self) -> int:

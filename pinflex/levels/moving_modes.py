@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinflex.actuation.motors import default_motion, motor_axes
+from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import nominal
 from pinflex.actuation.nominal_path import Path
 from pinflex.arrays import Array, IntArray
@@ -73,6 +73,8 @@ def state_at(mechanism: Mechanism, dynamics: Equations, at: At, motion: Motion |
         about = f"the steady motion {words} (rad/s, m/s)"
     else:
         t = number(at, f"{mechanism.name}: modes: at", low=0.0, of="time")
+        from pinflex.levels.excited import default_motion  # late: a shaper needs modes
+
         one = nominal(mechanism, motion or default_motion(mechanism), np.array([t]))
         q, v, a, about = one.q[0], one.v[0], one.a[0], f"the motion at t = {t:g} s"
     none = np.zeros(mechanism.flexible.n_eta)

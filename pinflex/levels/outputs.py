@@ -1,7 +1,9 @@
 """What a run is judged by: how far two runs of one system differ, output by output.
 
 The difference of an output is its largest one over the samples, relative to the largest value it
-takes; of the platform's pose, relative to its largest deviation from the rigid motion. An output
+takes; of the platform's pose, relative to its largest deviation from the rigid motion. Torques that
+dry friction makes jump differ by their root mean square: a jump an instant later is no error. An
+output
 that is zero throughout (the torque of no motor, a platform that does not turn) is left out: nothing
 can be said of it.
 """
@@ -55,7 +57,9 @@ class Outputs:
             return {}  # at rest: round-off is all that differs
         system, elastic = fine.system, fine.system.n_eta
         if "torque" in self._asked:
-            found["torque"] = relative_or_none(coarse.torque, fine.torque)
+            jumps = system.sticks(fine.settings.get("drive") != "torque")
+            measure = mean_square if jumps else relative_or_none
+            found["torque"] = measure(coarse.torque, fine.torque)
         n = int(system.rigid.nq)
         if elastic and "deflection" in self._asked:
             found["deflection"] = relative_or_none(coarse.y[:, n:], fine.y[:, n:])
@@ -137,6 +141,14 @@ def relative(a: Array, b: Array) -> float:
 def relative_or_none(a: Array, b: Array) -> float | None:
     """`relative`, or None where both are zero throughout."""
     return relative(a, b) if np.any(b) or np.any(a) else None
+
+
+def mean_square(a: Array, b: Array) -> float | None:
+    """Root mean square of a difference over that of the second, or None where both are zero."""
+    if not (np.any(b) or np.any(a)):
+        return None
+    size = float(np.sqrt(np.mean(np.square(b))))
+    return float(np.sqrt(np.mean(np.square(a - b)))) / size if size > 0 else np.inf
 
 
 def between(a: Array, b: Array) -> Array:

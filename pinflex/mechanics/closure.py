@@ -29,7 +29,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.couplings import Coupling
 from pinflex.description.loops import WORLD, Loop, loop_kind
-from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.expanded import Attachment, gear_name
 from pinflex.mechanics.poses import support
 from pinflex.mechanics.slider import Contact, Sleeve
 from pinflex.text import brief
@@ -41,35 +41,32 @@ _NOWHERE = Attachment(0, pin.SE3.Identity())
 
 @dataclass(frozen=True)
 class CoupledRows:
-    """Rows c = Q[own] - ratio Q[leader] - offset of an (expanded) model.
+    """Rows c = A Q[at] - offset of an (expanded) model.
 
     Attributes:
         rows: Closure rows, shape (k,).
-        own, leader: Places in Q, shape (k,); without a leader its own, with the ratio 0.
-        ratio, offset: Shape (k,).
+        at: Places in Q of the joints that are in a coupling, shape (joints,).
+        A: Factors of their coordinates, shape (k, joints).
+        offset: Shape (k,).
         J: dc/dQ, shape (k, nV).
     """
 
     __repr__ = brief
 
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    own: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    leader: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    ratio: Array = field(default_factory=lambda: np.zeros(0))
+    at: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    A: Array = field(default_factory=lambda: np.zeros((0, 0)))
     offset: Array = field(default_factory=lambda: np.zeros(0))
     J: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def value(self, Q: Array) -> Array:
         """c at configurations Q (n, nQ), shape (n, k)."""
-        return np.asarray(Q[:, self.own] - self.ratio * Q[:, self.leader] - self.offset)
+        return np.asarray(Q[:, self.at] @ self.A.T - self.offset)
 
     def select(self, renumber: IntArray) -> CoupledRows:
         """Those whose new number is not -1."""
         k = renumber[self.rows] >= 0
-        return CoupledRows(
-            renumber[self.rows[k]], self.own[k], self.leader[k], self.ratio[k], self.offset[k],
-            self.J[k],
-        )  # fmt: skip
+        return CoupledRows(renumber[self.rows[k]], self.at, self.A[k], self.offset[k], self.J[k])
 
 
 @dataclass(frozen=True)
@@ -199,21 +196,21 @@ def closures(
 
 
 def _coupled(couplings: Sequence[Coupling], model: pin.Model) -> CoupledRows:
-    """The first rows: one for each coupling."""
+    """The first rows: one for each coupling; a joint whose gear gives way moves by both."""
     if not couplings:
         return CoupledRows()
-    own = [model.joints[model.getJointId(one.joint)] for one in couplings]
-    leader = [
-        joint if one.leader is None else model.joints[model.getJointId(one.leader)]
-        for one, joint in zip(couplings, own, strict=True)
-    ]
-    ratio = np.array([one.ratio for one in couplings])
-    J, rows = np.zeros((len(own), int(model.nv))), np.arange(len(own))
-    J[rows, [joint.idx_v for joint in own]] = 1.0
-    J[rows, [joint.idx_v for joint in leader]] -= ratio
-    q_own, q_leader = (np.array([x.idx_q for x in side], dtype=np.intp) for side in (own, leader))
+    factors = np.zeros((len(couplings), int(model.njoints)))
+    for row, one in enumerate(couplings):
+        for name, factor in ((one.joint, 1.0), (one.leader, -one.ratio)):
+            parts = () if name is None else (name, gear_name(name))
+            for part in filter(model.existJointName, parts):
+                factors[row, model.getJointId(part)] = factor
+    used = np.flatnonzero(np.any(factors != 0.0, axis=0))
+    A, J = factors[:, used], np.zeros((len(couplings), int(model.nv)))
+    J[:, [model.joints[int(k)].idx_v for k in used]] = A
+    at = np.array([model.joints[int(k)].idx_q for k in used], dtype=np.intp)
     offset = np.array([one.offset for one in couplings])
-    return CoupledRows(rows, q_own, q_leader, ratio, offset, J)
+    return CoupledRows(np.arange(len(couplings)), at, A, offset, J)
 
 
 def _local(sides: Sequence[Attachment], turns: Sequence[Array]) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
 from pinflex.actuation.feedback import place
+from pinflex.actuation.sampler import Sampler, drives_motors, require_instants
 from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
@@ -161,6 +162,10 @@ class Scene:
         start, drive = self._start, self._drive(t)
         dynamics = Equations(self._system)  # takes the workspace that the start has given back
         path, forces = self._path(t), not self.spec.asked or "torque" in self.spec.asked
+        sampler, stops = None, breaks(self.motion, dynamics.system.loads)
+        if self.sampled:
+            sampler, drive = self._sampler(dynamics, drive, float(t[-1]))
+            stops = (*stops, *sampler.instants(float(t[-1])))
         steps: Steps
         if alpha:
             steps = AlphaSteps(
@@ -168,16 +173,30 @@ class Scene:
                 forces, self.tolerance,
             )  # fmt: skip
         else:
-            steps = Stages(self.mechanism, dynamics, path, resolution, self._tableau, drive, forces)
+            steps = Stages(
+                self.mechanism, dynamics, path, resolution, self._tableau, drive, forces, sampler
+            )
         try:
             run = adaptive.integrate(
                 self.mechanism.name, steps, (start.y, start.v), t,
-                breaks(self.motion, dynamics.system.loads), resolution, scale, pilot, progress,
+                stops, resolution, scale, pilot, progress,
             )  # fmt: skip
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
+        if sampler is not None:
+            run = replace(run, signals=sampler.signals(run.t, run.y))
         return start.told(run)
+
+    @property
+    def sticks(self) -> bool:
+        """Whether dry friction may bring joints to rest."""
+        return self.mechanism.flexible.sticks(self.spec.drive == "prescribed")
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a digital controller acts: its steps end at its instants."""
+        return self.control is not None and self.control.period is not None
 
     @property
     def linear(self) -> bool:
@@ -215,6 +234,24 @@ class Scene:
         driven = self.spec.drive == "torque"
         v = with_speeds(self.mechanism, dynamics, start.y, start.v, self.spec.start_speeds, driven)
         return replace(start, v=v)
+
+    def _sampler(
+        self, dynamics: Equations, drive: TorqueDrive | None, end: float
+    ) -> tuple[Sampler, TorqueDrive | None]:
+        """The digital controller of a run up to `end` (s), and the drive that it commands."""
+        control = self.control
+        assert control is not None
+        require_instants(self.mechanism, control, end)
+        feedback = place(self.mechanism, control, prescribed=drive is None)
+        sampler = Sampler(self.mechanism, feedback, dynamics, drive is not None)
+        if drive is not None and drives_motors(self.mechanism, control):
+            # motors that it does not drive keep the drive they have
+            own, kp, kd, rest = sampler.driven, drive.kp, drive.kd, drive.forward
+            drive = TorqueDrive(
+                np.where(own, 0.0, kp), np.where(own, 0.0, kd), drive.feed_forward,
+                lambda t: np.where(own, sampler.torque, rest(t)),
+            )  # fmt: skip
+        return sampler, drive
 
     def _drive(self, t: Array) -> TorqueDrive | None:
         if self.spec.drive != "torque":

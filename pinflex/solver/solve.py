@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.motors import default_motion as default_motion
 from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
+from pinflex.actuation.sampler import drives_motors
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.description.solve import COUPLED_ONLY, SolveSpec, with_options
@@ -27,6 +27,7 @@ from pinflex.errors import (
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
+from pinflex.levels.excited import default_motion as default_motion
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.equations import Equations
@@ -74,6 +75,8 @@ def solve_level(
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)
+            if acting is not None and acting.period is not None:
+                spec = _sampled(mechanism, spec, acting, dt)
             before = None if resume is None else _before(mechanism, resume, spec, acting)
             scene = Scene(mechanism, motion, spec, acting, tolerance, before)
             run = _run(scene, end, progress)
@@ -146,6 +149,20 @@ def _control(
     if control is False or spec.level != "coupled":
         return None
     return control if isinstance(control, Control) else mechanism.description.control
+
+
+def _sampled(
+    mechanism: Mechanism, spec: SolveSpec, control: Control, dt: float | None
+) -> SolveSpec:
+    """What to compute under a digital controller: steps that end at its instants."""
+    collocated = isinstance(spec.integrator, Collocation)
+    if dt is not None or not (collocated or spec.integrator in (None, *COUPLED_ONLY)):
+        raise DescriptionError(
+            f"{mechanism.name}: a digital controller (control.period) acts at instants of its own, "
+            "where steps end. Give a tol instead of dt, and no integrator."
+        )
+    drive = "torque" if drives_motors(mechanism, control) else spec.drive
+    return replace(spec, dt=None, tol=spec.tol or 1e-3, drive=drive)
 
 
 def _before(
