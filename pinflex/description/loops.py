@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pinflex import registered
 from pinflex.description import fields, schema
 from pinflex.description.frames import frame, frames
 from pinflex.description.schema import Vec3
@@ -87,6 +88,7 @@ def register_loop_kind(kind: LoopKind) -> None:
     if not {*kind.keys} <= {"axis", "axis_b"}:
         raise DescriptionError(f"{where}: keys {kind.keys}. Allowed: axis, axis_b.")
     LOOP_KINDS[kind.name] = kind
+    registered.note(register_loop_kind, kind.name, kind)
 
 
 @dataclass(frozen=True)

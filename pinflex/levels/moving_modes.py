@@ -18,7 +18,7 @@ import numpy as np
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import nominal
-from pinflex.actuation.nominal_path import Path
+from pinflex.actuation.path import Path
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion, hold
 from pinflex.description.schema import number
