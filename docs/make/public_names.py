@@ -35,7 +35,8 @@ Notation: q rigid coordinates, eta elastic ones, y = (q, eta), lam multipliers o
 _VIEWS = """
 ## What a result answers with
 
-`result.joint(NAME)`, `.frame(NAME)`, `.link(NAME)`, `.loop(NAME)`, `.drive(NAME)`, `.deviation_from(other)`.
+`result.joint(NAME)`, `.frame(NAME)`, `.link(NAME)`, `.loop(NAME)`, `.drive(NAME)` and
+`.deviation_from(other)`.
 """
 
 
@@ -46,7 +47,7 @@ def _views(package: griffe.Object) -> list[str]:
         member.path
         for module in modules
         for member in module.members.values()
-        if member.is_class and not member.is_alias and not member.name.startswith("_")
+        if not member.is_alias and member.is_class and not member.name.startswith("_")
     ]
 
 
