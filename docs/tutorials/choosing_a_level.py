@@ -60,7 +60,7 @@ print(pf.advise(robot, tol=0.05))
 
 # %%
 run = pf.solve(pf.load("cantilever"), tol=1e-3)
-print(run.errors)
+print("\n".join(run.errors.lines()))
 
 # %% [markdown]
 # From a terminal: `pinflex compare MODEL` makes the table above with a verdict, `pinflex advise
