@@ -23,7 +23,7 @@ _LIMIT = 600  # [s] of one cell: far above any of them, below a build that hangs
 
 
 def run_all(made: Path) -> Path:
-    """Execute the tutorials that changed, or all if pinflex did; the folder with their pages and all that they wrote.
+    """Execute the tutorials that changed, or all if pinflex did; the folder with what they wrote.
 
     With DOCS_NOTEBOOKS=0 they are converted without being executed, for a quick look at the text.
     """
