@@ -21,6 +21,7 @@ from pinflex.integrators import march as adaptive
 from pinflex.integrators.alpha_adaptive import AlphaSteps
 from pinflex.integrators.collocation import Collocation, radau
 from pinflex.integrators.radau import STAGES, Stages
+from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.integrators.steps import Steps
@@ -149,26 +150,63 @@ class Scene:
         moves in all; a pilot is the first of them.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
-        start, drive = self._start, self._drive(t)
-        dynamics = Equations(self._system)  # takes the workspace that the start has given back
-        path, forces = self._path(t), not self.spec.asked or "torque" in self.spec.asked
-        steps: Steps
-        if alpha:
-            steps = AlphaSteps(
-                self.mechanism, dynamics, path, (t[0], t[-1]), self._scheme, resolution, drive,
-                forces, self.tolerance,
-            )  # fmt: skip
-        else:
-            steps = Stages(self.mechanism, dynamics, path, resolution, self._tableau, drive, forces)
+        first = adaptive.SHORT if scale > 0.0 else adaptive.LONG
+        return self.kept(
+            t, resolution, lambda steps: Record(steps, t, resolution), first, scale, progress,
+            pilot, alpha,
+        )  # fmt: skip
+
+    def kept(
+        self,
+        t: Array,
+        resolution: float,
+        keeper: Callable[[Any], adaptive.Keeper],
+        first: float,
+        scale: float,
+        progress: Progress | None = None,
+        pilot: bool = False,
+        alpha: bool = False,
+    ) -> Run:
+        """The run at samples t as a keeper of its steps has it; see `adaptive.integrate`.
+
+        Args:
+            t: Samples in s.
+            resolution: Of the first steps.
+            keeper: From the steps, Stages or AlphaSteps, what they are kept by.
+            first, scale, progress, pilot: As `adaptive.integrate` has them.
+            alpha: By the alpha family, not by collocation.
+        """
+        start = self._start
+        dynamics = Dynamics(self._system)  # takes the workspace that the start has given back
+        steps = (self._alpha_steps if alpha else self._stages)(t, dynamics, resolution)
         try:
             run = adaptive.integrate(
                 self.mechanism.name, steps, (start.y, start.v), t,
-                breaks(self.motion, dynamics.system.loads), resolution, scale, pilot, progress,
+                breaks(self.motion, dynamics.system.loads), keeper(steps), first, scale,
+                pilot, progress,
             )  # fmt: skip
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
         return start.told(run)
+
+    def _stages(self, t: Array, dynamics: Dynamics, resolution: float) -> Steps:
+        return Stages(
+            self.mechanism, dynamics, self._path(t), resolution, self._tableau,
+            self._drive(t), self.by_forces,
+        )  # fmt: skip
+
+    def _alpha_steps(self, t: Array, dynamics: Dynamics, resolution: float) -> Steps:
+        ends = float(t[0]), float(t[-1])
+        return AlphaSteps(
+            self.mechanism, dynamics, self._path(t), ends, self._scheme, resolution,
+            self._drive(t), self.by_forces, self.tolerance,
+        )  # fmt: skip
+
+    @property
+    def by_forces(self) -> bool:
+        """Whether forces are asked for."""
+        return not self.spec.asked or "torque" in self.spec.asked
 
     @property
     def linear(self) -> bool:
