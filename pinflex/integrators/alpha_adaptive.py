@@ -27,7 +27,7 @@ from pinflex.integrators.alpha import NEWTON, March, NoConvergence
 from pinflex.integrators.newton import Step
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.integrators.steps import Path, States, StepFailed, largest
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 

@@ -210,7 +210,8 @@ class _March:
 
     def _require_sound(self) -> None:
         """Raise where a step has left a beam, or has to be followed by one without length."""
-        self.stages.dynamics.closed.require_on_beams(self.name, self.at.now.t)
+        now = self.at.now
+        self.stages.dynamics.require_on_beams(now.y, self.name, now.t)
         self._require_length()
 
     def _require_length(self) -> None:

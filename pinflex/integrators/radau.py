@@ -16,7 +16,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.integrators.steps import Path, StepFailed, largest
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 STAGES = 6
@@ -123,7 +123,7 @@ class Stages(StageEquations):
             if not iteration:
                 self._set_goal(x, so_far)
             so_far.follow(self._size(x.change), iteration)
-            if so_far.small(iteration) and self._shut():
+            if so_far.small(iteration) and self._shut(x):
                 break
             newton.stale = so_far.aged(iteration)
         else:
@@ -150,8 +150,8 @@ class Stages(StageEquations):
         )
         so_far.goal = max(by_scale, self._floor(_ROUND_OFF))
 
-    def _shut(self) -> bool:
-        return bool(np.abs(self.stacked.c).max(initial=0.0) < self._open)
+    def _shut(self, x: Trial) -> bool:
+        return bool(np.abs(x.c).max(initial=0.0) < self._open)
 
     def _reach(self, moves: Array) -> float:
         """Largest displacement so far, moves (k, nv) included: what errors are relative to."""

@@ -70,8 +70,6 @@ class StageNewton:
             for part, gain in zip(parts[1:], (self._drive.kd, self._drive.kp), strict=True):
                 part[self.motors, self.motors] += gain
         at, rows = np.ix_(self.free, self.free), np.ix_(self.motors, self.free)
-        system = self._dynamics.system
-        J = self._dynamics.jacobian() if system.closed.n else np.zeros((0, system.nv))
         M, C, K = parts
         self.adopt(
             Tangent(

@@ -22,10 +22,9 @@ from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.consistent import consistent_acceleration
 from pinflex.integrators.stage_newton import StageNewton, Tangent
 from pinflex.integrators.steps import Path, States
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.stacked import Stacked
 
 
 @dataclass
@@ -76,13 +75,14 @@ class Trial:
         start, h, t, path: As in a step, with the times of the stages.
         a, lam, turn: Unknowns. v, move, y: What follows from them.
         da, dlam, change: The last correction: of a, of lam, and of the displacement.
-        torque: Of the motors, before that correction.
+        torque, c: Of the motors, and of the closures, before that correction.
     """
 
     y: Array
     v: Array
     move: Array
     torque: Array
+    c: Array
     da: Array
     dlam: Array
 
@@ -100,7 +100,7 @@ class StageEquations:
     def __init__(
         self,
         mechanism: Mechanism,
-        dynamics: Dynamics,
+        dynamics: Equations,
         path: Path,
         method: Collocation,
         drive: TorqueDrive | None = None,
@@ -108,7 +108,7 @@ class StageEquations:
         system = dynamics.system
         self.mechanism, self.dynamics, self.path, self.drive = mechanism, dynamics, path, drive
         self.axes, self.motors = motor_axes(mechanism), system.motors
-        self.method, self.stacked = method, Stacked(dynamics, method.s)
+        self.method = method
         self.free = system.free if drive is None else system.unheld
         self.newton = StageNewton(dynamics, method, self.free, drive)
         self.manifold = Manifold(dynamics, () if drive is not None else self.motors)
@@ -118,7 +118,7 @@ class StageEquations:
         d, path = self.dynamics, self.path(np.array([t]))
         if self.drive is None:
             a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t)
-            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t)[self.motors])
+            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t).r[self.motors])
         torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
         a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t)
         return Start(t, y, v, a, lam, torque)
@@ -147,12 +147,12 @@ class StageEquations:
 
     def correct(self, x: Trial) -> None:
         """One Newton correction of the stages, by the factors at hand."""
-        r = self.stacked.residual(x.y, x.v, x.a, x.lam, x.t)
+        r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t)
         x.torque = r[:, self.motors]
         if self.drive is not None:
             x.torque = self.drive.pull(x.path, self.axes, x.y, x.v)
             r[:, self.motors] -= x.torque
-        dz, x.dlam = self.newton.step(r[:, self.free], self.stacked.c)
+        dz, x.dlam = self.newton.step(r[:, self.free], x.c)
         x.da = self.method.A2_inverse @ dz
         x.a[:, self.free] += x.da
         x.lam = x.lam + x.dlam

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.dynamics import Dynamics
+from pinflex.mechanics.equations import Equations
 
 Path = Callable[[Array], MotorPath]
 
@@ -36,7 +36,7 @@ class States(NamedTuple):
 class Recorded(Protocol):
     """What a record asks of the equations that steps were solved by."""
 
-    dynamics: Dynamics
+    dynamics: Equations
 
     def dense(self, steps: Sequence[Any], t: Array, of: IntArray) -> States:
         """States at times t (k,) in s, of (k,): the step that each lies in."""

@@ -155,7 +155,7 @@ class Outputs:
     def _poses(self, run: Run, keep: slice) -> tuple[Array, Array]:
         if self._before is not None and self._before[0] is run:
             return self._before[1]
-        dynamics = self._dynamics or Dynamics(run.system)
+        dynamics = self._dynamics or Equations(run.system)
         y = run.y[keep]
         poses = np.zeros((0, 3)), np.zeros((0, 3, 3))
         if len(y):
@@ -166,7 +166,7 @@ class Outputs:
     def _rigid_poses(self, run: Run) -> tuple[Array, Array]:
         """Of the rigid motion; where it is not known, the first pose of the run."""
         if self._rigid is None:
-            dynamics, t = Dynamics(self._mechanism.rigid), self._t[:: self._every]
+            dynamics, t = Equations(self._mechanism.rigid), self._t[:: self._every]
             try:
                 q = nominal(self._mechanism, self._motion, self._t).q[:: self._every]
             except SceneError:

@@ -14,8 +14,7 @@ from pinflex.arrays import Array
 from pinflex.errors import SceneError
 from pinflex.levels.outputs import between, platform_poses
 from pinflex.levels.rigid import solve_rigid
-from pinflex.mechanics.dynamics import Dynamics
-from pinflex.mechanics.stacked import Stacked
+from pinflex.mechanics.equations import Equations
 from pinflex.solver.scene import Scene
 
 _INSTANTS = 9
@@ -46,12 +45,12 @@ def expected(scene: Scene, end: float) -> Expected:
         return Expected(0.0, {})
     if rigid.lam.shape[1] != system.closed.n or rigid.v.shape[1] != int(system.rigid.nv):
         return Expected(0.0, {})
-    dynamics = Dynamics(system)
+    dynamics = Equations(system)
     y, v, a = (
         np.concatenate([x, np.zeros((len(t), system.n_eta))], axis=1)
         for x in (rigid.y, rigid.v, rigid.a)
     )
-    force = Stacked(dynamics, len(t)).residual(y, v, a, rigid.lam, t)[:, dynamics.n_rigid :]
+    force = dynamics.residual(y, v, a, rigid.lam, t).r[:, dynamics.n_rigid :]
     eta = np.asarray(-np.linalg.solve(dynamics.stiffness, force.T).T, dtype=float)
     weight = dynamics.stiffness if scene.by_forces else _mass(dynamics, y[0])
     sizes = {"torque": _largest(rigid.torque), "deflection": _largest(eta)}
@@ -66,7 +65,7 @@ def expected(scene: Scene, end: float) -> Expected:
     return Expected(_largest(np.sum((eta @ weight) * eta, axis=1)) ** 0.5, sizes)
 
 
-def _mass(dynamics: Dynamics, y: Array) -> Array:
+def _mass(dynamics: Equations, y: Array) -> Array:
     k = dynamics.n_rigid
     return np.asarray(dynamics.mass(y)[k:, k:])
 

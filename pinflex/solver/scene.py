@@ -177,7 +177,7 @@ class Scene:
             alpha: By the alpha family, not by collocation.
         """
         start = self._start
-        dynamics = Dynamics(self._system)  # takes the workspace that the start has given back
+        dynamics = Equations(self._system)  # takes the workspace that the start has given back
         steps = (self._alpha_steps if alpha else self._stages)(t, dynamics, resolution)
         try:
             run = adaptive.integrate(
@@ -190,13 +190,13 @@ class Scene:
             raise
         return start.told(run)
 
-    def _stages(self, t: Array, dynamics: Dynamics, resolution: float) -> Steps:
+    def _stages(self, t: Array, dynamics: Equations, resolution: float) -> Steps:
         return Stages(
             self.mechanism, dynamics, self._path(t), resolution, self._tableau,
             self._drive(t), self.by_forces,
         )  # fmt: skip
 
-    def _alpha_steps(self, t: Array, dynamics: Dynamics, resolution: float) -> Steps:
+    def _alpha_steps(self, t: Array, dynamics: Equations, resolution: float) -> Steps:
         ends = float(t[0]), float(t[-1])
         return AlphaSteps(
             self.mechanism, dynamics, self._path(t), ends, self._scheme, resolution,

@@ -65,7 +65,7 @@ def test_rates_of_a_rotation_vector_are_those_of_pinocchio(tmp_path: Path, angle
         Body("tip", "arm", xyz=(1, 0, 0)),
     )
     m = load(tmp_path, bodies, f"actuated: []\njoints:\n  arm_joint: {{type: spherical}}\n{_BENDS}")
-    d, rng = Dynamics(m.flexible), np.random.default_rng(3)
+    d, rng = Equations(m.flexible), np.random.default_rng(3)
     moves, v = rng.normal(size=(2, 4, m.flexible.nv))
     ball = slice(1, 4)
     moves[:, ball] *= angle / np.linalg.norm(moves[:, ball], axis=1, keepdims=True)
