@@ -1,0 +1,70 @@
+/* The residual of many states: r = X' (rnea - J_Q' lam) + K y + D v and c, a group at a time. */
+#include "kernel.h"
+
+static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
+
+/* Bytes of the workspace of one run: nodes, then Q, V, A, then the group's inputs and outputs. */
+EXPORT Int pinflex_work_size(const Tables *t) {
+  Int lanes = t->nQ + 2 * t->nV + t->nq + 3 * t->nv + 2 * t->closures + t->forces;
+  return padded(t->nodes * (Int)sizeof(Node)) + lanes * (Int)sizeof(Lane);
+}
+
+typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c; } Group;
+
+static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
+  w->node = (Node *)memory;
+  w->Q = (Lane *)(memory + padded(t->nodes * (Int)sizeof(Node)));
+  w->V = w->Q + t->nQ;
+  w->A = w->V + t->nV;
+  g->y = w->A + t->nV;
+  g->v = g->y + t->nq;
+  g->a = g->v + t->nv;
+  g->r = g->a + t->nv;
+  g->lam = g->r + t->nv;
+  g->c = g->lam + t->closures;
+  g->scale = g->c + t->closures;
+}
+
+void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
+                    const Lane *lam, const Lane *scale, Lane *r, Lane *c) {
+  expand(t, w, y, v, a);
+  outward(t, w);
+  close_loops(t, w, lam, c);
+  apply_loads(t, w, scale);
+  inward(t, w);
+  for (Int k = 0; k < t->nV; k++) w->V[k] += t->armature[k] * w->A[k];
+  project(t, w, y, v, r);
+}
+
+/* Rows of (count, width) from `first` on into lanes; past the end the last row is repeated. */
+static void gather(const double *from, Int count, Int width, Int first, Lane *to) {
+  for (int l = 0; l < LANES; l++) {
+    const double *row = from + (first + l < count ? first + l : count - 1) * width;
+    for (Int i = 0; i < width; i++) to[i][l] = row[i];
+  }
+}
+
+static void scatter(const Lane *from, Int count, Int width, Int first, double *to) {
+  for (int l = 0; l < LANES && first + l < count; l++)
+    for (Int i = 0; i < width; i++) to[(first + l) * width + i] = from[i][l];
+}
+
+/* Residuals of `count` states, arrays row by row: Y (count, nq), V, A, R (count, nv), lam and C
+   (count, closures), scales of the loads (count, forces). */
+EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y,
+                              const double *V, const double *A, const double *lam,
+                              const double *scale, double *R, double *C) {
+  Work w;
+  Group g;
+  lay_out(t, memory, &w, &g);
+  for (Int first = 0; first < count; first += LANES) {
+    gather(Y, count, t->nq, first, g.y);
+    gather(V, count, t->nv, first, g.v);
+    gather(A, count, t->nv, first, g.a);
+    gather(lam, count, t->closures, first, g.lam);
+    gather(scale, count, t->forces, first, g.scale);
+    residual_group(t, &w, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c);
+    scatter(g.r, count, t->nv, first, R);
+    scatter(g.c, count, t->closures, first, C);
+  }
+}

@@ -1,0 +1,53 @@
+"""The equations of a system on the compiled kernel, where there is one and it covers the system."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.kernel.evaluate import Evaluator
+from pinflex.kernel.library import kernel
+from pinflex.mechanics.system import System
+
+
+def on_kernel(system: System) -> Compiled | None:
+    """The compiled equations of a system; None: those of numpy and Pinocchio serve."""
+    if kernel().functions is None or system.uncovered is not None:
+        return None
+    return Compiled(system)
+
+
+def evaluated_by(system: System) -> str:
+    """Which equations serve a system: the build of the kernel, or why it is not used."""
+    library = kernel()
+    if library.functions is None:
+        return f"numpy and Pinocchio (kernel: {library.said})"
+    if system.uncovered is not None:
+        return f"numpy and Pinocchio (the kernel has no {system.uncovered})"
+    return f"kernel ({library.said})"
+
+
+class Compiled:
+    """Residual and closures of one system (make one per run, and per thread)."""
+
+    def __init__(self, system: System) -> None:
+        self._evaluator = Evaluator(system.tables)
+        self._nq, self._nv = int(system.rigid.nq), int(system.rigid.nv)
+        self._forces = [force for force, _ in system.loads.forces]
+        bodies = [(slot.eta, slot.body.curvature) for slot in system.expansion.slots]
+        self._curved = [(at, bent) for at, bent in bodies if bent is not None]
+
+    def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
+        """Residuals (n, nv) and closures (n, rows) of several states.
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows), N | N m.
+            t: Times in s, at which the loads are taken, shape (n,).
+        """
+        scale = np.empty((len(Y), len(self._forces)))
+        for k, force in enumerate(self._forces):
+            scale[:, k] = [force.scale(float(time)) for time in t]
+        R, C = self._evaluator.residuals(Y, V, A, lam, scale)
+        for at, bent in self._curved:
+            R[:, self._nv :][:, at] += bent.force(Y[:, self._nq :][:, at])
+        return R, C
