@@ -62,6 +62,26 @@ class Evaluator:
         R, C = here.found
         return R.copy(), C.copy()
 
+    def tangent(
+        self, y: Array, v: Array, a: Array, lam: Array, scale: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """M, C, K, the derivatives of the residual by a, v and y, (nv, nv), and J (rows, nv).
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m.
+            scale: Shares of the loads that act, shape (forces,).
+        """
+        nv, rows, given = self._widths[1], self._widths[3], []
+        for array, width in zip((y, v, a, lam, scale), self._widths, strict=True):
+            if array.shape != (width,):
+                raise PinflexError(f"kernel: a state of {array.shape}, not {(width,)}.")
+            given.append(np.ascontiguousarray(array, dtype=np.float64))
+        found = np.empty((3, nv, nv)), np.empty((rows, nv))
+        parts = (*found[0], found[1])
+        pointers = [x.ctypes.data for x in (*given, *parts)]
+        self._c.pinflex_tangent(self.tables.address, self._work.ctypes.data, *pointers)
+        return parts
+
     def _new(self, n: int) -> _Buffers:
         if len(self._buffers) >= _SIZES:
             self._buffers.clear()

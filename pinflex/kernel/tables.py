@@ -31,6 +31,8 @@ INTEGERS = {
     "phi_i": ("*phi_at",),
     "g_at": ("rows+1",),
     **dict.fromkeys(("g_i", "g_j"), ("*g_at",)),
+    "col_first": ("nV",),
+    "x_at": ("nV+1",),
     **dict.fromkeys(("node_a", "node_b"), ("loops",)),
     "loop_at": ("loops+1",),
     **dict.fromkeys(("row_kind", "row_number", "row_a", "row_b"), ("*loop_at",)),
@@ -76,7 +78,7 @@ _INTO: dict[str, str | int] = {
     "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
     "row_number": "closures", "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "k_j": "n_eta", "d_j": "nv",
-    "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
+    "col_first": "nv", "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
 }  # fmt: skip
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "spring_a",
          "spring_b"}  # fmt: skip  # may be -1: the base
@@ -132,7 +134,9 @@ class Tables:
             array = self._arrays[name]
             limit = sizes[into] if isinstance(into, str) else into
             top = array
-            if name in _AHEAD:
+            if name == "col_first":
+                top = array + np.maximum(np.diff(self._arrays["x_at"]), 1) - 1
+            elif name in _AHEAD:
                 top = array + np.array(_AHEAD[name])[self._arrays["kind"]] - 1
             elif name in ("point_q", "point_v"):
                 top = array + 2

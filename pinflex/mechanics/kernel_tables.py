@@ -173,10 +173,23 @@ def _map(expansion: Expansion) -> dict[str, Any]:
         lengths = np.zeros((bodies, count), dtype=np.intp)
         lengths[:, :curved] = np.count_nonzero(half, axis=(2, 3))
         rows["g_n"].append(lengths.ravel())
+    rows |= _columns(expansion)
     whole = {name: np.concatenate([np.zeros(0), *parts]) for name, parts in rows.items()}
     for name in ("phi", "g"):
         whole[f"{name}_at"] = np.concatenate([[0], np.cumsum(whole.pop(f"{name}_n"))])
     return whole
+
+
+def _columns(expansion: Expansion) -> dict[str, list[Any]]:
+    """Where each row of X has its block of columns, and where that is kept."""
+    nv, nV = len(expansion.v_at), int(expansion.model.nv)
+    first, width = np.zeros(nV, dtype=np.intp), np.zeros(nV, dtype=np.intp)
+    first[expansion.v_at], width[expansion.v_at] = np.arange(nv), 1
+    for block in expansion.blocks:
+        bodies, _, n = block.Phi.shape
+        first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
+        width[block.rows] = n
+    return {"col_first": [first], "x_at": [np.concatenate([[0], np.cumsum(width)])]}
 
 
 def _sparse(matrix: Array, name: str) -> dict[str, Any]:

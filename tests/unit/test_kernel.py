@@ -34,8 +34,10 @@ from tests.property.trees import tree
 
 # The same sums in another order, up to a few thousand terms; seen: 2e-15 of the largest force.
 SAME = 1e-11
+SAME_TANGENT = 1e-9  # of the largest entry of each matrix; seen: 5e-14
 STATES = 24
 
+FOLLOWER = "forces: {pull: {at: hand, force: [1.0, 2.0, 3.0], follower: true, ramp: 2.0}}"
 LOADS = """
 forces:
   pull: {at: hand, force: [1.0, 2.0, 3.0], follower: true, ramp: 2.0}
@@ -71,6 +73,21 @@ def agrees(system: System, home: Array, count: int = STATES, seed: int = 1) -> N
     reference._compiled = None
     assert apart(R, reference.residual(*given)) < SAME
     assert np.max(np.abs(C - reference.c), initial=0.0) < SAME  # m, of metre-size mechanisms
+    # Stiffness and damping, which both take from the same tables, would hide the rest.
+    zero = np.zeros_like(system.K)
+    same_tangent(dataclasses.replace(system, K=zero, D=zero), [x[0] for x in given])
+
+
+def same_tangent(system: System, state: list[Array]) -> None:
+    *state, t = state
+    compiled, d = Compiled(system), Dynamics(system)
+    if not compiled.derives:
+        return
+    reference = d.tangent(*state, float(t))
+    J = d.jacobian() if d.looped else np.zeros((0, system.nv))
+    for found, expected in zip(compiled.tangent(*state, float(t)), (*reference, J), strict=True):
+        scale = np.max(np.abs(expected), initial=1e-300)
+        assert np.max(np.abs(found - expected), initial=0.0) < SAME_TANGENT * scale
 
 
 @needs_kernel
@@ -87,7 +104,7 @@ def test_the_kernel_is_pinocchio_on_every_shipped_model(name: str, which: str) -
 
 @needs_kernel
 @pytest.mark.parametrize("which", WHICH)
-@pytest.mark.parametrize("loads", ["", LOADS])
+@pytest.mark.parametrize("loads", ["", FOLLOWER, LOADS])
 def test_and_on_a_free_robot_with_springs_and_loads(loads: str, which: str, tmp_path: Path) -> None:
     agrees(*at_home(manifold(tmp_path, loads), which))
 
@@ -132,7 +149,9 @@ def random_model(seed: int) -> pin.Model:
     joints += [pin.JointModelSpherical(), pin.JointModelFreeFlyer(), pin.JointModelPlanar()]
     joints += [pin.JointModelTranslation(), pin.JointModelRX()]
     for k in rng.permutation(len(joints)):
-        parent = int(rng.integers(0, model.njoints))
+        # Depth first: Pinocchio's derivatives take a subtree for neighbouring rows.
+        chain = list(model.supports[model.njoints - 1])
+        parent = int(chain[-int(rng.integers(1, min(3, len(chain)) + 1))])
         joint = model.addJoint(parent, joints[k], pin.SE3.Random(), f"joint {k}")
         model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Random())
     model.armature = rng.uniform(0, 1, model.nv)
@@ -147,6 +166,7 @@ def test_and_is_rnea_on_random_trees_with_every_joint(seed: int) -> None:
     R, _ = Compiled(bare(model)).residual(Y, V, A, lam, t)
     data = pin.Data(model)
     assert apart(R, np.array([pin.rnea(model, data, *x) for x in zip(Y, V, A)])) < SAME  # noqa: B905
+    same_tangent(bare(model), [Y[0], V[0], A[0], lam[0], t[0]])
 
 
 @needs_kernel

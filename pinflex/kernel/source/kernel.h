@@ -33,6 +33,7 @@ typedef struct {
   const Int *twist_node, *twist_q, *twist_v;               /* twists */
   const Int *row_q, *row_v, *phi_at, *phi_i;               /* elastic rows: Phi by rows */
   const Int *g_at, *g_i, *g_j;                             /* G, upper triangle by rows */
+  const Int *col_first, *x_at;                             /* of each row of X: where its block is */
   const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
   const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
   const Int *force_node, *force_follows;                   /* loads */
@@ -69,14 +70,15 @@ void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *
 void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane *r);
 
 /* tree.c */
-void outward(const Tables *t, Work *w);
+void outward(const Tables *t, Work *w, int placed);
 void inward(const Tables *t, Work *w);
 
 /* closures.c, loads.c */
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
 
-/* residual.c */
+/* residual.c: the tree outward and inward with all forces; poses of nodes where `placed` */
+void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c);
 void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
                     const Lane *lam, const Lane *scale, Lane *r, Lane *c);
 

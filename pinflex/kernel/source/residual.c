@@ -1,15 +1,17 @@
 /* The residual of many states: r = X' (rnea - J_Q' lam) + K y + D v and c, a group at a time. */
-#include "kernel.h"
+#include "tangent.h"
 
 static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
 
-/* Bytes of the workspace of one run: nodes, then Q, V, A, then the group's inputs and outputs. */
+/* Bytes of the workspace of one run: nodes, then Q, V, A, the group's inputs and outputs, and what
+   the tangent needs. */
 EXPORT Int pinflex_work_size(const Tables *t) {
   Int lanes = t->nQ + 2 * t->nV + t->nq + 3 * t->nv + 2 * t->closures + t->forces;
-  return padded(t->nodes * (Int)sizeof(Node)) + lanes * (Int)sizeof(Lane);
+  return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
+         + tangent_size(t) * (Int)sizeof(double);
 }
 
-typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c; } Group;
+typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c; double *more; } Group;
 
 static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->node = (Node *)memory;
@@ -23,16 +25,21 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   g->lam = g->r + t->nv;
   g->c = g->lam + t->closures;
   g->scale = g->c + t->closures;
+  g->more = (double *)(((uintptr_t)(g->scale + t->forces) + 63) / 64 * 64);
+}
+
+void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c) {
+  outward(t, w, placed);
+  close_loops(t, w, lam, c);
+  apply_loads(t, w, scale);
+  inward(t, w);
+  for (Int k = 0; k < t->nV; k++) w->V[k] += t->armature[k] * w->A[k];
 }
 
 void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
                     const Lane *lam, const Lane *scale, Lane *r, Lane *c) {
   expand(t, w, y, v, a);
-  outward(t, w);
-  close_loops(t, w, lam, c);
-  apply_loads(t, w, scale);
-  inward(t, w);
-  for (Int k = 0; k < t->nV; k++) w->V[k] += t->armature[k] * w->A[k];
+  balance(t, w, t->loops + t->forces + t->springs > 0, lam, scale, c);
   project(t, w, y, v, r);
 }
 
@@ -67,4 +74,19 @@ EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const do
     scatter(g.r, count, t->nv, first, R);
     scatter(g.c, count, t->closures, first, C);
   }
+}
+
+/* Derivatives of the residual at one state: M, C, K (nv, nv) by a, v, y and J (closures, nv). */
+EXPORT void pinflex_tangent(const Tables *t, char *memory, const double *y, const double *v,
+                            const double *a, const double *lam, const double *scale, double *M,
+                            double *C, double *K, double *J) {
+  Work w;
+  Group g;
+  lay_out(t, memory, &w, &g);
+  gather(y, 1, t->nq, 0, g.y);
+  gather(v, 1, t->nv, 0, g.v);
+  gather(a, 1, t->nv, 0, g.a);
+  gather(lam, 1, t->closures, 0, g.lam);
+  gather(scale, 1, t->forces, 0, g.scale);
+  tangent(t, &w, g.more, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c, M, C, K, J);
 }

@@ -211,10 +211,9 @@ static void twists(const Tables *t, Work *w) {
   }
 }
 
-void outward(const Tables *t, Work *w) {
+void outward(const Tables *t, Work *w, int placed) {
   memset(&w->base, 0, sizeof w->base);
   for (int d = 0; d < 3; d++) w->base.R[4 * d] = lane(1.0), w->base.a[d] = lane(-t->gravity[d]);
-  int placed = t->loops + t->forces + t->springs > 0;
   for (Int i = 0; i < t->nodes; i++) {
     reach(t, w, i);
     if (placed) pose(t, w, i);

@@ -1,0 +1,32 @@
+/* What the tangent of one state needs, in plain numbers and in the world. */
+#ifndef PINFLEX_TANGENT_H
+#define PINFLEX_TANGENT_H
+
+#include "kernel.h"
+
+/* Mass, first and second moments of a set of bodies, and those of its momentum (tangent.c). */
+typedef struct { double m, h[3], J[9], P[3], Z[9]; } Moments;
+
+/* A node: pose, motion, acceleration, wrench of its subtree; I of the subtree when it is its turn. */
+typedef struct { double R[9], p[3], v[6], a[6], f[6]; Moments I; } Frozen;
+
+/* A velocity of the expanded model. */
+typedef struct { double S[6], Y[6], Z[6], U[6]; } Column;
+
+/* T: rows of dg/da, dg/dv, dg/dq by the coordinates y, for each expanded velocity. u: places of the
+   mass points in their joints. lifted: room for four (6, nv). */
+typedef struct {
+  Frozen base, *frozen;
+  Column *column;
+  double *x, *dx, *ddx, *rate, *growth, *u, *T, *lifted;
+} Tangent;
+
+Int tangent_size(const Tables *t);
+void tangent(const Tables *t, Work *lanes, double *memory, const Lane *y, const Lane *v,
+             const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
+             double *C, double *K, double *J);
+
+/* closure_tangent.c */
+void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
+
+#endif
