@@ -29,17 +29,22 @@ class _Buffers:
 
 
 class Evaluator:
-    """One system on the kernel, with a workspace of its own (one for each thread)."""
+    """One system on the kernel, with a workspace of its own (one for each thread).
+
+    Attributes:
+        tables: The system. functions: The C code. work: Address of the workspace.
+    """
 
     def __init__(self, tables: Tables) -> None:
         """Raises a PinflexError where there is no kernel."""
         library = kernel()
         if library.functions is None:
             raise PinflexError(f"kernel: {library.said}.")
-        self._c, self.tables = library.functions, tables
+        self.functions, self.tables = library.functions, tables
         n = tables.counts
         self._widths = (n["nq"], n["nv"], n["nv"], n["closures"], n["forces"])
-        self._work = aligned(self._c.pinflex_work_size(tables.address))
+        self._work = aligned(self.functions.pinflex_work_size(tables.address))
+        self.work: int = self._work.ctypes.data
         self._buffers: dict[int, _Buffers] = {}
 
     def residuals(
@@ -58,7 +63,7 @@ class Evaluator:
             if array.shape != buffer.shape:
                 raise PinflexError(f"kernel: a state of {array.shape}, not {buffer.shape}.")
             buffer[...] = array
-        self._c.pinflex_residuals(*here.arguments)
+        self.functions.pinflex_residuals(*here.arguments)
         R, C = here.found
         return R.copy(), C.copy()
 
@@ -79,13 +84,13 @@ class Evaluator:
         found = np.empty((3, nv, nv)), np.empty((rows, nv))
         parts = (*found[0], found[1])
         pointers = [x.ctypes.data for x in (*given, *parts)]
-        self._c.pinflex_tangent(self.tables.address, self._work.ctypes.data, *pointers)
+        self.functions.pinflex_tangent(self.tables.address, self.work, *pointers)
         return parts
 
     def _new(self, n: int) -> _Buffers:
         if len(self._buffers) >= _SIZES:
             self._buffers.clear()
-        found = _Buffers(n, self._widths, self.tables.address, self._work.ctypes.data)
+        found = _Buffers(n, self._widths, self.tables.address, self.work)
         self._buffers[n] = found
         return found
 

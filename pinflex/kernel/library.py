@@ -11,11 +11,15 @@ from pathlib import Path
 from pinflex.kernel import build
 
 _FOLDER = Path(__file__).parent
-_POINTER, _INT, _REAL = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+_POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
 _FUNCTIONS = {
     "pinflex_work_size": (_INT, (_POINTER,)),
     "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
     "pinflex_tangent": (None, (_POINTER,) * 11),
+    "pinflex_place": (None, (_POINTER,) * 2),
+    "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
+    "pinflex_solve": (None, (_POINTER,) * 2),
+    "pinflex_correct": (None, (_POINTER,) * 2),
 }
 
 
