@@ -18,6 +18,7 @@ _FUNCTIONS = {
     "pinflex_tangent": (None, (_POINTER,) * 11),
     "pinflex_place": (None, (_POINTER,) * 2),
     "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
+    "pinflex_iterate": (ctypes.c_int, (_POINTER,) * 4),
     "pinflex_solve": (None, (_POINTER,) * 2),
     "pinflex_correct": (None, (_POINTER,) * 2),
 }

@@ -33,6 +33,20 @@ class _Stages(ctypes.Structure):
     ]
 
 
+class Newton(ctypes.Structure):
+    """Newton's iteration in a step so far (see source/iterate.c)."""
+
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("iteration", "most", "fresh", "placed", "measured")),
+        *((name, ctypes.c_void_p) for name in ("measured_at", "weight")),
+        *((name, ctypes.c_double) for name in ("least", "round_off", "open")),
+        *((name, ctypes.c_double) for name in ("scale", "reach", "goal", "size", "rate")),
+    ]
+
+
+CONVERGED, FAILED, AGED = range(3)
+
+
 @dataclass(frozen=True)
 class Scheme:
     """A collocation scheme in plain arrays (see `pinflex.integrators.collocation`)."""
@@ -95,7 +109,8 @@ class StageKernel:
         }  # fmt: skip
         shapes = {
             "M": (free, free), "C": (free, free), "K": (free, free), "J": (closures, free),
-            "lu": (values, 2, size, size), "part": (values, 2, size), "y0": (nq,), "v0": (nv,),
+            "lu": (values, 2, size, size), "part": (2 * values * size + nv,), "y0": (nq,),
+            "v0": (nv,),
             "position": (s, motors), "velocity": (s, motors), "scale": (s, forces),
             "a": (s, nv), "lam": (s, closures), "turn": (s, nv), "y": (s, nq), "v": (s, nv),
             "move": (s, nv), "r": (s, nv), "open": (s, closures), "da": (s, free),
@@ -120,10 +135,10 @@ class StageKernel:
         self.y, self.v, self.move = arrays["y"], arrays["v"], arrays["move"]
         self.r, self.open, self.change = arrays["r"], arrays["open"], arrays["change"]
         self.da, self.dlam = arrays["da"], arrays["dlam"]
-        self._c, work = evaluator.functions, evaluator.work
+        self._c, self._work = evaluator.functions, evaluator.work
         self._both = evaluator.tables.address, ctypes.addressof(self._structure)
         states = (pointers[name] for name in ("y", "v", "a", "lam", "scale", "r", "open"))
-        self._states = (evaluator.tables.address, work, s, *states)
+        self._states = (evaluator.tables.address, self._work, s, *states)
 
     def place(self, h: float) -> None:
         """y, v and move from a and turn, for a step h (s)."""
@@ -144,6 +159,11 @@ class StageKernel:
         for name, part in zip("MCKJ", (M, C, K, J), strict=True):
             self._arrays[name][...] = part
         return bool(self._c.pinflex_factor(*self._both))
+
+    def iterate(self, newton: Newton) -> int:
+        """Iterate on the stages: CONVERGED, FAILED, or AGED where a new tangent is due."""
+        tables, stages = self._both
+        return int(self._c.pinflex_iterate(tables, self._work, stages, ctypes.byref(newton)))
 
     def solve(self) -> None:
         """dlam, and dz in the free rows of `change`, from r and open."""

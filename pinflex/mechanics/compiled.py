@@ -31,19 +31,16 @@ class Compiled:
     """Residual, closures and their derivatives of one system (make one per run, and per thread).
 
     Attributes:
-        derives: Whether the derivatives are compiled too.
+        evaluator: The compiled functions. complete: Whether nothing is left to numpy.
     """
 
     def __init__(self, system: System) -> None:
-        self._evaluator = Evaluator(system.tables)
+        self.evaluator = Evaluator(system.tables)
         self._nq, self._nv = int(system.rigid.nq), int(system.rigid.nv)
         self._forces = [force for force, _ in system.loads.forces]
         bodies = [(slot.eta, slot.body.curvature) for slot in system.expansion.slots]
         self._curved = [(at, bent) for at, bent in bodies if bent is not None]
-        # Springs between frames, and loads that stay as they are in the world, have a stiffness of
-        # their own (see `LoadState.tangent`): it is not compiled.
-        following = all(force.follower for force in self._forces)
-        self.derives = following and not system.loads.springs
+        self.complete = not self._curved
 
     def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
         """Residuals (n, nv) and closures (n, rows) of several states.
@@ -52,7 +49,7 @@ class Compiled:
             Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows), N | N m.
             t: Times in s, at which the loads are taken, shape (n,).
         """
-        R, C = self._evaluator.residuals(Y, V, A, lam, self._scale(t))
+        R, C = self.evaluator.residuals(Y, V, A, lam, self.scale(t))
         for at, bent in self._curved:
             R[:, self._nv :][:, at] += bent.force(Y[:, self._nq :][:, at])
         return R, C
@@ -60,18 +57,18 @@ class Compiled:
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, t: float
     ) -> tuple[Array, Array, Array, Array]:
-        """M, C, K (nv, nv) and J (rows, nv) at a state; only where `derives`.
+        """M, C, K (nv, nv) and J (rows, nv) at a state.
 
         Args:
             y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,). t: Time in s.
         """
-        M, C, K, J = self._evaluator.tangent(y, v, a, lam, self._scale(np.array([t]))[0])
+        M, C, K, J = self.evaluator.tangent(y, v, a, lam, self.scale(np.array([t]))[0])
         for at, bent in self._curved:
             rows = slice(self._nv + at.start, self._nv + at.stop)
             K[rows, rows] += bent.stiffness(y[self._nq :][at])
         return M, C, K, J
 
-    def _scale(self, t: Array) -> Array:
+    def scale(self, t: Array) -> Array:
         """Shares of the loads that act at times t (n,), shape (n, forces)."""
         scale = np.empty((len(t), len(self._forces)))
         for k, force in enumerate(self._forces):

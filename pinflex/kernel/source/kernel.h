@@ -11,8 +11,8 @@
 
 #include "lanes.h"
 
+
 #define EXPORT __attribute__((visibility("default")))
-typedef int64_t Int;
 
 /* Kinds of nodes. A circle is a revolute joint whose coordinates are cosine and sine; velocities of
    free and planar joints are those of the body in its own axes, as Pinocchio has them. */

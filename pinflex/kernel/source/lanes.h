@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #define LANES 4
+typedef int64_t Int;
 typedef double Lane __attribute__((vector_size(8 * LANES)));
 typedef int64_t LaneBits __attribute__((vector_size(8 * LANES)));
 

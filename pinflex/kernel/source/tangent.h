@@ -3,9 +3,7 @@
 #define PINFLEX_TANGENT_H
 
 #include "kernel.h"
-
-/* Mass, first and second moments of a set of bodies, and those of its momentum (tangent.c). */
-typedef struct { double m, h[3], J[9], P[3], Z[9]; } Moments;
+#include "moments.h"
 
 /* A node: pose, motion, acceleration, wrench of its subtree; I of the subtree when it is its turn. */
 typedef struct { double R[9], p[3], v[6], a[6], f[6]; Moments I; } Frozen;
@@ -25,6 +23,18 @@ Int tangent_size(const Tables *t);
 void tangent(const Tables *t, Work *lanes, double *memory, const Lane *y, const Lane *v,
              const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
              double *C, double *K, double *J);
+
+/* Velocities that a node has: width of its joint. */
+static inline Int width(Int kind) { return (Int[]){1, 1, 1, 3, 3, 6, 3}[kind]; }
+
+/* lifted.c: columns of a node's support times the map, (6, nv); and K += sign J' S D, J' P */
+void lift(const Tables *t, const Tangent *w, Int node, double *out);
+void add_product(Int nv, const double *J, const double *S, const double *D, double sign,
+                 double *pushed, double *K);
+void add_transposed(Int nv, const double *J, const double *P, double sign, double *K);
+
+/* load_tangent.c */
+void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, double *K);
 
 /* closure_tangent.c */
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
