@@ -68,13 +68,14 @@ class Evaluator:
         return R.copy(), C.copy()
 
     def tangent(
-        self, y: Array, v: Array, a: Array, lam: Array, scale: Array
+        self, y: Array, v: Array, a: Array, lam: Array, scale: Array, rates: bool = True
     ) -> tuple[Array, Array, Array, Array]:
         """M, C, K, the derivatives of the residual by a, v and y, (nv, nv), and J (rows, nv).
 
         Args:
             y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m.
             scale: Shares of the loads that act, shape (forces,).
+            rates: With what the rates of the second-order rows bring.
         """
         nv, rows, given = self._widths[1], self._widths[3], []
         for array, width in zip((y, v, a, lam, scale), self._widths, strict=True):
@@ -84,7 +85,7 @@ class Evaluator:
         found = np.empty((3, nv, nv)), np.empty((rows, nv))
         parts = (*found[0], found[1])
         pointers = [x.ctypes.data for x in (*given, *parts)]
-        self.functions.pinflex_tangent(self.tables.address, self.work, *pointers)
+        self.functions.pinflex_tangent(self.tables.address, self.work, int(rates), *pointers)
         return parts
 
     def _new(self, n: int) -> _Buffers:

@@ -15,7 +15,7 @@ _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
 _FUNCTIONS = {
     "pinflex_work_size": (_INT, (_POINTER,)),
     "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
-    "pinflex_tangent": (None, (_POINTER,) * 11),
+    "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
     "pinflex_place": (None, (_POINTER,) * 2),
     "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
     "pinflex_iterate": (ctypes.c_int, (_POINTER,) * 4),

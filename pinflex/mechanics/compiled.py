@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pinflex.arrays import Array
@@ -11,8 +13,11 @@ from pinflex.mechanics.system import System
 
 
 def on_kernel(system: System) -> Compiled | None:
-    """The compiled equations of a system; None: those of numpy and Pinocchio serve."""
-    if kernel().functions is None or system.uncovered is not None:
+    """The compiled equations of a system; None: those of numpy and Pinocchio serve.
+
+    Where nothing gives way the equations are Pinocchio itself, to the last bit.
+    """
+    if kernel().functions is None or _stiff(system) or system.uncovered is not None:
         return None
     return Compiled(system)
 
@@ -22,9 +27,15 @@ def evaluated_by(system: System) -> str:
     library = kernel()
     if library.functions is None:
         return f"numpy and Pinocchio (kernel: {library.said})"
+    if _stiff(system):
+        return "Pinocchio (nothing gives way)"
     if system.uncovered is not None:
         return f"numpy and Pinocchio (the kernel has no {system.uncovered})"
     return f"kernel ({library.said})"
+
+
+def _stiff(system: System) -> bool:
+    return system.n_eta == 0 and not len(system.springs.v_at)
 
 
 class Compiled:
@@ -42,7 +53,9 @@ class Compiled:
         self._curved = [(at, bent) for at, bent in bodies if bent is not None]
         self.complete = not self._curved
 
-    def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
+    def residual(
+        self, Y: Array, V: Array, A: Array, lam: Array, t: Array | Sequence[float | Array]
+    ) -> tuple[Array, Array]:
         """Residuals (n, nv) and closures (n, rows) of several states.
 
         Args:
@@ -55,20 +68,21 @@ class Compiled:
         return R, C
 
     def tangent(
-        self, y: Array, v: Array, a: Array, lam: Array, t: float
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
     ) -> tuple[Array, Array, Array, Array]:
         """M, C, K (nv, nv) and J (rows, nv) at a state.
 
         Args:
             y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,). t: Time in s.
+            rates: With what the rates of the second-order rows bring.
         """
-        M, C, K, J = self.evaluator.tangent(y, v, a, lam, self.scale(np.array([t]))[0])
+        M, C, K, J = self.evaluator.tangent(y, v, a, lam, self.scale((t,))[0], rates)
         for at, bent in self._curved:
             rows = slice(self._nv + at.start, self._nv + at.stop)
             K[rows, rows] += bent.stiffness(y[self._nq :][at])
         return M, C, K, J
 
-    def scale(self, t: Array) -> Array:
+    def scale(self, t: Array | Sequence[float | Array]) -> Array:
         """Shares of the loads that act at times t (n,), shape (n, forces)."""
         scale = np.empty((len(t), len(self._forces)))
         for k, force in enumerate(self._forces):

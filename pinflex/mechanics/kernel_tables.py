@@ -89,12 +89,15 @@ def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], lis
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
     nodes, points, twists = [], [], []
     for j in range(1, int(model.njoints)):
+        if len(model.children[j]) or j in used:
+            nodes.append(j)
+            continue
         name, inertia = model.joints[j].shortname().removeprefix(_PREFIX), model.inertias[j]
-        leaf = len(model.children[j]) == 0 and j not in used
-        massless = not np.any(inertia.inertia[[1, 2], [1, 2]]) and not inertia.mass
-        if leaf and name == "Translation" and not np.any(inertia.inertia + inertia.lever):
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
+        rest = xy, xz, yy, yz, zz
+        if name == "Translation" and not any((xx, *rest, *inertia.lever.tolist())):
             points.append(j)
-        elif leaf and name == "RX" and massless and not np.any(model.armature[_row(model, j)]):
+        elif name == "RX" and not any((inertia.mass, *rest, model.armature[_row(model, j)])):
             twists.append(j)
         else:
             nodes.append(j)

@@ -76,8 +76,9 @@ EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const do
   }
 }
 
-/* Derivatives of the residual at one state: M, C, K (nv, nv) by a, v, y and J (closures, nv). */
-EXPORT void pinflex_tangent(const Tables *t, char *memory, const double *y, const double *v,
+/* Derivatives of the residual at one state: M, C, K (nv, nv) by a, v, y and J (closures, nv).
+   Without `rates` those of the map's rows are left out. */
+EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
                             const double *a, const double *lam, const double *scale, double *M,
                             double *C, double *K, double *J) {
   Work w;
@@ -88,5 +89,5 @@ EXPORT void pinflex_tangent(const Tables *t, char *memory, const double *y, cons
   gather(a, 1, t->nv, 0, g.a);
   gather(lam, 1, t->closures, 0, g.lam);
   gather(scale, 1, t->forces, 0, g.scale);
-  tangent(t, &w, g.more, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c, M, C, K, J);
+  tangent(t, &w, g.more, rates, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c, M, C, K, J);
 }

@@ -199,7 +199,8 @@ static void freeze(const Tables *t, const Work *lanes, Tangent *w) {
 }
 
 /* Rows of X = Phi + G eta and their rates: dX = G v, ddX = G a. */
-static void map_rows(const Tables *t, Tangent *w, const Lane *y, const Lane *v, const Lane *a) {
+static void map_rows(const Tables *t, Tangent *w, Int rates, const Lane *y, const Lane *v,
+                     const Lane *a) {
   const Lane *eta = y + t->nq_rigid, *rate = v + t->nv_rigid, *growth = a + t->nv_rigid;
   Int entries = t->x_at[t->nV];
   memset(w->x, 0, entries * sizeof(double));
@@ -214,6 +215,7 @@ static void map_rows(const Tables *t, Tangent *w, const Lane *y, const Lane *v, 
       Int i = t->g_i[p], j = t->g_j[p];
       double g = t->g[p];
       x[i] += g * eta[j][0], x[j] += g * eta[i][0];
+      if (!rates) continue;
       dx[i] += g * rate[j][0], dx[j] += g * rate[i][0];
       ddx[i] += g * growth[j][0], ddx[j] += g * growth[i][0];
     }
@@ -278,12 +280,12 @@ static void lay_out(const Tables *t, double *memory, Tangent *w) {
 }
 
 /* The first lane of the states counts. Afterwards r and c hold its residuals. */
-void tangent(const Tables *t, Work *lanes, double *memory, const Lane *y, const Lane *v,
-             const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
+void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
+             const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
              double *C, double *K, double *J) {
   Tangent w;
   lay_out(t, memory, &w);
-  map_rows(t, &w, y, v, a);
+  map_rows(t, &w, rates, y, v, a);
   expand(t, lanes, y, v, a);
   for (Int i = 0; i < t->nV; i++) w.rate[i] = lanes->V[i][0], w.growth[i] = lanes->A[i][0];
   for (Int k = 0; k < t->points; k++)

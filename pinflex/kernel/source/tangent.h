@@ -20,8 +20,8 @@ typedef struct {
 } Tangent;
 
 Int tangent_size(const Tables *t);
-void tangent(const Tables *t, Work *lanes, double *memory, const Lane *y, const Lane *v,
-             const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
+void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
+             const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
              double *C, double *K, double *J);
 
 /* Velocities that a node has: width of its joint. */
