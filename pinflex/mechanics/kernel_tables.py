@@ -110,7 +110,15 @@ def _row(model: pin.Model, joint: int) -> int:
 
 def _kind(joint: Any) -> tuple[int, Sequence[float]]:
     name = joint.shortname().removeprefix(_PREFIX)
-    return _JOINTS[name] if name in _JOINTS else (_ALONG[name], joint.extract().axis)
+    if name in _JOINTS:
+        return _JOINTS[name]
+    # Not every kind of joint tells its axis: its column of the Jacobian does, at any position.
+    data, start = joint.createData(), np.zeros(joint.nq)
+    start[:1] = joint.nq > joint.nv  # cos, sin
+    joint.calc(data, start)
+    twist = np.asarray(data.S, dtype=float).ravel()
+    axis = twist[:3] if _ALONG[name] == SLIDE else twist[3:]
+    return _ALONG[name], axis.tolist()
 
 
 def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]:

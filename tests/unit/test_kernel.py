@@ -146,6 +146,15 @@ def bare(model: pin.Model) -> System:
     return System(model, expansion, free, zero, zero, springs, none, Loads((), ()))
 
 
+def turning_without_end(axis: Array) -> pin.JointModel:
+    """A continuous joint about any axis, which only a URDF can make."""
+    xyz = " ".join(f"{x:.17g}" for x in axis)
+    return pin.buildModelFromXML(
+        f'<robot name="one"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        f'<parent link="a"/><child link="b"/><axis xyz="{xyz}"/></joint></robot>'
+    ).joints[1]
+
+
 def random_model(seed: int) -> pin.Model:
     """A tree of every joint of Pinocchio's that the kernel has, in random order."""
     rng = np.random.default_rng(seed)
@@ -157,7 +166,7 @@ def random_model(seed: int) -> pin.Model:
     joints = [getattr(pin, f"JointModel{name}")() for name in straight]
     joints += [pin.JointModelRevoluteUnaligned(axis), pin.JointModelPrismaticUnaligned(axis)]
     joints += [pin.JointModelSpherical(), pin.JointModelFreeFlyer(), pin.JointModelPlanar()]
-    joints += [pin.JointModelTranslation(), pin.JointModelRX()]
+    joints += [pin.JointModelTranslation(), pin.JointModelRX(), turning_without_end(axis)]
     for k in rng.permutation(len(joints)):
         # Depth first: Pinocchio's derivatives take a subtree for neighbouring rows.
         chain = list(model.supports[model.njoints - 1])

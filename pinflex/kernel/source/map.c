@@ -41,11 +41,7 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
   const Lane *eta = y + t->nq_rigid;
   Lane *r_eta = r + t->nv_rigid;
   for (Int k = 0; k < t->nv_rigid; k++) r[k] = w->V[t->v_at[k]];
-  for (Int i = 0; i < t->nv - t->nv_rigid; i++) {
-    Lane sum = lane(0);
-    for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) sum += t->k[p] * eta[t->k_j[p]];
-    r_eta[i] = sum;
-  }
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++) r_eta[i] = lane(0);
   for (Int e = 0; e < t->rows; e++) {
     Lane g = w->V[t->row_v[e]];
     for (Int p = t->phi_at[e]; p < t->phi_at[e + 1]; p++) r_eta[t->phi_i[p]] += t->phi[p] * g;
@@ -55,6 +51,12 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
       r_eta[i] += push * eta[j];
       r_eta[j] += push * eta[i];
     }
+  }
+  /* Stiff forces come last, in one sum: small ones would each be rounded to their digits. */
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++) {
+    Lane sum = lane(0);
+    for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) sum += t->k[p] * eta[t->k_j[p]];
+    r_eta[i] += sum;
   }
   for (Int i = 0; i < t->nv; i++)
     for (Int p = t->d_at[i]; p < t->d_at[i + 1]; p++) r[i] += t->d[p] * v[t->d_j[p]];
