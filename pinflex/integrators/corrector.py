@@ -70,7 +70,7 @@ class Corrector(StageEquations):
         moved = dy + np.outer(x.h * self.method.c, dv)
         dz, dlam = self.newton.step(moved @ of.K.T + of.C @ dv, moved @ of.J.T)
         x.a[:, free] += self.method.A2_inverse @ dz
-        x.lam = x.lam + dlam
+        x.lam += dlam
 
     def _polynomials(self, step: Step) -> tuple[Array, Array, Array]:
         W = self._guess

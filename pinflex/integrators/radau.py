@@ -16,6 +16,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.integrators.steps import Path, StepFailed, largest
+from pinflex.kernel.stages import AGED, FAILED
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -96,6 +97,7 @@ class Stages(StageEquations):
         super().__init__(mechanism, dynamics, path, method, drive)
         self.by_energy = forces and dynamics.flexible
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
+        self.measured_rows = np.arange(dynamics.system.nv)[self.measured]
         self.scale, self.iterations = 0.0, 0
         self.resolve(resolution)
 
@@ -114,6 +116,14 @@ class Stages(StageEquations):
             StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
         """
         x = self.begin(start, h, *self._predict(start, h, last))
+        so_far = self._compiled_iteration(x) if self.compiled is not None else self._iteration(x)
+        self.scale = self._reach(x.move + self._elastic(start.y))
+        seen = max(self.scale, self._floor(_SEEN) / self.resolution)
+        coarseness = self._size((self.method.last @ x.move)[None]) / seen
+        return self.solved(x, coarseness, so_far.rate)
+
+    def _iteration(self, x: Trial) -> _Contraction:
+        """Newton's iteration of a step."""
         newton, so_far = self.newton, _Contraction()
         for iteration in range(_MAX_ITERATIONS):
             self.place(x)
@@ -129,10 +139,28 @@ class Stages(StageEquations):
         else:
             raise StepFailed
         newton.stale = iteration > 0 and so_far.rate > self.slow
-        self.scale = self._reach(x.move + self._elastic(start.y))
-        seen = max(self.scale, self._floor(_SEEN) / self.resolution)
-        coarseness = self._size((self.method.last @ x.move)[None]) / seen
-        return self.solved(x, coarseness, so_far.rate)
+        return so_far
+
+    def _compiled_iteration(self, x: Trial) -> _Contraction:
+        """The same, compiled."""
+        assert self.compiled is not None
+        kernel, so_far = self.compiled.kernel, _Contraction()
+        kernel.place(x.h)
+        self._factors(x, so_far, 0)
+        now = self.compiled.newton(self._weight, self.measured_rows)
+        now.iteration, now.most, now.placed, now.fresh = 0, _MAX_ITERATIONS, 1, so_far.fresh
+        now.least = _NEWTON * min(self.resolution, _COARSE)
+        now.round_off, now.open, now.scale = self._floor(_ROUND_OFF), self._open, self.scale
+        while (end := kernel.iterate(now)) == AGED:
+            self.newton.stale = True
+            self._factors(x, so_far, now.iteration)
+            now = self.compiled.newton(self._weight, self.measured_rows)
+        self.iterations += min(now.iteration + 1, _MAX_ITERATIONS)
+        if end == FAILED:
+            raise StepFailed
+        x.torque = kernel.r[:, self.motors]
+        self.newton.stale = now.iteration > 0 and now.rate > self.slow
+        return _Contraction(now.reach, now.goal, now.size, now.rate, now.fresh)
 
     def _factors(self, x: Trial, so_far: _Contraction, iteration: int) -> None:
         """A new tangent where the last one has aged, new factors where h has changed."""

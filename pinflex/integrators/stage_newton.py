@@ -15,6 +15,7 @@ import numpy as np
 from pinflex.actuation.drive import TorqueDrive
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.compiled_stages import CompiledStages
 from pinflex.mechanics.equations import Equations
 
 
@@ -52,11 +53,16 @@ class StageNewton:
     tangent: Tangent
 
     def __init__(
-        self, dynamics: Equations, method: Collocation, free: IntArray, drive: TorqueDrive | None
+        self,
+        dynamics: Equations,
+        method: Collocation,
+        free: IntArray,
+        drive: TorqueDrive | None,
+        compiled: CompiledStages | None = None,
     ) -> None:
         from scipy.linalg import lapack  # slow to import: only runs pay for it
 
-        self._lapack = lapack
+        self._lapack, self._compiled = lapack, compiled
         self._dynamics, self._method, self._drive = dynamics, method, drive
         self.free, self.motors = free, dynamics.system.motors
         self.h = 0.0
@@ -90,6 +96,11 @@ class StageNewton:
     def factor(self, h: float) -> None:
         """Factors for a step h; raises numpy's LinAlgError when one is singular."""
         of = self.tangent
+        if self._compiled is not None:
+            if not self._compiled.kernel.factor(of.M, of.C, of.K, of.J, h):
+                raise np.linalg.LinAlgError("singular iteration matrix")
+            self.factors, self.h = self.factors + 1, h
+            return
         n, size = len(self.free), len(self.free) + len(of.J)
         self._lu = []
         for mu in self._method.values:
@@ -111,6 +122,8 @@ class StageNewton:
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
         """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows)."""
         n = len(self.free)
+        if self._compiled is not None:
+            return self._compiled.solve(r, c)
         parts = self._method.forward @ np.concatenate([-r, c / -(self.h**2)], axis=1)
         for k, (lu, pivots, real) in enumerate(self._lu):
             if real:

@@ -19,6 +19,7 @@ from pinflex.actuation.drive import MotorPath, TorqueDrive
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.compiled_stages import compiled_stages
 from pinflex.integrators.consistent import consistent_acceleration
 from pinflex.integrators.stage_newton import StageNewton, Tangent
 from pinflex.integrators.steps import Path, States
@@ -110,7 +111,9 @@ class StageEquations:
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.method = method
         self.free = system.free if drive is None else system.unheld
-        self.newton = StageNewton(dynamics, method, self.free, drive)
+        prescribed = None if drive is not None else self.axes
+        self.compiled = compiled_stages(dynamics, method, self.free, prescribed)
+        self.newton = StageNewton(dynamics, method, self.free, drive, self.compiled)
         self.manifold = Manifold(dynamics, () if drive is not None else self.motors)
 
     def first(self, t: float, y: Array, v: Array) -> Start:
@@ -131,11 +134,20 @@ class StageEquations:
         path = self.path(t)
         if self.drive is None:
             a[:, self.motors] = path.acceleration
-        return Trial(start, h, t, path, a, lam, np.zeros_like(a) if turn is None else turn)
+        x = Trial(start, h, t, path, a, lam, np.zeros_like(a) if turn is None else turn)
+        if self.compiled is not None:
+            self.compiled.begin(start, t, path, a, lam, x.turn)
+            k = self.compiled.kernel  # its arrays from now on
+            x.a, x.lam, x.turn, x.change, x.dlam = k.a, k.lam, k.turn, k.change, k.dlam
+            x.y, x.v, x.move, x.da = k.y, k.v, k.move, k.da
+        return x
 
     def place(self, x: Trial) -> None:
         """Poses and velocities of the stages from their accelerations."""
         m, h, start = self.method, x.h, x.start
+        if self.compiled is not None:
+            self.compiled.kernel.place(h)
+            return
         x.v = start.v + h * (m.A @ x.a)
         if self.drive is None:
             x.v[:, self.motors] = x.path.velocity
@@ -147,6 +159,12 @@ class StageEquations:
 
     def correct(self, x: Trial) -> None:
         """One Newton correction of the stages, by the factors at hand."""
+        if self.compiled is not None:
+            kernel = self.compiled.kernel
+            kernel.residual()
+            x.torque, x.c = kernel.r[:, self.motors], kernel.open
+            kernel.correct()
+            return
         r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t)
         x.torque = r[:, self.motors]
         if self.drive is not None:
@@ -155,7 +173,7 @@ class StageEquations:
         dz, x.dlam = self.newton.step(r[:, self.free], x.c)
         x.da = self.method.A2_inverse @ dz
         x.a[:, self.free] += x.da
-        x.lam = x.lam + x.dlam
+        x.lam += x.dlam
         # Displacements count: the accelerations of fast modes are noise.
         x.change[:, self.free] = (x.h * x.h) * dz
 
@@ -167,7 +185,7 @@ class StageEquations:
             torque = torque + tangent.motor_forces(x.da, dv, x.change[:, free], x.dlam)
         x.v[:, free] += dv
         return Step(
-            x.start, x.h, x.move + x.change, x.turn, x.a, x.lam, torque,
+            x.start, x.h, x.move + x.change, x.turn.copy(), x.a.copy(), x.lam.copy(), torque,
             self._power(x.v, torque), coarseness, x.path, tangent, rate,
         )  # fmt: skip
 
