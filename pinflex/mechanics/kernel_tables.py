@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from pinflex.kernel.tables import Tables
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.loads import Loads
-from pinflex.mechanics.system import System
+from pinflex.mechanics.system import Springs, System
 
 REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
 _POINT, _DIRECTION, _DISTANCE = range(3)
@@ -34,12 +35,34 @@ _ALONG = {
     "PrismaticUnaligned": SLIDE,
 }
 _PREFIX = "JointModel"
+# What the tables are made of. A field beyond these may be a term that the kernel lacks.
+KNOWN: dict[type, frozenset[str]] = {
+    System: frozenset(
+        ("rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held")
+    ),
+    Springs: frozenset(("v_at", "q_at", "paired", "stiffness", "rest")),
+    Loads: frozenset(("forces", "springs")),
+    Expansion: frozenset(("model", "q_at", "v_at", "blocks", "frames", "slots", "n_eta")),
+    Closures: frozenset(
+        (
+            *("names", "kinds", "labels", "loop_of", "bodies", "local", "point_rows"),
+            *("point_axes", "dot_rows", "dot_a", "dot_b", "distance_rows", "lengths"),
+            *("support_a", "support_b", "row_mask", "contacts"),
+        )
+    ),
+}
 
 
 def uncovered(system: System) -> str | None:
     """What of a system the kernel does not cover; None: it covers the system."""
+    for record, known in KNOWN.items():
+        if new := {field.name for field in fields(record)} - known:
+            return f"{record.__name__}.{min(new)}"
     if system.closed.contacts:
         return "sleeve on a flexible beam"
+    closed = system.closed
+    if len(closed.point_rows) + len(closed.dot_rows) + len(closed.distance_rows) != closed.n:
+        return "closure row of another sort"
     for joint in system.expansion.model.joints[1:]:
         name = joint.shortname().removeprefix(_PREFIX)
         if name not in _JOINTS and name not in _ALONG:
