@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from pinflex.advice.proposal import Advice
     from pinflex.advice.solve import LEVELS, solve
     from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
+    from pinflex.description.digital import digital_pid
     from pinflex.description.motion import (
         Motion,
         circle,
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         spin_up,
         trapezoid,
     )
+    from pinflex.description.moves import adept, moves
     from pinflex.errors import (
         AssemblyError,
         ConvergenceError,
@@ -69,6 +71,8 @@ if TYPE_CHECKING:
     from pinflex.integrators.schemes import generalized_alpha, hht, newmark
     from pinflex.inversion.command import Command, command
     from pinflex.inversion.linear_model import LinearModel, linearise
+    from pinflex.inversion.tracking import track
+    from pinflex.levels.excited import ringing
     from pinflex.levels.modes import Modes, modes
     from pinflex.levels.quasistatic import (
         Equilibrium,
@@ -84,6 +88,8 @@ if TYPE_CHECKING:
     from pinflex.studies.stiffness import platform_compliance
     from pinflex.studies.sweep import sweep
     from pinflex.variation.design import Design
+    from pinflex.variation.fit import fit
+    from pinflex.variation.fitted import Fit
     from pinflex.variation.optimise import design, pareto
     from pinflex.variation.scatter import Scatter, scatter
     from pinflex.variation.sensitivity import Sensitivities, sensitivities
@@ -101,6 +107,7 @@ __all__ = [
     "Design",
     "Effort",
     "Equilibrium",
+    "Fit",
     "LinearModel",
     "Mechanism",
     "Modes",
@@ -115,12 +122,15 @@ __all__ = [
     "Travel",
     "UnstableWarning",
     "Voltage",
+    "adept",
     "advise",
     "circle",
     "command",
     "comparison",
     "cycloid",
     "design",
+    "digital_pid",
+    "fit",
     "formula",
     "generalized_alpha",
     "harmonic",
@@ -131,6 +141,7 @@ __all__ = [
     "linearise",
     "load",
     "modes",
+    "moves",
     "newmark",
     "nonic",
     "pareto",
@@ -138,6 +149,7 @@ __all__ = [
     "platform_compliance",
     "pose_map",
     "quintic",
+    "ringing",
     "sampled",
     "scatter",
     "sensitivities",
@@ -145,12 +157,14 @@ __all__ = [
     "spin_up",
     "static_equilibrium",
     "sweep",
+    "track",
     "trapezoid",
     "view",
 ]
 
 _HOME = {
     "description.control": ("Control", "Deflection", "Effort", "Travel", "Voltage", "pid"),
+    "description.digital": ("digital_pid",),
     "description.motion": (
         "Motion",
         "circle",
@@ -164,6 +178,7 @@ _HOME = {
         "spin_up",
         "trapezoid",
     ),
+    "description.moves": ("adept", "moves"),
     "errors": (
         "AssemblyError",
         "ConvergenceError",
@@ -176,6 +191,8 @@ _HOME = {
     "integrators.schemes": ("generalized_alpha", "hht", "newmark"),
     "inversion.command": ("Command", "command"),
     "inversion.linear_model": ("LinearModel", "linearise"),
+    "inversion.tracking": ("track",),
+    "levels.excited": ("ringing",),
     "levels.modes": ("Modes", "modes"),
     "levels.quasistatic": (
         "Equilibrium",
@@ -191,6 +208,8 @@ _HOME = {
     "advice.proposal": ("Advice",),
     "advice.solve": ("LEVELS", "solve"),
     "variation.design": ("Design",),
+    "variation.fit": ("fit",),
+    "variation.fitted": ("Fit",),
     "variation.optimise": ("design", "pareto"),
     "variation.scatter": ("Scatter", "scatter"),
     "variation.sensitivity": ("Sensitivities", "sensitivities"),

@@ -18,8 +18,9 @@ from pinflex.cli.parser import Layout, Parser
 from pinflex.errors import PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
-    *("check", "modes", "advise", "command", "solve", "compare"),
-    *("sweep", "map", "sensitivity", "design", "bench", "view", "verify"),
+    *("check", "modes", "advise", "command", "shapers", "frf", "solve", "compare"),
+    *("sweep", "map", "sensitivity", "design", "fit", "bench"),
+    *("view", "verify", "importing", "schema"),
 )
 _ISSUES = "please report it with the model and the output of --debug"
 _TITLE = (
@@ -34,14 +35,18 @@ examples:
   pinflex modes ur5 --count 6          natural frequencies
   pinflex advise race_r1 --tol 0.02    what the scene needs for that
   pinflex command delta -o command.csv the motor motion with which the platform follows its path
+  pinflex shapers delta                shapers for its motion, and how robust they are
+  pinflex frf delta -o frf.png         frequency response of a motor, and its zeros
   pinflex solve 3rrr -o run.npz        one run
   pinflex sweep ur5 --set flexible.*.material.E=5e10:9e10:5 --out table.csv
   pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png
   pinflex sensitivity delta            what to change, and what it does
   pinflex design delta --minimise mass --vary ... --keep 'frequency.1 > base'
+  pinflex fit ur5 hammer.csv --vary ... the numbers that explain measurements
   pinflex bench 3rrs                   which level, modes and step buy which error
   pinflex view run.npz                 its animation
   pinflex verify                       published benchmarks on this machine
+  pinflex import robot.xml             a YAML for an MJCF, SDF, URDF or Gepetto's robot.yaml
 
 exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 
@@ -75,7 +80,8 @@ def _run(arguments: list[str]) -> int:
         warnings.simplefilter("ignore")
     if getattr(args, "limit", None) is not None and hasattr(args, "set"):
         args.set.append(f"limit={args.limit!r}")
-    code: int = import_module(f"pinflex.cli.{args.command}").run(args)
+    module = getattr(args, "module", args.command)
+    code: int = import_module(f"pinflex.cli.{module}").run(args)
     sys.stdout.flush()
     return code
 

@@ -15,7 +15,8 @@ NAMES = model_names()
 WHICH = ("rigid", "flexible")
 
 # A tree on a free base with ball, universal, continuous and sliding joints and two bent links in
-# two bases: every chart of the configuration manifold at once. Closed by two distances.
+# two bases: every chart of the configuration manifold at once. Closed by two distances. One motor
+# has an elastic gear, and two joints rub.
 _BALL = {"mass": 0.3, "com": (0.1, 0.1, 0.05), "inertia": (0.01, 0.02, 0.025)}
 _BODIES = (
     Body("body", "base", mass=3.0, com=(0.1, 0.0, 0.05), inertia=(0.1, 0.2, 0.15)),
@@ -33,7 +34,12 @@ joints:
   hand_joint: {type: spherical}
   foot_joint: {type: universal, axes: [[1, 0, 0], [0, 0.6, 0.8]]}
   grip_joint: {spring: 30, rest: 0.05, damper: 2}
-  leg_joint: {spring: 3, rest: 0.1, damper: 0.5, rotor_inertia: 0.02}
+  leg_joint:
+    {spring: 3, rest: 0.1, damper: 0.5, rotor_inertia: 0.02,
+     friction: {coulomb: 0.4, breakaway: 0.7, stribeck: 0.5, speed: 0.2, viscous: 0.1}}
+  boom_joint:
+    drive: {gear: 40, motor_inertia: 1.0e-5, stiffness: 200, damping: 0.3,
+            friction: {coulomb: 0.3, speed: 0.3}}
 home: {foot_joint: [0.2, 0.3], hand_joint: [0.3, -0.2, 0.4]}
 loops:
   rope: {kind: distance, between: [eye, foot]}

@@ -33,6 +33,11 @@ def by_vector(f: Callable[[Array], Array], v: Array) -> Array:
     return np.array([(f(v + e) - f(v - e)) / 2 for e in np.eye(len(v))]).T
 
 
+def by_speed(f: Callable[[Array], Array], v: Array) -> Array:
+    """df/dv of any function of v, shape (len(f), nv)."""
+    return np.array([_central(lambda h, e=e: f(v + h * e), STEP) for e in np.eye(len(v))]).T
+
+
 def by_time(
     d: Equations, f: Callable[[Array, Array], Array], y: Array, v: Array, a: Array
 ) -> Array:

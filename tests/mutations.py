@@ -17,6 +17,29 @@ PATIENCE = 600  # [s] for the tests of one mutation
 
 # Name: what runs before the tests, and where they are.
 MUTATIONS = {
+    "dry friction off": (
+        """
+from pinflex.mechanics.friction import DryFriction
+DryFriction.force = lambda self, v: 0.0 * v[..., self.rows]
+""",
+        ["tests/verification/test_elastic_drives.py"],
+    ),
+    "a rotor's inertia by the gear, not by its square": (
+        """
+from pinflex.description.drives import Drive
+Drive.rotor_inertia = property(lambda self: self.gear * self.motor_inertia)
+""",
+        ["tests/verification/test_elastic_drives.py"],
+    ),
+    "gears without their damping": (
+        """
+import pinflex.mechanics.systems as systems
+from dataclasses import replace
+plain = systems.elastic
+systems.elastic = lambda joints: {k: replace(d, damping=0.0) for k, d in plain(joints).items()}
+""",
+        ["tests/verification/test_elastic_drives.py"],
+    ),
     "foreshortening off: bodies are linear": (
         """
 import pinflex.bodies.basis as basis

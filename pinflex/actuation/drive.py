@@ -141,10 +141,7 @@ def kinks(path: MotorPath) -> frozenset[int]:
 
 def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:
     """Times in s at which a motion or a load switches: where a piece of it ends."""
-    spec, end = motion.spec, motion.duration
-    times = {end, float(spec.get("smooth", 0.0)), float(spec.get("ramp", 0.0))}
-    if motion.kind == "trapezoid":
-        times.add(end - float(spec["ramp"]))
+    times = set(motion.switches)
     for force, _ in loads.forces:
         times |= {force.start, force.start + force.ramp}
         if force.until is not None:

@@ -67,7 +67,7 @@ def model_error(
 
 def not_probed(mechanism: Mechanism) -> str:
     """Why a scene cannot be looked at cheaply, "" if it can."""
-    if not mechanism.flexible.n_eta:
+    if not mechanism.parts:
         return "no link is flexible"
     if mechanism.description.solve.drive == "torque":
         return "the motors push (drive: torque)"

@@ -293,11 +293,13 @@ def _steps(mechanism: Mechanism, end: float) -> tuple[int, float]:
 def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
     """Shapes of other bodies as columns in the coordinates of a system, shape (nv, k).
 
-    Free rigid coordinates stay; a link that is not in `parts` is rigid. The functions of a smaller
-    basis are combinations of those of a larger one: found by least squares at sections.
+    Free rigid coordinates and elastic drives stay; a link that is not in `parts` is rigid. The
+    functions of a smaller basis are combinations of those of a larger one: found by least squares
+    at sections.
     """
     m = int(system.rigid.nv)
-    columns = [np.eye(system.nv)[:, system.free[system.free < m]]]
+    kept = [*system.free[system.free < m], *(m + gear.eta for gear in system.expansion.drives)]
+    columns = [np.eye(system.nv)[:, kept]]
     seen, known = dict[str, int](), dict[tuple[int, int], Array]()
     for slot in system.expansion.slots:
         place = seen.setdefault(slot.link, 0)

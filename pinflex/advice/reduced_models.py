@@ -121,6 +121,7 @@ def _without(
         n = sum(body.n for part in parts.values() for body in part.bodies)
         if not n:
             return None
+        n += len(rich.flexible.expansion.drives)
         shapes = subspace(rich.flexible, parts)
         fewer = probe.corrected(probe.march(shapes), shapes)
     except (DescriptionError, ConvergenceError, np.linalg.LinAlgError):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json
+from pinflex.errors import DescriptionError
 from pinflex.text import length, number, paragraph, table
 from pinflex.writing import writable
 
@@ -45,22 +48,32 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
     p.add_argument(
         "--verify", action="store_true", help="run level coupled with it and with the rigid one"
     )
+    p.add_argument(
+        "--plot", metavar="FILE", help="with --verify: a figure of both (.png, .pdf, .svg)"
+    )
+    p.add_argument("--view", metavar="FILE.html", help="with --verify: a page that plays both")
 
 
 def run(args: argparse.Namespace) -> int:
     """Find a command, write it, hold it against a forward run."""
+    import numpy as np
+
     from pinflex.inversion.command import command
     from pinflex.inversion.verify import followed
+    from pinflex.results.drives import drive_table, row_of
     from pinflex.solver.solve import default_motion
 
+    if (args.plot or args.view) and not args.verify:
+        raise DescriptionError("--plot and --view show what --verify finds. Add --verify.")
     mechanism = load_model(args)
-    writable(args.output)
+    for path in (args.output, args.plot, args.view):
+        writable(path)
     motion = default_motion(mechanism)
     given = {"limited": not args.beyond_limits, "instants": args.instants}
     found = command(
         mechanism, motion, args.level, tol=args.tol, before=args.before, after=args.after, **given
     )
-    runs = {}
+    runs, commands = {}, {args.level: found}
     if args.verify:
         runs[args.level] = followed(mechanism, motion, found)
         if args.level != "rigid":
@@ -68,15 +81,38 @@ def run(args: argparse.Namespace) -> int:
                 mechanism, motion, "rigid", before=found.before, after=found.after,
                 coordinates=found.coordinates, instants=len(found.t), limited=False,
             )  # fmt: skip
-            runs["rigid"] = followed(mechanism, motion, rigid)
+            runs["rigid"], commands["rigid"] = followed(mechanism, motion, rigid), rigid
     files = [] if args.output is None else [found.to_csv(args.output)]
-    data = _numbers(found, runs) | {"files": files}
+    files += _shown(args, commands, runs)
+    rows = [
+        row_of(found.level, name, side, np.array(found.limit_curves[name]).reshape(-1, 2))
+        for name, side in found.drives.items()
+    ]
+    data = _numbers(found, runs) | {"drives": [asdict(row) for row in rows], "files": files}
     if args.json:
         print_json(data)
     else:
-        print(_text(data))
-        print("".join(f"wrote {path}" for path in files) or "nothing saved (-o FILE.csv saves it)")
+        print(_text(data, drive_table(rows)))
+        wrote = "\n".join(f"wrote {path}" for path in files)
+        print(wrote or "nothing saved (-o FILE.csv saves it)")
     return 0
+
+
+def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, Any]) -> list[Path]:
+    """Write the figure and the page that are asked for."""
+    files = []
+    if args.plot is not None:
+        from pinflex.studies.plot_command import figure
+
+        files.append(Path(args.plot))
+        figure(commands, runs).savefig(args.plot)
+    if args.view is not None:
+        from pinflex.viewer.view import write_runs_html
+
+        named = {f"coupled, {level} command": x.run for level, x in runs.items()}
+        ideal = next(iter(runs.values())).ideal
+        files.append(write_runs_html(named, args.view, rigid=ideal))
+    return files
 
 
 def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
@@ -86,6 +122,7 @@ def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
         "duration": float(found.t[-1]),
         "before": found.before,
         "after": found.after,
+        "actuation": found.actuation,
         "instants": len(found.t),
         "error": dict(zip(found.coordinates, map(float, found.error), strict=True)),
         "motors": {
@@ -107,14 +144,16 @@ def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _text(data: dict[str, Any]) -> str:
+def _text(data: dict[str, Any], drives: str) -> str:
     rest = f"{data['before']:.3g} s of rest ahead and {data['after']:.3g} s after"
     error = ", ".join(
         f"{name} {length(e) if len(name) == 1 else f'{1e3 * e:.2g} mrad'}"
         for name, e in data["error"].items()
     )
     head = (
-        f"{data['name']}: the {data['level']} command takes {data['duration']:.4g} s, with {rest}. "
+        f"{data['name']}: the {data['level']} command takes {data['duration']:.4g} s, with {rest}; "
+        f"motors move from {data['actuation'][0]:.3g} s before the platform to "
+        f"{data['actuation'][1]:.3g} s after it. "
         f"Estimated error of the platform: {error}."
     )
     motors = [
@@ -130,6 +169,8 @@ def _text(data: dict[str, Any]) -> str:
          f"{1e3 * x['turned_during']:.2g}", f"{1e3 * x['turned_after']:.2g}"]
         for level, x in data["followed"].items()
     ]  # fmt: skip
+    if drives:
+        blocks.append(drives)
     if rows:
         heads = "command|during|after|swing after|turn during [mrad]|turn after [mrad]"
         blocks.append(table("Platform off its path in a coupled run", heads, rows, (14,)))

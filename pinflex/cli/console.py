@@ -17,6 +17,8 @@ from pinflex.writing import plain
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
+    from pinflex.variation.design import Design
+    from pinflex.variation.fitted import Fit
 
 _WIDTH = 30  # [characters]
 _PAUSE = 0.1  # [s] between drawings
@@ -54,6 +56,17 @@ class Progress:
         if self.drawn:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
+
+
+def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
+    """Write the figure and the YAML that --plot and --output ask for; their paths."""
+    files = []
+    if args.plot is not None:
+        found.plot(args.plot)
+        files.append(str(args.plot))
+    if args.output is not None:
+        files.append(str(found.write(args.output)))
+    return files
 
 
 def load_model(args: argparse.Namespace) -> Mechanism:

@@ -7,7 +7,7 @@ import csv
 from pathlib import Path
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import Progress, load_model, print_json, written
 from pinflex.errors import DescriptionError
 
 
@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.writing import writable
 
     for path in (args.output, args.plot):
-        if path is not None:
-            writable(path)
+        writable(path)
     vary = dict(_bounds(text) for text in args.vary)
     choose = dict(_choice(text) for text in args.choose)
     if not vary and not choose:
@@ -66,12 +65,7 @@ def run(args: argparse.Namespace) -> int:
             front = [design(robot, args.minimise, vary, args.keep, **options)]
     finally:
         bar.close()
-    files = []
-    if args.plot is not None:
-        front[0].plot(args.plot)
-        files.append(args.plot)
-    if args.output is not None:
-        files.append(str(front[0].write(args.output)))
+    files = written(front[0], args)
     if args.json:
         print_json({"designs": [found.as_json() for found in front], "files": files})
         return 0

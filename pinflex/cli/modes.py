@@ -34,13 +34,7 @@ otherwise.""",
     )
     parser.preload(p)
     p.add_argument("--free-motors", action="store_true", help="let the motors swing")
-    p.add_argument(
-        "--pose",
-        type=parser.pose,
-        default={},
-        metavar="MOTOR=VALUE,...",
-        help="motor positions in rad or m; loops are closed on the way from home",
-    )
+    parser.pose_option(p)
     p.add_argument("--view", metavar="FILE.html", help="write the shapes as a page for a browser")
     p.add_argument(
         "--map",

@@ -90,6 +90,17 @@ def preload(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def pose_option(parser: argparse.ArgumentParser) -> None:
+    """Add --pose: where the motors stand."""
+    parser.add_argument(
+        "--pose",
+        type=pose,
+        default={},
+        metavar="MOTOR=VALUE,...",
+        help="motor positions in rad or m; loops are closed on the way from home",
+    )
+
+
 def table(parser: argparse.ArgumentParser) -> None:
     """Add the options of a batch of cases that ends in a table."""
     parser.add_argument(

@@ -34,8 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.variation.sensitivity import sensitivities
     from pinflex.writing import writable
 
-    if args.plot is not None:
-        writable(args.plot)
+    writable(args.plot)
     bar = Progress("sensitivity")
     try:
         found = sensitivities(load_model(args), args.by, args.of, args.level, bar)

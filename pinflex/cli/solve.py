@@ -136,7 +136,9 @@ def _stopped(args: argparse.Namespace, error: SceneError) -> NoReturn:
 
 
 def _tables(data: dict[str, Any]) -> list[str]:
-    """Motors and links of `_numbers`."""
+    """Motors, drives and links of `_numbers`."""
+    from pinflex.results.drives import DriveRow, drive_table
+
     motors = [
         [name, m["unit"], number(m["peak"]), number(m["rms"])] for name, m in data["motors"].items()
     ]
@@ -152,6 +154,7 @@ def _tables(data: dict[str, Any]) -> list[str]:
     ]
     blocks = [
         table("Motors", "motor|unit|peak|rms", motors, (24, 4)),
+        drive_table([DriveRow(**row) for row in data["drives"]]),
         table(
             "Flexible links, largest values",
             "link|off the root tangent|von Mises [MPa]|at x [mm]|at [s]",
@@ -164,6 +167,9 @@ def _tables(data: dict[str, Any]) -> list[str]:
 
 def _numbers(result: Result) -> dict[str, Any]:
     """A run in few numbers, SI units."""
+    from dataclasses import asdict
+
+    from pinflex.results.drives import drive_row
     from pinflex.results.views import peak, rms
 
     links: dict[str, Any] = {}
@@ -191,6 +197,7 @@ def _numbers(result: Result) -> dict[str, Any]:
             }
             for i, name in enumerate(result.motors)
         },
+        "drives": [asdict(drive_row(result.level, result, name)) for name in result.drives],
         "links": links,
         "closure": result.worst_closure,
         "energy_balance": result.meta.get("energy_balance"),

@@ -91,8 +91,7 @@ def _random(args: argparse.Namespace) -> int:
     from pinflex.writing import writable
 
     out, options = batch.options(args)
-    if args.plot is not None:
-        writable(args.plot)
+    writable(args.plot)
     normal, uniform = (dict(_pair(x, kind) for x in getattr(args, kind)) for kind in _KINDS)
     bar = Progress("sweep")
     try:

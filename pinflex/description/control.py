@@ -3,18 +3,21 @@
     u(t) = law(t, m, dm/dt, int m dt)      m: measured outputs,  u: voltages of patches, torques
 
 A law is any function of these; `pid` makes the usual one. It is evaluated inside the implicit step,
-so gains limit the physics, not the step size.
+so gains limit the physics, not the step size. With a `period` the law is that of a digital
+controller: measured at t = k period, held from then (and a delay) on, saturated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description import schema
+from pinflex.description.digital import is_system
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
@@ -62,20 +65,57 @@ class Control:
     Attributes:
         measures: What is measured.
         drives: What is driven.
-        law: u (nu,) of t [s], m, dm/dt and the integral of m, each of shape (nm,).
+        law: u (nu,) of t [s], m, dm/dt and the integral of m, each of shape (nm,). With a period
+            also a scipy or python-control system from `reference` - m to u (a continuous one is
+            made discrete by Tustin's rule), or an object with a state of its own: every run works
+            on a copy of it.
         names: Name of each drive in the result; default: the patch or the joint.
+        period: Sample time of a digital controller [s]; None: the law acts continuously.
+        delay: From measurement to output of a digital controller [s].
+        limit: Largest |u| of each drive of a digital controller; default: for joints the effort
+            limits of the URDF, for patches none.
+        reference: Values that m should have, (nm,), by time: what a system is compared with.
+        forward: Feed-forward of a digital controller, (nu,), by time; taken in the middle of the
+            time that it is held.
     """
 
     measures: tuple[Deflection | Travel, ...]
     drives: tuple[Voltage | Effort, ...]
-    law: Law
+    law: Law | Any
     names: tuple[str, ...] = ()
+    period: float | None = None
+    delay: float = 0.0
+    limit: tuple[float, ...] = ()
+    reference: Callable[[float], Array] | None = None
+    forward: Callable[[float], Array] | None = None
+
+    def __post_init__(self) -> None:
+        period, sampled = self.period, (self.delay, self.limit, self.reference, self.forward)
+        if period is not None and not 0.0 < period < np.inf:
+            raise DescriptionError(f"control.period: {period} s. Give a time above 0 s.")
+        if not 0.0 <= self.delay < np.inf:
+            raise DescriptionError(f"control.delay: {self.delay} s. Give 0 s or more.")
+        if period is None and (any(sampled[:2]) or sampled[2] or sampled[3] or _digital(self.law)):
+            raise DescriptionError(
+                "control: delay, limit, reference, forward, a system as law and a law with a state "
+                "are those of a digital controller. Give its period [s]."
+            )
+        if len(self.limit) not in (0, len(self.drives)) or any(not x > 0 for x in self.limit):
+            raise DescriptionError(
+                f"control.limit: {list(self.limit)} for {len(self.drives)} drives. Give a number "
+                "above 0 for each, or none."
+            )
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Name of each drive."""
         own = (d.patch if isinstance(d, Voltage) else d.joint for d in self.drives)
         return self.names or tuple(own)
+
+
+def _digital(law: Any) -> bool:
+    """Whether a law makes sense at sample instants only: a system, or one with a state."""
+    return is_system(law) or hasattr(law, "applied")
 
 
 @dataclass(frozen=True)
@@ -111,22 +151,24 @@ def pid(
     return Pid(kp_, ki_, kd_, target_)
 
 
+KEYS = ("measure", "drive", "kp", "ki", "kd", "target")
+
+
 def read_control(value: object, where: str, urdf: Source) -> Control | None:
     """The block `control`: {NAME: {measure, drive, kp, ki, kd, target}}.
 
     Args:
         value: The parsed block. where: Its place. urdf: Links and joints there are.
     """
-    gains = ("kp", "ki", "kd", "target")
     names, measures, drives, rows = [], [], [], []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
-        block = schema.mapping(item, here, ("measure", "drive", *gains), ("measure", "drive"))
+        block = schema.mapping(item, here, KEYS, ("measure", "drive"))
         names.append(name)
         measures.append(_measure(block["measure"], schema.at(here, "measure"), urdf))
         drives.append(_drive(block["drive"], schema.at(here, "drive"), urdf))
         rows.append(
-            [schema.number(block.get(k, 0.0), schema.at(here, k), of="gain") for k in gains]
+            [schema.number(block.get(k, 0.0), schema.at(here, k), of="gain") for k in KEYS[2:]]
         )
         if not any(rows[-1][:3]):
             raise DescriptionError(f"{here}: it does nothing. Give kp, ki or kd.")

@@ -11,20 +11,21 @@ from typing import Any
 
 import yaml
 
-from pinflex.description import fields, flexible, schema, sources
+from pinflex.description import fields, flexible, ranges, schema, sources
 from pinflex.description.control import Control, read_control
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
+from pinflex.description.finding import find_file, model_names
 from pinflex.description.flexible import Basis, EndMass, FlexibleLink
 from pinflex.description.frames import by_joint, frame, frames
 from pinflex.description.home import read_home
-from pinflex.description.joints import JointExtra, read_joints
+from pinflex.description.joints import JointExtra, read_joints, with_urdf_dynamics
 from pinflex.description.loops import Loop, read_loops
 from pinflex.description.material import Material
 from pinflex.description.schema import Vec3
 from pinflex.description.section import Section
 from pinflex.description.solve import SolveSpec, read_solve
 from pinflex.description.source import Source
-from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
+from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
 __all__ = [
@@ -41,15 +42,13 @@ __all__ = [
     "read",
 ]
 
-_KEYS = (
+KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),
     *("frames", "flexible", "damping", "forces", "springs", "control", "motion", "solve"),
-    *("limit", "allow"),
+    *("limit", "allow", "use_urdf_dynamics"),
 )
 ALLOWED = ("wide", "heavy", "large")
 _ONE_DOF = ("revolute", "continuous", "prismatic")
-_PACKAGE = Path(__file__).resolve().parents[1]
-_MODEL_FOLDERS = (_PACKAGE / "models", _PACKAGE.parent / "models")
 
 
 def _gravity(value: object, where: str) -> Vec3:
@@ -92,6 +91,8 @@ class Description:
         solve: What to compute.
         limit: Factor on the memory and the steps that are taken without asking.
         allow: What looks like a slip of units and is meant: some of `ALLOWED`.
+        use_urdf_dynamics: Whether damping and friction of the URDF are in `joints`.
+        notes: Features of the robot's file that are not taken over.
     """
 
     __repr__ = brief
@@ -121,6 +122,8 @@ class Description:
     solve: SolveSpec = field(default_factory=SolveSpec)
     limit: float = fields.real(1.0, "ratio", above=0)
     allow: tuple[str, ...] = fields.key((), _allow)
+    use_urdf_dynamics: bool = fields.flag(True)
+    notes: tuple[str, ...] = ()
 
     @property
     def sources(self) -> dict[str, str]:
@@ -163,6 +166,7 @@ class Description:
         label = f"{self.name}.yaml"
         raw = schema.mapping(schema.load(self.yaml_text, label), label)
         tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
+        tree = dataclasses.replace(tree, notes=self.notes)
         if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
             place = schema.at(label, "flexible")
             raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
@@ -180,63 +184,27 @@ def read(source: str | Path) -> Description:
     Args:
         source: A YAML file, a folder NAME that holds NAME.yaml, or the name of a shipped model.
     """
-    path = _find(source)
+    path = find_file(source)
+    if sources.is_robot(path):
+        return _describe(_dumped({"urdf": path.name}), path.stem, path, None)
     return _describe(sources.read_text(path, str(source)), path.stem, path, None)
 
 
-def model_names() -> tuple[str, ...]:
-    """Names of the models that come with pinflex."""
-    found = (yaml_path for folder in _MODEL_FOLDERS for yaml_path in folder.glob("*/*.yaml"))
-    return tuple(sorted({p.stem for p in found if p.stem == p.parent.name}))
-
-
-def _find(source: str | Path) -> Path:
-    if not isinstance(source, (str, Path)) or "\0" in str(source):
-        raise ModelNotFoundError(
-            f"{schema.shown(source)}: no model. Give the path of a YAML file, its folder, or a "
-            "shipped name."
-        )
-    path = Path(source)
-    shown = str(source)
-    if path.is_file():
-        if path.suffix.lower() not in (".yaml", ".yml"):
-            raise DescriptionError(
-                f'{shown}: not a YAML file. A description is a YAML with "urdf: {path.name}" or '
-                "another URDF in it (models/README.md). Give that file."
-            )
-        return path
-    if path.is_dir():
-        inside = path / f"{path.resolve().name}.yaml"
-        if inside.is_file():
-            return inside
-        others = [p.name for p in sorted(path.glob("*.yaml"))]
-        raise ModelNotFoundError(
-            f"{shown}: the folder holds no {inside.name}.{nearest(inside.name, others)} "
-            "Give the file itself."
-        )
-    for folder in _MODEL_FOLDERS:
-        shipped = folder / shown / f"{shown}.yaml"
-        if shown == path.name and shipped.is_file():
-            return shipped
-    beside = [p.name for p in sorted(path.parent.glob("*.y*ml"))] if path.parent.is_dir() else []
-    known = (*beside, *model_names())
-    raise ModelNotFoundError(
-        f"{shown}: no such file, folder or shipped model.{nearest(path.name, known)} "
-        "Give the path of a YAML file."
-    )
+def from_text(text: str, path: Path) -> Description:
+    """A description of a YAML text that is to stand at `path`; the file need not be there."""
+    return _describe(text, path.stem, path, None)
 
 
 def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> Description:
     """Check the whole YAML text; `tree` spares reading the robot's file again."""
     file = f"{name}.yaml" if path is None else path.name
-    place = {key: schema.at(file, key) for key in _KEYS}
-    block = schema.mapping(schema.load(text, file), file, _KEYS, ("urdf",))
+    place = {key: schema.at(file, key) for key in KEYS}
+    block = schema.mapping(schema.load(text, file), file, KEYS, ("urdf",))
     folder = Path() if path is None else path.parent
     if tree is None:
         tree = sources.find(schema.text(block["urdf"], place["urdf"]), folder, place["urdf"])
-    if tree.loops:  # written out, so that the YAML text says all that its file does not
-        written = schema.mapping(block.get("loops", {}), place["loops"])
-        block["loops"] = {**tree.loops, **written}
+    if tree.loops or tree.blocks:  # written out: the YAML text says all that its file does not
+        block = schema.mapping(tree.joined(block), file, KEYS)
         text = _dumped(block)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
@@ -251,10 +219,14 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         values["frames"] = frames(block["frames"], place["frames"], tree)
     actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
     _beside_motors(joints, actuated, place["joints"])
+    if values.get("use_urdf_dynamics", True):
+        single = tuple(name for name in tree.joints if types[name] in _ONE_DOF)
+        joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
         has_platform = "platform" in block
-        values["motion"] = _motion(block["motion"], place["motion"], folder, actuated, has_platform)
+        written = _measured(block["motion"], types)
+        values["motion"] = _motion(written, place["motion"], folder, actuated, has_platform)
     return Description(
         name=name,
         path=path,
@@ -271,6 +243,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         home=read_home(block.get("home", {}), place["home"], types),
         by_joint=by_joint(block, tree),
         solve=read_solve(block.get("solve", {}), place["solve"]),
+        notes=tree.notes,
         **values,
     )
 
@@ -296,8 +269,13 @@ def _actuated(value: object, where: str, types: Mapping[str, str], closed: bool)
 
 
 def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], where: str) -> None:
-    """A spring in a joint with a motor acts from link to link, not between motor and link."""
+    """A spring in a joint with a motor acts from link to link, and only a motor has a drive."""
     for name, extra in joints.items():
+        if extra.drive is not None and name not in actuated:
+            raise DescriptionError(
+                f"{schema.at(where, name)}.drive: this joint has no motor. List it in `actuated`, "
+                "or write `spring` and `damper` for a joint that gives way."
+            )
         if not extra.spring or extra.parallel_spring == (name in actuated):
             continue
         place = schema.at(where, name)
@@ -307,10 +285,28 @@ def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], 
             )
         raise DescriptionError(
             f"{place}.spring: this joint has a motor, and the spring would act beside it, not "
-            "between motor and link. For an elastic transmission give the URDF a passive joint "
-            "of its own behind the motor, write `spring` there and list the motors in `actuated`. "
-            "A spring that does act beside the motor is `parallel_spring`."
+            "between motor and link. For an elastic gear write drive: {gear: ..., motor_inertia: "
+            "..., stiffness: ...}. A spring that does act beside the motor is `parallel_spring`."
         )
+
+
+def _measured(motion: object, types: Mapping[str, str]) -> object:
+    """A motion whose displacements have no units: "3 deg" is a number of rad.
+
+    Args:
+        motion: The parsed block. types: Of the joints.
+    """
+    if not isinstance(motion, dict) or motion.get("kind") == "spin_up":  # those are speeds
+        return motion
+    found = dict(motion)
+    kinds = {"platform": dict.fromkeys("xyz", "prismatic"), "joints": types}
+    for target, of in kinds.items():
+        if isinstance(found.get(target), dict):
+            found[target] = {
+                name: ranges.measured(value, schema.quantity(of.get(name, "")))
+                for name, value in found[target].items()
+            }
+    return found
 
 
 def _motion(

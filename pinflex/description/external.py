@@ -11,6 +11,9 @@ from pinflex.description.schema import Vec3
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
+FORCE_KEYS = ("at", "force", "moment", "follower", "start", "until", "ramp")
+SPRING_KEYS = {"stiffness": "stiffness", "damper": "damping", "length": "length"}  # key, quantity
+
 
 @dataclass(frozen=True)
 class FrameForce:
@@ -66,11 +69,10 @@ class FrameSpring:
 
 def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ...]:
     """The block `forces`, in file order."""
-    keys = ("at", "force", "moment", "follower", "start", "until", "ramp")
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
-        block = schema.mapping(item, here, keys, ("at",))
+        block = schema.mapping(item, here, FORCE_KEYS, ("at",))
         at = frame(block["at"], schema.at(here, "at"), urdf)
         fields: dict[str, Any] = {}
         for key in block.keys() & {"force", "moment"}:
@@ -87,17 +89,15 @@ def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ..
 
 def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, ...]:
     """The block `springs`, in file order."""
-    quantities = {"stiffness": "stiffness", "damper": "damping", "length": "length"}
-    keys = ("between", *quantities)
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
-        block = schema.mapping(item, here, keys, ("between", "stiffness"))
+        block = schema.mapping(item, here, ("between", *SPRING_KEYS), ("between", "stiffness"))
         schema.items(block["between"], schema.at(here, "between"), 2)
         a, b = frames(block["between"], schema.at(here, "between"), urdf)
         values = {
             key: schema.number(block[key], schema.at(here, key), low=0, of=quantity)
-            for key, quantity in quantities.items()
+            for key, quantity in SPRING_KEYS.items()
             if key in block
         }
         found.append(FrameSpring(name, a, b, **values))

@@ -13,13 +13,16 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from pinflex.description import schema
+from pinflex.description import ranges, schema
 
 Reader = Callable[[object, str], Any]
 
 
 def key(default: Any, reader: Reader, **about: Any) -> Any:
-    """A field that `reader(value, where)` reads; `about`: further metadata."""
+    """A field that `reader(value, where)` reads; `about`: further metadata.
+
+    `form` there is what the value looks like, as JSON Schema says it.
+    """
     return dataclasses.field(default=default, metadata={"read": reader, **about})
 
 
@@ -33,22 +36,34 @@ def real(
     **about: Any,
 ) -> Any:
     """A finite number in bounds and in the range of its quantity (`ranges.RANGES`)."""
-    return key(default, lambda v, at: schema.number(v, at, low, high, above, of), **about)
+    bounds = {"minimum": low, "maximum": high, "exclusiveMinimum": above}
+    form: dict[str, Any] = {"type": "number"} | {
+        k: v for k, v in bounds.items() if math.isfinite(v)
+    }
+    if of in ranges.UNITS:  # with its unit behind it
+        form = {"anyOf": [form, {"type": "string"}]}
+    return key(
+        default, lambda v, at: schema.number(v, at, low, high, above, of), form=form, **about
+    )
 
 
 def whole(default: Any, low: int, high: int | None = None, **about: Any) -> Any:
     """A whole number in bounds."""
-    return key(default, lambda v, at: schema.integer(v, at, low, high), **about)
+    form = {"type": "integer", "minimum": low} | ({} if high is None else {"maximum": high})
+    return key(default, lambda v, at: schema.integer(v, at, low, high), form=form, **about)
 
 
 def word(default: Any, choices: Collection[str], **about: Any) -> Any:
     """One of the choices, which may be a table that grows."""
-    return key(default, lambda v, at: schema.choice(v, at, choices), choices=choices, **about)
+    form = {"enum": choices}  # as it is when it is asked for
+    return key(
+        default, lambda v, at: schema.choice(v, at, choices), choices=choices, form=form, **about
+    )
 
 
 def flag(default: Any, **about: Any) -> Any:
     """true or false."""
-    return key(default, schema.boolean, **about)
+    return key(default, schema.boolean, form={"type": "boolean"}, **about)
 
 
 def names_of(record: type) -> tuple[str, ...]:

@@ -200,10 +200,10 @@ class FlexibleLink:
     patches: tuple[Patch, ...] = ()
 
 
-_SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
-_KEYS = (
+SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
+KEYS = (
     *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
-    *_SWITCHES,
+    *SWITCHES,
     *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
     *("patches", "third_order"),
 )  # fmt: skip
@@ -293,19 +293,19 @@ def from_spec(
         urdf: The links there are.
         damping: (rayleigh, modal) of a link that has no damping of its own.
     """
-    block = schema.mapping(spec, where, _KEYS)
+    block = schema.mapping(spec, where, KEYS)
     solid = solid_keys.is_solid(block.get("basis"))
-    schema.mapping(spec, where, _KEYS, ("material",) if solid else ("material", "section"))
-    place = {key: schema.at(where, key) for key in _KEYS}
+    schema.mapping(spec, where, KEYS, ("material",) if solid else ("material", "section"))
+    place = {key: schema.at(where, key) for key in KEYS}
     values: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
     if "basis" in block:
         values["basis"] = basis_from_spec(block["basis"], place["basis"])
     for key in block.keys() & {"start", "end"}:
         values[key] = frame(block[key], place[key], urdf)
     values |= fields.read(FlexibleLink, block, place)
-    if all(values.get(key) is False for key in _SWITCHES):
+    if all(values.get(key) is False for key in SWITCHES):
         raise DescriptionError(
-            f"{where}: {', '.join(_SWITCHES)} are all false, so nothing deforms. Leave one of them "
+            f"{where}: {', '.join(SWITCHES)} are all false, so nothing deforms. Leave one of them "
             "on, or remove the link from `flexible`."
         )
     if "damping" in block:

@@ -27,14 +27,17 @@ def read_home(value: object, where: str, types: Mapping[str, str]) -> Home:
         schema.known(name, place, movable, "moving joint")
         sizes = HOME_SIZES[types[name]]
         if sizes == (1,):
-            home[name] = schema.number(item, place, of="position")
+            home[name] = schema.number(item, place, of=schema.quantity(types[name]))
             continue
         if not isinstance(item, list) or len(item) not in sizes:
             raise DescriptionError(
                 f"{place}: {schema.shown(item)} does not fit a {types[name]} joint, which takes a "
                 f"list of {' or '.join(map(str, sizes))} numbers. Correct it."
             )
-        values = schema.numbers(item, place, len(item), of="position")
+        lengths = len(item) if types[name] in ("planar", "floating") else 0
+        lengths = {3: 2, 6: 3, 7: 3}.get(lengths, 0)
+        of = [*["place"] * lengths, *["angle"] * (len(item) - lengths)]
+        values = tuple(schema.number(v, f"{place}[{i}]", of=of[i]) for i, v in enumerate(item))
         if types[name] == "universal":
             home |= {f"{name}.{axis + 1}": angle for axis, angle in enumerate(values)}
         elif types[name] == "planar":

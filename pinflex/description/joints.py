@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
-from pinflex.description import fields, schema
+from pinflex.description import drives, fields, schema
+from pinflex.description.drives import Drive, Friction
 from pinflex.description.schema import Vec3
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
 TYPES = ("spherical", "universal")  # in place of a URDF's fixed or floating
-_SPRINGS = ("spring", "parallel_spring", "rest")
+KEYS = (
+    *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
+    *("drive", "friction"),
+)
+_SINGLE = ("spring", "parallel_spring", "rest", "drive", "friction")  # for joints of one freedom
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,7 @@ class JointExtra:
         parallel_spring: Whether it acts beside a motor.
         rest: Position where the spring is slack [rad | m].
         damper: Viscous damping [N m s/rad | N s/m].
+        drive: Motor and gear. friction: Of the joint, or in its drive.
     """
 
     __repr__ = brief
@@ -40,6 +47,18 @@ class JointExtra:
     rest: float = fields.real(0.0, "position")
     damper: float = fields.real(0.0, "damping", low=0)
     parallel_spring: bool = False
+    drive: Drive | None = None
+    friction: Friction | None = None
+
+    @property
+    def armature(self) -> float:
+        """Inertia of rotor and gear, seen at the joint [kg m^2 | kg]."""
+        return self.rotor_inertia + (0.0 if self.drive is None else self.drive.rotor_inertia)
+
+    @property
+    def viscous(self) -> float:
+        """Damper and viscous friction [N m s/rad | N s/m]."""
+        return self.damper + (0.0 if self.friction is None else self.friction.viscous)
 
 
 def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra]:
@@ -52,11 +71,13 @@ def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra
 
 def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    keys = ("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper")
-    block = schema.mapping(value, where, keys)
-    place = {key: schema.at(where, key) for key in keys}
+    block = schema.mapping(value, where, KEYS)
+    place = {key: schema.at(where, key) for key in KEYS}
     kind = _type(block, name, place["type"], urdf)
     _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
+    if isinstance(block.get("rest"), str):
+        of = schema.quantity(urdf.joints[name].type)
+        block["rest"] = schema.number(block["rest"], place["rest"], of=of)
     values = fields.read(JointExtra, block, place)
     if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
         beside, at = block["parallel_spring"], place["parallel_spring"]
@@ -66,9 +87,65 @@ def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
         values |= {"spring": stiffness, "parallel_spring": True}
     if "rest" in block and "spring" not in values:
         raise DescriptionError(f"{place['rest']}: there is no spring. Add `spring`.")
+    values |= _driven(block, place, urdf.joints[name].reduction)
     if "axes" in block:
         values["axes"] = _axes(block["axes"], place["axes"], kind)
     return JointExtra(name, kind, **values)
+
+
+def _driven(
+    block: Mapping[str, Any], place: Mapping[str, str], reduction: float | None
+) -> dict[str, Any]:
+    """Drive and friction; what would say the same twice is refused."""
+    values: dict[str, Any] = {}
+    if "friction" in block:
+        values["friction"] = drives.read_friction(block["friction"], place["friction"])
+    if "drive" not in block:
+        return values
+    drive, rubs = drives.read_drive(block["drive"], place["drive"], reduction)
+    values["drive"] = drive
+    if rubs is not None:
+        if "friction" in block:
+            raise DescriptionError(f"{place['friction']}: beside drive.friction. Remove one.")
+        values["friction"] = rubs
+    if drive.motor_inertia and "rotor_inertia" in block:
+        raise DescriptionError(
+            f"{place['rotor_inertia']}: beside drive.motor_inertia, which is "
+            f"{drive.rotor_inertia:g} at the joint. Remove one."
+        )
+    if drive.stiffness is not None and "parallel_spring" in block:
+        raise DescriptionError(
+            f"{place['parallel_spring']}: it acts from link to link, and with drive.stiffness the "
+            "joint's coordinate is the motor's side of the gear. Write the spring between two "
+            "frames under `springs`."
+        )
+    return values
+
+
+def with_urdf_dynamics(
+    joints: dict[str, JointExtra],
+    block: Mapping[str, Mapping[str, Any]],
+    urdf: Source,
+    single: tuple[str, ...],
+) -> dict[str, JointExtra]:
+    """The joints with damping and friction of the URDF, where the YAML says nothing of them.
+
+    Args:
+        joints: What the YAML adds, and the `block` it was read from. urdf: The robot's file.
+        single: Joints of one freedom.
+    """
+    found = dict(joints)
+    for name in single:
+        written = urdf.joints[name]
+        extra = joints.get(name, JointExtra(name))
+        viscous = extra.friction is not None and extra.friction.viscous
+        if written.damping and not viscous and "damper" not in block.get(name, {}):
+            extra = replace(extra, damper=written.damping)
+        if written.friction and extra.friction is None:
+            extra = replace(extra, friction=drives.urdf_friction(written.friction))
+        if extra != joints.get(name, JointExtra(name)):
+            found[name] = extra
+    return found
 
 
 def _type(block: dict[str, Any], name: str, place: str, urdf: Source) -> str | None:
@@ -90,10 +167,13 @@ def _require_one_freedom(
 ) -> None:
     """Springs need a joint of one freedom, and every number a joint that moves."""
     for key in (key for key in block if key not in ("type", "axes")):
-        if key in _SPRINGS and (kind or written in ("floating", "planar")):
+        if key in _SINGLE and (kind or written in ("floating", "planar")):
+            what = {"drive": "Drives", "friction": "Friction"}.get(key, "Springs")
+            one = what.lower().rstrip("s")
             raise DescriptionError(
-                f"{place[key]}: a {kind or written} joint has no one spring. "
-                "Springs act on joints of one degree of freedom. Split the joint in the URDF."
+                f"{place[key]}: a {kind or written} joint has no one {one}. {what} "
+                f"{'acts' if what == 'Friction' else 'act'} on joints of one degree of freedom. "
+                "Split the joint in the URDF."
             )
         if written == "fixed" and kind is None:
             raise DescriptionError(

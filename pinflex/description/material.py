@@ -65,7 +65,7 @@ MATERIALS: dict[str, Material] = {
 }
 ALIASES = {"aluminum": "aluminium", "aluminum_7075": "aluminium_7075"}
 ALIASES["aluminum_6061"] = "aluminium_6061"
-_KEYS = ("like", "E", "nu", "G", "rho", "yield_strength", "name")
+KEYS = ("like", "E", "nu", "G", "rho", "yield_strength", "name")
 
 
 def named(name: object, where: str = "material") -> Material:
@@ -91,8 +91,8 @@ def from_spec(spec: object, where: str = "material") -> Material:
     """
     if isinstance(spec, str):
         return named(spec, where)
-    block = schema.mapping(spec, where, _KEYS)
-    place = {key: schema.at(where, key) for key in _KEYS}
+    block = schema.mapping(spec, where, KEYS)
+    place = {key: schema.at(where, key) for key in KEYS}
     base = named(block["like"], place["like"]) if "like" in block else None
     if base is None and ("E" not in block or not block.keys() & {"nu", "G"}):
         missing = "E" if "E" not in block else "nu (or G)"

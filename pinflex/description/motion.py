@@ -10,7 +10,6 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,63 +18,19 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description import formula as formulas
-from pinflex.description import laws
+from pinflex.description import laws, shaping
 from pinflex.description import motion_keys as keys
+from pinflex.description import moves as paths
 from pinflex.description.laws import SNAP, Kinematics
 from pinflex.description.motion_keys import PLATFORM_COORDINATES, Moves
 from pinflex.description.schema import shown
+from pinflex.description.trajectory import Motion, of_moves
 from pinflex.errors import DescriptionError, nearest
 
-
-@dataclass(frozen=True)
-class Motion:
-    """A motion of named coordinates; `Motion("own", "joints", ("crank",), 2.0, law)` takes any law.
-
-    Args:
-        kind: One of `KINDS`, or any word for a law of your own.
-        target: "joints" or "platform".
-        names: Joints or platform coordinates, the columns of `evaluate`; empty: all motors rest.
-        duration: Time the motion is meant for [s].
-        law: t >= 0, shape (nt,), to position, velocity and acceleration, each (nt, n).
-        absolute: Positions are values of the coordinates; else displacements from home.
-        spec: The plain mapping from which `from_spec` rebuilds the motion.
-    """
-
-    kind: str
-    target: str
-    names: tuple[str, ...]
-    duration: float
-    law: Callable[[Array], Kinematics] = field(repr=False, compare=False)
-    absolute: bool = False
-    spec: dict[str, Any] = field(default_factory=dict, repr=False, hash=False)
-
-    def evaluate(self, t: Array) -> Kinematics:
-        """Position, velocity, acceleration at times t [s], shape (nt,); at rest before t = 0.
-
-        Returns: (rad | m), (rad/s | m/s), (rad/s^2 | m/s^2), each of shape (nt, len(names)).
-        """
-        t = np.atleast_1d(np.asarray(t, dtype=np.float64))
-        p, v, a = self.law(np.maximum(t, 0.0))
-        moving = (t >= 0.0)[:, None]
-        return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
-
-    def shaped(self, kind: str, modes: Sequence[float] | float, damping: float = 0.0) -> Motion:
-        """The motion convolved with an input shaper, so that vibrations cancel; it ends later.
-
-        Args:
-            kind: "zv", "zvd" or "ei". modes: Frequencies [Hz] to cancel.
-            damping: Damping ratio of all of them [-].
-        Source: see `pinflex.description.shaping`.
-        """
-        from pinflex.description.shaping import shaped
-
-        return shaped(self, kind, modes, damping)
-
-
-def _motion(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
-    target, by_name, _ = moves
-    spec = {"kind": kind} | ({target: by_name} if by_name else {}) | n
-    return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec)
+__all__ = [
+    "KINDS", "Motion", "circle", "cycloid", "formula", "from_spec", "harmonic", "hold",
+    "nonic", "quintic", "sampled", "spin_up", "trapezoid",
+]  # fmt: skip
 
 
 # Constructors: joints or platform maps names to displacements from home (rad | m).
@@ -85,7 +40,7 @@ def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) ->
         keys.moves_of(joints, platform, "cycloid"),
         keys.options("cycloid", duration=duration),
     )
-    return _motion("cycloid", moves, partial(laws.move, laws.cycloid, moves[2], n["duration"]), n)
+    return of_moves("cycloid", moves, partial(laws.move, laws.cycloid, moves[2], n["duration"]), n)
 
 
 def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
@@ -94,7 +49,7 @@ def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) ->
         keys.moves_of(joints, platform, "quintic"),
         keys.options("quintic", duration=duration),
     )
-    return _motion("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
+    return of_moves("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
 
 
 def nonic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
@@ -106,7 +61,7 @@ def nonic(*, joints: Moves = None, platform: Moves = None, duration: float) -> M
         keys.moves_of(joints, platform, "nonic"),
         keys.options("nonic", duration=duration),
     )
-    return _motion("nonic", moves, partial(laws.move, laws.nonic, moves[2], n["duration"]), n)
+    return of_moves("nonic", moves, partial(laws.move, laws.nonic, moves[2], n["duration"]), n)
 
 
 def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
@@ -118,14 +73,14 @@ def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) ->
         keys.moves_of(joints, platform, "spin_up"),
         keys.options("spin_up", duration=duration),
     )
-    return _motion("spin_up", moves, partial(laws.spin_up, moves[2], n["duration"]), n)
+    return of_moves("spin_up", moves, partial(laws.spin_up, moves[2], n["duration"]), n)
 
 
 def hold(*, duration: float) -> Motion:
     """Every motor rests at home; duration [s]."""
     n = keys.options("hold", duration=duration)
     law = partial(laws.move, laws.quintic, np.zeros(0), n["duration"])
-    return _motion("hold", ("joints", {}, None), law, n)
+    return of_moves("hold", ("joints", {}, None), law, n)
 
 
 def trapezoid(
@@ -152,7 +107,7 @@ def trapezoid(
         why = f"two ramps of {ramp:g} s do not fit into {end:g} s"
         raise keys.bad("trapezoid.ramp", f"{why}. Give more than 0 and at most {most:g} s.")
     shape = partial(laws.trapezoid, ramp / end)
-    return _motion("trapezoid", moves, partial(laws.move, shape, moves[2], end), n)
+    return of_moves("trapezoid", moves, partial(laws.move, shape, moves[2], end), n)
 
 
 def harmonic(
@@ -175,7 +130,7 @@ def harmonic(
     n = keys.options("harmonic", "duration", **given, smooth=smooth, duration=duration)
     n.setdefault("duration", n["smooth"] + 1.0 / n["frequency"])
     omega = 2.0 * np.pi * n["frequency"]
-    return _motion(
+    return of_moves(
         "harmonic", moves, partial(laws.harmonic, moves[2], omega, n["phase"], n["smooth"]), n
     )
 
@@ -294,20 +249,23 @@ def _formula_law(trees: tuple[ast.expr, ...], t: Array) -> Kinematics:
 
 
 KINDS: dict[str, Callable[..., Motion]] = {"cycloid": cycloid, "quintic": quintic, "hold": hold}
+KINDS |= {"moves": paths.moves, "adept": paths.adept}
 KINDS |= {"nonic": nonic, "spin_up": spin_up, "formula": formula}
 KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampled": sampled}
 
 
 def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion:
-    """The motion of a YAML mapping {kind: ..., keyword arguments of its constructor}.
+    """The motion of a YAML mapping {kind: ..., keyword arguments of its constructor, shaper}.
 
-    `where` is the key path to name in errors; `file` is relative to `folder`.
+    `where` is the key path to name in errors; `file` is relative to `folder`. A shaper without
+    frequencies, which only the mechanism knows, is left to `solver.solve.default_motion`.
     """
     if not isinstance(spec, Mapping):
         raise keys.bad(
             where, f"{shown(spec)} is no mapping. Write {{kind: cycloid, joints: {{...}}, ...}}."
         )
     kind, given = spec.get("kind"), {str(k): x for k, x in spec.items() if k != "kind"}
+    asked = shaping.read(given.pop("shaper", None), f"{where}.shaper")
     if not isinstance(kind, str) or kind not in KINDS:
         raise keys.bad(f"{where}.kind", f"{shown(kind)} is no motion.{nearest(str(kind), KINDS)}")
     known = inspect.signature(KINDS[kind]).parameters
@@ -322,6 +280,9 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
     if isinstance(given.get("file"), str):
         given["file"] = Path(folder or ".") / given["file"]
     try:
-        return KINDS[kind](**given)
+        made = KINDS[kind](**given)
     except DescriptionError as error:  # a constructor starts its key paths with the kind
         raise DescriptionError(where + str(error).removeprefix(kind), where=where) from None
+    if asked is None or not asked.frequencies:
+        return made
+    return shaping.shaped(made, asked.kind, asked.frequencies, asked.damping)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.files import MOST_TABLE, require_regular
-from pinflex.description.ranges import within
+from pinflex.description.ranges import measured, within
 from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError, nearest
 
@@ -19,6 +19,7 @@ PLATFORM_COORDINATES = ("x", "y", "z", "rz", "ry", "rx")
 OPTIONS = {  # unit, range and quantity of the numbers a motion may have
     "duration": ("s", "above 0", "time"),
     "ramp": ("s", "0 or more", "time"),
+    "start": ("s", "0 or more", "time"),
     "smooth": ("s", "0 or more", "time"),
     "speed": ("rad/s or m/s", "above 0", "rate"),
     "frequency": ("Hz", "above 0", "rate"),
@@ -37,7 +38,7 @@ def bad(where: str, text: str) -> DescriptionError:
 def number(value: Any, where: str, unit: str = "rad or m", of: str = "position") -> float:
     """A finite number in the range of its quantity."""
     try:  # YAML 1.1 reads 1e-3 as text, so text that is a number is one
-        x = float("nan" if isinstance(value, bool) else value)
+        x = float("nan" if isinstance(value, bool) else measured(value, of))
     except (TypeError, ValueError, OverflowError):
         x = float("nan")
     if not np.isfinite(x):

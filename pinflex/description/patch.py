@@ -51,6 +51,10 @@ def piezo_constant(
     return -d31 * E * E_patch * h**2 * b * width / stretch
 
 
+_SIZES = ("d31", "E", "width", "thickness")
+KEYS = ("from", "to", "constant", *_SIZES)
+
+
 def read_patches(value: object, where: str, E: float, section: Section) -> tuple[Patch, ...]:
     """The block `patches` of a link, in file order.
 
@@ -58,28 +62,27 @@ def read_patches(value: object, where: str, E: float, section: Section) -> tuple
         value: The parsed block. where: Its place.
         E: Young's modulus of the link [Pa]. section: Its section.
     """
-    sizes = ("d31", "E", "width", "thickness")
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
-        block = schema.mapping(item, here, ("from", "to", "constant", *sizes), ("from", "to"))
+        block = schema.mapping(item, here, KEYS, ("from", "to"))
         start, end = (
             schema.number(block[k], schema.at(here, k), of="place") for k in ("from", "to")
         )
         if "constant" in block:
-            for key in block.keys() & set(sizes):
+            for key in block.keys() & set(_SIZES):
                 raise DescriptionError(
                     f"{schema.at(here, key)}: redundant with `constant`. Give one."
                 )
             constant = schema.number(block["constant"], schema.at(here, "constant"), of="moment")
         else:
-            schema.mapping(item, here, None, sizes)
+            schema.mapping(item, here, None, _SIZES)
             d31 = schema.number(block["d31"], schema.at(here, "d31"), low=-1, high=1)
             E_patch, width, thickness = (
                 schema.number(
                     block[k], schema.at(here, k), above=0, of="elasticity" if k == "E" else "length"
                 )
-                for k in sizes[1:]
+                for k in _SIZES[1:]
             )
             y, z = zip(*section.outline, strict=True)
             h, b = max(y) - min(y), max(z) - min(z)

@@ -7,7 +7,9 @@ would leave double precision (1e-308 to 1e308); what lies inside may still be un
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+from typing import Any
 
 from pinflex.errors import DescriptionError
 
@@ -47,12 +49,37 @@ RANGES = {
     "damping": Range(0.0, 1e24, "N s/m or N m s/rad", "a stiffness times a time"),
     "time": Range(1e-12, 1e9, "s", "light crosses 0.3 mm in 1e-12 s, and 1e9 s are 30 years"),
     "rate": Range(1e-12, 1e12, "1/s", "the inverse of a time"),
+    "speed": Range(1e-12, 1e12, "rad/s or m/s", "light travels at 3e8 m/s"),
     "position": Range(0.0, 1e6, "rad or m", "1e6 rad are 160 000 turns"),
     "angle": Range(0.0, 1e6, "rad", "1e6 rad are 160 000 turns"),
     "voltage": Range(0.0, 1e12, "V", "lightning has 1e8 V"),
     "gain": Range(0.0, 1e15, "drive per measure", "a voltage over a micrometre"),
     "ratio": Range(1e-9, 1e9, "-", "a pure number"),
 }
+
+
+# Units that may be written behind a number; every other number is SI alone.
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+_ANGLES = {"rad": 1.0, "deg": math.pi / 180}
+UNITS = {"length": _LENGTHS, "place": _LENGTHS, "angle": _ANGLES}
+_MEASURE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]+)")
+
+
+def measured(value: Any, of: str | None) -> Any:
+    """The number in SI that a text such as "20 mm" or "3 deg" means; any other value as it is.
+
+    Args:
+        value: The parsed value. of: Quantity whose units may be written.
+    """
+    found = _MEASURE.fullmatch(value.strip()) if isinstance(value, str) else None
+    factor = UNITS.get(of or "", {}).get(found[2]) if found else None
+    return value if found is None or factor is None else float(found[1]) * factor
+
+
+def units_of(of: str | None) -> str:
+    """Sentence on the units that a quantity may have."""
+    names = ", ".join(UNITS.get(of or "", ()))
+    return f" Units that may be written: {names}." if names else " Units are SI and never written."
 
 
 def within(value: float, where: str, of: str) -> float:

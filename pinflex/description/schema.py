@@ -160,19 +160,26 @@ def number(
     Args:
         value: The parsed value. where: Its place.
         low, high, above: Bounds of the key.
-        of: What it is the number of: a quantity of `ranges.RANGES`, whose range also holds.
+        of: What it is the number of: a quantity of `ranges.RANGES`, whose range also holds, and
+            whose units (`ranges.UNITS`) may be written.
     """
     bounds = [f"> {above:g}"] if above > -math.inf else []
     bounds += [f">= {low:g}"] if low > -math.inf else []
     bounds += [f"<= {high:g}"] if high < math.inf else []
     allowed = f"Allowed: a finite number {' and '.join(bounds)}".rstrip() + "."
+    value = ranges.measured(value, of)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        hint = " Units are SI and never written." if isinstance(value, str) else ""
+        hint = ranges.units_of(of) if isinstance(value, str) else ""
         raise DescriptionError(f"{where}: {shown(value)} is not a number. {allowed}{hint}")
     result = ranges.finite(value)
     if not (math.isfinite(result) and low <= result <= high and result > above):
         raise DescriptionError(f"{where}: {shown(value)} is out of range. {allowed}", value=value)
     return result if of is None else ranges.within(result, where, of)
+
+
+def quantity(kind: str) -> str:
+    """What a position of a joint of one freedom is, of `ranges.RANGES`."""
+    return "place" if kind == "prismatic" else "angle"
 
 
 def integer(value: object, where: str, low: int, high: int | None = None) -> int:

@@ -9,15 +9,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.description import schema
 from pinflex.description.laws import Kinematics
-from pinflex.description.motion import Motion
+from pinflex.description.trajectory import Motion
 from pinflex.errors import DescriptionError, nearest
 
+KEYS = ("kind", "frequencies", "damping", "modes")
 KINDS = ("zv", "zvd", "ei")
+MODES = 3  # most of those that a motion excites
 TOLERATED = 0.05  # residual vibration that EI leaves at the frequency it is made for
 
 
@@ -42,7 +46,58 @@ class Shaper:
         return np.asarray(np.hypot((size * np.cos(phase)).sum(1), (size * np.sin(phase)).sum(1)))
 
 
-def shaper(kind: str, frequencies: Sequence[float] | float, damping: float = 0.0) -> Shaper:
+@dataclass(frozen=True)
+class ShaperSpec:
+    """The block `shaper` of a motion.
+
+    Attributes:
+        kind: One of `KINDS`.
+        frequencies: To cancel [Hz]; empty: those that the motion excites.
+        damping: Damping ratio of them [-], one or one each; of modes that are looked up, theirs.
+        modes: Most modes to look up.
+    """
+
+    kind: str
+    frequencies: tuple[float, ...] = ()
+    damping: tuple[float, ...] = (0.0,)
+    modes: int = MODES
+
+
+def read(value: object, where: str) -> ShaperSpec | None:
+    """The block `shaper`: {kind, frequencies, damping} or {kind, modes}, or the kind alone."""
+    if value is None:
+        return None
+    block = {"kind": value} if isinstance(value, str) else value
+    block = schema.mapping(block, where, KEYS, ("kind",))
+    kind = schema.choice(block["kind"], schema.at(where, "kind"), KINDS)
+    given = block.get("frequencies", ())
+    found = _each(given, schema.at(where, "frequencies"), above=0.0, of="rate")
+    if found and "modes" in block:
+        raise DescriptionError(f"{where}.modes: frequencies are given. Remove one of them.")
+    if "damping" in block and not found:
+        raise DescriptionError(
+            f"{where}.damping: that of the modes is known. Remove it, or give frequencies [Hz]."
+        )
+    damping = _each(block.get("damping", 0.0), schema.at(where, "damping"), low=0.0, high=0.9)
+    if len(damping) not in (1, len(found)) and found:
+        raise DescriptionError(
+            f"{where}.damping: {len(damping)} ratios for {len(found)} frequencies. Give one each."
+        )
+    modes = block.get("modes", MODES)
+    if isinstance(modes, bool) or not isinstance(modes, int) or not 1 <= modes <= 9:
+        raise DescriptionError(f"{where}.modes: {schema.shown(modes)}. Give 1 to 9.")
+    return ShaperSpec(kind, found, damping, modes)
+
+
+def _each(value: object, where: str, **bounds: Any) -> tuple[float, ...]:
+    """A number, or a list of numbers."""
+    many = value if isinstance(value, list | tuple) else [value]
+    return tuple(schema.number(x, where, **bounds) for x in many)
+
+
+def shaper(
+    kind: str, frequencies: Sequence[float] | float, damping: Sequence[float] | float = 0.0
+) -> Shaper:
     """The shaper that cancels vibrations at the frequencies [Hz] with a damping ratio [-].
 
     Args:
@@ -50,7 +105,7 @@ def shaper(kind: str, frequencies: Sequence[float] | float, damping: float = 0.0
             by frequency is zero too; a period longer. "ei": 5 % vibration at the frequency itself,
             and the widest range with less; a period longer.
         frequencies: One or more [Hz]; their shapers are convolved.
-        damping: Ratio of all of them, 0 to below 1.
+        damping: Ratio of each of them or of all, 0 to below 1.
     Raises:
         DescriptionError: An unknown kind, a frequency or damping that makes no sense.
     """
@@ -59,11 +114,14 @@ def shaper(kind: str, frequencies: Sequence[float] | float, damping: float = 0.0
     every = np.atleast_1d(np.asarray(frequencies, float))
     if not len(every) or not np.all((every > 0.0) & np.isfinite(every)):
         raise DescriptionError(f"shaper: frequencies {every.tolist()}. Give numbers above 0 Hz.")
-    if not 0.0 <= damping < 1.0:
-        raise DescriptionError(f"shaper: damping {damping}. Give a ratio from 0 to below 1.")
+    ratios = np.atleast_1d(np.asarray(damping, float))
+    if len(ratios) not in (1, len(every)) or not np.all((ratios >= 0.0) & (ratios < 1.0)):
+        raise DescriptionError(
+            f"shaper: damping {damping}. Give a ratio from 0 to below 1, or one for each frequency."
+        )
     times, shares = np.zeros(1), np.ones(1)
-    for frequency in every:
-        t, part = _impulses(kind, float(frequency), damping)
+    for frequency, ratio in zip(every, np.broadcast_to(ratios, every.shape), strict=True):
+        t, part = _impulses(kind, float(frequency), float(ratio))
         times = np.add.outer(times, t).ravel()
         shares = np.multiply.outer(shares, part).ravel()
     order = np.argsort(times, kind="stable")
@@ -90,7 +148,10 @@ def _impulses(kind: str, frequency: float, zeta: float) -> tuple[Array, Array]:
 
 
 def shaped(
-    motion: Motion, kind: str, frequencies: Sequence[float] | float, damping: float = 0.0
+    motion: Motion,
+    kind: str,
+    frequencies: Sequence[float] | float,
+    damping: Sequence[float] | float = 0.0,
 ) -> Motion:
     """The motion convolved with a shaper; it ends later by the shaper's duration.
 
@@ -102,9 +163,13 @@ def shaped(
     law = partial(_convolved, motion, made)
     spec = dict(motion.spec) | {
         "shaper": {"kind": kind, "frequencies": np.atleast_1d(frequencies).tolist(),
-                   "damping": damping}
+                   "damping": np.asarray(damping).tolist()}
     }  # fmt: skip
-    return replace(motion, duration=motion.duration + made.duration, law=law, spec=spec)
+    corners = np.unique(np.add.outer([0.0, *motion.switches], made.times))
+    return replace(
+        motion, kind=f"shaped {motion.kind}", duration=motion.duration + made.duration, law=law,
+        spec=spec, corners=tuple(corners.tolist()),
+    )  # fmt: skip
 
 
 def _convolved(motion: Motion, made: Shaper, t: Array) -> Kinematics:

@@ -23,12 +23,20 @@ HOME_SIZES: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class SourceJoint:
-    """A joint of a robot's file: its type and the links it joins."""
+    """A joint of a robot's file: its type and the links it joins.
+
+    Attributes:
+        damping: Viscous [N m s/rad | N s/m]. friction: Dry [N m | N].
+        reduction: Gear ratio of its transmission, if the file has one.
+    """
 
     name: str
     type: str
     parent: str
     child: str
+    damping: float = 0.0
+    friction: float = 0.0
+    reduction: float | None = None
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,9 @@ class Source:
         links: Link names in file order.
         joints: Joints by name.
         loops: Loops that the file itself closes, as the YAML block `loops` would say them.
+        blocks: What else the file says that a URDF cannot, by top-level key of the YAML: joints,
+            actuated, base, home, gravity, ...
+        notes: Features of the file that are not taken over, a sentence with its line each.
     """
 
     __repr__ = brief
@@ -52,3 +63,28 @@ class Source:
     links: tuple[str, ...]
     joints: dict[str, SourceJoint]
     loops: Mapping[str, Any] = field(default_factory=dict)
+    blocks: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def joined(self, block: Mapping[str, Any]) -> dict[str, Any]:
+        """A YAML's blocks with those of the file under them; what the YAML writes wins.
+
+        A name that the YAML leaves empty (`loops: {pin: }`) takes the file's entry away.
+
+        Args:
+            block: The parsed YAML.
+        """
+        own = dict(self.blocks) | ({"loops": self.loops} if self.loops else {})
+        whole = dict(block)
+        for key, value in own.items():
+            whole[key] = _over(value, whole[key]) if whole.get(key) is not None else value
+        return whole
+
+
+def _over(below: Any, above: Any) -> Any:
+    """Two blocks as one; `above` wins, and an entry that is empty there is left out."""
+    if not (isinstance(below, Mapping) and isinstance(above, Mapping)):
+        return above
+    both = {k: _over(v, above[k]) if k in above else v for k, v in below.items()}
+    both |= {k: v for k, v in above.items() if k not in below}
+    return {k: v for k, v in both.items() if v is not None}

@@ -1,9 +1,14 @@
-"""Finding the file of the key `urdf`, and the readers of its formats by suffix."""
+"""Finding the file of the key `urdf`, and the readers of its formats by suffix.
+
+The readers of formats other than URDF are imported when a file asks for one.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from pinflex.description import urdf
@@ -13,8 +18,40 @@ from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 
 # Text, file name and package folders of a file to what is in it.
 Reader = Callable[[str, str, tuple[str, ...]], Source]
-READERS: dict[str, Reader] = {".urdf": urdf.check}
+
+
+def _late(module: str) -> Reader:
+    """The function `read` of a module of this package, imported at its first call."""
+
+    def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
+        found: Reader = import_module(f"pinflex.description.{module}").read
+        return found(text, file, package_dirs)
+
+    return read
+
+
+_MJCF, _SDF, _GEPETTO = _late("mjcf"), _late("sdf"), _late("gepetto")
+
+
+def _by_root(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
+    """A .xml by its root element."""
+    for tag, reader in (("mujoco", _MJCF), ("sdf", _SDF)):
+        if re.search(rf"<{tag}[\s>]", text) and "<robot" not in text:
+            return reader(text, file, package_dirs)
+    return urdf.check(text, file, package_dirs)
+
+
+READERS: dict[str, Reader] = {
+    ".urdf": urdf.check,
+    ".xml": _by_root,
+    ".mjcf": _MJCF,
+    ".sdf": _SDF,
+    ".xacro": _late("xacro_files"),
+    ".yaml": _GEPETTO,
+    ".yml": _GEPETTO,
+}
 _ROBOT_DATA = "example-robot-data:"
+_GEPETTO_KEYS = re.compile(r"^(closed_loop|name_mot|joint_type)\s*:", re.M)
 
 
 def register(suffix: str, reader: Reader) -> None:
@@ -39,6 +76,15 @@ def read(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
     source = reader(text, file, package_dirs)
     # The name says what the text is now, so that it can be read again.
     return source if reader is urdf.check else replace(source, file=f"{file}.urdf")
+
+
+def is_robot(path: Path) -> bool:
+    """Whether a file is a robot by itself and not a description that names one."""
+    suffix = path.suffix.lower()
+    if suffix not in (".yaml", ".yml"):
+        return suffix in READERS
+    text = read_text(path, path.name)
+    return bool(_GEPETTO_KEYS.search(text)) and not re.search(r"^urdf\s*:", text, re.M)
 
 
 def find(source: str, folder: Path, where: str) -> Source:
@@ -93,12 +139,10 @@ def _robot_data(name: str, where: str) -> tuple[Path, tuple[str, ...]]:
             f'{where}: no robot "{name}" in example-robot-data.{nearest(name, sorted(ROBOTS))}'
         )
     loader = ROBOTS[name]
+    file = (loader.urdf_subpath, loader.urdf_filename)
     if not loader.urdf_filename:
-        raise DescriptionError(
-            f'{where}: the robot "{name}" of example-robot-data is an SDF, not a URDF. Choose '
-            "another, or convert it."
-        )
-    part = f"{loader.path}/{loader.urdf_subpath}/{loader.urdf_filename}"
+        file = (loader.sdf_subpath, loader.sdf_filename)
+    part = f"{loader.path}/{file[0]}/{file[1]}"
     try:
         root = Path(loader.model_path or getModelPath(part))
     except OSError:

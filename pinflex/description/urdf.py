@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pinflex.description import ranges
 from pinflex.description.source import HOME_SIZES, Source, SourceJoint
+from pinflex.description.xml_lines import malformed, refuse_doctype
 from pinflex.errors import DescriptionError, nearest
 
 _URDF_TYPES = tuple(t for t in HOME_SIZES if t not in ("universal", "spherical"))
@@ -25,19 +25,13 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
         file: File name, for messages.
         package_dirs: Kept in the result.
     """
-    # A document type can hold entities that grow without bound, and URDF has no use for one.
-    first, *rest = text.split("<!--")
-    if re.search("<!(DOCTYPE|ENTITY)", first + "".join(x.partition("-->")[2] for x in rest), re.I):
-        raise DescriptionError(f"{file}: holds a <!DOCTYPE>, which a URDF must not. Remove it.")
+    refuse_doctype(text, file, "a URDF")
     try:
         root = ET.fromstring(text.strip())
     except ET.ParseError as error:
         # Positions count from the first non-blank line, as the XML declaration must come first.
         line = error.position[0] + text[: len(text) - len(text.lstrip())].count("\n")
-        raise DescriptionError(
-            f"{file}, line {line}: malformed XML: {str(error).split(':')[0]}. Correct the line.",
-            line=line,
-        ) from None
+        raise malformed(file, line, error) from None
     except ValueError as error:
         raise DescriptionError(f"{file}: malformed XML: {error}. Correct it.") from None
     if root.tag != "robot":
@@ -53,8 +47,12 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
         inertial = element.find("inertial")
         if inertial is not None:
             _check_inertial(inertial, f'{file}: link "{name}"')
+    geared = _reductions(root)
     joints = {
-        name: _joint(element, name, links, f'{file}: joint "{name}"', file)
+        name: replace(
+            _joint(element, name, links, f'{file}: joint "{name}"', file),
+            reduction=geared.get(name),
+        )
         for name, element in _names(root, "joint", file).items()
     }
     _check_tree(tuple(links), joints, file)
@@ -146,7 +144,23 @@ def _joint(
             raise DescriptionError(
                 f"{where}: axis: {vector} has no direction. Write a unit vector."
             )
-    return SourceJoint(name, kind, ends[0], ends[1])
+    dynamics = element.find("dynamics")
+    lost = [0.0 if dynamics is None else _plain(dynamics.get(k)) for k in ("damping", "friction")]
+    return SourceJoint(name, kind, ends[0], ends[1], *(max(x, 0.0) for x in lost))
+
+
+def _reductions(root: ET.Element) -> dict[str, float]:
+    """Gear ratios by joint: mechanicalReduction of a transmission of one joint and one actuator."""
+    found = {}
+    for item in root.findall("transmission"):
+        joints, motors = item.findall("joint"), item.findall("actuator")
+        if len(joints) == 1 and len(motors) <= 1:
+            places = (*motors, *joints, item)
+            texts = (place.findtext("mechanicalReduction") for place in places)
+            ratio = _plain(next(filter(None, texts), None))
+            if ratio:
+                found[joints[0].get("name", "")] = ratio
+    return found
 
 
 def _check_tree(links: tuple[str, ...], joints: dict[str, SourceJoint], file: str) -> None:
@@ -206,6 +220,7 @@ def limits(text: str) -> dict[str, Limits]:
 
 def _plain(text: str | None) -> float:
     try:
-        return float(text or "0")
+        value = float(text or "0")
     except ValueError:
         return 0.0
+    return value if math.isfinite(value) else 0.0

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive
+from pinflex.actuation.sampler import Sampler
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
@@ -93,8 +94,9 @@ class Stages(StageEquations):
         method: Collocation,
         drive: TorqueDrive | None = None,
         forces: bool = True,
+        sampler: Sampler | None = None,
     ) -> None:
-        super().__init__(mechanism, dynamics, path, method, drive)
+        super().__init__(mechanism, dynamics, path, method, drive, sampler)
         self.by_energy = forces and dynamics.flexible
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
         self.measured_rows = np.arange(dynamics.system.nv)[self.measured]

@@ -17,6 +17,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath, TorqueDrive
 from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.sampler import Sampler
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.compiled_stages import compiled_stages
@@ -105,13 +106,14 @@ class StageEquations:
         path: Path,
         method: Collocation,
         drive: TorqueDrive | None = None,
+        sampler: Sampler | None = None,
     ) -> None:
         system = dynamics.system
         self.mechanism, self.dynamics, self.path, self.drive = mechanism, dynamics, path, drive
         self.axes, self.motors = motor_axes(mechanism), system.motors
-        self.method = method
+        self.method, self.sampler = method, sampler
         self.free = system.free if drive is None else system.unheld
-        prescribed = None if drive is not None else self.axes
+        prescribed = None if drive is not None or sampler is not None else self.axes
         self.compiled = compiled_stages(dynamics, method, self.free, prescribed)
         self.newton = StageNewton(dynamics, method, self.free, drive, self.compiled)
         self.manifold = Manifold(dynamics, () if drive is not None else self.motors)
@@ -119,11 +121,14 @@ class StageEquations:
     def first(self, t: float, y: Array, v: Array) -> Start:
         """Consistent accelerations, multipliers and torques at (y, v)."""
         d, path = self.dynamics, self.path(np.array([t]))
+        if self.sampler is not None:
+            self.sampler.reach(t, y, v)
+        u = self._control_force
         if self.drive is None:
-            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t)
-            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t).r[self.motors])
+            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t, u)
+            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t, u).r[self.motors])
         torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
-        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t)
+        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t, u)
         return Start(t, y, v, a, lam, torque)
 
     def begin(
@@ -165,7 +170,7 @@ class StageEquations:
             x.torque, x.c = kernel.r[:, self.motors], kernel.open
             kernel.correct()
             return
-        r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t)
+        r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t, self._control_force)
         x.torque = r[:, self.motors]
         if self.drive is not None:
             x.torque = self.drive.pull(x.path, self.axes, x.y, x.v)
@@ -203,8 +208,16 @@ class StageEquations:
 
     def _power(self, v: Array, torque: Array) -> Array:
         """Power of the motors and of the damping at states, shape (s, 2)."""
-        lost = np.sum(v @ self.dynamics.system.D * v, axis=1)
-        return np.column_stack([np.sum(torque * v[:, self.motors], axis=1), lost])
+        lost = self.dynamics.system.dissipation(v)
+        put_in = np.sum(torque * v[:, self.motors], axis=1)
+        if (force := self._control_force) is not None:
+            put_in = put_in + v @ force
+        return np.column_stack([put_in, lost])
+
+    @property
+    def _control_force(self) -> Array | None:
+        """Generalised forces (nv,) that a digital controller holds now; None: none."""
+        return None if self.sampler is None else self.sampler.force
 
     def work(self, step: Step) -> Array:
         """Work of the motors and of the damping in a step, J, shape (2,)."""

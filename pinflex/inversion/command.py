@@ -13,14 +13,19 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.laws import Kinematics
 from pinflex.description.motion import Motion
-from pinflex.description.urdf import Limits, limits
 from pinflex.errors import DescriptionError, MotionError, nearest
+from pinflex.integrators.run import Run
+from pinflex.inversion.differences import EIGHTH, padded, rates
 from pinflex.inversion.exact import invert
+from pinflex.inversion.flat import flat
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import rest_needed
+from pinflex.inversion.limits import require_within_curves, require_within_limits
 from pinflex.inversion.series import rigid_guess, series
-from pinflex.inversion.target import target
+from pinflex.inversion.target import delayed, target
+from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.recovery.drives import drives
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
 
@@ -28,6 +33,8 @@ LEVELS = ("rigid", "quasistatic", "exact")
 _INSTANTS = 150  # in the time of the motion
 _LEAST, _MOST = 120, 4000  # instants in all
 _REFINED = 1.6  # instants of a finer grid over those of the last
+_MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
+_STILL = 1e-3  # of its top speed, below which a motor rests
 _TAIL = 8  # instants beyond the end, where differences have no neighbours: solved, and cut off
 
 
@@ -47,7 +54,10 @@ class Command:
         error: Estimated largest error of each coordinate [m | rad], shape (k,); of level rigid,
             what the quasistatic command corrects.
         changes: Level quasistatic: largest change of a motor position from pass to pass.
-        iterations: Level exact: linear systems solved.
+        iterations: Level exact: linear systems solved; 0 where elastic drives alone give way.
+        drives: Of each drive both sides of the gear, by key as in a Result: motor_position,
+            motor_speed, motor_torque, torque, ..., each (nt,).
+        limit_curves: Points motor speed [rad/s], torque [N m] of each drive; () for none.
     """
 
     name: str
@@ -66,6 +76,8 @@ class Command:
     error: Array
     changes: tuple[float, ...] = ()
     iterations: int = 0
+    drives: dict[str, dict[str, Array]] = field(default_factory=dict)
+    limit_curves: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     curve: Callable[..., Array] = field(default=np.zeros, compare=False)
 
     def __repr__(self) -> str:
@@ -79,6 +91,20 @@ class Command:
         return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}>"
 
     @property
+    def actuation(self) -> tuple[float, float]:
+        """How long the motors move before the platform does, and after it [s].
+
+        While a motor is faster than a thousandth of its top speed.
+        """
+        speed = np.abs(self.velocity)
+        moving = np.flatnonzero(np.any(speed > _STILL * speed.max(axis=0), axis=1))
+        if not len(moving):
+            return 0.0, 0.0
+        first, last = self.t[moving[0]], self.t[moving[-1]]
+        ends = float(self.t[-1]) - self.after
+        return max(self.before - float(first), 0.0), max(float(last) - ends, 0.0)
+
+    @property
     def motion(self) -> Motion:
         """The command as a motion of the joints, which `solve` takes."""
         names = tuple(self.motors)
@@ -86,15 +112,20 @@ class Command:
         return Motion("command", "joints", names, float(self.t[-1]), law, True)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write t, then position, velocity, acceleration and torque of every motor, SI units."""
+        """Write t, then position, velocity, acceleration and torque of every motor, SI units.
+
+        Behind them stand position, speed and torque of the motor of every drive.
+        """
         path = Path(path)
         groups = ("position", "velocity", "acceleration", "torque")
         header = ["t", *(f"{motor}.{group}" for motor in self.motors for group in groups)]
+        header += [f"{name}.{key}" for name in self.drives for key in _MOTOR_SIDE]
+        more = [values[key] for values in self.drives.values() for key in _MOTOR_SIDE]
         columns = np.stack([getattr(self, group) for group in groups], axis=2)
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
-            table = np.column_stack([self.t, columns.reshape(len(self.t), -1)])
+            table = np.column_stack([self.t, columns.reshape(len(self.t), -1), *more])
             writer.writerows([f"{x:.12g}" for x in row] for row in table)
         return path
 
@@ -134,7 +165,8 @@ def command(
         before, after: Rest ahead of the motion and after it, s; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
         instants: Number of grid points; default: 150 over the motion.
-        limited: Refuse a command beyond the URDF's effort and velocity limits.
+        limited: Refuse a command beyond the URDF's effort and velocity limits, or beyond the
+            limit curve of a drive.
     Returns:
         The command. Its `motion` goes into `solve`, with `start="static"`.
     Raises:
@@ -163,7 +195,8 @@ def command(
             break
         n = min(int(_REFINED * n), _MOST)
     if limited:
-        _require_within_limits(mechanism, found)
+        require_within_limits(mechanism, found)
+        require_within_curves(mechanism, found)
     return found
 
 
@@ -191,15 +224,23 @@ def _on_grid(
     slow = series(instant)
     answer, open_, iterations = slow.found, slow.error, 0
     apart = instant.axes.read(slow.found.y) - wanted.motors
-    if level == "exact":
+    smooth = flat(mechanism, motion, wanted) if level == "exact" else None
+    if smooth is not None:
+        none = np.zeros((len(t), instant.rows))
+        answer, open_ = (
+            Balanced(smooth.poses(t), none, smooth.torque(t)),
+            smooth.error + 0.0 * apart,
+        )
+    elif level == "exact":
         exact = invert(instant, slow.found)
         answer, open_, iterations = exact.found, exact.error, exact.iterations
     elif level == "rigid":
-        answer, open_ = _rigid(instant), apart
+        torque = solve_rigid(mechanism, delayed(motion, ahead), t).torque
+        answer, open_ = replace(rigid_guess(instant)[0], torque=torque), apart
     position = instant.axes.read(answer.y)
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
-    curve, kept = _spline(t, position), slice(n)
+    curve, kept = smooth.position if smooth is not None else _spline(t, position), slice(n)
     found = Command(
         name=mechanism.name,
         level=level,
@@ -217,21 +258,39 @@ def _on_grid(
         error=_at_platform(wanted.gain[kept], open_[kept]),
         changes=slow.changes if level == "quasistatic" else (),
         iterations=iterations,
+        drives=_both_sides(instant, answer, curve, kept),
+        limit_curves={
+            name: extra.drive.limit_curve
+            for name, extra in mechanism.description.joints.items()
+            if extra.drive is not None
+        },
         curve=curve,
     )
     return found, _at_platform(wanted.gain[kept], apart[kept])
 
 
-def _rigid(instant: Instant) -> Balanced:
-    """The undeformed mechanism on the path, with the torques that its motion needs."""
-    guess, v, a = rigid_guess(instant)
-    torque = [instant.residual(k, guess.y[k], v[k], a[k], guess.lam[k])[1] for k in range(len(v))]
-    return replace(guess, torque=np.array(torque))
-
-
 def _at_platform(gain: Array, moves: Array) -> Array:
     """Largest platform motion that moves of the motors (nt, nm) make, shape (k,)."""
     return np.asarray(np.max(np.abs(np.einsum("tkm,tm->tk", gain, moves)), axis=0))
+
+
+def _both_sides(
+    instant: Instant, answer: Balanced, curve: Callable[..., Array], kept: slice
+) -> dict[str, dict[str, Array]]:
+    """Torque, speed and power on both sides of each drive."""
+    mechanism, t = instant.mechanism, instant.target.t
+    if not any(extra.drive is not None for extra in mechanism.description.joints.values()):
+        return {}
+    h = float(t[1] - t[0])
+    v, a = rates(instant.dynamics, padded(answer.y, EIGHTH.reach), h, EIGHTH)
+    rows = instant.system.motors
+    v[:, rows], a[:, rows] = curve(t, 1), curve(t, 2)
+    run = Run(instant.system, t, answer.y, v, a, answer.lam, answer.torque, {})
+    found: dict[str, dict[str, Array]] = {}
+    for key, values in drives(mechanism, run).items():
+        _, name, quantity = key.split("/")
+        found.setdefault(name, {})[quantity] = values[kept]
+    return found
 
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
@@ -247,25 +306,6 @@ def _spline(t: Array, position: Array) -> Callable[..., Array]:
     still = np.zeros(position.shape[1])
     begin, end = ([(order, still) for order in orders] for orders in ((1, 2), (3, 4)))
     return make_interp_spline(t, position, k=5, bc_type=(begin, end))  # type: ignore[no-any-return]
-
-
-def _require_within_limits(mechanism: Mechanism, found: Command) -> None:
-    known = limits(mechanism.description.urdf_text)
-    for k, name in enumerate(mechanism.description.actuated):
-        limit = known.get(name, Limits())
-        speed = "m/s" if found.units[k] == "N" else "rad/s"
-        for values, most, unit, what in (
-            (found.torque[:, k], limit.effort, found.units[k], "effort"),
-            (found.velocity[:, k], limit.velocity, speed, "velocity"),
-        ):
-            at = int(np.argmax(np.abs(values)))
-            if 0.0 < most < abs(values[at]):
-                raise MotionError(
-                    f"{mechanism.name}: command: {name} needs {abs(values[at]):.4g} {unit} at t = "
-                    f"{found.t[at]:.4g} s, the URDF's {what} limit is {most:g}. Slow the motion "
-                    "down, or lift the check (limited=False, --beyond-limits).",
-                    joint=name,
-                )
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

@@ -120,14 +120,11 @@ class _Inversion:
         """Poses, multipliers and torques at the nodes."""
         d, y = self.instant.dynamics, self.y[_PAD:-_PAD]
         v, a = rates(d, padded(self.y, EIGHTH.reach - _PAD), self.h, EIGHTH)
-        torque = [self.instant.residual(k, y[k], v[k], a[k], self.lam[k])[1] for k in range(len(y))]
-        return Balanced(y, self.lam, np.array(torque))
+        torque = self.instant.residuals(slice(len(y)), y, v, a, self.lam)[1]
+        return Balanced(y, self.lam, torque)
 
     def _rows(self, v: Array, a: Array) -> Array:
-        one = self.instant.residual
-        return np.array(
-            [one(k, self.y[k + _PAD], v[k], a[k], self.lam[k])[0] for k in range(len(self.lam))]
-        )
+        return self.instant.residuals(slice(len(self.lam)), self.y[_PAD:-_PAD], v, a, self.lam)[0]
 
     def _move(self, e: Array) -> float:
         """Correct poses and multipliers by the factorised system for open rows e (nt, rows)."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import inv
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
@@ -27,7 +27,9 @@ from pinflex.mechanics.mechanism import Mechanism
 _BALANCED = 1e-11  # m or rad: the last Newton correction; the next is round-off
 _SLOW = 0.1  # contraction above which a new tangent pays
 _LONGEST = 0.3  # m or rad of one Newton step
-_MOST = 40
+_ROUND_OFF = 1e-8  # m or rad: corrections that no longer shrink below this are round-off
+_MOST, _FEW = 40, 8  # iterations of one instant, of several
+_TOGETHER = 16  # instants
 
 
 @dataclass(frozen=True)
@@ -50,8 +52,10 @@ class Tangents:
 class Instant:
     """Evaluates the rows of an instant and their derivatives."""
 
-    def __init__(self, mechanism: Mechanism, target: Target) -> None:
-        self.system = system = mechanism.flexible
+    def __init__(self, mechanism: Mechanism, target: Target, rubs: bool = True) -> None:
+        """`rubs`: with dry friction, which at rest would hold every joint."""
+        self.mechanism = mechanism
+        self.system = system = mechanism.flexible if rubs else mechanism.flexible.sliding
         self.dynamics = Equations(system)
         self.target = target
         self.axes = motor_axes(mechanism)
@@ -60,16 +64,20 @@ class Instant:
         platform = mechanism.frame(str(mechanism.description.platform))
         self.platform = PlatformCoordinates(self.dynamics, platform, target.names)
 
-    def residual(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
-        """Rows that have to vanish at instant k, shape (nv + rows,), and motor torques (nm,)."""
-        d = self.dynamics
-        r, c = d.residual(y, v, a, lam, float(self.target.t[k]))
-        error = self.platform.error(
-            self.platform.values(d.joint_poses(y))[0], self.target.position[k]
-        )
-        idle = self.target.idle[k] @ (self.axes.read(y) - self.target.motors[k])
-        held = np.zeros(len(self.system.held))  # never moved: nothing is ever open there
-        return np.concatenate([r[self.free], c, error, idle, held]), r[self.system.motors]
+    def residuals(self, at: slice, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
+        """Rows that have to vanish, shape (n, nv + rows), and motor torques (n, nm).
+
+        Args:
+            at: The n instants. y: Shape (n, nq). v, a: Shape (n, nv). lam: Shape (n, rows).
+        """
+        d, target = self.dynamics, self.target
+        r, c = d.residual(y, v, a, lam, target.t[at])
+        here = self.platform.values(d.joint_poses(y))
+        error = self.platform.error(here, target.position[at])
+        idle = target.idle[at] @ (self.axes.read(y) - target.motors[at])[:, :, None]
+        held = np.zeros((len(y), len(self.system.held)))  # never moved: nothing is ever open there
+        rows = np.concatenate([r[:, self.free], c, error, idle[:, :, 0], held], axis=1)
+        return rows, r[:, self.system.motors]
 
     def tangents(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> Tangents:
         """Derivatives of the rows at instant k."""
@@ -95,43 +103,82 @@ class Balanced:
 def balanced(instant: Instant, guess: Balanced, v: Array, a: Array) -> Balanced:
     """Solve the square system at every instant with given v and a, each (nt, nv).
 
-    One factorised tangent serves as many instants as Newton contracts with.
+    Some instants at a time by one tangent; where that does not contract, half as many.
 
     Raises:
         ConvergenceError: No pose found at an instant: the platform cannot be there.
     """
-    d, n = instant.dynamics, instant.system.nv
-    y, lam, torque = (np.array(x) for x in (guess.y, guess.lam, guess.torque))
-    factor = None
-    offset, force = np.zeros(n), np.zeros(instant.rows)
-    for k in range(len(y)):
-        pose, multipliers = d.integrate(guess.y[k], offset), guess.lam[k] + force
-        e, tau = instant.residual(k, pose, v[k], a[k], multipliers)
-        last = np.inf
-        for _ in range(_MOST):
-            if factor is None:
-                factor = lu_factor(_square(instant.tangents(k, pose, v[k], a[k], multipliers)))
-            step = -lu_solve(factor, e)
-            size = float(np.max(np.abs(step[:n])))
-            step *= min(1.0, _LONGEST / max(size, 1e-300))
-            pose, multipliers = d.integrate(pose, step[:n]), multipliers + step[n:]
-            e, tau = instant.residual(k, pose, v[k], a[k], multipliers)
+    return _Balance(instant, guess, v, a).solve()
+
+
+class _Balance:
+    """Newton's iteration over spans of instants; what is found stands in y, lam and torque."""
+
+    def __init__(self, instant: Instant, guess: Balanced, v: Array, a: Array) -> None:
+        self.instant, self.guess, self.v, self.a = instant, guess, v, a
+        self.y, self.lam, self.torque = (np.array(x) for x in (guess.y, guess.lam, guess.torque))
+        self._inverse: Array | None = None
+        self._lacked = np.zeros(instant.system.nv + instant.rows)  # by the guess, at the last one
+
+    def solve(self) -> Balanced:
+        """All instants."""
+        todo = [(k, min(k + _TOGETHER, len(self.y))) for k in range(0, len(self.y), _TOGETHER)]
+        while todo:
+            first, last = todo.pop(0)
+            if self._settles(slice(first, last)):
+                continue
+            if last - first == 1:
+                t = float(self.instant.target.t[first])
+                raise ConvergenceError(
+                    f"t = {t:.6g} s: no balanced pose with the platform on its path. Slow the "
+                    "motion down, or stiffen the links.",
+                    time=t,
+                )
+            middle = (first + last) // 2
+            todo[:0] = [(first, middle), (middle, last)]
+        return Balanced(self.y, self.lam, self.torque)
+
+    def _settles(self, at: slice) -> bool:
+        """Whether a span of instants is balanced; then it is kept."""
+        guess, n = self.guess, self.instant.system.nv
+        y = self._moved(guess.y[at], np.tile(self._lacked[:n], (at.stop - at.start, 1)))
+        lam = guess.lam[at] + self._lacked[n:]
+        v, a, last, rate, middle = self.v[at], self.a[at], np.inf, 0.0, len(y) // 2
+        e, torque = self.instant.residuals(at, y, v, a, lam)
+        for _ in range(_MOST if len(y) == 1 else _FEW):
+            if self._inverse is None:
+                k = at.start + middle
+                found = self.instant.tangents(k, y[middle], v[middle], a[middle], lam[middle])
+                self._inverse = inv(_square(found))  # a product each is cheaper than solving
+            step = -(e @ self._inverse.T)
+            size = float(np.max(np.abs(step[:, :n])))
             if not size < 1e3:  # not a number either
                 break
-            if size < _BALANCED:
-                break
-            if size > _SLOW * last:
-                factor = None
+            step *= min(1.0, _LONGEST / max(size, 1e-300))
+            y, lam = self._moved(y, step[:, :n]), lam + step[:, n:]
+            e, torque = self.instant.residuals(at, y, v, a, lam)
+            rate = size / last
+            left = size * rate if 0.0 < rate < _SLOW else size  # what the next correction would be
+            if left < _BALANCED or (len(y) == 1 and left < _ROUND_OFF and rate > 0.5):
+                self._keep(at, y, lam, torque)
+                return True
+            if rate > _SLOW:
+                self._inverse = None
             last = size
-        if not size < 1e-8:
-            raise ConvergenceError(
-                f"t = {instant.target.t[k]:.6g} s: no balanced pose with the platform on its path. "
-                "Slow the motion down, or stiffen the links.",
-                time=float(instant.target.t[k]),
-            )
-        y[k], lam[k], torque[k] = pose, multipliers, tau
-        offset, force = d.difference(guess.y[k], pose), multipliers - guess.lam[k]
-    return Balanced(y, lam, torque)
+        self._inverse = None
+        return False
+
+    def _keep(self, at: slice, y: Array, lam: Array, torque: Array) -> None:
+        self.y[at], self.lam[at], self.torque[at] = y, lam, torque
+        n, last = self.instant.system.nv, at.stop - 1
+        self._lacked[:n] = self.instant.dynamics.difference(self.guess.y[last], y[-1])
+        self._lacked[n:] = lam[-1] - self.guess.lam[last]
+
+    def _moved(self, y: Array, moves: Array) -> Array:
+        d = self.instant.dynamics
+        if d.vector_space:
+            return y + moves
+        return np.array([d.integrate(*pair) for pair in zip(y, moves, strict=True)])
 
 
 def _square(found: Tangents) -> Array:

@@ -27,7 +27,7 @@ _PERIODS = 1.0  # of the slowest vibration, after and before a motion
 def zeros(mechanism: Mechanism, coordinates: tuple[str, ...] | None = None) -> Array:
     """Poles of the internal dynamics at home, at rest [1/s], complex, slowest first."""
     at = target(mechanism, hold(duration=1.0), np.linspace(0.0, 1.0, 3), 0.0, coordinates)
-    instant = Instant(mechanism, at)
+    instant = Instant(mechanism, at, rubs=False)
     guess, v, a = rigid_guess(instant)
     rest = balanced(instant, guess, 0.0 * v, 0.0 * a)
     found = instant.tangents(0, rest.y[0], 0.0 * v[0], 0.0 * a[0], rest.lam[0])

@@ -147,7 +147,8 @@ def linearise(
     """
     if motors not in INPUTS:
         raise DescriptionError(f"motors: {motors}.{nearest(motors, INPUTS)}")
-    system, dynamics = mechanism.flexible, Equations(mechanism.flexible)
+    system = mechanism.flexible.sliding
+    dynamics = Equations(system)
     found, still = rest(mechanism, q), np.zeros(system.nv)
     M, C, K, J = dynamics.tangent(found.y, still, still, found.lam, 0.0)
     driven = motors == "acceleration"

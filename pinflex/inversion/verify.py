@@ -28,7 +28,8 @@ class Followed:
         during, after: Largest distance from the path while it moves and in the rest after it [m].
         turned_during, turned_after: The same of its orientation [rad].
         swing: Largest peak-to-peak motion along an axis in the rest after it [m].
-        run: The coupled run.
+        distance: From the path, at the times of the run [m], shape (nt,).
+        run: The coupled run. ideal: The rigid mechanism on the path.
     """
 
     during: float
@@ -36,7 +37,9 @@ class Followed:
     turned_during: float
     turned_after: float
     swing: float
+    distance: Array
     run: Result
+    ideal: Result
 
 
 def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = _TOL) -> Followed:
@@ -73,7 +76,9 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
         turned_during=largest(turn, moving),
         turned_after=largest(turn, ~moving),
         swing=float(np.max(swing, initial=0.0)),
+        distance=np.linalg.norm(shift, axis=1),
         run=run,
+        ideal=ideal,
     )
 
 

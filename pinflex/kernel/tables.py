@@ -17,7 +17,7 @@ from pinflex.errors import PinflexError
 COUNTS = (
     *("nq", "nv", "nq_rigid", "nv_rigid", "nQ", "nV"),
     *("nodes", "points", "twists", "rows", "loops", "closures"),
-    *("forces", "springs", "dampers", "joint_springs"),
+    *("forces", "springs", "dampers", "joint_springs", "rubs"),
 )
 # Each array with its shape; "name+1" starts of rows, whose last entry counts what "*name" holds.
 INTEGERS = {
@@ -41,6 +41,7 @@ INTEGERS = {
     **dict.fromkeys(
         ("joint_spring_v", "joint_spring_q", "joint_spring_paired"), ("joint_springs",)
     ),
+    "rub_v": ("rubs",),
     "k_at": ("n_eta+1",),
     "k_j": ("*k_at",),
     "d_at": ("nv+1",),
@@ -66,6 +67,7 @@ NUMBERS = {
     "force_load": ("forces", 6),
     **dict.fromkeys(("spring_place_a", "spring_place_b", "spring_law"), ("springs", 3)),
     "joint_spring_law": ("joint_springs", 2),
+    "rub_law": ("rubs", 4),
     "k": ("*k_at",),
     "d": ("*d_at",),
     "armature": ("nV",),
@@ -77,7 +79,7 @@ _INTO: dict[str, str | int] = {
     "twist_q": "nQ", "twist_v": "nV", "row_q": "nQ", "row_v": "nV", "phi_i": "n_eta",
     "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
     "row_number": "closures", "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
-    "joint_spring_v": "nv", "joint_spring_q": "nq", "k_j": "n_eta", "d_j": "nv",
+    "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
     "col_first": "nv", "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
 }  # fmt: skip
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "spring_a",

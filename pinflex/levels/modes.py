@@ -31,7 +31,8 @@ class Modes:
         frequencies: Hz, shape (k,), increasing; negative for an unstable (buckled) direction.
         shapes: Unit-mass shapes in velocity rows, shape (nv, k).
         y: Pose that was linearised about, shape (nq,).
-        share: Share of each flexible link and sprung joint in the elastic energy, shape (k, links).
+        share: Share of each flexible link, sprung joint and elastic drive in the elastic energy,
+            shape (k, links).
         links: Names for `share`.
         preload: "gravity" or "none". free_motors: Whether motors were free.
         rigid_body: Modes at 0 Hz that were left out (see `mode_shapes.first_modes`).
@@ -61,7 +62,7 @@ def modes(
     """Natural frequencies and mode shapes at a pose of the closed loop.
 
     Args:
-        mechanism: Mechanism with at least one flexible link or spring.
+        mechanism: Mechanism with at least one flexible link, elastic drive or spring.
         q: Rigid pose, default home.
         count: How many.
         preload: "gravity" linearises about the static equilibrium; "none" about the undeformed
@@ -188,12 +189,15 @@ def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]
     system = mechanism.flexible
     bent = dict.fromkeys(slot.link for slot in system.expansion.slots)
     springs, names = system.springs, mechanism.coordinates
-    links = (*bent, *(names[row] for row in springs.v_at))
+    gears, n = system.expansion.drives, int(system.rigid.nv)
+    links = (*bent, *(names[row] for row in springs.v_at), *(gear.joint for gear in gears))
     energy = np.zeros((shapes.shape[1], len(links)))
-    n = int(system.rigid.nv)
     for slot in system.expansion.slots:
         part = shapes[n + slot.eta.start : n + slot.eta.stop]
         energy[:, links.index(slot.link)] += np.einsum("ik,ij,jk->k", part, slot.body.K, part)
-    energy[:, len(bent) :] = (springs.stiffness[:, None] * shapes[springs.v_at] ** 2).T
+    turning = [n + gear.eta for gear in gears]
+    stiffness = np.concatenate([springs.stiffness, system.K[turning, turning]])
+    rows = [*springs.v_at, *turning]
+    energy[:, len(bent) :] = (stiffness[:, None] * shapes[rows] ** 2).T
     total = energy.sum(1, keepdims=True)
     return energy / np.where(total > 0, total, 1.0), links

@@ -1,9 +1,10 @@
 """What a run is judged by: how far two runs of one system differ, output by output.
 
 The difference of an output is its largest one over the samples, relative to the largest value it
-takes; of the platform's pose, relative to its largest deviation from the rigid motion. An output
-that is zero throughout (the torque of no motor, a platform that does not turn) is left out: nothing
-can be said of it.
+takes; of the platform's pose, relative to its largest deviation from the rigid motion. Torques that
+dry friction makes jump differ by their root mean square: a jump an instant later is no error. An
+output that is zero throughout (the torque of no motor, a platform that does not turn) is left out:
+nothing can be said of it.
 """
 
 from __future__ import annotations
@@ -79,6 +80,8 @@ class Outputs:
             key: relative_size(key, history.apart, history.size)
             for key, history in self.histories(coarse, fine).items()
         }
+        if "torque" in found and fine.system.sticks(fine.settings.get("drive") != "torque"):
+            found["torque"] = mean_square(coarse.torque, fine.torque)
         if self._swings(fine) or not any(found.values()):
             joints = self._joints(coarse, fine, fine.y[0])
             found |= {key: relative_size(key, h.apart, h.size) for key, h in joints.items()}
@@ -205,6 +208,14 @@ def relative(a: Array, b: Array) -> float:
     scale = float(np.max(np.abs(b), initial=0.0))
     apart = float(np.max(np.abs(a - b), initial=0.0))
     return apart / scale if scale > 0 else np.inf if apart > 0 else 0.0
+
+
+def mean_square(a: Array, b: Array) -> float | None:
+    """Root mean square of a difference over that of the second, or None where both are zero."""
+    if not (np.any(b) or np.any(a)):
+        return None
+    size = float(np.sqrt(np.mean(np.square(b))))
+    return float(np.sqrt(np.mean(np.square(a - b)))) / size if size > 0 else np.inf
 
 
 def between(a: Array, b: Array) -> Array:

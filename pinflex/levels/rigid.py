@@ -36,7 +36,7 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
     tau, dynamics = np.empty((len(q), system.nv)), Equations(system)
-    if np.any(system.D) or len(system.springs.v_at):
+    if np.any(system.D) or len(system.springs.v_at) or system.friction.present:
         return dynamics.residual(q, v, a, np.zeros((len(q), 0)), 0.0).r
     model, data, rnea = dynamics.model, dynamics.data, pin.rnea
     for k in range(len(q)):

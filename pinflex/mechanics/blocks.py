@@ -9,35 +9,35 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.expanded import Block, Slot
+from pinflex.mechanics.expanded import Block
 
 Row = tuple[int, Array, Array | None]  # velocity row of the expanded model, Phi (n,), G (n, n)
 
 
 def stack(
-    model: pin.Model, slots: Sequence[Slot], maps: Sequence[Sequence[Row]]
+    model: pin.Model, slices: Sequence[slice], maps: Sequence[Sequence[Row]]
 ) -> tuple[Block, ...]:
     """Group neighbouring bodies of equal shape.
 
     Args:
-        model: Expanded model. slots: Its flexible bodies.
+        model: Expanded model. slices: Elastic coordinates of each of its flexible bodies.
         maps: Rows of each body's map, in any order.
     Returns:
         Blocks in the order of the bodies; curved rows come first in each.
     """
     sorted_maps = [sorted(rows, key=_straight) for rows in maps]
     shapes = [
-        (len(rows), sum(not _straight(row) for row in rows), slot.body.n)
-        for rows, slot in zip(sorted_maps, slots, strict=True)
+        (len(rows), sum(not _straight(row) for row in rows), eta.stop - eta.start)
+        for rows, eta in zip(sorted_maps, slices, strict=True)
     ]
     q_of = _positions(model)
     blocks = []
-    for (_, curved, n), numbers in groupby(range(len(slots)), key=lambda k: shapes[k]):
+    for (_, curved, n), numbers in groupby(range(len(slices)), key=lambda k: shapes[k]):
         group = list(numbers)
         rows = np.array([[m[0] for m in sorted_maps[k]] for k in group], dtype=np.intp)
         Phi = np.array([[m[1] for m in sorted_maps[k]] for k in group], dtype=float)
         G = np.array([[m[2] for m in sorted_maps[k][:curved]] for k in group], dtype=float)
-        eta = slice(slots[group[0]].eta.start, slots[group[-1]].eta.stop)
+        eta = slice(slices[group[0]].start, slices[group[-1]].stop)
         G = G.reshape(len(group), curved, n, n)
         blocks.append(Block(rows, q_of[rows.ravel()], Phi, G, eta))
     return tuple(blocks)

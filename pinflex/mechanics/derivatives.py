@@ -24,7 +24,8 @@ class Derivatives:
     Attributes:
         system: What was evaluated. here: Its configuration and map there.
         dQ, dV, M: Of rnea on the expanded model, shape (nV, nV).
-        g: Expanded forces rnea - J_Q' lam, shape (nV,). a_eta: Elastic accelerations.
+        g: Expanded forces rnea - J_Q' lam, shape (nV,).
+        v: Speeds (nv,). a_eta: Elastic accelerations.
         bent: Links whose energy is of fourth order: their eta, and their stiffness.
         follow: Part of d(J' lam)/dy that moves with the bodies, shape (nv, nv), or None.
         load: Loads there, or None. t: Time in s at which they act.
@@ -36,6 +37,7 @@ class Derivatives:
     dV: Array
     M: Array
     g: Array
+    v: Array
     a_eta: Array
     bent: list[tuple[slice, Array]]
     follow: Array | None
@@ -61,8 +63,10 @@ class Derivatives:
         if self.load is not None and (w_v or w_y):
             S += self.load.tangent(self.here.times_map, self.t, w_v, w_y)
         S += w_v * self.system.D + w_y * self.system.K
-        s = self.system.springs
+        s, rub = self.system.springs, self.system.friction
         S[s.v_at, s.v_at] += w_y * s.stiffness
+        if w_v and rub.present:
+            S[rub.rows, rub.rows] += w_v * rub.slope(self.v)
         for at, stiffness in self.bent:
             S[m:, m:][at, at] += w_y * stiffness
         return S

@@ -31,6 +31,7 @@ from pinflex.mechanics.evaluated import (
     Tangent,
 )
 from pinflex.mechanics.geometry import Geometry, spans
+from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
 from pinflex.mechanics.system import System
@@ -41,13 +42,15 @@ class Equations(Geometry):
 
     Attributes:
         stiffness: Of the links by eta, shape (n_eta, n_eta).
-        damped, sprung, loaded: Whether there are dampers, joint springs, loads.
+        damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, joint springs,
+            loads.
     """
 
     def __init__(self, system: System, often: bool = True) -> None:
         """`often`: worth the millisecond or two that tables for the kernel take."""
         super().__init__(system)
         self.damped = bool(np.any(system.D))
+        self.rubbed = system.friction.present
         self.sprung = len(system.springs.v_at) > 0
         self.loaded = system.loads.present
         self.stiffness = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
@@ -137,6 +140,8 @@ class Equations(Geometry):
             r[:, m:] += self.elastic_forces(Y[:, self.nq_rigid :])
         if self.damped:
             r += V @ self.system.D
+        if self.rubbed:
+            r[:, self.system.friction.rows] += self.system.friction.force(V)
         if self.sprung:
             s = self.system.springs
             r[:, s.v_at] += s.stiffness * (self.spring_angles(Y) - s.rest)
@@ -221,7 +226,7 @@ class Equations(Geometry):
         model, data, pushed = self.model, self.data, self._pushed
         dQ, dV, M = pin.computeRNEADerivatives(model, data, here.Q[0], here.V[0], here.A[0], pushed)
         found = Derivatives(
-            self.system, here, dQ, dV, M, np.array(data.tau), a[self.n_rigid :],
+            self.system, here, dQ, dV, M, np.array(data.tau), v, a[self.n_rigid :],
             [(at, bent.stiffness(y[self.nq_rigid :][at])) for at, bent in self._curved],
             follow, load, t,
         )  # fmt: skip
@@ -307,10 +312,14 @@ class Equations(Geometry):
             self._energies(found[:, s], Y[s], V[s], times[s])
         return Energies(*(found[:, 0] if y.ndim == 1 else found))
 
+    @cached_property
+    def _rotors(self) -> Array:
+        return rotor_energy_left_out(self.model)
+
     def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
         here, model, data = self.map.at(Y, V, np.zeros_like(V), True), self.model, self.data
         for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
-            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate)
+            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + self._rotors @ rate**2
             found[1, k] = pin.computePotentialEnergy(model, data)
         found[2] = self.elastic_energy(Y[:, self.nq_rigid :])
         if self.sprung:
@@ -329,8 +338,8 @@ class Equations(Geometry):
         return np.asarray(energy)
 
     def losses(self, y: Array, v: Array) -> float:
-        """Power that damping takes at y (nq,) and v (nv,), W."""
-        power = float(v @ self.system.D @ v) if self.damped else 0.0
+        """Power that damping and friction take at y (nq,) and v (nv,), W."""
+        power = float(self.system.dissipation(v)) if self.damped or self.rubbed else 0.0
         if self.loaded:
             at = self.kinematics(y, v)
             power += self._loads.at(at.poses[0], at.J[0]).dissipation(at.here.V[0])

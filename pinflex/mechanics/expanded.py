@@ -75,6 +75,17 @@ class Block:
 
 
 @dataclass(frozen=True)
+class ElasticDrive:
+    """A gear that gives way: its joint, its elastic coordinate and its expanded velocity row."""
+
+    __repr__ = brief
+
+    joint: str
+    eta: int
+    row: int
+
+
+@dataclass(frozen=True)
 class Expansion:
     """An expanded model and the constant parts of its coordinate map.
 
@@ -85,6 +96,7 @@ class Expansion:
         frames: Attachment of every link frame, by name.
         slots: The flexible bodies.
         n_eta: Number of elastic coordinates.
+        drives: Gears that give way; their coordinates follow those of the links.
     """
 
     __repr__ = brief
@@ -96,6 +108,7 @@ class Expansion:
     frames: Mapping[str, Attachment]
     slots: tuple[Slot, ...]
     n_eta: int
+    drives: tuple[ElasticDrive, ...] = ()
 
 
 def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:

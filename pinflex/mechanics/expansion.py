@@ -24,13 +24,14 @@ from pinflex.bodies.superelement import Superelement
 from pinflex.mechanics.blocks import stack
 from pinflex.mechanics.expanded import (
     Attachment,
+    ElasticDrive,
     Expansion,
     Interface,
     Slot,
     rigid_indices,
 )
 from pinflex.mechanics.parts import FlexiblePart
-from pinflex.mechanics.tree import Link
+from pinflex.mechanics.tree import JointStep, Link
 
 _POINT = np.zeros((3, 3))
 _TURNS: tuple[Callable[[], pin.JointModel], ...] = (
@@ -53,6 +54,8 @@ class _Assembler:
     slots: list[Slot] = field(default_factory=list)
     maps: list[list[tuple[int, Array, Array | None]]] = field(default_factory=list)
     n_eta: int = 0
+    geared: frozenset[str] = frozenset()
+    gears: list[tuple[str, int]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.children: list[list[int]] = [[] for _ in self.links]
@@ -98,7 +101,16 @@ class _Assembler:
         for step in link.steps:
             joint = self.model.addJoint(joint, step.model, placement, step.name)
             placement = pin.SE3.Identity()
+            if self.flexible and step.name in self.geared:
+                joint = self._gear(joint, step)
         self._link(number, Attachment(joint, placement))
+
+    def _gear(self, motor: int, step: JointStep) -> int:
+        """The joint between motor and link, about the same axis: its coordinate is elastic."""
+        name = f"gear of {step.name}"
+        joint = int(self.model.addJoint(motor, _bounded(step.model), pin.SE3.Identity(), name))
+        self.gears.append((step.name, int(self.model.joints[joint].idx_v)))
+        return joint
 
     def _flexible_link(self, number: int, here: Attachment, part: FlexiblePart) -> None:
         """Chain the segments, each with its stations, and hang the children where they sit."""
@@ -289,6 +301,7 @@ def expand(
     needed: frozenset[str],
     rigid: pin.Model | None,
     gravity: Array,
+    geared: frozenset[str] = frozenset(),
 ) -> Expansion:
     """Build the expanded model, or, with `rigid=None`, the rigid tree itself.
 
@@ -298,16 +311,32 @@ def expand(
         needed: Frames that closures or outputs use.
         rigid: The rigid model whose coordinates q keeps; None builds that model.
         gravity: Shape (3,), m/s^2.
+        geared: Joints whose gear gives way.
     Returns:
         The expanded model with its maps.
     """
     model = pin.Model()
     model.gravity.linear = np.array(gravity, float)
-    work = _Assembler(links, parts, needed, rigid is not None, model)
+    work = _Assembler(links, parts, needed, rigid is not None, model, geared=geared)
     work.run()
     q_at, v_at = rigid_indices(model if rigid is None else rigid, model)
-    blocks = stack(model, work.slots, work.maps)
-    return Expansion(model, q_at, v_at, blocks, work.frames, tuple(work.slots), work.n_eta)
+    places = enumerate(work.gears, start=work.n_eta)
+    drives = tuple(ElasticDrive(name, eta, row) for eta, (name, row) in places)
+    slices = [slot.eta for slot in work.slots] + [slice(d.eta, d.eta + 1) for d in drives]
+    turn = np.ones(1)  # the joint turns by the elastic coordinate itself
+    blocks = stack(model, slices, [*work.maps, *([(d.row, turn, None)] for d in drives)])
+    n_eta = work.n_eta + len(drives)
+    return Expansion(model, q_at, v_at, blocks, work.frames, tuple(work.slots), n_eta, drives)
+
+
+def _bounded(joint: pin.JointModel) -> pin.JointModel:
+    """A joint of one coordinate about the axis of a joint of one freedom."""
+    if joint.nq == 1:
+        return joint
+    alone = pin.Model()
+    alone.addJoint(0, joint, pin.SE3.Identity(), "")
+    J = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone))
+    return pin.JointModelRevoluteUnaligned(np.ravel(J)[3:])
 
 
 def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:

@@ -13,6 +13,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.system import Springs, System
 
@@ -38,11 +39,16 @@ _PREFIX = "JointModel"
 # What the tables are made of. A field beyond these may be a term that the kernel lacks.
 KNOWN: dict[type, frozenset[str]] = {
     System: frozenset(
-        ("rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held")
+        (
+            *("rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held"),
+            "friction",
+        )
     ),
     Springs: frozenset(("v_at", "q_at", "paired", "stiffness", "rest")),
     Loads: frozenset(("forces", "springs")),
-    Expansion: frozenset(("model", "q_at", "v_at", "blocks", "frames", "slots", "n_eta")),
+    DryFriction: frozenset(("rows", "coulomb", "excess", "stribeck", "speed")),
+    # Gears that give way are joints and rows of the map like those of links.
+    Expansion: frozenset(("model", "q_at", "v_at", "blocks", "frames", "slots", "n_eta", "drives")),
     Closures: frozenset(
         (
             *("names", "kinds", "labels", "loop_of", "bodies", "local", "point_rows"),
@@ -86,7 +92,7 @@ def tables(system: System) -> Tables:
         "armature": model.armature,
         **_nodes(model, nodes, node_of), **_points(model, points, node_of),
         **_twists(model, twists, node_of), **_map(expansion), **_loops(closed, node_of),
-        **_loads(system.loads, node_of), **_joint_springs(system),
+        **_loads(system.loads, node_of), **_joint_springs(system), **_friction(system.friction),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
     dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
@@ -96,7 +102,7 @@ def tables(system: System) -> Tables:
         "twists": len(twists), "rows": len(arrays["row_q"]), "loops": len(closed.names),
         "closures": closed.n, "forces": len(system.loads.forces),
         "springs": len(system.loads.springs), "dampers": dampers,
-        "joint_springs": len(system.springs.v_at),
+        "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
     }  # fmt: skip
     return Tables(counts, arrays)
 
@@ -277,3 +283,8 @@ def _joint_springs(system: System) -> dict[str, Any]:
         "joint_spring_v": s.v_at, "joint_spring_q": s.q_at, "joint_spring_paired": s.paired,
         "joint_spring_law": np.column_stack([s.stiffness, s.rest]),
     }  # fmt: skip
+
+
+def _friction(rub: DryFriction) -> dict[str, Any]:
+    law = np.column_stack([rub.coulomb, rub.excess, rub.stribeck, rub.speed])
+    return {"rub_v": rub.rows, "rub_law": law}

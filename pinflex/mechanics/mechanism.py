@@ -13,6 +13,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.description import Description, read
+from pinflex.description.drives import elastic
 from pinflex.description.flexible import FlexibleLink
 from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError, nearest
@@ -173,6 +174,7 @@ class _Loading:
         require_size(self.links, description.urdf_name, description.allow)
         self.gravity = np.array(description.gravity, float)
         self.needed = _needed_frames(description)
+        self.geared = frozenset(elastic(description.joints))
 
     def mechanism(self) -> Mechanism:
         """Rigid system, then the flexible one: first coarse where `auto` has to be decided."""
@@ -181,7 +183,7 @@ class _Loading:
         parts = self.parts(coarse=coarse)
         tree = self.tree(parts)
         rigid = self.rigid(tree, parts)
-        if not parts:
+        if not parts and not self.geared:
             return self._done(parts, rigid, *_with_elastic_joints(rigid))
         flexible, report = self.flexible(parts, rigid)
         if look:
@@ -248,7 +250,7 @@ class _Loading:
     ) -> tuple[System, LoopReport]:
         """The flexible system about the rigid one."""
         model = rigid.system.rigid
-        expansion = expand(self.links, parts, self.needed, model, self.gravity)
+        expansion = expand(self.links, parts, self.needed, model, self.gravity, self.geared)
         coordinates = int(expansion.model.nv)
         require_workspace(self.description.name, coordinates, self.description.limit)
         expansion.model.armature[expansion.v_at] = model.armature

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
 from pinflex.text import brief
 
@@ -48,6 +49,7 @@ class System:
         loads: Forces and springs between frames.
         held: Velocity rows that stay where home has them: elastic joints of the rigid
             mechanism, what is idle, a free base but at level coupled.
+        friction: Dry friction of joints.
     """
 
     __repr__ = brief
@@ -61,6 +63,7 @@ class System:
     motors: IntArray
     loads: Loads
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    friction: DryFriction = field(default_factory=DryFriction)
 
     @property
     def nq(self) -> int:
@@ -76,6 +79,25 @@ class System:
     def n_eta(self) -> int:
         """Number of elastic coordinates."""
         return self.expansion.n_eta
+
+    def dissipation(self, v: Array) -> Array:
+        """Power that damping and friction take at speeds v (..., nv), shape (...), W."""
+        loss = np.sum(v @ self.D * v, axis=-1)
+        return np.asarray(loss + self.friction.power(v) if self.friction.present else loss)
+
+    @property
+    def sliding(self) -> System:
+        """The system without dry friction: at rest its slope would hold every joint."""
+        return replace(self, friction=DryFriction()) if self.friction.present else self
+
+    def sticks(self, prescribed: bool) -> bool:
+        """Whether dry friction acts where motors do not prescribe the speed, so that it may stick.
+
+        Args:
+            prescribed: Whether motors do; else they push, and may stick too.
+        """
+        moving = self.free if prescribed else self.unheld
+        return bool(np.any(np.isin(self.friction.rows, moving)))
 
     @cached_property
     def free(self) -> IntArray:

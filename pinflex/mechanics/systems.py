@@ -9,6 +9,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
+from pinflex.description.drives import elastic
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanics import assembly
 from pinflex.mechanics.assembly import LoopReport
@@ -17,6 +18,7 @@ from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.freedoms import Idle
+from pinflex.mechanics.friction import joint_friction
 from pinflex.mechanics.held import at_rest, elastic_rows, idle_of
 from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.joints import joint_springs
@@ -70,7 +72,8 @@ def rigid_system(
     nv = int(model.nv)
     placed = loads(description.forces, description.springs, tree.frames)
     system = System(
-        model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed
+        model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed,
+        friction=joint_friction(description, model),
     )  # fmt: skip
     guess = home_guess(description, model)
     system = replace(system, closed=_with_lengths(system, guess))
@@ -133,6 +136,10 @@ def flexible_system(
     for slot in expansion.slots:
         at = slice(n + slot.eta.start, n + slot.eta.stop)
         K[at, at], D[at, at] = slot.body.K, slot.body.D
+    gears = elastic(description.joints)
+    for place in expansion.drives:
+        gear, k = gears[place.joint], n + place.eta
+        K[k, k], D[k, k] = gear.stiffness or 0.0, gear.damping
     held = sleeves(description.loops, parts, expansion, description.name)
     loops = (*description.loops, *idle.spins)
     every = closures(loops, expansion.frames, expansion.model, held)
@@ -140,7 +147,8 @@ def flexible_system(
     every = replace(every, lengths=lengths)
     placed = loads(description.forces, description.springs, expansion.frames)
     system = System(
-        rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held
+        rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held,
+        rigid.friction,
     )  # fmt: skip
     J = np.zeros((0, n + m))
     if every.n:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery import grades, validity
+from pinflex.recovery import drives, grades, validity
 from pinflex.results.result import UNITS
 
 _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
@@ -21,6 +21,11 @@ _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
     4: "qx, qy, qz, qw",
     7: "m, m, m, qx, qy, qz, qw",
 }
+_DRIVE = {
+    **{"motor_position": "rad", "motor_speed": "rad/s", "motor_torque": "N m", "motor_power": "W"},
+    **{"position": "rad", "deflection": "rad", "speed": "rad/s", "torque": "N m", "power": "W"},
+}
+_SLIDES = {"position": "m", "deflection": "m", "speed": "m/s", "torque": "N"}  # of a drive
 ASSESSED = (
     "energy_balance",
     "grades",
@@ -68,6 +73,7 @@ def describe(
         "platform": description.platform,
         "loops": _loops(mechanism, run),
         "links": _links(mechanism) if run.system.n_eta else {},
+        "drives": drives.describe(mechanism),
         "bodies": _bodies(mechanism),
         "gravity": list(description.gravity),
         "settings": {k: _plain(v) for k, v in run.settings.items()},
@@ -215,6 +221,9 @@ def _held(mechanism: Mechanism, run: Run) -> list[str]:
 
 def _units(mechanism: Mechanism) -> dict[str, str]:
     units = {"t": "s", **UNITS}
+    for name, extra in mechanism.description.joints.items():
+        if extra.drive is not None:
+            units |= {f"drive/{name}/{key}": unit for key, unit in _DRIVE.items()}
     model = mechanism.rigid.rigid
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         if joint.nq > joint.nv:  # on a circle or a sphere: no rad among its coordinates
@@ -225,4 +234,5 @@ def _units(mechanism: Mechanism) -> dict[str, str]:
             units[f"joint/q/{name}"] = "m"
             units[f"joint/v/{name}"] = "m/s"
             units[f"joint/a/{name}"] = "m/s^2"
+            units |= {f"drive/{name}/{key}": unit for key, unit in _SLIDES.items()}
     return units

@@ -14,6 +14,7 @@ from pinflex.integrators.run import Run
 from pinflex.mechanics import workspace
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.deviation import frame_deviations
+from pinflex.recovery.drives import drives
 from pinflex.recovery.kinematics import joint_poses, pose_of
 from pinflex.recovery.links import links
 from pinflex.recovery.meta import ASSESSED, assess, describe
@@ -46,6 +47,7 @@ def result_of(
             ("frame", "body", "energy"): lambda: _found(find.motion),
             ("loop", "reaction", "residual"): lambda: _found(find.forces),
             ("link",): lambda: _found(find.links),
+            ("drive",): lambda: _found(find.drives),
         },
         {
             ("reaction_world",): lambda: _found(find.world_reactions),
@@ -119,6 +121,10 @@ class Recovery:
         """loop, reaction and residual."""
         return self._samples.forces.arrays
 
+    def drives(self) -> dict[str, Array]:
+        """drive."""
+        return drives(self._mechanism, self._run)
+
     def world_reactions(self) -> dict[str, Array]:
         """reaction_world: of tree joints, in world axes."""
         found = world_reactions(self._mechanism, self._samples)
@@ -153,7 +159,8 @@ def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[
         Arrays as documented in `pinflex.results.result`.
     """
     all_of = Recovery(mechanism, run, lambda: rigid_path)
-    return all_of.states() | all_of.motion() | all_of.forces() | all_of.links()
+    found = all_of.states() | all_of.motion() | all_of.forces() | all_of.links()
+    return found | all_of.drives()
 
 
 def _bodies(mechanism: Mechanism) -> list[str]:
@@ -174,7 +181,7 @@ def _energy_flow(run: Run) -> dict[str, Array]:
         return {"energy/work": run.work[:, 0], "energy/dissipated": run.work[:, 1]}
     speed = run.v[:, run.system.motors]
     power = np.sum(run.torque * speed, axis=1)
-    loss = np.einsum("ti,ij,tj->t", run.v, run.system.D, run.v)
+    loss = run.system.dissipation(run.v)
     dt = np.diff(run.t)
 
     def total(p: Array) -> Array:

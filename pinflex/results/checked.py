@@ -40,6 +40,9 @@ _META: dict[str, Any] = {
     "units": {None: str},
     "sources": {None: str},
     "versions": {None: str},
+    "drives": {
+        None: {"gear": _NUMBER, "efficiency": _NUMBER, "limit_curve": [[_NUMBER]]},
+    },
     "bodies": {None: {"points": [[_NUMBER]], "mass": _NUMBER, "radius": _NUMBER}},
     "links": {
         None: {

@@ -11,6 +11,7 @@ import numpy as np
 
 from pinflex.errors import DescriptionError
 from pinflex.results import comparison_text, verdict
+from pinflex.results.drives import DriveRow, drive_row
 from pinflex.results.residual import BAND, residual, stops
 from pinflex.results.result import Result, peak, rms, same_grid
 from pinflex.text import brief
@@ -113,6 +114,7 @@ class Comparison:
         band: Deviation that does no harm [m]. levels: Each against rigid and against the best.
         verdict: The answer in a few sentences. start: What to know of the start, "" for nothing.
         falls: Last instant with an equilibrium, where there is none to the end [s].
+        drives: Both sides of each gear, by level.
         unsolved: Why a level is missing, by level.
     """
 
@@ -133,6 +135,7 @@ class Comparison:
     verdict: str = ""
     start: str = ""
     falls: float | None = None
+    drives: tuple[DriveRow, ...] = ()
 
     def to_json(self) -> str:
         """The same numbers as JSON with stable keys; absent numbers are null."""
@@ -204,6 +207,7 @@ def comparison(
         band=band,
         start=start,
         falls=falls,
+        drives=_drive_rows(every),
     )
     table = replace(table, levels=verdict.level_rows(table, every, frame, times))
     return replace(table, verdict=verdict.words(table))
@@ -227,6 +231,17 @@ def _torque_rows(rigid: Result | None, others: Mapping[str, Result]) -> tuple[To
     ]
     motors = list(dict.fromkeys(motor for run in others.values() for motor in run.motors))
     return tuple(sorted(rows, key=lambda row: motors.index(row.motor)))
+
+
+def _drive_rows(runs: Mapping[str, Result]) -> tuple[DriveRow, ...]:
+    """Drive by drive, in the order of the first run."""
+    names = dict.fromkeys(name for run in runs.values() for name in run.drives)
+    return tuple(
+        drive_row(label, run, name)
+        for name in names
+        for label, run in runs.items()
+        if name in run.drives
+    )
 
 
 def _platform_rows(

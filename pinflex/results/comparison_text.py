@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pinflex.results import verdict
+from pinflex.results.drives import drive_table
 from pinflex.text import number, paragraph, short, table
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def write(c: Comparison) -> str:
     blocks = [
         *_head(c),
         _torque_table(c),
+        drive_table(c.drives),
         _platform_table(c),
         _residual_table(c),
         _stress_table(c),

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # Heads of the keys that every result has of itself.
 _OWN = (
     *("t", "torque", "multiplier", "eta", "eta_v", "eta_a", "joint", "nominal", "frame", "body"),
-    *("energy", "loop", "reaction", "residual", "link", "control", "control_time"),
+    *("energy", "loop", "reaction", "residual", "link", "drive", "control", "control_time"),
 )
 
 

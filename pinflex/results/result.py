@@ -15,6 +15,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results import archive, checked, report
+from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.results.lazy import Late
 from pinflex.results.quantities import QUANTITIES
@@ -136,6 +137,11 @@ class Result:
         return tuple(self.meta.get("links", ()))
 
     @property
+    def drives(self) -> tuple[str, ...]:
+        """Joints with a drive of which this result has both sides."""
+        return tuple(self.meta.get("drives", ()))
+
+    @property
     def torque(self) -> Array:
         """Motor torques [N m | N], shape (nt, nm)."""
         return self.array("torque")
@@ -167,6 +173,10 @@ class Result:
     def link(self, name: str) -> LinkView:
         """Deflection, section forces and stresses along one flexible link."""
         return LinkView(self, _known("flexible link", name, self.links))
+
+    def drive(self, name: str) -> DriveView:
+        """Torque, speed and power of one drive on the motor's side and on the joint's."""
+        return DriveView(self, _known("drive", name, self.drives))
 
     def loop(self, name: str) -> LoopView:
         """Force and moment that one loop joint carries."""

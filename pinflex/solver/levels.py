@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
-from pinflex.errors import DescriptionError
+from pinflex.errors import ConvergenceError, DescriptionError
 from pinflex.integrators.run import Run
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.solver.scene import Progress, Scene, default_step
 from pinflex.solver.tolerance import solve_to_tolerance
 
+_STICTION = 1e-3  # tolerance of runs that stick, where none is given
 Level = Callable[[Scene, Array, Progress | None], Run]
 
 
 def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
     """The full equations marched in time: to a tolerance, or in steps of dt.
+
+    Where neither is asked for and equal steps do not pass an instant at which dry friction brings a
+    joint to rest, steps follow the motion.
 
     Args:
         scene: What is solved. t: Samples in s, shape (nt,). progress: Called with (step, steps).
@@ -26,7 +31,15 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
     if spec.tol is not None:
         return solve_to_tolerance(scene, t, spec.tol, progress)
     dt = spec.dt if spec.dt is not None else default_step(scene.mechanism, float(t[-1]))
-    return scene.stepped(t, dt, progress)
+    try:
+        return scene.stepped(t, dt, progress)
+    except ConvergenceError as error:
+        if spec.dt is not None or scene.linear or scene.control is not None or not scene.sticks:
+            raise
+        run = solve_to_tolerance(scene, t, _STICTION, progress)
+        said = f"friction stops joints, which equal steps do not pass ({str(error).split(': ')[0]})"
+        words = f"{said}: solved with steps that follow the motion, tol = {_STICTION:g}."
+        return replace(run, warnings=(*run.warnings, words))
 
 
 def rigid(scene: Scene, t: Array, progress: Progress | None = None) -> Run:

@@ -11,6 +11,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
 from pinflex.actuation.feedback import place
+from pinflex.actuation.sampler import Sampler, drives_motors, require_instants
 from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
@@ -178,23 +179,38 @@ class Scene:
         """
         start = self._start
         dynamics = Equations(self._system)  # takes the workspace that the start has given back
-        steps = (self._alpha_steps if alpha else self._stages)(t, dynamics, resolution)
+        stops, sampler = breaks(self.motion, dynamics.system.loads), None
+        steps: Steps
+        if alpha:
+            steps = self._alpha_steps(t, dynamics, resolution)
+        else:
+            steps, sampler = self._stages(t, dynamics, resolution)
+        if sampler is not None:
+            stops = (*stops, *sampler.instants(float(t[-1])))
         try:
             run = adaptive.integrate(
-                self.mechanism.name, steps, (start.y, start.v), t,
-                breaks(self.motion, dynamics.system.loads), keeper(steps), first, scale,
-                pilot, progress,
+                self.mechanism.name, steps, (start.y, start.v), t, stops, keeper(steps), first,
+                scale, pilot, progress,
             )  # fmt: skip
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
+        if sampler is not None:
+            run = replace(run, signals=sampler.signals(run.t, run.y))
         return start.told(run)
 
-    def _stages(self, t: Array, dynamics: Equations, resolution: float) -> Steps:
-        return Stages(
-            self.mechanism, dynamics, self._path(t), resolution, self._tableau,
-            self._drive(t), self.by_forces,
+    def _stages(
+        self, t: Array, dynamics: Equations, resolution: float
+    ) -> tuple[Steps, Sampler | None]:
+        """The stages of a run, and the digital controller that acts in it."""
+        drive, sampler = self._drive(t), None
+        if self.sampled:
+            sampler, drive = self._sampler(dynamics, drive, float(t[-1]))
+        stages = Stages(
+            self.mechanism, dynamics, self._path(t), resolution, self._tableau, drive,
+            self.by_forces, sampler,
         )  # fmt: skip
+        return stages, sampler
 
     def _alpha_steps(self, t: Array, dynamics: Equations, resolution: float) -> Steps:
         ends = float(t[0]), float(t[-1])
@@ -207,6 +223,16 @@ class Scene:
     def by_forces(self) -> bool:
         """Whether forces are asked for."""
         return not self.spec.asked or "torque" in self.spec.asked
+
+    @property
+    def sticks(self) -> bool:
+        """Whether dry friction may bring joints to rest."""
+        return self.mechanism.flexible.sticks(self.spec.drive == "prescribed")
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a digital controller acts: its steps end at its instants."""
+        return self.control is not None and self.control.period is not None
 
     @property
     def linear(self) -> bool:
@@ -238,6 +264,24 @@ class Scene:
         dynamics = Equations(self._system)
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
         return start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+
+    def _sampler(
+        self, dynamics: Equations, drive: TorqueDrive | None, end: float
+    ) -> tuple[Sampler, TorqueDrive | None]:
+        """The digital controller of a run up to `end` (s), and the drive that it commands."""
+        control = self.control
+        assert control is not None
+        require_instants(self.mechanism, control, end)
+        feedback = place(self.mechanism, control, prescribed=drive is None)
+        sampler = Sampler(self.mechanism, feedback, dynamics, drive is not None)
+        if drive is not None and drives_motors(self.mechanism, control):
+            # motors that it does not drive keep the drive they have
+            own, kp, kd, rest = sampler.driven, drive.kp, drive.kd, drive.forward
+            drive = TorqueDrive(
+                np.where(own, 0.0, kp), np.where(own, 0.0, kd), drive.feed_forward,
+                lambda t: np.where(own, sampler.torque, rest(t)),
+            )  # fmt: skip
+        return sampler, drive
 
     def _drive(self, t: Array) -> TorqueDrive | None:
         if self.spec.drive != "torque":

@@ -13,8 +13,11 @@ import numpy as np
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
+from pinflex.actuation.sampler import drives_motors
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion, from_spec, hold
+from pinflex.description.shaping import read as read_shaper
+from pinflex.description.shaping import shaped
 from pinflex.description.solve import COUPLED_ONLY, SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
@@ -25,6 +28,7 @@ from pinflex.errors import (
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
+from pinflex.levels.excited import ringing
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.equations import Equations
@@ -37,6 +41,7 @@ from pinflex.solver.scene import Scene
 from pinflex.threads import one_blas_thread
 
 SAMPLES = 401
+_shaped: list[tuple[Mechanism, Motion]] = []  # the last one: its modes are dear
 Progress = Callable[[int, int], None]
 
 
@@ -72,6 +77,8 @@ def solve_level(
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)
+            if acting is not None and acting.period is not None:
+                spec = _sampled(mechanism, spec, acting, dt)
             before = None if resume is None else _before(mechanism, resume, spec, acting)
             scene = Scene(mechanism, motion, spec, acting, tolerance, before)
             run = _run(scene, end, progress)
@@ -146,6 +153,20 @@ def _control(
     return control if isinstance(control, Control) else mechanism.description.control
 
 
+def _sampled(
+    mechanism: Mechanism, spec: SolveSpec, control: Control, dt: float | None
+) -> SolveSpec:
+    """What to compute under a digital controller: steps that end at its instants."""
+    collocated = isinstance(spec.integrator, Collocation)
+    if dt is not None or not (collocated or spec.integrator in (None, *COUPLED_ONLY)):
+        raise DescriptionError(
+            f"{mechanism.name}: a digital controller (control.period) acts at instants of its own, "
+            "where steps end. Give a tol instead of dt, and no integrator."
+        )
+    drive = "torque" if drives_motors(mechanism, control) else spec.drive
+    return replace(spec, dt=None, tol=spec.tol or 1e-3, drive=drive)
+
+
 def _before(
     mechanism: Mechanism, resume: Result | str | Path, spec: SolveSpec, control: Control | None
 ) -> Run:
@@ -165,13 +186,33 @@ def _before(
 
 
 def default_motion(mechanism: Mechanism) -> Motion:
-    """The motion of the YAML; one second at rest where it has none."""
+    """The motion of the YAML, shaped where it says so; one second at rest where it has none."""
     block = mechanism.description.motion
     if block is None:
         return hold(duration=1.0)
-    path = mechanism.description.path
+    motion, where = plain_motion(mechanism), f"{mechanism.name}.yaml: motion.shaper"
+    asked = read_shaper(block.get("shaper"), where)
+    if asked is None:
+        return motion
+    if asked.frequencies:
+        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
+    for known, made in _shaped:
+        if known is mechanism:
+            return made
+    found = ringing(mechanism, motion, asked.modes)
+    made = shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
+    _shaped[:] = [(mechanism, made)]
+    return made
+
+
+def plain_motion(mechanism: Mechanism) -> Motion:
+    """The motion of the YAML without its shaper."""
+    path, block = mechanism.description.path, mechanism.description.motion
+    if block is None:
+        return hold(duration=1.0)
+    spec = {key: x for key, x in block.items() if key != "shaper"}
     folder = None if path is None else path.parent
-    return from_spec(block, f"{mechanism.name}.yaml: motion", folder)
+    return from_spec(spec, f"{mechanism.name}.yaml: motion", folder)
 
 
 def _run(scene: Scene, end: float, progress: Progress | None) -> Run:

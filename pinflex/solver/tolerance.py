@@ -27,6 +27,8 @@ from pinflex.solver.scene import Progress, Scene, default_step
 
 _PILOT = 0.1  # resolution of a run that tells how far the mechanism moves, to a hundredth
 _LOCAL = 2.0  # resolution of the first run over tol^1.5: where it serves, the next one is the last
+_STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose beside the
+# smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
 _ROUNDS = 8
 _LONGEST = 10.0  # resolution of a run that follows nothing
 _WAYS_OUT = "Give a larger tol, start=static, or damping for what rings;"
@@ -40,14 +42,33 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     that is asked for (`by_error_control`); level ked and a control in equal steps
     (`by_step_halving`).
     """
-    # Level ked is linear: equal steps keep its matrices. A control has a sampling period.
-    if scene.linear or scene.control is not None:
+    # Level ked is linear: equal steps keep its matrices; a continuous law is evaluated in them.
+    if scene.linear or (scene.control is not None and not scene.sampled):
         return by_step_halving(scene, t, tol, progress)
     given = scene.spec.integrator
     if not (given is None or given == "radau" or isinstance(given, Collocation)):
         return by_error_control(scene, t, tol, progress)
 
+    if scene.sticks or scene.sampled:
+        return by_refinement(scene, t, tol, progress)
     return in_one_run(scene, t, tol, progress)
+
+
+def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+    """By collocation in several runs: a digital controller does not go back to an earlier step, and
+    a joint that comes to rest an instant later is no error of its torque.
+
+    The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six
+    tenths more steps, and two runs so far apart tell errors well. In a smooth motion it brings far
+    more than threefold; a faint vibration that both leave unresolved makes them agree better than
+    they should, so that less is trusted.
+    """
+
+    def attempt(resolution: float, coarser: Run | None) -> Run:
+        return scene.resolved(t, resolution, progress, coarser, pilot=coarser is None)
+
+    first = (_STICKING if scene.sticks else 8.0) * tol
+    return _Refinement(scene, t, tol, attempt, first, 16.0, 3.0).run()
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:

@@ -9,14 +9,21 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.bodies.summary import summary
-from pinflex.description.motion import from_spec
 from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, SceneError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.studies import check_warnings
-from pinflex.studies.check_parts import LinkCheck, LoopCheck, link_check, loop_checks
+from pinflex.solver.solve import default_motion
+from pinflex.studies import check_urdf, check_warnings
+from pinflex.studies.check_parts import (
+    DriveCheck,
+    LinkCheck,
+    LoopCheck,
+    drive_checks,
+    link_check,
+    loop_checks,
+)
 from pinflex.studies.check_statics import Statics, statics
 from pinflex.studies.mode_shapes import first_modes, rigid_body
 from pinflex.text import brief
@@ -37,6 +44,7 @@ class Check:
         loops, links: One record each.
         platform: Frame, or None.
         elastic_joints: Coordinates with a spring that the rigid level holds.
+        drives: Joints with a drive or with friction. urdf_dynamics: What is taken of the URDF's.
         idle: Freedoms that nothing hangs on, held where home has them.
         statics: Sag and holding torques.
         frequencies: [Hz]. frequency_note: Of which state.
@@ -69,6 +77,8 @@ class Check:
     warnings: tuple[str, ...] = field(default=())
     summaries: tuple[str, ...] = field(default=())
     by_joint: Mapping[str, str] = field(default_factory=dict)
+    drives: tuple[DriveCheck, ...] = field(default=())
+    urdf_dynamics: str = ""
 
 
 @one_blas_thread()
@@ -108,6 +118,8 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         idle=mechanism.idle.names,
         warnings=warnings,
         summaries=_summaries(mechanism),
+        drives=drive_checks(mechanism),
+        urdf_dynamics=check_urdf.used(description),
     )
 
 
@@ -170,8 +182,7 @@ def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     description = mechanism.description
     if description.motion is None:
         return "none given: the motors hold home", []
-    folder = None if description.path is None else description.path.parent
-    motion = from_spec(description.motion, f"{mechanism.name}.yaml: motion", folder)
+    motion = default_motion(mechanism)
     names = ", ".join(motion.names)
     moved = f" of the {motion.target} ({names})" if names else ""
     end = description.solve.until or motion.duration

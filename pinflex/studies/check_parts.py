@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinflex.description.drives import Drive, Friction
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.planes import LeftOut
@@ -65,6 +66,34 @@ class LinkCheck:
     mass_difference: float | None
     centre_shift: float | None
     inertia_difference: float | None
+
+
+@dataclass(frozen=True)
+class DriveCheck:
+    """Drive or friction of a joint, as the columns of a table.
+
+    Attributes:
+        name: Joint. drive: None where it rubs and has none. friction: None for none.
+        armature: Inertia of rotor and gear at the joint [kg m^2 | kg].
+    """
+
+    __repr__ = brief
+
+    name: str
+    drive: Drive | None
+    friction: Friction | None
+    armature: float
+
+
+def drive_checks(mechanism: Mechanism) -> tuple[DriveCheck, ...]:
+    """One record for each joint with a drive or with friction, motors first."""
+    joints = mechanism.description.joints
+    known = [*mechanism.description.actuated, *joints]
+    return tuple(
+        DriveCheck(name, joints[name].drive, joints[name].friction, joints[name].armature)
+        for name in dict.fromkeys(known)
+        if name in joints and (joints[name].drive is not None or joints[name].friction is not None)
+    )
 
 
 def loop_checks(mechanism: Mechanism) -> tuple[LoopCheck, ...]:

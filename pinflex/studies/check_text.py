@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from pinflex.description.drives import Friction
 from pinflex.studies.check import Check
 from pinflex.studies.check_parts import LinkCheck
 from pinflex.studies.check_statics import Sag, Statics
@@ -20,6 +21,7 @@ def write(c: Check) -> str:
     blocks = [
         _head(c),
         _loop_table(c),
+        _drive_table(c),
         _link_table(c),
         _inertia(c),
         _planes(c),
@@ -45,6 +47,7 @@ def _head(c: Check) -> str:
     motors = plural(len(c.motors), "motor") if c.motors else "none"
     if c.motors:
         motors += f" ({', '.join(c.motors)})"
+    gears = sum(x.drive is not None and x.drive.stiffness is not None for x in c.drives)
     rows = [
         ("URDF", f"{c.urdf}, base {c.base}"),
         ("gravity", gravity),
@@ -53,8 +56,10 @@ def _head(c: Check) -> str:
         (
             "elastic",
             f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
+            + (f" and {plural(gears, 'elastic drive')}" if gears else "")
             + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else ""),
         ),
+        *([("dynamics", c.urdf_dynamics)] if c.urdf_dynamics else []),
         *([("idle", f"{', '.join(c.idle)}: nothing hangs on it, held at home")] if c.idle else []),
         ("platform", c.platform or "none named: no deviation can be reported"),
         ("motion", c.motion),
@@ -88,6 +93,38 @@ def _loop_table(c: Check) -> str:
         state = "close to a singular pose" if sigma < _NEAR else "well away from a singular pose"
         lines.append(f"sigma_min {number(sigma)} at home (0 is singular, 1 is best): {state}")
     return "\n".join(lines)
+
+
+def _drive_table(c: Check) -> str:
+    """Drives and friction, with what is left out of them."""
+    rows = []
+    for x in c.drives:
+        d, f = x.drive, x.friction
+        row = [x.name, "-" if d is None else number(d.gear), number(x.armature)]
+        gives = d is not None and d.stiffness is not None
+        row += [number(d.stiffness), number(d.damping)] if d is not None and gives else ["-", "-"]
+        row += ["-", "-"] if f is None else [_dry(f), number(f.viscous)]
+        rows.append([*row, "-" if d is None else f"{100 * d.efficiency:g} %"])
+    if not rows:
+        return ""
+    text = table(
+        "Drives and friction, at the joint [N m, rad | N, m]",
+        "joint|gear|inertia|stiffness|damping|dry|viscous|efficiency",
+        rows,
+        (24,),
+    )
+    said = ["rotors turn about their own axes only (Spong), and there is no backlash"]
+    speeds = {x.friction.speed for x in c.drives if x.friction is not None and x.friction.dry}
+    if speeds:
+        shown = ", ".join(f"{v:g}" for v in sorted(speeds))
+        said.append(f"dry friction is smooth below {shown} rad/s or m/s, at which a joint creeps")
+    return "\n".join([text, paragraph("; ".join(said), "    ", "  ")])
+
+
+def _dry(f: Friction) -> str:
+    if f.breakaway > f.coulomb:
+        return f"{number(f.coulomb)} ({number(f.breakaway)} at rest)"
+    return number(f.coulomb)
 
 
 def _link_table(c: Check) -> str:

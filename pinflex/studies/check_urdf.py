@@ -1,11 +1,13 @@
-"""Parts of a URDF that pinflex does not use, and its limits that the model exceeds."""
+"""What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
 from pinflex.actuation.motors import motor_axes
+from pinflex.description import sources
 from pinflex.description.description import Description
+from pinflex.description.source import Source
 from pinflex.description.urdf import Limits, limits
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -13,34 +15,81 @@ _SOME = 6  # names listed before "..."
 
 
 def ignored(description: Description) -> list[str]:
-    """Sentences on joint damping, friction and mimic tags of the URDF, which have no effect."""
-    root = ET.fromstring(description.urdf_text.strip())
-    damped, rubbing, mimicking = [], [], []
-    for joint in root.findall("joint"):
-        name, dynamics = joint.get("name", ""), joint.find("dynamics")
-        if dynamics is not None:
-            extra = description.joints.get(name)
-            if _value(dynamics, "damping") and not (extra is not None and extra.damper):
-                damped.append(name)
-            if _value(dynamics, "friction"):
-                rubbing.append(name)
-        if joint.find("mimic") is not None:
-            mimicking.append(name)
+    """Sentences on what the URDF says of joints and transmissions and has no effect."""
+    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
     found = []
-    if damped:
+    if not description.use_urdf_dynamics:
+        for key in ("damping", "friction"):
+            names = _moving(tree, key)
+            if names:
+                found.append(
+                    f"{key} in the URDF is not used ({_list(names)}): use_urdf_dynamics is false."
+                )
+    several = [
+        name
+        for key in ("damping", "friction")
+        for name in _moving(tree, key)
+        if description.use_urdf_dynamics and tree.joints[name].type in ("floating", "planar")
+    ]
+    if several:
         found.append(
-            f"damping in the URDF is not used ({_list(damped)}): write joints.NAME.damper in the "
-            "YAML if it matters."
+            f"damping and friction in the URDF are not used in joints of several freedoms "
+            f"({_list(several)})."
         )
-    if rubbing:
+    geared = [
+        f"{name} {joint.reduction:g}"
+        for name, joint in tree.joints.items()
+        if abs(joint.reduction or 1.0) != 1.0 and not _driven(description, name)
+    ]
+    if geared:
         found.append(
-            f"friction in the URDF is not used ({_list(rubbing)}): there is no dry friction."
+            f"gear ratios of the URDF's transmissions are not used ({_list(geared)}): they count "
+            "where joints.NAME.drive says what the motor is."
         )
+    root = ET.fromstring(description.urdf_text.strip())
+    mimicking = [
+        joint.get("name", "") for joint in root.findall("joint") if joint.find("mimic") is not None
+    ]
     if mimicking:
         found.append(
             f"mimic in the URDF is not used ({_list(mimicking)}): these joints move by themselves."
         )
     return found
+
+
+def used(description: Description) -> str:
+    """Joints whose damping and friction are the URDF's, in words; "" for none."""
+    if not description.use_urdf_dynamics:
+        return ""
+    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
+    parts = []
+    for key in ("damping", "friction"):
+        names = [name for name in _moving(tree, key) if _as_written(description, tree, name, key)]
+        if names:
+            parts.append(f"{key} of the URDF ({_list(names)})")
+    if not parts:
+        return ""
+    return f"{' and '.join(parts)}; `use_urdf_dynamics: false` leaves them out"
+
+
+def _moving(tree: Source, key: str) -> list[str]:
+    """Joints with damping or friction of one freedom or more."""
+    moving = (joint for joint in tree.joints.values() if joint.type != "fixed")
+    return [joint.name for joint in moving if getattr(joint, key)]
+
+
+def _as_written(description: Description, tree: Source, name: str, key: str) -> bool:
+    """Whether a joint has what the URDF says of it, and not what the YAML says."""
+    extra = description.joints.get(name)
+    if extra is None:
+        return False
+    rubs = 0.0 if extra.friction is None else extra.friction.coulomb
+    return bool((extra.damper if key == "damping" else rubs) == getattr(tree.joints[name], key))
+
+
+def _driven(description: Description, name: str) -> bool:
+    extra = description.joints.get(name)
+    return extra is not None and extra.drive is not None
 
 
 def beyond_limits(
@@ -63,13 +112,6 @@ def beyond_limits(
                 f"{effort:g}."
             )
     return found
-
-
-def _value(element: ET.Element, key: str) -> float:
-    try:
-        return float(element.get(key, "0"))
-    except ValueError:
-        return 0.0
 
 
 def _list(names: list[str]) -> str:

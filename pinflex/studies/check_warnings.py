@@ -37,6 +37,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
         *_sag_warnings(rest, links),
         *heavy(mechanism.links),
         *check_urdf.ignored(description),
+        *description.notes,
         *check_urdf.beyond_limits(
             description, mechanism, rest.holding_full or rest.holding_linear or rest.holding_rigid
         ),
@@ -89,7 +90,7 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
     far = [float(np.linalg.norm(sag.position)) for sag in sags if sag is not None]
     longest = max((link.length for link in links), default=0.0)
     found = []
-    if far and max(far) > SAG_FAR * longest:
+    if far and links and max(far) > SAG_FAR * longest:  # of elastic joints alone: not judged
         found.append(
             f"the platform sags by {max(far):.3g} m, more than a tenth of the longest flexible "
             f"link ({longest:.3g} m): look for a slip of units, a joint that gives way, or a link "

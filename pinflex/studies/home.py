@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
+from pinflex.description.description import read
 from pinflex.description.home_text import with_home
-from pinflex.description.sources import read_text
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -75,7 +75,8 @@ def write_home(mechanism: Mechanism) -> Path:
             "update would undo the change. Copy its folder and give the copy."
         )
     raw = path.read_bytes()
-    if read_text(path, path.name) != mechanism.description.yaml_text:
+    # what the robot's file says joins the YAML's own text, so both are read
+    if read(path).yaml_text != mechanism.description.yaml_text:
         raise DescriptionError(
             f"{path.name}: home: the model is not that of the file (an override, or the file has "
             "changed since), and its pose may not fit. Write the changes into the file first."

@@ -96,7 +96,7 @@ def of_frequencies(
     Returns:
         Frequencies [Hz], shape (count,); their derivatives and estimated errors, shape (count,).
     """
-    state = _State(base)
+    state = ModalState(base)
     slope, error = _romberg(
         [state.derivatives(at, part * step) for part in _PARTS], step, _ROUND_OFF
     )
@@ -104,7 +104,7 @@ def of_frequencies(
     return state.frequencies[shown], slope[shown], error[shown]
 
 
-class _State:
+class ModalState:
     """The rest of a design and its modes.
 
     Attributes:
@@ -115,7 +115,8 @@ class _State:
     """
 
     def __init__(self, base: Mechanism) -> None:
-        dynamics, system = Equations(base.flexible), base.flexible
+        self.base, system = base, base.flexible
+        dynamics = Equations(system)
         found = rest(base, dynamics=dynamics)
         self.still, self.free = np.zeros(system.nv), system.free
         self.y, self.lam = found.y, found.lam
@@ -141,32 +142,48 @@ class _State:
 
     def derivatives(self, at: At, h: float) -> Array:
         """d ln(frequency) of all modes by differences of +-h at the held, then the led state."""
-        sides = [Equations(at(s).flexible) for s in (-h, h)]
-        forces = [self._unbalanced(side) for side in sides]
+        found = np.zeros(len(self.omega2))
+        for group, form in self.forms(at, h):
+            found[group] = np.linalg.eigvalsh(form)
+        return found
+
+    def forms(self, at: At, h: float) -> list[tuple[Array, Array]]:
+        """d ln(frequency) as a form on the shapes of each frequency, with their places."""
+        designs = [at(s) for s in (-h, h)]
+        sides = [Equations(design.flexible) for design in designs]
+        held = [self._held(side, d) for side, d in zip(sides, designs, strict=True)]
+        forces = [self._unbalanced(side, y) for side, y in zip(sides, held, strict=True)]
         n = len(self.free)
         led = np.asarray(np.linalg.solve(self.saddle, -(forces[1] - forces[0]) / (2.0 * h)), float)
         below, above = (
-            self._matrices(side, self._moved(side, s * led[:n]), self.lam + s * led[n:])
-            for side, s in zip(sides, (-h, h), strict=True)
+            self._matrices(side, self._moved(side, y, s * led[:n]), self.lam + s * led[n:])
+            for side, y, s in zip(sides, held, (-h, h), strict=True)
         )
         dK, dM, dJ = ((b - a) / (2.0 * h) for a, b in zip(below, above, strict=True))
-        found = np.zeros(len(self.omega2))
+        found = []
         for group in self._groups():
             x, value = self.x[:, group], float(np.mean(self.omega2[group]))
             closing = (dJ @ x).T @ self.mu[:, group]
             form = x.T @ (dK - value * dM) @ x - closing - closing.T
-            found[group] = np.linalg.eigvalsh(0.5 * (form + form.T)) / (2.0 * value)
+            found.append((group, 0.25 * (form + form.T) / value))
         return found
 
-    def _unbalanced(self, dynamics: Equations) -> Array:
-        """Residual and closures of another design at the held state."""
-        r, c = dynamics.residual(self.y, self.still, self.still, self.lam, 0.0)
+    def _held(self, dynamics: Equations, design: Mechanism) -> Array:
+        """The pose held, moved as far as another design's home is."""
+        if np.array_equal(design.home, self.base.home):
+            return self.y
+        moved = dynamics.difference(self.base.undeformed(), design.undeformed())
+        return dynamics.integrate(self.y, moved)
+
+    def _unbalanced(self, dynamics: Equations, y: Array) -> Array:
+        """Residual and closures of another design at a held pose."""
+        r, c = dynamics.residual(y, self.still, self.still, self.lam, 0.0)
         return np.concatenate([r[self.free], c])
 
-    def _moved(self, dynamics: Equations, step: Array) -> Array:
+    def _moved(self, dynamics: Equations, y: Array, step: Array) -> Array:
         dy = np.zeros(dynamics.system.nv)
         dy[self.free] = step
-        return dynamics.integrate(self.y, dy)
+        return dynamics.integrate(y, dy)
 
     def _groups(self) -> list[Array]:
         """Places of the modes, those of one frequency together."""

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.text import brief, number, table
 from pinflex.variation.measures import unit
-from pinflex.writing import replaced
+from pinflex.variation.scene_file import write_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -131,18 +129,9 @@ class Design:
         Args:
             path: Its file; paths in it are relative to its folder.
         """
-        path = Path(path)
-        raw = yaml.safe_load(self.description.yaml_text)
-        old = None if self.description.path is None else self.description.path.parent
-        for block, key in ((raw, "urdf"), (raw.get("motion") or {}, "file")):
-            if old is not None and isinstance(block.get(key), str) and (old / block[key]).is_file():
-                block[key] = os.path.relpath(old / block[key], path.absolute().parent)
         lines = [f"{key}: {a:.6g} -> {b:.6g}" for key, a, b in zip(
             self.parameters, self.first, self.best, strict=True)]  # fmt: skip
-        head = "".join(f"# {line}\n" for line in [self.sentence(), *lines, *self._limited()])
-        with replaced(path) as part:
-            part.write_text(head + yaml.safe_dump(raw, sort_keys=False), "utf-8")
-        return path
+        return write_scene(self.description, path, [self.sentence(), *lines, *self._limited()])
 
     def as_json(self) -> dict[str, Any]:
         """Plain lists and names, SI units."""

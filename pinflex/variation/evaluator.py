@@ -46,12 +46,12 @@ class Evaluator:
     ) -> None:
         self.designs, self.minimise, self.limits, self.level = designs, wanted[0], given, level
         self.bounds, self.jobs, self.journal, self.progress = bounds, jobs, journal, progress
-        self.values = np.array([p.value for p in designs.parameters])
         above = _above(limit.output for limit in given if not limit.upper)
         self.names = tuple(dict.fromkeys([*wanted, *above]))
         self.history: list[tuple[dict[str, float], dict[str, float], bool]] = []
+        self._told: set[bytes] = set()
         self._known: dict[bytes, dict[str, float] | None] = {}
-        first = self([np.zeros(len(self.values))])[0]
+        first = self([np.zeros(len(designs.parameters))])[0]
         if first is None:
             raise SceneError(f"{designs.base.name}: the first design cannot be solved.")
         self.base = first
@@ -60,7 +60,7 @@ class Evaluator:
         """Outputs at points x; None where a design cannot be solved."""
         new = {x.tobytes(): x for x in points if x.tobytes() not in self._known}
         if new:
-            cases = [self.case(x) for x in new.values()]
+            cases = [self.designs.values(x) for x in new.values()]
             description, patterns = self.designs.source, keys(self.designs.parameters)
             named = case_keys(description, cases, "design", self.level, self.names)
             records = run(
@@ -72,11 +72,6 @@ class Evaluator:
                 record = records[key]
                 self._known[x] = None if record.error else dict(record.found)
         return [self._known[x.tobytes()] for x in points]
-
-    def case(self, x: Array) -> dict[str, float]:
-        """Values by key at a point."""
-        values = (float(v) for v in self.values * np.exp(x))
-        return dict(zip(keys(self.designs.parameters), values, strict=True))
 
     def margins(self, found: Mapping[str, float] | None) -> Array:
         """Of every limit, and of the frequencies above one that has a lower limit."""
@@ -99,8 +94,10 @@ class Evaluator:
         """Objective and margins, kept in the history."""
         (found,) = self([x])
         margins = self.margins(found)
-        if found is not None:
-            self.history.append((self.case(x), found, bool(np.all(margins >= FEASIBLE))))
+        if found is not None and x.tobytes() not in self._told:  # objective and margins ask apart
+            self._told.add(x.tobytes())
+            kept = bool(np.all(margins >= FEASIBLE))
+            self.history.append((self.designs.values(x), found, kept))
         return self.objective(found), margins
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
@@ -129,16 +126,14 @@ class Evaluator:
         margins = self.margins(found)
         rows = self._rows()
         multipliers, ends, residual = kkt(slope, rates, margins, x, self.bounds)
-        case = self.case(x)
-        by_key = {p.key: p for p in self.designs.parameters}
-        changes = [c for key, value in case.items() for c in by_key[key].overrides(value)]
+        case, first = self.designs.values(x), self.designs.first
         return Design(
-            self.minimise, keys(self.designs.parameters), self.values, np.array([*case.values()]),
-            np.exp(self.bounds) * self.values[:, None], self.base, found,
+            self.minimise, keys(self.designs.parameters), first, np.array([*case.values()]),
+            np.exp(self.bounds) * first[:, None], self.base, found,
             tuple(f"{name} {'<' if limit.upper else '>'} {limit.number(self.base):.5g}"
                   for limit, name in rows),
             margins, multipliers, ends, residual, continuous, tuple(self.history),
-            self.designs.base.description.with_overrides(changes),
+            self.designs.described(case),
         )  # fmt: skip
 
 

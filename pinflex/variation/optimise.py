@@ -17,6 +17,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.description import Description
+from pinflex.description.parameters import parameters
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.threads import one_blas_thread
@@ -129,10 +130,9 @@ def _bounds(robot: Mechanism, designs: Variants, vary: Mapping[str, tuple[float,
             raise DescriptionError(
                 f"{robot.name}: vary {pattern}: {low:g} to {high:g}. Give 0 < low < high."
             )
-        count = len(variants(robot, [pattern]).parameters)
+        count = len(parameters(robot.description, [pattern])[1])
         rows += [(low, high)] * count
-    values = np.array([p.value for p in designs.parameters])
-    return np.asarray(np.log(np.array(rows) / values[:, None]), float)
+    return np.asarray(np.log(np.array(rows) / designs.first[:, None]), float)
 
 
 def _catalogue(
@@ -202,7 +202,7 @@ def _chosen(
         for row in rows:
             for key, value in row.items():
                 k = names.index(key)
-                point[k] = math.log(value / evaluate.values[k])
+                point[k] = math.log(value / evaluate.designs.first[k])
         return point
 
     every = math.prod(len(rows) for rows in catalogue) <= _MOST

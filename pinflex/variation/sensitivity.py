@@ -153,7 +153,7 @@ def sensitivities(
         if progress is not None:
             progress(row + 1, shape[0])
     return Sensitivities(
-        tuple(p.key for p in designs.parameters), np.array([p.value for p in designs.parameters]),
+        tuple(p.key for p in designs.parameters), designs.first,
         outputs, np.array([values[name] for name in outputs]), found, error,
     )  # fmt: skip
 

@@ -12,6 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import DescriptionError
@@ -36,9 +39,23 @@ class Variants:
 
     def at(self, values: Mapping[str, float]) -> Mechanism:
         """The robot with other values of some parameters, by their keys."""
+        return load(self.described(values))
+
+    def described(self, values: Mapping[str, float]) -> Description:
+        """The description with other values of some parameters, by their keys."""
         known = {parameter.key: parameter for parameter in self.parameters}
         changes = [c for key, value in values.items() for c in known[key].overrides(value)]
-        return load(self.base.description.with_overrides(changes))
+        return self.base.description.with_overrides(changes)
+
+    @property
+    def first(self) -> Array:
+        """Values of the first design, shape (parameters,)."""
+        return np.array([parameter.value for parameter in self.parameters])
+
+    def values(self, x: Array) -> dict[str, float]:
+        """Values by key at logarithms x of those over the first ones, shape (parameters,)."""
+        found = (float(value) for value in self.first * np.exp(x))
+        return dict(zip(keys(self.parameters), found, strict=True))
 
     def scaled(self, parameter: Parameter, logarithm: float) -> Mechanism:
         """The robot with one parameter multiplied by e^logarithm."""
@@ -92,7 +109,7 @@ def keys(found: Sequence[Parameter]) -> tuple[str, ...]:
     return tuple(parameter.key for parameter in found)
 
 
-_latest: list[tuple[str, tuple[str, ...], Variants]] = []
+_latest: list[tuple[tuple[str, ...], Variants]] = []
 
 
 def variants_of(description: Description, patterns: tuple[str, ...]) -> Variants:
@@ -102,9 +119,10 @@ def variants_of(description: Description, patterns: tuple[str, ...]) -> Variants
         description: The first design.
         patterns: Key paths, as of `variants`.
     """
-    for text, names, kept in _latest:
-        if (text, names) == (description.yaml_text, patterns):
+    texts = (str(description.path), description.urdf_text, description.yaml_text, *patterns)
+    for known, kept in _latest:
+        if known == texts:
             return kept
     made = variants(load(description), patterns)
-    _latest[:] = [(description.yaml_text, patterns, made)]
+    _latest[:] = [(texts, made)]
     return made

@@ -20,6 +20,7 @@ from pinflex.results.peaks import amplitudes, highest, modes_near
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Result, peak, same_grid
 from pinflex.viewer.panels import COLOURS, DPI, HEIGHT, Room, aligned, panels, title
+from pinflex.viewer.torque_speed import torque_speed
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:
@@ -284,6 +285,8 @@ def save_all(
     if rigid.motors:
         figures["torques"] = partial(torques, rigid, others)
     for label, run in list(others.items())[-1:]:
+        if run.drives:
+            figures[f"torque_speed_{label}"] = partial(torque_speed, run)
         if rigid.meta.get("platform"):
             still = None if label == "quasistatic" else others.get("quasistatic")
             figures[f"deviation_{label}"] = partial(

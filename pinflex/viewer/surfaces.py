@@ -7,7 +7,7 @@ that a saved run names no file of the machine that reads it.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
@@ -67,7 +67,18 @@ def surfaces(
         result: A run; its URDF text names the meshes.
         folders: Where `package://` and relative names are looked for, after example-robot-data.
     """
-    visuals = _visuals(result)
+    return surfaces_of(result.meta.get("sources", {}).values(), folders)
+
+
+def surfaces_of(
+    texts: Iterable[str], folders: Sequence[str | Path] = ()
+) -> tuple[dict[str, Surface], list[str]]:
+    """The same of texts, the first of which that is a URDF with visuals counts.
+
+    Args:
+        texts: Files of a robot. folders: As above.
+    """
+    visuals = _visuals(texts)
     count = sum(1 for parts in visuals.values() for part in parts if part.file)
     most = int(np.clip(TRIANGLES / max(count, 1), 200, MOST))
     roots = [*_robot_data(), *map(_folder, folders)]
@@ -132,8 +143,8 @@ def joined(pieces: list[Surface]) -> Surface:
     )
 
 
-def _visuals(result: Result) -> dict[str, list[_Visual]]:
-    for text in result.meta.get("sources", {}).values():
+def _visuals(texts: Iterable[str]) -> dict[str, list[_Visual]]:
+    for text in texts:
         if "<robot" not in text or "<visual" not in text:
             continue
         try:

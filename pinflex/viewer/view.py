@@ -14,7 +14,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -119,6 +119,37 @@ def write_modes_html(
         raise DescriptionError("view: no mode shape was given. Compute at least one mode.")
     page = {"field": "displacement", "limit": None}
     return _write(scenes, path, title or f"{scenes[0]['name']}: mode shapes", page)
+
+
+def write_runs_html(
+    runs: Mapping[str, Result],
+    path: str | Path,
+    *,
+    rigid: Result | None = None,
+    title: str | None = None,
+    meshes: Sequence[str | Path] | None = (),
+) -> Path:
+    """Write one page with a picker of runs of one mechanism, which share magnification.
+
+    Args:
+        runs: By the words that the picker shows; the first is shown first.
+        path: The .html file to write.
+        rigid: The same motion without elasticity, to compare all of them with.
+        title: Heading; default the mechanism's name.
+        meshes: As in `write_html`.
+    """
+    if not runs:
+        raise DescriptionError("view: no run was given. Give at least one.")
+    scenes: list[dict[str, Any]] = []
+    for words, run in runs.items():
+        scene = build_scene(run, rigid, "auto", meshes) | {"level": words}
+        for part in [*scene["links"], *scene["bodies"]] if scenes else []:
+            part["mesh"] = bool(part["mesh"])  # that of the first run: all show one robot
+        scenes.append(scene)
+    least = min(scene["scale"] for scene in scenes)  # pictures that can be compared
+    scenes = [scene | {"scale": least} for scene in scenes]
+    page = {"field": "von_mises", "limit": None}
+    return _write(scenes, path, title or scenes[0]["name"], page)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pinflex.results.result import Result
-from pinflex.viewer.view import write_html, write_modes_html
+from pinflex.viewer.view import write_html, write_modes_html, write_runs_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import EVIL, renamed, shape
 from tests.synthetic import synthetic_result
@@ -331,4 +331,19 @@ def test_mode_shapes_share_the_player_and_have_a_picker(
     browser.run("pinflex.show(1); pinflex.set({play: false}); pinflex.seek(1 / 140 / 4)")
     assert not np.allclose(first, browser.centreline("distal_1"), atol=1e-4)
     assert "140.0 Hz" in browser.run("return document.getElementById('sub').textContent")
+    assert browser.errors() == []
+
+
+def test_two_runs_of_one_robot_are_switched_on_one_page(
+    browser: Browser, run: Result, tmp_path: Path
+) -> None:
+    rigid = synthetic_result("rigid", samples=121)
+    runs = {"exact command": run, "rigid command": run}
+    browser.open(write_runs_html(runs, tmp_path / "two.html", rigid=rigid), "play=0")
+    labels = browser.run("return [...document.getElementById('run').options].map(o => o.text)")
+    assert labels == ["synthetic-3rrr, exact command", "synthetic-3rrr, rigid command"]
+    said = "return document.getElementById('sub').textContent"
+    assert browser.run(said) == "exact command"
+    browser.run("pinflex.show(1)")
+    assert browser.run(said) == "rigid command"
     assert browser.errors() == []

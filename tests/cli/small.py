@@ -58,6 +58,7 @@ flexible:
     inertia: beam
 motion: {kind: cycloid, joints: {motor: 0.5}, duration: 0.1}
 solve: {level: coupled, samples: 41, dt: 2.5e-4}
+use_urdf_dynamics: false
 """
 ARM_URDF = (
     '<robot name="arm">\n  <link name="base"/>\n'

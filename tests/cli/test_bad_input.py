@@ -90,9 +90,11 @@ def test_files_that_are_none_are_refused(capsys, tmp_path):
     (tmp_path / "empty.yaml").write_text("")
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00urdf")
     (tmp_path / "robot.urdf").write_text("<robot/>")
+    (tmp_path / "robot.stl").write_text("solid")
     refused(call(capsys, "check", tmp_path / "empty.yaml"), 2, "empty.yaml")
     refused(call(capsys, "check", tmp_path / "bytes.yaml"), 2, "not UTF-8")
-    refused(call(capsys, "check", tmp_path / "robot.urdf"), 2, "not a YAML file")
+    refused(call(capsys, "check", tmp_path / "robot.urdf"), 2, "robot.urdf: no <link>")
+    refused(call(capsys, "check", tmp_path / "robot.stl"), 2, "not a YAML file")
     refused(call(capsys, "check", tmp_path), 2, "holds no")
     refused(call(capsys, "check", "3rr"), 2, "no such file", "Did you mean", "3rrr")
 

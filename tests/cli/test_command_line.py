@@ -18,15 +18,28 @@ def fourbar(tmp_path_factory) -> str:
 def test_a_command_is_written_and_held_against_a_forward_run(capsys, fourbar, tmp_path):
     file = tmp_path / "command.csv"
     nonic = "motion.kind=nonic"
-    done = call(capsys, "command", fourbar, "--set", nonic, "--verify", "--json", "-o", file)
+    figure, page = tmp_path / "command.png", tmp_path / "command.html"
+    shown = ("--plot", figure, "--view", page)
+    done = call(
+        capsys, "command", fourbar, "--set", nonic, "--verify", "--json", "-o", file, *shown
+    )
     assert done.code == 0
     found = json.loads(done.out)
+    assert [path.rpartition(".")[2] for path in found["files"]] == ["csv", "png", "html"]
+    assert figure.stat().st_size > 2e4
+    assert page.stat().st_size > 3e5  # two runs
     exact, rigid = found["followed"]["exact"], found["followed"]["rigid"]
     assert exact["during"] < 1e-2 * rigid["during"]  # of 66 nm
     table = np.genfromtxt(file, delimiter=",", names=True)
     assert table.dtype.names[:2] == ("t", "motorposition")
     assert table["t"][-1] == pytest.approx(found["duration"])
     assert np.abs(table["motortorque"]).max() == pytest.approx(found["motors"]["motor"]["torque"])
+
+
+def test_a_figure_without_a_forward_run_is_refused(capsys, fourbar):
+    done = call(capsys, "command", fourbar, "--plot", "command.png")
+    assert done.code == 2
+    assert "Add --verify" in done.err
 
 
 def test_the_text_says_time_error_and_torque(capsys, fourbar):

@@ -29,6 +29,23 @@ elbow: {spring: yes}
 elbow: {rest: 1}
 elbow: {stiffness: 1}
 elbow: 3
+motor: {drive: 3}
+motor: {drive: {gears: 100}}
+motor: {drive: {gear: 0}}
+motor: {drive: {stiffness: 0}}
+motor: {drive: {damping: 1}}
+motor: {drive: {efficiency: 1.2}}
+motor: {drive: {limit_curve: [[0, 1]]}}
+motor: {drive: {limit_curve: [[1, 1], [0, 1]]}}
+motor: {drive: {stiffness: 1}, parallel_spring: 1}
+motor: {drive: {motor_inertia: 1}, rotor_inertia: 1}
+motor: {drive: {friction: {coulomb: 1}}, friction: {coulomb: 1}}
+elbow: {drive: {stiffness: 1}}
+motor: {friction: {coulomb: 2, breakaway: 1}}
+motor: {friction: {stribeck: 1}}
+motor: {friction: {coulomb: 1, breakaway: 2, stribeck: 1e-4}}
+cross: {friction: {coulomb: 1}}
+ball: {type: spherical, drive: {gear: 3}}
 ball: {type: floating}
 ball: {type: universal, axes: [x]}
 ball: {type: universal, axes: 3}
@@ -212,6 +229,21 @@ MOTIONS = """\
 {kind: formula, duration: 1, joints: {a: "q + 1"}}
 {kind: formula, duration: 1, joints: {a: "1/t"}}
 {kind: formula, duration: 1, joints: {a: "t"}, absolute: 1}
+{kind: moves, moves: {x: 1}}
+{kind: moves, moves: [{platform: {x: 1}, duration: 1}, {joints: {a: 1}, duration: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, start: -1, duration: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, from: 1, duration: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, start: 1}]}
+{kind: moves, moves: [{platform: {x: 1}, duration: 1}], duration: 0.5}
+{kind: adept, duration: 0.3, across: y, up: y}
+{kind: adept, duration: 0.3, up: w}
+{kind: adept, duration: 0.3, width: a}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: zdv}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {frequencies: 3}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, frequencies: [3, -1]}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, frequencies: 3, damping: 2}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, damping: 0.1}}
+{kind: cycloid, duration: 1, joints: {a: 1}, shaper: {kind: zv, modes: 0}}
 {kind: sampled}
 {kind: sampled, t: [0, 1, 2, 3], joints: [a]}
 {kind: sampled, t: [0, 1, 2], joints: {a: [0, 1, 2]}}

@@ -107,6 +107,21 @@ def test_a_spatial_loop_under_gravity_faster_than_its_first_period() -> None:
     assert max(during, after) < 0.05e-6  # the rigid command misses 4.7 mm
 
 
+@pytest.mark.parametrize("duration", [0.3, 0.15])
+def test_the_other_rows_of_the_spatial_table(duration: float) -> None:
+    """z of race_r2 by 30 mm; the rigid command misses by 1.1 and 2.4 mm."""
+    robot, motion = pf.load("race_r2"), nonic_motion(duration, z=0.03, rx=0.1, ry=0.05)
+    exact = pf.command(robot, motion, before=0.1, after=0.2, instants=300)
+    assert max(missed(robot, motion, exact, ("z",))) < 0.05e-6
+
+
+def test_the_other_row_of_the_planar_table(planar: pf.Mechanism) -> None:
+    """60 mm in 50 ms, less than the first period; the rigid command misses by 40 mm."""
+    motion = nonic_motion(0.05, x=0.06, y=0.03, rz=0.3)
+    exact = pf.command(planar, motion, before=0.04, after=0.06, instants=300)
+    assert max(missed(planar, motion, exact, ("x", "y"))) < 0.05e-6
+
+
 def test_the_inversion_converges_at_fourth_order_in_the_grid(planar: pf.Mechanism) -> None:
     """Differences of order 4; what deferred correction finds beyond them is left out here.
 
@@ -176,12 +191,13 @@ flexible:
     exact = np.interp(t - found.before, window, np.fft.ifft(torque).real)
     assert np.max(np.abs(found.torque[:, 0] - exact)) < 1e-3 * np.max(np.abs(exact))
     ahead = t < found.before - 0.05
+    assert 0.1 < found.actuation[0] < found.before
     # pre-actuation: the hub moves before the tip does, by more than any numerical noise
     assert np.max(np.abs(found.torque[ahead, 0])) > 1e-2 * np.max(np.abs(exact))
 
 
 def hub_torque_by_tip_acceleration(
-    omega: float, L: float, EI: float, rhoA: float, hub: float
+    omega: complex, L: float, EI: float, rhoA: float, hub: float
 ) -> complex:
     """Euler-Bernoulli beam on a hub, small motion: torque over tip acceleration."""
     if omega == 0.0:
@@ -223,3 +239,17 @@ def test_a_command_beyond_the_motors_is_refused_and_says_how_to_lift_it() -> Non
     given = {"level": "rigid", "before": 0.01, "after": 0.01, "instants": 60}
     with pytest.raises(pf.MotionError, match=r"motor_\d needs .* effort limit is 120.*limited"):
         pf.command(pf.load("delta"), quick, **given)
+
+
+def test_the_rigid_command_has_the_torques_of_the_rigid_mechanism() -> None:
+    """On a loop under gravity: the links of the closures carry their share."""
+    robot = pf.load("race_r2")
+    motion = nonic_motion(0.3, z=0.03, rx=0.1, ry=0.05)
+    found = pf.command(robot, motion, "rigid", before=0.05, after=0.05, instants=121)
+    rigid = pf.solve(robot, motion, level="rigid", samples=91)  # at the same instants
+    at = np.searchsorted(found.t, 0.05 - 1e-9) + np.arange(91)
+    t = found.t[at] - 0.05
+    for k, name in enumerate(robot.motors):
+        expected = np.interp(t, rigid.t, rigid.torque[:, k])
+        error = np.max(np.abs(found.torque[at, k] - expected)[t <= 0.3])
+        assert error < 1e-2 * np.max(np.abs(expected)), name  # interpolation between instants

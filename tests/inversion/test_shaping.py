@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+import scenes
 
 import pinflex as pf
+from pinflex.description.motion import from_spec
 from pinflex.description.shaping import shaper
+from pinflex.levels.excited import ringing
+from pinflex.solver.solve import default_motion
+from pinflex.studies.shapers import ERRORS, shapers
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.02, 0.1])
@@ -81,3 +87,95 @@ def test_bad_shapers_are_refused() -> None:
         shaper("zv", -1.0)
     with pytest.raises(pf.DescriptionError, match="below 1"):
         shaper("zv", 1.0, 1.0)
+
+
+def test_a_shaper_ten_per_cent_off_leaves_what_the_curve_says_of_a_beam(tmp_path: Path) -> None:
+    """A flexible arm whose hub turns: first mode after the motion, level coupled."""
+    bodies = [
+        scenes.Body("beam", "base", "revolute", mass=1.0, com=(0.5, 0, 0), inertia=(1e-3,) * 3),
+        scenes.Body("tip", "beam", xyz=(1, 0, 0)),
+    ]
+    yaml = "gravity: [0, 0, 0]\nplatform: tip\n"
+    yaml += "motion: {kind: nonic, joints: {beam_joint: 1.0e-3}, duration: 1.5}\n"
+    yaml += "flexible:" + scenes.UNIT_BEAM + "    basis: {kind: craig_bampton, internal: 0}\n"
+    robot = scenes.load(tmp_path, bodies, yaml)
+    found = pf.modes(robot, count=1)
+    row, f = (robot.flexible.K @ found.shapes[:, 0])[1:], found.frequencies[0]
+
+    def swing(shaper_block: str) -> float:
+        scene = robot if not shaper_block else pf.load(
+            tmp_path / "scene.yaml", ["flexible.*.inertia=beam", f"motion.shaper={shaper_block}"]
+        )  # fmt: skip
+        end = default_motion(scene).duration
+        run = pf.solve(scene, level="coupled", tol=1e-6, start="straight", until=end, samples=11)
+        x, v = (run.arrays[key][-1] @ row / (2 * np.pi * f) ** 2 for key in ("eta", "eta_v"))
+        return float(np.hypot(x, v / (2 * np.pi * f)))
+
+    plain = swing("")
+    assert plain > 1e-6
+    for kind, expected in (("zv", np.cos(np.pi / 2.2)), ("zvd", np.cos(np.pi / 2.2) ** 2)):
+        off = swing(f"{{kind: {kind}, frequencies: {1.1 * float(f)!r}}}")
+        assert off / plain == pytest.approx(expected, rel=1e-3)  # terms of second order
+    # frequencies of the modes that the motion excites, where none are given
+    assert swing("{kind: zv, modes: 1}") < 1e-4 * plain
+
+
+def test_the_table_has_the_published_widths_and_the_time() -> None:
+    """Singhose, Seering, Singer (1994): insensitivity at 5 % of ZVD .286, EI .399; ZV's by hand."""
+    robot = pf.load("delta", ["damping=null"])
+    found, rows = shapers(robot, modes=1)
+    assert found.low[0] < found.frequencies[0] < found.high[0]
+    widths = (4.0 / np.pi * np.arcsin(0.05), 0.286, 0.399)
+    for row, width, periods in zip(rows, widths, (0.5, 1.0, 1.0), strict=True):
+        assert row.width == pytest.approx(width, abs=1.5e-3)  # three published digits, read off
+        assert row.time == pytest.approx(periods / found.frequencies[0], rel=1e-12)
+    ratio = 1.0 + np.array(ERRORS)
+    np.testing.assert_allclose(rows[1].residual, np.cos(np.pi * ratio / 2) ** 2, atol=1e-14)
+    assert rows[0].along > rows[1].along  # the frequency moves by 3 % along the motion
+
+
+def test_modes_that_the_motion_does_not_excite_are_left_out() -> None:
+    """A straight vertical move of a symmetric 3-RRS excites its symmetric mode alone."""
+    robot = pf.load("race_r2")
+    found = ringing(robot, pf.nonic(platform={"z": 0.01, "rx": 0.0, "ry": 0.0}, duration=0.2))
+    every = pf.modes(robot, count=6, preload="none").frequencies
+    lateral = every[0]
+    assert every[1] == pytest.approx(lateral, rel=1e-3)  # the pair that a turn would excite
+    assert np.all(np.abs(found.frequencies / lateral - 1.0) > 0.05)
+
+
+def test_moves_add_up_and_the_adept_cycle_comes_back() -> None:
+    cycle = pf.adept(duration=0.3, back=True)
+    t = np.linspace(0.0, 0.6, 1201)
+    p, v, a = cycle.evaluate(t)
+    by_name = dict(zip(cycle.names, p.T, strict=True))
+    assert by_name["x"].max() == pytest.approx(0.305)
+    assert by_name["z"].max() == pytest.approx(0.025)
+    assert not np.any(by_name["y"])
+    np.testing.assert_allclose(p[-1], 0.0, atol=1e-15)
+    np.testing.assert_allclose(p, p[::-1], atol=1e-12)  # the way back is the way there
+    inner = slice(3, -3)
+    for rate, of in ((v, p), (a, v)):  # central differences, second order
+        slope = np.gradient(of, t, axis=0)
+        assert np.max(np.abs(slope - rate)[inner]) < 1e-3 * np.max(np.abs(rate))
+    again = from_spec(cycle.spec, "motion")
+    np.testing.assert_array_equal(again.evaluate(t)[2], a)
+    one = pf.moves(moves=cycle_rows(0.3))
+    np.testing.assert_allclose(one.evaluate(t[:601])[0], p[:601, [0, 1]], atol=1e-15)
+
+
+def cycle_rows(T: float) -> list[dict[str, object]]:
+    return [
+        {"platform": {"x": 0.0, "z": 0.025}, "duration": 0.4 * T},
+        {"platform": {"x": 0.305}, "start": 0.2 * T, "duration": 0.6 * T},
+        {"platform": {"z": -0.025}, "start": 0.6 * T, "duration": 0.4 * T},
+    ]
+
+
+def test_steps_end_where_a_shaped_motion_switches() -> None:
+    plain = pf.trapezoid(joints={"a": 1.0}, duration=1.0, ramp=0.2)
+    made = plain.shaped("zv", 5.0)
+    expected = sorted({x + late for x in (0.0, 0.2, 0.8, 1.0) for late in (0.0, 0.1)} - {0.0})
+    np.testing.assert_allclose(
+        sorted({round(x, 12) for x in made.switches}), np.unique(np.round(expected, 12))
+    )

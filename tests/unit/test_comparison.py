@@ -78,7 +78,7 @@ def test_the_json_has_stable_keys_and_si_units(rigid, flexible):
     assert list(data) == [
         *("name", "torques", "platform", "stresses", "frequencies", "costs"),
         *("frequency_note", "notes", "unsolved"),
-        *("residuals", "band", "levels", "verdict", "start", "falls"),
+        *("residuals", "band", "levels", "verdict", "start", "falls", "drives"),
     ]
     assert data["stresses"][0]["von_mises"] > 1e6  # Pa
     assert 1e-4 < data["platform"][0]["position"] < 1e-3  # m

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.description import description, flexible, loops, material, section
+from pinflex.description import description, finding, flexible, loops, material, section
 from pinflex.description.description import Basis, Description, JointExtra, SolveSpec, read
 from pinflex.description.urdf import check
 from pinflex.errors import DescriptionError, ModelNotFoundError
@@ -164,7 +164,7 @@ def test_a_shipped_model_is_found_by_its_name(
     folder = tmp_path / "bar4"
     folder.mkdir()
     write(folder).rename(folder / "bar4.yaml")
-    monkeypatch.setattr(description, "_MODEL_FOLDERS", (tmp_path,))
+    monkeypatch.setattr(finding, "_MODEL_FOLDERS", (tmp_path,))
     assert description.model_names() == ("bar4",)
     assert read("bar4").name == "bar4"
     with pytest.raises(ModelNotFoundError, match='bar5: no such file.* Did you mean "bar4"'):
@@ -180,16 +180,11 @@ def test_a_robot_of_example_robot_data_is_found_without_its_meshes(tmp_path: Pat
     assert (folder / "example-robot-data" / "robots" / "ur_description").is_dir()
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [("ur55", 'no robot "ur55" in example-robot-data. Did you mean "ur5"'), ("cassie", "an SDF")],
-)
-def test_a_robot_that_example_robot_data_lacks_is_named(
-    tmp_path: Path, name: str, text: str
-) -> None:
+def test_a_robot_that_example_robot_data_lacks_is_named(tmp_path: Path) -> None:
     pytest.importorskip("example_robot_data")
+    text = 'no robot "ur55" in example-robot-data. Did you mean "ur5"'
     with pytest.raises(DescriptionError, match=text):
-        read(write(tmp_path, f"urdf: example-robot-data:{name}\n"))
+        read(write(tmp_path, "urdf: example-robot-data:ur55\n"))
 
 
 def test_a_missing_example_robot_data_is_explained(
@@ -202,7 +197,7 @@ def test_a_missing_example_robot_data_is_explained(
 
 def test_every_key_is_explained_in_the_readme() -> None:
     text = (Path(description.__file__).parents[2] / "models" / "README.md").read_text("utf-8")
-    keys = {*description._KEYS, *flexible._KEYS, *material._KEYS, *loops.LOOP_KINDS}
+    keys = {*description.KEYS, *flexible.KEYS, *material.KEYS, *loops.LOOP_KINDS}
     for record in (JointExtra, SolveSpec, Basis):
         keys |= {field.name for field in dataclasses.fields(record)} - {"name"}
     keys |= {*material.MATERIALS, *flexible.BOUNDARIES}
@@ -534,10 +529,18 @@ def test_a_folder_without_its_file_is_named(tmp_path: Path) -> None:
         read(tmp_path)
 
 
-def test_a_urdf_is_not_a_description(tmp_path: Path) -> None:
+def test_a_urdf_alone_is_a_robot_with_a_motor_in_every_joint_of_one_freedom(tmp_path: Path) -> None:
     write(tmp_path)
-    with pytest.raises(DescriptionError, match='a YAML with "urdf: bar4.urdf"'):
-        read(tmp_path / "bar4.urdf")
+    robot = read(tmp_path / "bar4.urdf")
+    assert robot.name == "bar4"
+    assert robot.actuated == ("motor", "elbow")
+    assert robot.with_overrides(["base=free_flyer"]).base == "free_flyer"
+
+
+def test_a_file_of_another_kind_is_no_description(tmp_path: Path) -> None:
+    (tmp_path / "bar4.stl").write_text("solid")
+    with pytest.raises(DescriptionError, match='a YAML with "urdf: bar4.stl"'):
+        read(tmp_path / "bar4.stl")
 
 
 def test_a_binary_file_is_refused(tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ def test_a_section_is_read_from_a_block_with_its_own_factors() -> None:
         ({"shape": "rectangle", "width": 1}, "section.thickness: missing. Required here: width,"),
         ({"shape": "circle", "diameter": -1}, "section.diameter: -1 is out of range"),
         ({"shape": "circle", "diameter": math.nan}, "section.diameter: nan is out of range"),
-        ({"shape": "circle", "diameter": "1 mm"}, "Units are SI and never written."),
+        ({"shape": "circle", "diameter": "1 ft"}, "Units that may be written: m, cm, mm, um."),
         ({"shape": "circle", "diameter": True}, "section.diameter: True is not a number"),
         ({"shape": "circle", "radius": 1}, "section.radius: no such key."),
         ({"shape": "tube", "diameter": 2, "wall": 1}, "section.wall: 1 leaves no bore"),

@@ -11,6 +11,7 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.variation import scatter as module
 from pinflex.variation.scatter import Distribution, designs, distributions
+from pinflex.variation.variants import variants_of
 
 RANDOM = (
     Distribution("a", "normal", 0.0, 1.0),
@@ -101,3 +102,12 @@ def test_options_of_random_designs_need_random(capsys):
         main(["sweep", "cantilever", "--random", "5", "--normal", "flexible.*.material.E=1%"]) == 2
     )
     assert "at least 12 designs" in capsys.readouterr().err
+
+
+def test_robots_of_one_yaml_and_two_urdfs_are_not_mixed_up():
+    first = pf.load("cantilever").description
+    second = first.replace(urdf_text=first.urdf_text.replace("</robot>", "<!-- other --></robot>"))
+    patterns = ("flexible.*.material.E",)
+    assert variants_of(first, patterns).source is first
+    assert variants_of(second, patterns).source is second
+    assert variants_of(second, patterns) is variants_of(second, patterns)

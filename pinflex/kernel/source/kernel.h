@@ -2,7 +2,7 @@
 
    Equations and notation: pinflex/mechanics/equations.py and expansion.py. The system is
 
-     r(y, v, a, lam) = X' (rnea(Q, X v, X a + Xdot v) - J_Q' lam) + K y + D v,     c(y) = 0
+     r(y, v, a, lam) = X' (rnea(Q, X v, X a + Xdot v) - J_Q' lam) + K y + D v + F(v),  c(y) = 0
 
    Rigid joints and interfaces are the nodes of a tree. Stations that are mere mass points, and
    twists, are no nodes: they are summed into the wrench of the node that carries them. */
@@ -26,7 +26,7 @@ typedef struct {
   Int nodes, points, twists, rows;        /* of the tree; elastic rows of the map */
   Int loops, closures;                    /* closures: their rows */
   Int forces, springs, dampers;           /* between frames */
-  Int joint_springs;
+  Int joint_springs, rubs;
   const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
   const Int *parent, *kind, *node_q, *node_v;              /* nodes */
   const Int *point_node, *point_q, *point_v;               /* mass points */
@@ -39,6 +39,7 @@ typedef struct {
   const Int *force_node, *force_follows;                   /* loads */
   const Int *spring_a, *spring_b;                          /* springs between frames */
   const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
+  const Int *rub_v;                                        /* joints with dry friction */
   const Int *k_at, *k_j, *d_at, *d_j;                      /* K of eta and D by rows */
   const double *gravity;
   const double *R0, *p0, *axis, *mass, *com, *inertia;     /* nodes */
@@ -49,6 +50,7 @@ typedef struct {
   const double *force_place, *force_load;                  /* place (3,), then R F, R M or F, M */
   const double *spring_place_a, *spring_place_b, *spring_law; /* stiffness, damper, length */
   const double *joint_spring_law;                          /* stiffness, rest */
+  const double *rub_law;                                   /* F_c, E, v_s, v_0 */
   const double *k, *d, *armature;
 } Tables;
 
@@ -65,13 +67,17 @@ typedef struct {
   Lane *Q, *V, *A;
 } Work;
 
-/* map.c: Q = T(y), V = X v, A = X a + Xdot v; and X' g with K, D and the springs of joints */
+/* map.c: Q = T(y), V = X v, A = X a + Xdot v; and X' g with K, D, springs and friction of joints */
 void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a);
 void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane *r);
 
 /* tree.c */
 void outward(const Tables *t, Work *w, int placed);
 void inward(const Tables *t, Work *w);
+
+/* friction.c */
+void add_friction(const Tables *t, const Lane *v, Lane *r);
+void friction_tangent(const Tables *t, const Lane *v, double *C);
 
 /* closures.c, loads.c */
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);

@@ -36,7 +36,7 @@ static Lane angle(const Lane *y, Int paired) {
   return x;
 }
 
-/* r = X' g + armature a + K eta + D v + k (q - rest);  w->V holds g. */
+/* r = X' g + armature a + K eta + D v + k (q - rest) + F(v);  w->V holds g. */
 void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane *r) {
   const Lane *eta = y + t->nq_rigid;
   Lane *r_eta = r + t->nv_rigid;
@@ -65,4 +65,5 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
     Lane q = angle(y + t->joint_spring_q[k], t->joint_spring_paired[k]);
     r[t->joint_spring_v[k]] += law[0] * (q - law[1]);
   }
+  add_friction(t, v, r);
 }

@@ -307,4 +307,5 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   gather_up(t, lanes, &w, M, C, K);
   close_tangent(t, &w, lam, K, J);
   load_tangent(t, &w, scale, C, K);
+  friction_tangent(t, v, C);
 }

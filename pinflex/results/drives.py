@@ -1,0 +1,187 @@
+"""Drives of a result: torque, speed and power on both sides of the gear, and their peaks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.results.views import peak, rms
+from pinflex.text import brief, number, table
+
+if TYPE_CHECKING:
+    from pinflex.results.result import Result
+
+
+_PEAKS = (
+    *("motor_torque", "motor_speed", "motor_power"),
+    *("torque", "speed", "power", "deflection"),
+)
+_BEYOND = 1e9  # of a limit: a motor faster than its curve goes
+
+
+@dataclass(frozen=True)
+class DriveView:
+    """One drive of a result, on the motor's side of the gear and on the joint's.
+
+    Of an elastic drive the coordinate of the joint is the motor's over the gear ratio; `position`
+    and `speed` are those of the link.
+    """
+
+    __repr__ = brief
+
+    result: Result
+    name: str
+
+    @property
+    def motor_position(self) -> Array:
+        """Angle of the motor [rad], shape (nt,)."""
+        return self._field("motor_position")
+
+    @property
+    def motor_speed(self) -> Array:
+        """Speed of the motor [rad/s], shape (nt,)."""
+        return self._field("motor_speed")
+
+    @property
+    def motor_torque(self) -> Array:
+        """Torque of the motor: rotor, friction, and the gear with its losses [N m], (nt,)."""
+        return self._field("motor_torque")
+
+    @property
+    def motor_power(self) -> Array:
+        """Mechanical power of the motor [W], shape (nt,)."""
+        return self._field("motor_power")
+
+    @property
+    def position(self) -> Array:
+        """Position of the link behind the gear [rad | m], shape (nt,)."""
+        return self._field("position")
+
+    @property
+    def speed(self) -> Array:
+        """Speed of the link behind the gear [rad/s | m/s], shape (nt,)."""
+        return self._field("speed")
+
+    @property
+    def torque(self) -> Array:
+        """Torque that the gear gives out [N m | N], shape (nt,)."""
+        return self._field("torque")
+
+    @property
+    def power(self) -> Array:
+        """Power that the gear gives out [W], shape (nt,)."""
+        return self._field("power")
+
+    @property
+    def deflection(self) -> Array:
+        """Joint position minus motor position over the gear ratio [rad | m], shape (nt,)."""
+        return self._field("deflection")
+
+    @property
+    def limit_curve(self) -> Array:
+        """Points motor speed [rad/s], motor torque [N m], shape (n, 2); n = 0 for none."""
+        return np.array(self._meta.get("limit_curve", ()), float).reshape(-1, 2)
+
+    @property
+    def use(self) -> float | None:
+        """Largest motor torque over the limit at its speed; infinite beyond the last speed."""
+        curve = self.limit_curve
+        return share_of_limit(curve, self.motor_speed, self.motor_torque) if len(curve) else None
+
+    @property
+    def _meta(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.result.meta["drives"][self.name]
+        return found
+
+    def _field(self, key: str) -> Array:
+        return self.result.array(f"drive/{self.name}/{key}")
+
+
+def share_of_limit(curve: Array, speed: Array, torque: Array) -> float:
+    """Largest torque over the limit at its speed; infinite where the curve has ended.
+
+    Args:
+        curve: Points speed [rad/s], torque [N m], shape (n, 2).
+        speed, torque: Of a motor, shape (nt,).
+    """
+    fast, size = np.abs(speed), np.abs(torque)
+    limit = np.interp(fast, curve[:, 0], curve[:, 1])
+    limit = np.where(fast > curve[-1, 0] * (1 + 1e-12), 0.0, limit)
+    none = np.where(size > 0, np.inf, 0.0)
+    return float(np.max(np.where(limit > 0, size / np.where(limit > 0, limit, 1.0), none)))
+
+
+@dataclass(frozen=True)
+class DriveRow:
+    """Largest values of one drive in one run, to choose a motor by.
+
+    Attributes:
+        joint: Its joint. level: Of the run.
+        motor_torque, motor_rms: Peak and rms torque of the motor [N m]. motor_speed: [rad/s].
+        motor_power: [W].
+        torque, rms: Peak and rms torque at the joint [N m | N]. speed: Of the link [rad/s | m/s].
+        power: [W]. deflection: Of the gear [rad | m].
+        use: Motor torque over its limit curve; None without one, infinite beyond its speeds.
+    """
+
+    __repr__ = brief
+
+    joint: str
+    level: str
+    motor_torque: float
+    motor_rms: float
+    motor_speed: float
+    motor_power: float
+    torque: float
+    rms: float
+    speed: float
+    power: float
+    deflection: float
+    use: float | None
+
+
+def drive_row(label: str, run: Result, joint: str) -> DriveRow:
+    """The largest values of a drive of a run that carries a label."""
+    d = run.drive(joint)
+    values = {key: run.array(f"drive/{joint}/{key}") for key in _PEAKS}
+    return row_of(label, joint, values, d.limit_curve)
+
+
+def row_of(label: str, joint: str, values: Mapping[str, Array], curve: Array) -> DriveRow:
+    """The largest values of a drive.
+
+    Args:
+        label: Level of its run. joint: Its joint.
+        values: Its arrays (nt,) by name. curve: Its limit curve, shape (n, 2).
+    """
+    torque, speed = values["motor_torque"], values["motor_speed"]
+    use = min(share_of_limit(curve, speed, torque), _BEYOND) if len(curve) else None
+    largest = {key: peak(values[key]) for key in _PEAKS}
+    return DriveRow(
+        joint, label, motor_rms=rms(torque), rms=rms(values["torque"]), use=use, **largest
+    )
+
+
+def drive_table(rows: Sequence[DriveRow]) -> str:
+    """The rows as text, motor side and joint side."""
+    known = any(r.use is not None for r in rows)
+    cells = []
+    for k, r in enumerate(rows):
+        name = "" if k and rows[k - 1].joint == r.joint else r.joint
+        values = (r.motor_torque, r.motor_rms, r.motor_speed, r.motor_power, r.torque, r.rms,
+                  r.speed)  # fmt: skip
+        cells.append([name, r.level, *map(number, values), *([_use(r.use)] if known else [])])
+    return table(
+        "Drives: torque [N m], rms, speed [rad/s], power [W] of the motor; the same at the joint",
+        f"joint|level|motor|rms|speed|power|joint|rms|speed{'|of limit' if known else ''}",
+        cells,
+        (20, 12),
+    )
+
+
+def _use(x: float | None) -> str:
+    return "-" if x is None else "too fast" if x >= _BEYOND else f"{100 * x:.3g} %"

@@ -1,0 +1,269 @@
+"""Frequency response from one input to some outputs, its zeros, and a measured one beside it.
+
+Source: Bendat, Piersol (2010), Random Data, ch. 6 (H1 and coherence); Heylen, Lammens (1996),
+frequency response assurance criterion; Preumont (2018), Vibration Control of Active Structures,
+ch. 6 (collocated pairs, zeros).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.motion_keys import table
+from pinflex.errors import DescriptionError, nearest
+from pinflex.inversion.internal import zeros as internal_zeros
+from pinflex.inversion.linear_model import LinearModel, linearise
+from pinflex.levels.modes import modes
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import brief
+
+_POINTS = 2000
+_MODES = 6  # up to which the default range goes
+_BEYOND = 10.0  # times the fastest pole: a zero beyond is at infinity
+_SEGMENTS = 8  # of a record, half overlapped
+_RIGHT = 1e-6  # share of its size by which a zero lies right of the axis
+_LOW = 1e-3  # of the slowest vibration: zeros so slow are those of rigid motion
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measured frequency response.
+
+    Attributes:
+        output: Name. frequencies: [Hz], shape (n,). response: Complex, shape (n,).
+        coherence: 0 to 1, shape (n,), or None where it is not known.
+        agreement: Correlation of the model's response with it, 0 to 1.
+    """
+
+    __repr__ = brief
+
+    output: str
+    frequencies: Array
+    response: Array
+    coherence: Array | None
+    agreement: float = 0.0
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Responses of a linear model to one input.
+
+    Attributes:
+        name: Model. input, outputs: With units.
+        frequencies: [Hz], shape (nf,). response: Complex, shape (nf, outputs).
+        zeros: Finite transmission zeros of each pair [1/s].
+        collocated: Whether each output is that of the input's own place and direction.
+        natural: Undamped frequencies of the model [Hz].
+        platform_zeros: From all motor torques to as many platform coordinates [1/s], or None.
+        measured: Measured responses, if any.
+    """
+
+    __repr__ = brief
+
+    name: str
+    input: str
+    outputs: tuple[str, ...]
+    frequencies: Array
+    response: Array
+    zeros: tuple[Array, ...]
+    collocated: tuple[bool, ...]
+    natural: Array
+    platform_zeros: Array | None
+    measured: tuple[Measured, ...] = ()
+
+
+def frequency_response(
+    mechanism: Mechanism,
+    q: Array | None = None,
+    *,
+    source: str | None = None,
+    outputs: Sequence[str] = (),
+    motors: str = "torque",
+    span: tuple[float | None, float | None] = (None, None),
+    measured: str | Path | None = None,
+) -> FrequencyResponse:
+    """Response of a mechanism about its static equilibrium to one input.
+
+    Args:
+        mechanism: Mechanism.
+        q: Rigid pose, default home.
+        source: The input: a motor, or a force or moment FRAME.x ... FRAME.rz; default: the first
+            motor.
+        outputs: As in `linearise`; default: the input's own motion, and the platform coordinate
+            that it moves most.
+        motors: "torque": the motors are free, "acceleration": prescribed.
+        span: First and last frequency [Hz]; default: a tenth of the first to beyond the sixth.
+        measured: CSV file with a measured response or record; see `read_measured`.
+    """
+    source = source or (mechanism.motors[0] if mechanism.motors else "")
+    own = source in mechanism.motors
+    if not own and "." not in source:
+        hint = nearest(source, mechanism.motors)
+        raise DescriptionError(f"input: {source or 'none'}: no motor and no FRAME.AXIS.{hint}")
+    given = {"motors": motors, "forces": () if own else (source,)}
+    wanted = tuple(outputs) or _usual(mechanism, source, q, given)
+    model = linearise(mechanism, q, outputs=wanted, **given)  # type: ignore[arg-type]
+    column = mechanism.motors.index(source) if own else len(model.inputs) - 1
+    pairs = [_pair(model, column, k) for k in range(len(wanted))]
+    alive = model.frequencies[model.frequencies > 0.0]
+    f = _range(mechanism, q, alive, span)
+    made = FrequencyResponse(
+        name=mechanism.name,
+        input=model.inputs[column],
+        outputs=model.outputs,
+        frequencies=f,
+        response=model.response(f)[:, :, column],
+        zeros=tuple(_finite(one) for one in pairs),
+        collocated=tuple(_bare(name) == source for name in wanted),
+        natural=alive,
+        platform_zeros=_platform_zeros(mechanism),
+    )
+    if measured is None:
+        return made
+    found = read_measured(measured, source, wanted)
+    return replace(made, measured=tuple(_judged(one, model, column, wanted) for one in found))
+
+
+def slowest_right(zeros: Array, slowest: float) -> float | None:
+    """Size [Hz] of the slowest zero in the right half plane; None: minimum phase.
+
+    Args:
+        zeros: [1/s]. slowest: First natural frequency [Hz]; far below it motion is rigid.
+    """
+    size = np.abs(zeros)
+    counted = size > _LOW * 2.0 * np.pi * slowest
+    right = size[counted & (zeros.real > _RIGHT * size)]
+    return float(right.min()) / (2.0 * np.pi) if len(right) else None
+
+
+def read_measured(path: str | Path, source: str, outputs: Sequence[str]) -> tuple[Measured, ...]:
+    """Measured responses of a CSV file with names in its first line.
+
+    Either `frequency` [Hz] with OUTPUT.magnitude and OUTPUT.phase [deg], or OUTPUT.real and
+    OUTPUT.imag, and OUTPUT.coherence if known; or a record: `t` [s], the input and outputs by name,
+    from which H1 and the coherence are estimated (Hann windows, eight segments).
+
+    Args:
+        path: File. source: Name of the input. outputs: Names of the outputs.
+    """
+    try:
+        columns = {name: np.array(x, dtype=np.float64) for name, x in table(path).items()}
+    except ValueError as error:
+        raise DescriptionError(f"{path}: a cell is no number ({error}).") from None
+    except DescriptionError as error:
+        raise DescriptionError(str(error).replace("sampled.file", "measured", 1)) from None
+    if "frequency" in columns:
+        found = [_given(columns, name) for name in outputs]
+    elif "t" in columns and source in columns:
+        found = [_estimated(columns, source, name) for name in outputs if name in columns]
+    else:
+        raise DescriptionError(
+            f"{path}: columns {', '.join(columns)}. Give frequency and OUTPUT.magnitude, "
+            f"OUTPUT.phase; or t, {source} and outputs."
+        )
+    known = tuple(one for one in found if one is not None)
+    if not known:
+        raise DescriptionError(
+            f"{path}: none of the outputs {', '.join(outputs)} among the columns "
+            f"{', '.join(columns)}."
+        )
+    return known
+
+
+def _given(columns: dict[str, Array], name: str) -> Measured | None:
+    f, coherence = columns["frequency"], columns.get(f"{name}.coherence")
+    if f"{name}.magnitude" in columns and f"{name}.phase" in columns:
+        phase = np.deg2rad(columns[f"{name}.phase"])
+        return Measured(name, f, columns[f"{name}.magnitude"] * np.exp(1j * phase), coherence)
+    if f"{name}.real" in columns and f"{name}.imag" in columns:
+        response = columns[f"{name}.real"] + 1j * columns[f"{name}.imag"]
+        return Measured(name, f, response, coherence)
+    return None
+
+
+def _estimated(columns: dict[str, Array], source: str, name: str) -> Measured:
+    from scipy.signal import coherence, csd, welch
+
+    t, x, y = columns["t"], columns[source], columns[name]
+    step = np.diff(t)
+    if len(t) < 2 * _SEGMENTS or np.ptp(step) > 1e-3 * np.mean(step):
+        raise DescriptionError("measured: t has to be uniform, with 16 samples or more.")
+    keys: dict[str, Any] = {"fs": 1.0 / float(np.mean(step))}
+    keys["nperseg"] = 2 * len(t) // (_SEGMENTS + 1)
+    f, cross = csd(x, y, **keys)
+    response = cross / welch(x, **keys)[1]
+    return Measured(name, f[1:], response[1:], coherence(x, y, **keys)[1][1:])
+
+
+def _judged(one: Measured, model: LinearModel, column: int, wanted: Sequence[str]) -> Measured:
+    """With the frequency response assurance criterion of model and measurement."""
+    ours = model.response(one.frequencies)[:, wanted.index(one.output), column]
+    good = np.isfinite(ours) & np.isfinite(one.response)
+    a, b = ours[good], one.response[good]
+    both = np.vdot(a, a).real * np.vdot(b, b).real
+    return replace(one, agreement=float(abs(np.vdot(a, b)) ** 2 / both) if both > 0.0 else 0.0)
+
+
+def _usual(
+    mechanism: Mechanism, source: str, q: Array | None, given: dict[str, Any]
+) -> tuple[str, ...]:
+    """The input's own motion and the platform coordinate that it moves most at high rates."""
+    frame = mechanism.description.platform
+    if frame is None or source.startswith(f"{frame}."):
+        return (source,)
+    axes = tuple(f"{frame}.{axis}" for axis in "xyz")
+    model = linearise(mechanism, q, outputs=[f"{a}.acceleration" for a in axes], **given)
+    column = mechanism.motors.index(source) if source in mechanism.motors else -1
+    alive = model.frequencies[model.frequencies > 0.0]
+    high = 0.5 * float(alive[0]) if len(alive) else 1.0
+    size = np.abs(model.response(np.array([high]))[0][:, column])
+    return source, axes[int(np.argmax(size))]
+
+
+def _bare(name: str) -> str:
+    return name.removesuffix(".velocity").removesuffix(".acceleration")
+
+
+def _pair(model: LinearModel, column: int, row: int) -> LinearModel:
+    """One input and one output of a model."""
+    return replace(
+        model, B=model.B[:, [column]], C=model.C[[row]], D=model.D[[row]][:, [column]],
+        inputs=(model.inputs[column],), outputs=(model.outputs[row],),
+    )  # fmt: skip
+
+
+def _finite(pair: LinearModel) -> Array:
+    fastest = float(np.max(np.abs(pair.poles), initial=0.0))
+    found = pair.zeros()
+    return np.asarray(found[np.abs(found) < _BEYOND * fastest])
+
+
+def _platform_zeros(mechanism: Mechanism) -> Array | None:
+    if mechanism.description.platform is None or not mechanism.compliant:
+        return None
+    if not len(mechanism.flexible.motors):
+        return None
+    return internal_zeros(mechanism)
+
+
+def _range(
+    mechanism: Mechanism, q: Array | None, alive: Array, span: tuple[float | None, float | None]
+) -> Array:
+    """Frequencies [Hz], closer about the natural ones `alive`; the links decide how far."""
+    low, high = span
+    if low is None or high is None:
+        bends = mechanism.compliant
+        held = modes(mechanism, q, count=_MODES).frequencies if bends else np.zeros(0)
+        held = held[held > 0.0] if np.any(held > 0.0) else np.append(alive, 1.0)
+        low, high = low or 0.1 * float(held[0]), high or 1.6 * float(held[-1])
+    if low >= high:
+        raise DescriptionError(f"frf: from {low:g} Hz to {high:g} Hz. Give an increasing range.")
+    close = np.outer(alive, 1.0 + np.linspace(-0.02, 0.02, 40)).ravel()
+    inside = close[(close > low) & (close < high)]
+    return np.unique(np.concatenate([np.geomspace(low, high, _POINTS), inside]))

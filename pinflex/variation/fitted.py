@@ -1,0 +1,180 @@
+"""A fit: numbers with confidence intervals, what was not told, and the YAML that has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.description import Description
+from pinflex.text import brief, number, plural, table
+from pinflex.variation.comparison import Panel
+from pinflex.variation.scene_file import write_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LEVEL = 0.95
+_UNLIKELY = 0.01  # chance of so large residuals below which the model does not explain them
+_AT_BOUND = 1e-4  # of a logarithm
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Numbers of a scene that explain what was measured.
+
+    Attributes:
+        parameters: Key paths; `first` and `best` values, shape (n,); `bounds`, shape (n, 2).
+        covariance: Of their logarithms, shape (n, n); infinite where nothing measured tells them.
+        residuals: At the best values, in standard deviations, shape (rows,).
+        told: Whether standard deviations were measured; else one scale was estimated.
+        freedom: Residuals and priors, less parameters.
+        untold: What the measurements do not tell, in sentences.
+        compared: Measured and fitted numbers, as text. panels: The same for a plot.
+        solves: How many designs were compared.
+        description: The scene with the best numbers.
+    """
+
+    __repr__ = brief
+
+    parameters: tuple[str, ...]
+    first: Array
+    best: Array
+    bounds: Array
+    covariance: Array
+    residuals: Array
+    told: bool
+    freedom: int
+    untold: tuple[str, ...]
+    compared: str
+    panels: tuple[Panel, ...]
+    solves: int
+    description: Description
+
+    def __getitem__(self, key: str) -> float:
+        """The best value of a parameter."""
+        return float(self.best[self.parameters.index(key)])
+
+    @property
+    def intervals(self) -> Array:
+        """95 % confidence intervals of each parameter alone, shape (n, 2).
+
+        NaN where as many numbers were measured as fitted, and none with its standard deviation.
+        """
+        from scipy.stats import norm, t
+
+        if self.told:
+            factor = norm.ppf(0.5 + _LEVEL / 2)
+        elif self.freedom > 0:
+            factor = t.ppf(0.5 + _LEVEL / 2, self.freedom)
+        else:
+            factor = np.nan
+        spread = factor * np.sqrt(np.diag(self.covariance))
+        ends = np.exp(np.stack([-spread, spread], axis=1)) * self.best[:, None]
+        return np.sort(np.asarray(ends), axis=1)
+
+    @property
+    def misfit(self) -> float:
+        """Root of the sum of squared residuals over the freedom: 1 where they are as told."""
+        return float(np.sqrt(np.sum(self.residuals**2) / max(self.freedom, 1)))
+
+    def text(self) -> str:
+        """Values, intervals, residuals, and what was not told, for people."""
+        rows = [
+            [key, number(a), number(b), f"{100 * (b / a - 1):+.2f} %", _interval(low, high)]
+            for key, a, b, (low, high) in zip(
+                self.parameters, self.first.tolist(), self.best.tolist(), self.intervals.tolist(),
+                strict=True,
+            )
+        ]  # fmt: skip
+        heads = "parameter|before|fitted|change|95 % confidence"
+        return "\n".join([
+            table("Parameters, SI units", heads, rows, (44,), last_is_text=True), "",
+            self.compared, "", *self.sentences(),
+            f"{plural(len(self.residuals), 'residual')}, {plural(self.solves, 'comparison')}.",
+        ])  # fmt: skip
+
+    def sentences(self) -> list[str]:
+        """How well the scene explains the measurements, and what they do not tell."""
+        said = [*self._explained(), *self.untold]
+        for key, value, (low, high) in zip(self.parameters, self.best, self.bounds, strict=True):
+            if min(abs(np.log(value / low)), abs(np.log(high / value))) < _AT_BOUND:
+                said.append(f"{key} ended at its bound: widen it, or doubt the model.")
+        if not self.untold and np.all(np.isfinite(np.diag(self.covariance))):
+            said.append("Every parameter is told by the measurements.")
+        return said
+
+    def _explained(self) -> list[str]:
+        from scipy.stats import chi2
+
+        if self.freedom <= 0:
+            exact = "No number is left to check the fit"
+            return [f"{exact}." if self.told else f"{exact}, nor to estimate its confidence."]
+        if not self.told:
+            return []
+        total = float(np.sum(self.residuals**2))
+        if chi2.sf(total, self.freedom) < _UNLIKELY:
+            return [
+                f"These parameters do not explain the measurements: residuals are {self.misfit:.3g}"
+                " times the standard deviations told. Something else differs, or a mode is "
+                "another one; the intervals do not hold."
+            ]
+        return [f"Residuals are {self.misfit:.2g} times the standard deviations told: explained."]
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Measured and fitted values, and their difference below.
+
+        Args:
+            path: Where to write it, .png or .pdf.
+        """
+        from pinflex.viewer.residuals import residuals
+
+        figure = residuals([
+            (p.title, p.along, p.unit, p.x, p.measured, p.model, p.std) for p in self.panels
+        ])  # fmt: skip
+        if path is not None:
+            figure.savefig(path)
+        return figure
+
+    def write(self, path: str | Path) -> Path:
+        """Write the scene with the fitted numbers as a YAML that loads as it is.
+
+        Args:
+            path: Its file; paths in it are relative to its folder.
+        """
+        lines = [
+            f"{key}: {a:.6g} -> {b:.6g} ({_interval(low, high)})"
+            for key, a, b, (low, high) in zip(
+                self.parameters, self.first, self.best, self.intervals, strict=True
+            )
+        ]
+        return write_scene(
+            self.description, path, ["Fitted to measurements.", *lines, *self.sentences()]
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain lists and names, SI units; null for what is not told."""
+        return {
+            "parameters": {
+                key: {
+                    "first": float(a), "best": float(b),
+                    "interval": pair.tolist() if np.all(np.isfinite(pair)) else None,
+                }
+                for key, a, b, pair in zip(
+                    self.parameters, self.first, self.best, self.intervals, strict=True
+                )
+            },
+            "misfit": self.misfit,
+            "freedom": self.freedom,
+            "said": self.sentences(),
+            "solves": self.solves,
+        }  # fmt: skip
+
+
+def _interval(low: float, high: float) -> str:
+    if np.isnan(low):
+        return "not told"
+    return f"{low:.5g} to {high:.5g}" if np.isfinite(high) else "any"

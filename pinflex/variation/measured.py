@@ -1,0 +1,147 @@
+"""What was measured: files of natural frequencies, frequency responses or time histories.
+
+A CSV has a line of column names (units in brackets are skipped) and a row per value:
+
+- frequency [Hz], std [Hz], mode, FRAME.x ...: natural frequencies; all but the first optional
+- frequency [Hz], OUTPUT/INPUT.real, OUTPUT/INPUT.imag, OUTPUT/INPUT.std: frequency responses
+- t [s], joint.NAME, torque.NAME, FRAME.x, FRAME.x.acceleration ..., NAME.std: time histories
+
+Universal files (.uff, .unv) hold frequency responses as data sets 58.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError
+
+Columns = dict[str, Array]
+_UNIVERSAL = (".uff", ".unv", ".uf")
+_RESPONSE = 4  # function type of a frequency response function, data set 58
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_RATES = {8: "", 11: ".velocity", 12: ".acceleration"}  # specific data types of an ordinate
+
+
+def columns(
+    source: str | Path | Mapping[str, Any], nodes: Mapping[int, str] | None = None
+) -> Columns:
+    """Columns by name.
+
+    Args:
+        source: A CSV, a universal file, or columns by name.
+        nodes: Frames by node number, for universal files.
+
+    Raises:
+        DescriptionError: No such file, or not of the form above.
+    """
+    if isinstance(source, Mapping):
+        return _checked({k: np.asarray(v) for k, v in source.items()}, "measured")
+    path = Path(source)
+    if not path.is_file():
+        raise DescriptionError(f"measured: {path}: no such file. Give a CSV or a universal file.")
+    if path.suffix.lower() in _UNIVERSAL:
+        return _universal(path, dict(nodes or {}))
+    return _checked(_table(path), path.name)
+
+
+def _table(path: Path) -> Columns:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DescriptionError(f"{path.name}: not a CSV: {error}. Give text in UTF-8.") from None
+    if len(rows) < 2:
+        raise DescriptionError(f"{path.name}: no rows. Give names in a line, then numbers below.")
+    names = [name.split("[")[0].strip() for name in rows[0]]
+    found: dict[str, list[float]] = {name: [] for name in names}
+    for line, row in enumerate(rows[1:], 2):
+        if len(row) != len(names):
+            raise DescriptionError(
+                f"{path.name}: row {line}: {len(row)} values for {len(names)} columns. Give one "
+                "for each."
+            )
+        for name, text in zip(names, row, strict=True):
+            try:
+                found[name].append(float(text))
+            except ValueError:
+                raise DescriptionError(
+                    f"{path.name}: row {line}: {name}: {text!r:.40} is no number. Write one."
+                ) from None
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _checked(found: Columns, where: str) -> Columns:
+    """The columns, if they are of one length, finite, and over frequency or time."""
+    if "t" not in found and "frequency" not in found:
+        raise DescriptionError(
+            f"{where}: no column t and no column frequency. Columns: {', '.join(found)[:200]}."
+        )
+    sizes = {len(values) for values in found.values()}
+    if len(sizes) > 1 or 0 in sizes:
+        raise DescriptionError(f"{where}: columns of {sorted(sizes)} values. Give all as many.")
+    for name, values in found.items():
+        if not np.all(np.isfinite(values)):
+            raise DescriptionError(f"{where}: {name}: a value is not finite. Leave that row out.")
+        if name.rpartition(".")[2] == "std" and np.any(values <= 0):
+            raise DescriptionError(f"{where}: {name}: not above 0. Give a standard deviation.")
+    return found
+
+
+def _universal(path: Path, nodes: Mapping[int, str]) -> Columns:
+    try:
+        pyuff: Any = import_module("pyuff")
+    except ImportError:
+        raise DescriptionError(
+            f"{path.name}: universal files need pyuff. pip install pyuff, or give a CSV."
+        ) from None
+    try:
+        sets = pyuff.UFF(str(path)).read_sets()
+    except Exception as error:  # its parser raises what its lines make it raise
+        raise DescriptionError(f"{path.name}: pyuff cannot read it: {error}") from error
+    every = sets if isinstance(sets, list) else [sets]
+    return _responses([each for each in every if each.get("type") == 58], path.name, nodes)
+
+
+def _responses(sets: list[Mapping[str, Any]], where: str, nodes: Mapping[int, str]) -> Columns:
+    """Columns of data sets 58."""
+    found: Columns = {}
+    for each in sets:
+        if each["func_type"] != _RESPONSE:
+            continue
+        x, values = np.asarray(each["x"], float), np.asarray(each["data"], complex)
+        if "frequency" in found and not np.array_equal(found["frequency"], x):
+            raise DescriptionError(f"{where}: responses at different frequencies. Write one each.")
+        found["frequency"] = x
+        output, sign = _place(each, "rsp", nodes, where)
+        given, way = _place(each, "ref", nodes, where)
+        rate = _RATES.get(int(each.get("ordinate_spec_data_type", 8)), "")
+        name = f"{output}{rate}/{given}"
+        found[f"{name}.real"] = sign * way * values.real
+        found[f"{name}.imag"] = sign * way * values.imag
+    if not found:
+        raise DescriptionError(
+            f"{where}: no frequency response function (data set 58, function type 4). Write some."
+        )
+    return _checked(found, where)
+
+
+def _place(
+    each: Mapping[str, Any], side: str, nodes: Mapping[int, str], where: str
+) -> tuple[str, float]:
+    """FRAME.AXIS of a node and its direction, and the sign of that."""
+    node, way = int(each[f"{side}_node"]), int(each[f"{side}_dir"])
+    entity = str(each.get(f"{side}_ent_name", "")).strip()
+    name = nodes.get(node, entity if entity.upper() != "NONE" else "")
+    if not name or not 1 <= abs(way) <= 6:
+        raise DescriptionError(
+            f"{where}: node {node}, direction {way}: which frame and axis? Say --node "
+            f"{node}=FRAME; directions are 1 to 6 or their negatives."
+        )
+    return f"{name}.{_AXES[abs(way) - 1]}", float(np.sign(way))

@@ -1,0 +1,196 @@
+"""`pinflex import`, `new` and `schema`: what they write loads, and says its guesses."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import pinflex as pf
+from pinflex.__main__ import main
+from pinflex.description import schema
+from pinflex.description.json_schema import json_schema
+from tests.unit.test_formats import BARS, INERTIA, gepetto
+
+POINT = "closed_loop: [[tip_A, tip_B]]\ntype: [3d]\nname_mot: [motor]\n"
+
+ROOT = Path(pf.__file__).resolve().parents[1]
+
+
+def refused(capsys: pytest.CaptureFixture[str], words: str, *arguments: object) -> None:
+    assert main([str(a) for a in arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_an_imported_robot_loads_and_runs_as_it_is(tmp_path: Path) -> None:
+    """Gepetto's pair of files: closed home, motors, one flexible link, a motion; every level."""
+    source = gepetto(
+        tmp_path, "closed_loop: [[tip_A, tip_B]]\ntype: [3d]\nname_mot: [motor]\nimu: 1\n"
+    )
+    out = tmp_path / "bars.yaml"
+    assert main(["import", str(source), "-o", str(out), "--flexible", "coupler"]) == 0
+    text = out.read_text("utf-8")
+    assert "robot.yaml, line 4: `imu` is not taken over" in text
+    assert "GUESS" in text
+    robot = pf.load(out)
+    assert set(robot.description.home) >= {"ball", "cross"}
+    again = pf.load(out, ["flexible=null"])
+    assert np.abs(again.home - pf.load(source).home).max() < 1e-8  # written with nine digits
+    for level in ("rigid", "quasistatic", "coupled"):
+        assert pf.solve(robot, level=level, samples=5, until=0.01).worst_closure < 1e-8
+
+
+def test_without_a_wish_flexible_links_are_proposals(tmp_path: Path) -> None:
+    out = tmp_path / "bars.yaml"
+    assert main(["import", str(gepetto(tmp_path, POINT)), "-o", str(out)]) == 0
+    text = out.read_text("utf-8")
+    assert pf.load(out).description.flexible == ()
+    # and load when their # is taken away
+    start = text.index("# flexible:")
+    stop = text.index("# A small motion") if "# A small motion" in text else len(text)
+    block = re.sub(r"^# ?", "", text[start:stop], flags=re.M)
+    out.write_text(text[:start] + block.split("\n\n")[0] + "\n", "utf-8")
+    assert {part.link for part in pf.load(out).description.flexible} == {
+        "coupler",
+        "rocker",
+        "crank",
+    }
+
+
+def test_an_imported_section_is_the_width_of_what_is_drawn(tmp_path: Path) -> None:
+    for drawn, shape, widths in (
+        ('<cylinder radius="0.03" length="0.5"/>', "tube", {"diameter": 0.06}),
+        ('<box size="0.02 0.05 0.5"/>', "rectangle", {"width": 0.02, "thickness": 0.05}),
+    ):
+        path = tmp_path / f"{shape}.urdf"
+        path.write_text(
+            '<robot name="arm"><link name="base"/><link name="rod"><inertial><mass value="1"/>'
+            f'<origin xyz="0.25 0 0"/>{INERTIA}</inertial><visual><geometry>{drawn}</geometry>'
+            '<origin xyz="0.25 0 0" rpy="0 1.5707963267948966 0"/></visual></link><link name="tip">'
+            f'<inertial><mass value="1"/>{INERTIA}</inertial></link><joint name="a" '
+            'type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/></joint>'
+            '<joint name="b" type="continuous"><parent link="rod"/><child link="tip"/>'
+            '<origin xyz="0.5 0 0"/><axis xyz="0 0 1"/></joint></robot>',
+            "utf-8",
+        )
+        assert main(["new", str(path), "--flexible", "rod"]) == 0
+        raw = yaml.safe_load(path.with_suffix(".yaml").read_text("utf-8"))
+        section = raw["flexible"]["rod"]["section"]
+        assert section["shape"] == shape
+        for key, value in widths.items():  # a cylinder is drawn with 28 sides: 0.6 %
+            assert section[key] == pytest.approx(value, rel=0.01)
+
+
+def test_ends_that_coincide_are_proposed_as_loops(tmp_path: Path) -> None:
+    link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1e-3" ixy="0" ixz="0" ' + (
+        'iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>'
+    )
+    joint = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>' + (
+        '<origin xyz="{}" rpy="0 0 0"/><axis xyz="0 0 1"/></joint>'
+    )
+    text = '<robot name="v"><link name="base"/>' + "".join(
+        [link.format("a"), link.format("b"), '<link name="a_end"/><link name="b_end"/>',
+         joint.format("ja", "continuous", "base", "a", "0 0 0"),
+         joint.format("jb", "continuous", "base", "b", "0.6 0 0"),
+         joint.format("fa", "fixed", "a", "a_end", "0.3 0.4 0"),
+         joint.format("fb", "fixed", "b", "b_end", "-0.3 0.4 0")]
+    )  # fmt: skip
+    path = tmp_path / "v.urdf"
+    path.write_text(text + "</robot>", "utf-8")
+    assert main(["new", str(path)]) == 0
+    written = (tmp_path / "v.yaml").read_text("utf-8")
+    assert "# - a_end and b_end coincide at home" in written
+    assert pf.load(tmp_path / "v.yaml").description.loops == ()
+    pair = pf.load(path)  # a URDF alone
+    assert pair.description.actuated == ("ja", "jb")
+
+
+def test_what_cannot_be_imported_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = gepetto(tmp_path, POINT)
+    refused(capsys, "is there already. Give another -o FILE", "import", source)
+    refused(capsys, "ends in .yaml", "import", source, "-o", tmp_path / "a.txt")
+    refused(capsys, "no such file", "import", tmp_path / "b.urdf")
+    out = tmp_path / "c.yaml"
+    refused(capsys, "no such link", "import", source, "-o", out, "--flexible", "krank")
+    refused(capsys, "base: no beam fits", "import", source, "-o", out, "--flexible", "base")
+    assert not out.exists()
+
+
+def test_a_robot_whose_loops_do_not_close_is_written_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = gepetto(tmp_path, POINT)
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(urdf.read_text("utf-8").replace('xyz="0.4 0 0"', 'xyz="4 0 0"', 1), "utf-8")
+    out = tmp_path / "bars.yaml"
+    assert main(["import", str(source), "-o", str(out)]) == 1
+    assert "does not load yet" in capsys.readouterr().out
+    assert "does not close" in out.read_text("utf-8")
+
+
+def test_what_is_not_taken_over_is_in_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bars.xml"
+    path.write_text(BARS, "utf-8")
+    assert main(["check", str(path)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the tendon both (<fixed>) is not taken over" in said
+
+
+# The schema ----------------------------------------------------------------------------------
+
+
+def test_the_shipped_models_are_what_the_schema_says() -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    validator = jsonschema.Draft202012Validator(json_schema())
+    validator.check_schema(json_schema())
+    files = sorted((ROOT / "models").glob("*/*.yaml"))
+    assert len(files) > 12
+    for path in files:
+        raw = schema.load(path.read_text("utf-8"), path.name)
+        if "urdf" in raw:
+            assert [error.message for error in validator.iter_errors(raw)] == []
+    raw = schema.load((ROOT / "models/delta/delta.yaml").read_text("utf-8"), "delta")
+    for path, value in (
+        (("gravty",), [0, 0, 0]), (("base",), "fixd"), (("limit",), -1), (("solve", "dt"), "soon"),
+        (("motion", "kind"), "cycliod"), (("loops", "new"), {"kind": "pin", "between": ["a", "b"]}),
+    ):  # fmt: skip
+        broken = json.loads(json.dumps(raw))
+        block = broken
+        for key in path[:-1]:
+            block = block.setdefault(key, {})
+        block[path[-1]] = value
+        assert not validator.is_valid(broken), path
+
+
+def test_every_key_of_the_description_of_the_keys_is_in_the_schema(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["schema"]) == 0
+    whole = json.loads(capsys.readouterr().out)
+    known: set[str] = set()
+    pending = [whole]
+    while pending:
+        item = pending.pop()
+        if isinstance(item, dict):
+            known |= (
+                {*item.get("properties", {})} if isinstance(item.get("properties"), dict) else set()
+            )
+            pending += list(item.values())
+        elif isinstance(item, list):
+            pending += item
+    text = (ROOT / "models/README.md").read_text("utf-8")
+    tables = re.findall(r"\| key \|.*?\n((?:\|.*\n)+)", text)
+    keys = {
+        key for table in tables for row in table.splitlines()[1:]
+        for key in re.findall(r"`(\w+)`", row.split("|")[1])
+    }  # fmt: skip
+    assert len(keys) > 90
+    assert keys - known == set()

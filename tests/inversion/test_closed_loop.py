@@ -1,0 +1,180 @@
+"""Digital controllers on the coupled level, against discrete-time systems solved apart from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scenes
+from scipy.signal import StateSpace, cont2discrete, dlsim
+
+import pinflex as pf
+from pinflex.arrays import Array
+
+J, PERIOD = 0.5, 0.01  # [kg m^2]; [s]
+ARM, HUB = (pf.Travel("arm_joint"),), (pf.Effort("arm_joint"),)
+
+
+def turntable(folder: Path, effort: float = 0.0) -> pf.Mechanism:
+    """One freedom: J q'' = u."""
+    bodies = [
+        scenes.Body("arm", "base", "revolute", mass=1.0, com=(0, 0, 0), inertia=(0.1, 0.1, J))
+    ]
+    robot = scenes.load(folder, bodies, "gravity: [0, 0, 0]\nmotion: {kind: hold, duration: 1}\n")
+    if effort:
+        text = (folder / "scene.urdf").read_text().replace('effort="1e9"', f'effort="{effort}"')
+        assert f'effort="{effort}"' in text
+        (folder / "scene.urdf").write_text(text)
+        robot = pf.load(folder / "scene.yaml")
+    return robot
+
+
+@pytest.fixture(scope="module")
+def free(tmp_path_factory: pytest.TempPathFactory) -> pf.Mechanism:
+    return turntable(tmp_path_factory.mktemp("turntable"))
+
+
+def run(robot: pf.Mechanism, control: pf.Control, until: float = 1.0) -> pf.Result:
+    """Instants at every tenth of a sample."""
+    return pf.solve(
+        robot, level="coupled", control=control, until=until, samples=round(1e3 * until) + 1
+    )
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.025])
+def test_a_sampled_pd_on_a_mass_is_its_exact_discrete_system(
+    free: pf.Mechanism, delay: float
+) -> None:
+    """Parabolas between the instants at which the held torque changes, for any delay."""
+    kp, kd = 40.0, 3.0
+    control = pf.Control(
+        ARM, HUB, lambda t, m, rate, total: kp * (1 - m) - kd * rate, period=PERIOD, delay=delay
+    )
+    found = run(free, control)
+    x, u, waiting, exact, h = np.zeros(2), 0.0, [], [], 1e-3
+    for k in range(1001):
+        exact.append(x[0])
+        if k % 10 == 0:
+            waiting.append((k * h + delay, kp * (1 - x[0]) - kd * x[1]))
+        while waiting and waiting[0][0] <= k * h + 1e-9:
+            u = waiting.pop(0)[1]
+        x = np.array([x[0] + h * x[1] + h * h * u / J / 2, x[1] + h * u / J])
+    # round-off: Radau is exact on parabolas
+    np.testing.assert_allclose(found.joint("arm_joint").position, exact, atol=1e-12)
+    assert found.meta["energy_balance"] < 1e-12
+
+
+def test_a_system_as_law_is_the_closed_loop_of_python_control(free: pf.Mechanism) -> None:
+    """A lead filter with a delay of one sample, which is one more pole at zero."""
+    control = pytest.importorskip("control")
+    lead = control.tf([20.0, 60.0], [0.05, 1.0])  # continuous: made discrete by Tustin's rule
+    discrete = control.c2d(lead, PERIOD, method="bilinear")
+    plant = control.c2d(control.tf([1.0], [J, 0.0, 0.0]), PERIOD, method="zoh")
+    late = control.tf([1.0], [1.0, 0.0], PERIOD)
+    _, expected = control.step_response(control.feedback(discrete * late * plant), T=100 * PERIOD)
+    scipy_law = StateSpace(*control.ssdata(control.ss(lead)))
+    for law in (lead, discrete, control.ss(discrete), scipy_law, scipy_law.to_tf()):
+        given = pf.Control(
+            ARM, HUB, law, period=PERIOD, delay=PERIOD, reference=lambda t: np.ones(1)
+        )
+        found = run(free, given).joint("arm_joint").position[::10]
+        # of transfer functions in z near one, with roots known to 1e-8
+        np.testing.assert_allclose(found, expected[: len(found)], atol=1e-7)
+
+
+def test_a_flexible_arm_under_a_sampled_law_is_the_discrete_linear_model(tmp_path: Path) -> None:
+    bodies = [
+        scenes.Body("beam", "base", "revolute", mass=1.0, com=(0.5, 0, 0), inertia=(1e-3,) * 3),
+        scenes.Body("tip", "beam", xyz=(1, 0, 0)),
+    ]
+    yaml = "gravity: [0, 0, 0]\nplatform: tip\nmotion: {kind: hold, duration: 3}\n"
+    yaml += "joints: {beam_joint: {rotor_inertia: 0.1}}\nflexible:" + scenes.UNIT_BEAM
+    yaml += "    basis: {kind: craig_bampton, internal: 2}\n"
+    robot = scenes.load(tmp_path, bodies, yaml)
+    kp, kd, period, size = 1.0, 0.8, 0.05, 1e-4  # small, so that the linear model is the truth
+    control = pf.Control(
+        (pf.Travel("beam_joint"),),
+        (pf.Effort("beam_joint"),),
+        lambda t, m, rate, total: kp * (size - m) - kd * rate,
+        period=period,
+    )
+    found = pf.solve(robot, control=control, level="coupled", tol=1e-6, until=3.0, samples=61)
+    model = pf.linearise(robot, outputs=["beam_joint", "beam_joint.velocity", "tip.y"])
+    A, B, C, _, _ = cont2discrete((model.A, model.B, model.C, model.D), period)
+    feed = np.array([[kp, kd, 0.0]]) @ C
+    closed = (A - B @ feed, B * kp * size, C, np.zeros((3, 1)), period)
+    _, out, _ = dlsim(closed, np.ones(61))
+    tip = found.array("frame/tip/position")[:, 1]
+    for ours, theirs in ((found.joint("beam_joint").position, out[:, 0]), (tip, out[:, 2])):
+        # terms of second order: size; and the tolerance of the run
+        assert np.max(np.abs(ours - theirs)) < 1e-5 * np.max(np.abs(theirs))
+
+
+def test_torque_saturates_at_the_effort_limit_and_the_pid_does_not_wind_up(tmp_path: Path) -> None:
+    robot = turntable(tmp_path, effort=4.0)
+    gains = {"kp": 60.0, "ki": 200.0, "kd": 8.0}
+    period, target = 0.005, 1.0
+
+    def winding(t: float, m: Array, rate: Array, total: Array) -> Array:
+        error = target - m
+        return gains["kp"] * error + gains["ki"] * (target * t - total) - gains["kd"] * rate
+
+    law = pf.digital_pid(**gains, period=period, reference=target)
+    found, without = (
+        run(robot, pf.Control(ARM, HUB, one, period=period), 3.0) for one in (law, winding)
+    )
+    assert np.max(np.abs(found.torque)) == pytest.approx(4.0, rel=1e-12)
+    overshoot, worse = (x.joint("arm_joint").position.max() - target for x in (found, without))
+    assert worse > 2.0 * overshoot > 0.0  # 1.86 and 0.29 rad
+    # the law as a loop of its own, on the exact discrete mass
+    q = v = integral = 0.0
+    for _ in range(600):
+        error = target - q
+        asked = gains["kp"] * error + gains["ki"] * integral - gains["kd"] * v
+        u = min(max(asked, -4.0), 4.0)
+        if (asked - u) * error <= 0.0:
+            integral += period * error
+        q, v = q + period * v + period**2 * u / J / 2, v + period * u / J
+    assert found.joint("arm_joint").position[-1] == pytest.approx(q, abs=1e-9)
+    assert found.arrays["control/arm_joint"][0] == 4.0
+    assert law.integral == 0.0  # every run works on a copy of it
+    lifted = run(robot, pf.Control(ARM, HUB, law, period=period, limit=(np.inf,)), 0.1)
+    assert np.max(np.abs(lifted.torque)) > 50.0
+
+
+def test_a_sampled_patch_acts_as_a_continuous_one_that_is_constant() -> None:
+    changes = ["motion={kind: hold, duration: 0.1}",
+               "flexible.beam.patches={pzt: {from: 0.115, to: 0.145, constant: 5e-4}}"]  # fmt: skip
+    robot = pf.load("prprp", ["flexible.beam.basis={kind: assumed, boundary: free_free, modes: 8}",
+                              *changes])  # fmt: skip
+    volts = (pf.Voltage("pzt"),)
+
+    def law(t: float, m: Array, rate: Array, total: Array) -> Array:
+        return np.array([100.0])
+
+    held = pf.solve(robot, level="coupled", tol=1e-5, until=0.1, samples=51, start="straight",
+                    control=pf.Control((), volts, law, period=0.01))  # fmt: skip
+    same = pf.solve(robot, level="coupled", dt=1e-4, until=0.1, samples=51, start="straight",
+                    control=pf.Control((), volts, law))  # fmt: skip
+    a, b = (x.arrays["link/beam/deflection"][:, -1, 1] for x in (held, same))
+    assert np.max(np.abs(a - b)) < 2e-3 * np.max(np.abs(b))  # second order in dt
+    assert held.meta["energy_balance"] < 1e-4
+
+
+def test_what_a_digital_controller_cannot_be_is_refused(free: pf.Mechanism) -> None:
+    law = pf.digital_pid(1.0, period=PERIOD)
+    with pytest.raises(pf.DescriptionError, match="Give its period"):
+        pf.Control(ARM, HUB, law)
+    with pytest.raises(pf.DescriptionError, match="period: -1"):
+        pf.Control(ARM, HUB, law, period=-1.0)
+    with pytest.raises(pf.DescriptionError, match="for 1 drives"):
+        pf.Control(ARM, HUB, law, period=PERIOD, limit=(1.0, 2.0))
+    with pytest.raises(pf.DescriptionError, match="Give a tol instead of dt"):
+        pf.solve(free, level="coupled", dt=1e-3, control=pf.Control(ARM, HUB, law, period=PERIOD))
+    other = pf.Control(ARM, HUB, StateSpace([[0.5]], [[1]], [[1]], [[0]], dt=0.02), period=PERIOD)
+    with pytest.raises(pf.DescriptionError, match="sample time is 0.02 s"):
+        run(free, other)
+    two = pf.Control(ARM, HUB, StateSpace([[0.5]], [[1, 1]], [[1]], [[0, 0]]), period=PERIOD)
+    with pytest.raises(pf.DescriptionError, match="2 inputs and 1 outputs for 1 measures"):
+        run(free, two)

@@ -1,0 +1,43 @@
+"""The kinetic energy of rotors, also where Pinocchio leaves it out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinflex as pf
+from pinflex.mechanics.joints import rotor_energy_left_out
+
+ARM = """<robot name="arm"><link name="base"/>
+  <link name="rod"><inertial><mass value="2"/><inertia ixx="0.3" ixy="0" ixz="0" iyy="0.3" iyz="0"
+    izz="0.3"/></inertial></link>
+  <joint name="motor" type="continuous"><parent link="base"/><child link="rod"/>
+    <axis xyz="AXIS"/></joint></robot>"""
+SCENE = """urdf: arm.urdf
+gravity: [0, 0, 0]
+joints: {motor: {rotor_inertia: 0.5}}
+motion: {kind: cycloid, joints: {motor: 1}, duration: 0.5}
+"""
+
+
+@pytest.mark.parametrize("axis", ["0 0 1", "0 -1 0", "0.6 0 0.8"])
+def test_a_rotor_has_its_energy_whatever_its_axis(tmp_path: Path, axis: str) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM.replace("AXIS", axis), "utf-8")
+    path = tmp_path / "arm.yaml"
+    path.write_text(SCENE, "utf-8")
+    run = pf.solve(pf.load(path), level="rigid", samples=21)
+    speed = run.joint("motor").velocity
+    energy = run.array("energy/kinetic")
+    np.testing.assert_allclose(energy, 0.5 * (0.3 + 0.5) * speed**2, rtol=1e-12, atol=1e-15)
+
+
+def test_nothing_is_added_where_pinocchio_counts_it() -> None:
+    model = pin.Model()
+    for joint in (pin.JointModelRZ(), pin.JointModelPrismaticUnaligned(np.array([0.6, 0, 0.8]))):
+        at = model.addJoint(0, joint, pin.SE3.Identity(), joint.shortname())
+        model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Identity())
+    model.armature[:] = 0.5
+    assert not rotor_energy_left_out(model).any()
