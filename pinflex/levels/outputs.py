@@ -29,8 +29,9 @@ _SAMPLES = 51  # instants at which poses are compared: the samples, or every k-t
 ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands of steps are not
 # m or rad: below, there is no deviation to speak of.
 STILL = 1e-9
-
 REST = 1e-12  # m or rad
+# Outputs that are nothing to speak of below this, m or rad.
+LEAST_SIZES = dict.fromkeys(("joint positions", "platform position", "platform rotation"), STILL)
 
 
 class History(NamedTuple):
@@ -49,10 +50,6 @@ class History(NamedTuple):
         """What lies before a sample."""
         kept = self.at < sample
         return History(self.at[kept], self.apart[kept], self.size[kept])
-
-
-# Outputs that are nothing to speak of below this, m or rad.
-_LEAST = dict.fromkeys(("joint positions", "platform position", "platform rotation"), STILL)
 
 
 class Outputs:
@@ -189,8 +186,8 @@ def relative_size(key: str, apart: Array, size: Array) -> float | None:
     """Largest distance over the largest size of an output, or None where nothing can be said."""
     scale = float(np.max(size, initial=0.0))
     far = float(np.max(apart, initial=0.0))
-    if key in _LEAST:
-        return far / scale if scale > _LEAST[key] else None
+    if key in LEAST_SIZES:
+        return far / scale if scale > LEAST_SIZES[key] else None
     if scale > 0.0:
         return far / scale
     return None if far == 0.0 else np.inf

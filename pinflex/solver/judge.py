@@ -19,7 +19,7 @@ from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
 from pinflex.integrators.steps import States
-from pinflex.levels.outputs import REST, History, Outputs, relative_size
+from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
 from pinflex.solver.expected import Expected
 
 PART = 0.5  # of the tolerance: what the estimate may be at the end
@@ -29,6 +29,7 @@ RISE, FALL, LEAST = 2.0, 0.3, 0.02
 # Of what the estimate may be: what is aimed at; what is too much to go on with.
 AIM, FULL = 0.7, 0.8
 _IDLE = 0.3  # of the room that is left: a growth below it lets the steps get longer
+_SPARE = 0.05  # of what the estimate may be: the least room
 # No coarser than that, nor than so many tolerances: there steps fail, and cost more than they save.
 _COARSEST, _TOLERANCES, _FINEST = 1e-3, 2.0, 1e-13
 _HALF = 0.5  # of what is expected of an output: the least that its error is relative to
@@ -209,9 +210,12 @@ class Judge:
         return worst
 
     def _scale(self, key: str) -> float:
-        """Size of an output that its error is relative to: so far, or as it is expected to be."""
+        """Size of an output that its error is relative to: so far, or as it is expected to be.
+
+        Infinite while that is round-off.
+        """
         size = max(self._sizes.get(key, 0.0), _HALF * self._foreseen.sizes.get(key, 0.0))
-        return size if size > 0.0 else np.inf
+        return size if size > LEAST_SIZES.get(key, 0.0) else np.inf
 
     def _send_back(self, steps: Sequence[Step], errors: Array, bad: int) -> int:
         """The number of good steps before a bad one; resolution for those that replace it."""
@@ -264,7 +268,8 @@ class Judge:
         now = max(self._error, float(np.max(errors)))
         slope = (now - self._error) / max(end - self._error_at, 1e-300)
         growth = slope * min(until - end, end - begin)
-        room = max(AIM * self._allowed - now, 0.0)
+        # Some is always left: steps do not stay short where the error does not grow.
+        room = max(AIM * self._allowed - now, _SPARE * self._allowed)
         if growth > room:
             self.resolution *= max(room / growth, FALL)
         elif growth < _IDLE * room:
