@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.equations import Equations
+from pinflex.rotations import quaternion, quaternion_vector
 
 # p @ _TIMES gives the 4x4 matrix of a product from the left by each quaternion p.
 _TIMES = np.array(
@@ -70,7 +71,7 @@ class Manifold:
             c, s, cos, sin = grown * c, grown * s, np.cos(angle), np.sin(angle)
             out[:, at], out[:, at + 1] = c * cos - s * sin, s * cos + c * sin
         if len(self._sphere_q):
-            turned = _turned(moves[:, self._sphere_v])
+            turned = quaternion(moves[:, self._sphere_v])
             out[:, self._sphere_q] = _normal(_product(y[..., self._sphere_q], turned))
         out[:, n:] = y[..., n:] + moves[:, m:]
         return out
@@ -90,7 +91,7 @@ class Manifold:
             moves[:, self._circle_v] = np.arctan2(c * s1 - s * c1, c * c1 + s * s1)
         if len(self._sphere_q):
             q0, q1 = y0[:, self._sphere_q], y1[:, self._sphere_q]
-            moves[:, self._sphere_v] = _turn(_product(q0 * [-1.0, -1.0, -1.0, 1.0], q1))
+            moves[:, self._sphere_v] = quaternion_vector(_product(q0 * [-1.0, -1.0, -1.0, 1.0], q1))
         moves[:, d.n_rigid :] = y1[:, d.nq_rigid :] - y0[:, d.nq_rigid :]
         return moves
 
@@ -118,28 +119,6 @@ def _product(p: Array, q: Array) -> Array:
     """Quaternions p q, shape (..., 4), scalar last."""
     left = (p @ _TIMES).reshape(*p.shape[:-1], 4, 4)
     return np.asarray((left @ q[..., None])[..., 0])
-
-
-def _turned(angle: Array) -> Array:
-    """Quaternions (..., 4) of rotation vectors (..., 3)."""
-    half = 0.5 * np.sqrt((angle * angle).sum(axis=-1, keepdims=True))
-    out = np.empty((*angle.shape[:-1], 4))
-    # Below that sine and angle are the same.
-    safe = np.maximum(half, 1e-150)
-    out[..., :3] = (0.5 * np.sin(safe) / safe) * angle
-    out[..., 3:] = np.cos(half)
-    return out
-
-
-def _turn(q: Array) -> Array:
-    """The shorter rotation vectors (..., 3) of quaternions (..., 4)."""
-    q = np.where(q[..., 3:] < 0.0, -q, q)
-    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    # Below the smallest number whose square is one, sine and angle are the same.
-    ratio = np.where(
-        sine < 1e-150, 2.0, 2.0 * np.arctan2(sine, q[..., 3:]) / np.maximum(sine, 1e-150)
-    )
-    return np.asarray(ratio * q[..., :3])
 
 
 def _turning(angle: Array, v: Array) -> Array:

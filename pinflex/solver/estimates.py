@@ -17,7 +17,11 @@ def errors(run: Run) -> dict[str, float]:
 
 
 def floor(scene: Scene, tol: float, last: Run) -> ConvergenceError:
-    """The error of a tolerance below what round-off lets a run tell."""
+    """The error of a tolerance below what round-off lets a run tell.
+
+    Args:
+        scene: What was solved. tol: As asked for. last: The best run.
+    """
     told = 2.0 * max(errors(last).values(), default=0.0)
     least = f"{10.0 ** (np.ceil(10.0 * np.log10(max(told, 1e-300))) / 10.0):.2g}"
     failed = ConvergenceError(

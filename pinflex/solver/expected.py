@@ -34,7 +34,11 @@ class Expected:
 
 
 def expected(scene: Scene, end: float) -> Expected:
-    """Scales of a run of a scene until `end` (s)."""
+    """Scales of a run.
+
+    Args:
+        scene: What is to be solved. end: Of the run, s.
+    """
     system = scene.mechanism.loose
     if scene.spec.level != "coupled" or not system.n_eta or scene.spec.drive == "torque":
         return Expected(0.0, {})

@@ -124,7 +124,11 @@ class Judge:
         return good
 
     def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
-        """The run and the corrected one."""
+        """The run and the corrected one.
+
+        Args:
+            cost, settings: As of a `Run`.
+        """
         return self._coarse.run(cost, settings, ""), self._fine.run(cost, settings, "")
 
     def finish(self, steps: Sequence[Step]) -> None:
@@ -133,7 +137,11 @@ class Judge:
         self.take(steps)
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
-        """The corrected run so far."""
+        """The corrected run so far.
+
+        Args:
+            cost, settings, stopped: As of a `Run`.
+        """
         steps = cost["steps"]
         cost = {
             **cost,

@@ -38,30 +38,38 @@ _FAILURES = 2  # runs that may break off, or change more than the last, before i
 def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """The run at samples t (s) within a relative error tol.
 
-    Level coupled goes by Radau IIA collocation (`in_one_run`), or by a member of the alpha family
-    that is asked for (`by_error_control`); level ked and a control in equal steps
-    (`by_step_halving`).
+    Level coupled goes by Radau IIA collocation (`in_one_run`; where joints stick or a digital
+    controller acts, `by_refinement`), or by a member of the alpha family that is asked for
+    (`by_error_control`); level ked and a continuous control in equal steps (`by_step_halving`).
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        tol: Relative error of each output.
+        progress: Called with (step, steps).
     """
     # Level ked is linear: equal steps keep its matrices; a continuous law is evaluated in them.
     if scene.linear or (scene.control is not None and not scene.sampled):
         return by_step_halving(scene, t, tol, progress)
-    given = scene.spec.integrator
+    given = scene.spec.method
     if not (given is None or given == "radau" or isinstance(given, Collocation)):
         return by_error_control(scene, t, tol, progress)
-
     if scene.sticks or scene.sampled:
         return by_refinement(scene, t, tol, progress)
     return in_one_run(scene, t, tol, progress)
 
 
 def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
-    """By collocation in several runs: a digital controller does not go back to an earlier step, and
-    a joint that comes to rest an instant later is no error of its torque.
+    """By collocation in several runs, each at a sixteenth of the resolution of the last.
 
-    The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six
+    A digital controller does not go back to an earlier step, and a joint that comes to rest an
+    instant later is no error of its torque: one run cannot judge itself then. The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six
     tenths more steps, and two runs so far apart tell errors well. In a smooth motion it brings far
     more than threefold; a faint vibration that both leave unresolved makes them agree better than
     they should, so that less is trusted.
+
+    Args:
+        scene, t, tol, progress: As in `solve_to_tolerance`.
     """
 
     def attempt(resolution: float, coarser: Run | None) -> Run:
@@ -72,7 +80,14 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
-    """By equal steps, half as long every time; methods of order 2."""
+    """By equal steps, half as long every time; methods of order 2.
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        tol: Relative error of each output.
+        progress: Called with (step, steps).
+    """
     # Errors of a step of 1/40 of a period are near 1e-3.
     first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
     return _Refinement(
@@ -84,6 +99,12 @@ def by_error_control(scene: Scene, t: Array, tol: float, progress: Progress | No
     """By steps of the alpha family that follow the motion, with an eighth of the local error.
 
     A local error falls with h^3, that of a run with h^2.
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        tol: Relative error of each output.
+        progress: Called with (step, steps).
     """
 
     def attempt(resolution: float, coarser: Run | None) -> Run:

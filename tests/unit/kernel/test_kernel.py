@@ -268,7 +268,7 @@ def test_every_build_that_runs_here_gives_the_same_numbers(name: str, tmp_path: 
     if build.here() != "linux-x86_64" or (name == "v3" and not kernel().said.endswith("v3")):
         pytest.skip("this processor does not run it")
     program = (
-        "import numpy as np, tests.unit.test_kernel as here\n"
+        "import numpy as np, tests.unit.kernel.test_kernel as here\n"
         "system, home = here.at_home(here.mechanism('race_r1'), 'flexible')\n"
         "print(here.kernel().said)\n"
         "here.agrees(system, home)\n"
