@@ -63,10 +63,11 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     """By collocation in several runs, each at a sixteenth of the resolution of the last.
 
     A digital controller does not go back to an earlier step, and a joint that comes to rest an
-    instant later is no error of its torque: one run cannot judge itself then. The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six
-    tenths more steps, and two runs so far apart tell errors well. In a smooth motion it brings far
-    more than threefold; a faint vibration that both leave unresolved makes them agree better than
-    they should, so that less is trusted.
+    instant later is no error of its torque: one run cannot judge itself then. The resolution falls
+    with the power of the stages, 6, of the step: a sixteenth of it costs six tenths more steps, and
+    two runs so far apart tell errors well. In a smooth motion it brings far more than threefold; a
+    faint vibration that both leave unresolved makes them agree better than they should, so that
+    less is trusted.
 
     Args:
         scene, t, tol, progress: As in `solve_to_tolerance`.
