@@ -12,7 +12,8 @@ from pinflex.kernel import build
 
 _FOLDER = Path(__file__).parent
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
-_FUNCTIONS = {
+# What the library has, with the types of answers and arguments.
+FUNCTIONS = {
     "pinflex_work_size": (_INT, (_POINTER,)),
     "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
     "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
@@ -74,7 +75,7 @@ def _declared(functions: ctypes.CDLL) -> ctypes.CDLL | None:
     functions.pinflex_fingerprint.restype = ctypes.c_char_p
     if functions.pinflex_fingerprint().decode() != build.fingerprint():
         return None
-    for name, (result, arguments) in _FUNCTIONS.items():
+    for name, (result, arguments) in FUNCTIONS.items():
         function = getattr(functions, name)
         function.restype, function.argtypes = result, arguments
     return functions

@@ -51,6 +51,7 @@ class Entry:
         every: CPU seconds in each of them.
         first: CPU seconds of pinflex's first call in a process, with the imports it needs.
         environment: Variables of its process.
+        kernel: Share of its CPU time in the compiled kernel.
     """
 
     label: str
@@ -61,6 +62,7 @@ class Entry:
     first: float = float("nan")
     every: tuple[float, ...] = ()
     environment: tuple[tuple[str, str], ...] = ()
+    kernel: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -293,6 +295,7 @@ def _timed(entries: dict[str, Entry], out: Path) -> dict[str, Entry]:
             every=tuple(c["cpu"] for c in costs[key]),
             wall=min(c["wall"] for c in costs[key]),
             first=min(c.get("first_cpu", nan) for c in costs[key]),
+            kernel=min(c.get("kernel", nan) for c in costs[key]),
         )
         for key, entry in entries.items()
     }

@@ -26,6 +26,7 @@ machine says who else was there.
 `tol` is `solve(..., tol=)` with the largest tol that meets the error; `radau` and `alpha` are
 tuned by hand, as the peer is, by one rule for all: from coarse to fine, a setting counts if it and
 the next finer one meet the error; `without the kernel` is the same setting with PINFLEX_KERNEL=0.
+`in the kernel` is the least share of CPU time that a process spent in compiled code of pinflex.
 The peer's refined run against the reference says how far both models are the same physics;
 where that is above the error asked for, 1.2 times it is the limit.
 """
@@ -112,12 +113,14 @@ def _scene(o: Outcome) -> str:
     lines += [f"- {name}: {_errors(found)}" for name, found in checks.items()]
     lines += [
         "",
-        "| | setting | errors | CPU s | wall s | first, CPU s |",
-        "|---|---|---|---|---|---|",
+        "| | setting | errors | CPU s | wall s | first, CPU s | in the kernel |",
+        "|---|---|---|---|---|---|---|",
     ]
     for key, e in o.entries.items():
         first = "-" if e.first != e.first else f"{e.first:.3f}"
-        cells = [key, e.label, _errors(e.errors), f"{e.cpu:.4f}", f"{e.wall:.4f}", first]
+        share = f"{e.kernel:.0%}" if e.kernel > 0.0 else "-"
+        times = [f"{e.cpu:.4f}", f"{e.wall:.4f}", first, share]
+        cells = [key, e.label, _errors(e.errors), *times]
         lines.append(f"| {' | '.join(cells)} |")
     missing = [key for key in ("tol", "radau", "alpha") if key not in o.entries]
     if missing:
