@@ -74,7 +74,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
     head = f"| scene | {' | '.join(columns)} | tol / tuned | no kernel | aim: tuned, tol |"
     rows = [head, "|---" * 8 + "|"]
     for o in outcomes:
-        hand, plain = ("radau", "alpha"), ("radau" + PLAIN, "alpha" + PLAIN)
+        hand, plain = ("radau", "alpha"), ("radau" + PLAIN,)
         ratios = [o.ratio(ways) for ways in (hand, ("tol",), plain, ("tol" + PLAIN,))]
         ratios += [o.ratio(hand, "tol"), o.ratio(plain, "tol" + PLAIN)]
         aim = ", ".join(
