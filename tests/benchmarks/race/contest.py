@@ -73,8 +73,8 @@ class Outcome:
         race: The scene. limits: Error to reach by output: what is asked, or the floor above it.
         checks: The reference against other models and methods: errors by name and output.
         peer_floor: The refined peer against the reference; empty without a peer.
-        entries: Those that reach the error: tol, radau, alpha, peer; tol and radau once more without
-            the compiled kernel.
+        entries: Those that reach the error: tol, radau, alpha, peer; tol and radau once more
+            without the compiled kernel.
         at_tol: Errors of solve(tol=...) with the error asked for, whether it reaches it or not.
     """
 
