@@ -53,7 +53,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (
             *("names", "kinds", "labels", "loop_of", "bodies", "local", "point_rows"),
             *("point_axes", "dot_rows", "dot_a", "dot_b", "distance_rows", "lengths"),
-            *("support_a", "support_b", "row_mask", "contacts"),
+            *("support_a", "support_b", "row_mask", "contacts", "coupled"),
         )
     ),
 }
@@ -66,6 +66,8 @@ def uncovered(system: System) -> str | None:
             return f"{record.__name__}.{min(new)}"
     if system.closed.contacts:
         return "sleeve on a flexible beam"
+    if len(system.closed.coupled.rows):
+        return "coupling of joints"
     closed = system.closed
     if len(closed.point_rows) + len(closed.dot_rows) + len(closed.distance_rows) != closed.n:
         return "closure row of another sort"

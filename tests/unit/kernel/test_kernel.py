@@ -16,6 +16,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
+from pinflex.description.couplings import Coupling
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import PinflexError
 from pinflex.kernel import build
@@ -248,6 +249,11 @@ def test_what_the_kernel_does_not_know_it_does_not_do(monkeypatch: pytest.Monkey
     with monkeypatch.context() as patch:
         patch.setitem(KNOWN, Loads, KNOWN[Loads] - {"springs"})
         assert uncovered(pf.load("3rrr").flexible) == "Loads.springs"
+    robot = pf.load("3rrr")
+    on = robot.flexible.expansion
+    follower, leader = robot.coordinates[1:3]
+    coupled = closures((), on.frames, on.model, couplings=(Coupling(follower, leader, 2.0, 0.0),))
+    assert uncovered(dataclasses.replace(robot.flexible, closed=coupled)) == "coupling of joints"
     model = pin.Model()
     model.addJoint(0, pin.JointModelHZ(), pin.SE3.Identity(), "screw")
     assert uncovered(bare(model)) == "joint of Pinocchio's kind HZ"
