@@ -102,7 +102,7 @@ class Outputs:
         """
         found: dict[str, History] = {}
         system, elastic = fine.system, fine.system.n_eta
-        if "torque" in self._asked:
+        if "torque" in self._asked and fine.torque.shape[1]:
             found["torque"] = _history(coarse.torque - fine.torque, fine.torque)
         n = int(system.rigid.nq)
         if elastic and "deflection" in self._asked:
