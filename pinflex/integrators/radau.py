@@ -151,7 +151,7 @@ class Stages(StageEquations):
         self._factors(x, so_far, 0)
         now = self.compiled.newton(self._weight, self.measured_rows)
         now.iteration, now.most, now.placed, now.fresh = 0, _MAX_ITERATIONS, 1, so_far.fresh
-        now.least = _NEWTON * min(self.resolution, _COARSE)
+        now.least = self._least
         now.round_off, now.open, now.scale = self._floor(_ROUND_OFF), self._open, self.scale
         while (end := kernel.iterate(now)) == AGED:
             self.newton.stale = True
@@ -175,10 +175,12 @@ class Stages(StageEquations):
 
     def _set_goal(self, x: Trial, so_far: _Contraction) -> None:
         so_far.reach = self._reach(x.move + x.change + self._elastic(x.start.y))
-        by_scale = (
-            (10.0 if self.loose else 1.0) * _NEWTON * min(self.resolution, _COARSE) * so_far.reach
-        )
-        so_far.goal = max(by_scale, self._floor(_ROUND_OFF))
+        so_far.goal = max(self._least * so_far.reach, self._floor(_ROUND_OFF))
+
+    @property
+    def _least(self) -> float:
+        """Correction to stop at, relative to the reach; a loose iteration is corrected later."""
+        return (10.0 if self.loose else 1.0) * _NEWTON * min(self.resolution, _COARSE)
 
     def _shut(self, x: Trial) -> bool:
         return bool(np.abs(x.c).max(initial=0.0) < self._open)
