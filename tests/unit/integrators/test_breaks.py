@@ -12,9 +12,8 @@ LATER = 0.1 + 0.2  # 0.30000000000000004: one unit of round-off after 0.3
 def deflection(**starts: float) -> np.ndarray:
     """Height of the tip under loads of 0.2 N in all that begin at these times, shape (41,)."""
     size = 0.2 / len(starts)
-    loads = [
-        f"{name}: {{at: tip, force: [0, 0, {size}], start: {t}}}" for name, t in starts.items()
-    ]
+    load = f"at: tip, force: [0, 0, {size}], start: "
+    loads = [f"{name}: {{{load}{start}}}" for name, start in starts.items()]
     robot = pf.load("cantilever", [f"forces={{{', '.join(loads)}}}"])
     run = pf.solve(robot, tol=1e-2, until=0.4, samples=41)
     assert run.t[-1] == 0.4
