@@ -210,7 +210,13 @@ def has_desktop() -> bool:
 
 
 def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) -> str:
-    """The whole page as text."""
+    """The whole page as text.
+
+    Args:
+        scenes: From `build_scene`.
+        title: Of the page.
+        page: What the page shows besides.
+    """
     parts = "\n".join(_asset(f"{name}.js") for name in PLAYER)
     player = f'"use strict";\n(async () => {{\n{parts}\n}})();'
     hash_, viewer = _viewer()
