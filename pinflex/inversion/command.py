@@ -18,6 +18,7 @@ from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
 from pinflex.inversion.exact import invert
 from pinflex.inversion.flat import flat
+from pinflex.inversion.grid import instants_over
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import rest_needed
 from pinflex.inversion.limits import require_within_curves, require_within_limits
@@ -165,7 +166,8 @@ def command(
             motion, or as many independent ones as there are motors.
         before, after: Rest ahead of the motion and after it, s; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
-        instants: Number of grid points; default: 150 over the motion.
+        instants: Number of grid points; default: 150 over the motion, of level exact more where
+            fast modes ring after it (`pinflex.inversion.grid`).
         limited: Refuse a command beyond the URDF's effort and velocity limits, or beyond the
             limit curve of a drive.
     Returns:
@@ -188,7 +190,8 @@ def command(
     _require_smooth(mechanism, motion)
     ahead, behind = _rests(mechanism, before, after)
     span = ahead + motion.duration + behind
-    n = instants or int(np.clip(_INSTANTS * span / motion.duration, _LEAST, _MOST))
+    over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
+    n = instants or int(np.clip(over * span / motion.duration, _LEAST, _MOST))
     while True:
         found, rigid = _on_grid(mechanism, motion, level, coordinates, ahead, behind, n)
         missed = float(np.max(found.error / np.maximum(rigid, 1e-300)))

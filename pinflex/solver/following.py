@@ -25,7 +25,10 @@ def rigid_torques(
 ) -> Callable[[Array], Array]:
     """Motor torques of the rigid mechanism at times in [start, end] s, (k,) to (k, nm).
 
-    None where its motors do not determine its motion.
+    Zero where its motors do not determine its motion.
+
+    Args:
+        mechanism: Mechanism. motion: Its motion. start, end: Of the run [s].
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -39,7 +42,12 @@ def rigid_torques(
 
 
 def following(mechanism: Mechanism, motion: Motion, control: Control, end: float) -> Control:
-    """The control with what its `follow` and `rigid_torque` ask for in a run up to `end` (s)."""
+    """The control with what its `follow` and `rigid_torque` ask for.
+
+    Args:
+        mechanism: Mechanism. motion: Its motion. control: A digital controller.
+        end: Of the run [s].
+    """
     found = control
     if any(control.follow):
         found = _referred(mechanism, motion, found, end)
