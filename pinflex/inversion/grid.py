@@ -38,6 +38,6 @@ def instants_over(mechanism: Mechanism, duration: float) -> int:
 
 
 def _second(phase: Array) -> Array:
-    """Minus the difference that stands for the second derivative, of a sine of phase per instant."""
+    """Square of a rate (phase per instant) as differences of order 8 see it."""
     reach = np.arange(-EIGHTH.reach, EIGHTH.reach + 1)
     return np.asarray(-np.cos(np.outer(phase, reach)) @ EIGHTH.second)

@@ -147,12 +147,12 @@ def test_a_delta_swings_at_most_a_ten_thousandth_of_what_it_did(
     """305 mm in 0.3 s along a line: error and residual swing, beside the rigid command's."""
     robot = delta if drives != "links alone" else pf.load("delta")
     motion = pf.nonic(platform={"x": 0.305, "y": 0.0, "z": 0.0}, duration=0.3)
-    rest = {"before": 0.05, "after": 0.1, "instants": 150}
+    rest = {"before": 0.05, "after": 0.1}  # instants as the command chooses them
     rigid = followed(robot, motion, pf.command(robot, motion, "rigid", **rest))
     exact = followed(robot, motion, pf.command(robot, motion, "exact", **rest))
     assert rigid.during > 1e-4  # [m]: there is something to gain
     assert exact.during < 1e-4 * rigid.during
-    assert exact.swing < 1e-4 * max(rigid.swing, rigid.after)
+    assert exact.swing < 1e-4 * rigid.swing
 
 
 def test_a_delta_with_elastic_drives_follows_the_adept_cycle(delta: pf.Mechanism) -> None:
@@ -160,7 +160,7 @@ def test_a_delta_with_elastic_drives_follows_the_adept_cycle(delta: pf.Mechanism
     coarse = {"basis": "{kind: craig_bampton, internal: 0}"}
     robot = pf.load(delta.description.path, [f"flexible.*.basis={coarse['basis']}"])
     motion = pf.adept(duration=0.3)
-    rest = {"before": 0.05, "after": 0.1, "instants": 240}
+    rest = {"before": 0.05, "after": 0.1}
     commands = [pf.command(robot, motion, level, **rest) for level in ("rigid", "exact")]
     rigid, exact = (followed(robot, motion, found) for found in commands)
     assert rigid.during > 1e-3  # [m]: 3.4 mm
