@@ -19,15 +19,13 @@ from pinflex.solver.scene import default_step
 from pinflex.solver.solve import default_motion
 from pinflex.text import brief, number, table
 from pinflex.threads import one_blas_thread
-from pinflex.variation.derivatives import SOLVED, extrapolated, of_frequencies
+from pinflex.variation.derivatives import extrapolated, of_frequencies
 from pinflex.variation.measures import DEFAULT, RUNS, available, check_names, measure, unit
 from pinflex.variation.variants import Variants, variants
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MARCHED = 5e-4  # of a logarithm: in a run a frequency shifts phases by that times their number
-_DENSE = 4000  # steps that are all looked at for a peak
 BY = ("flexible.*.section.*", "flexible.*.material.E", "joints.*.drive.stiffness")
 _NONE = 1e-6  # a relative sensitivity that nobody would act on
 
@@ -123,10 +121,8 @@ def sensitivities(
         table["frequency.1", "flexible.arm_?.section.diameter"]
 
     Frequencies are differentiated implicitly, a repeated one on its subspace; other outputs by
-    extrapolated differences of designs solved alike. Those of runs in time take equal steps, every
-    one of them looked at for a peak, and again half as long: what that changes is in the error.
-    Which directions deform and what links carry beside their beams stay as they are at the first
-    design.
+    extrapolated differences of designs solved alike (equal steps). Which directions deform and
+    what links carry beside their beams stay as they are at the first design.
 
     Args:
         model: A model, or what `load` takes.
@@ -141,9 +137,7 @@ def sensitivities(
         DescriptionError: No such number or output.
     """
     robot = model if isinstance(model, Mechanism) else load(model)
-    keys, marched = by or _default(robot), _marches(robot, level)
-    designs = variants(robot, keys, _equal_steps(robot, marched))
-    finer = variants(robot, keys, _equal_steps(robot, marched, 0.5)) if marched else designs
+    designs = variants(robot, by or _default(robot), _equal_steps(robot))
     if of:
         values = measure(designs.base, check_names(of, robot), level)
     else:
@@ -153,7 +147,7 @@ def sensitivities(
     shape = (len(designs.parameters), len(outputs))
     found, error = np.zeros(shape), np.zeros(shape)
     for row, parameter in enumerate(designs.parameters):
-        slopes, errors = _slopes((designs, finer), parameter, outputs, level)
+        slopes, errors = _slopes(designs, parameter, outputs, level)
         found[row] = [slopes[name] for name in outputs]
         error[row] = [errors[name] for name in outputs]
         if progress is not None:
@@ -164,28 +158,15 @@ def sensitivities(
     )  # fmt: skip
 
 
-def _marches(robot: Mechanism, level: str | None) -> bool:
-    """Whether runs go from step to step."""
-    return robot.compliant and (level or robot.description.solve.level) in ("ked", "coupled")
-
-
-def _equal_steps(robot: Mechanism, marched: bool, part: float = 1.0) -> list[str]:
-    """Overrides for steps that do not follow the parameters: their choice is no smooth function.
-
-    They are `part` of what they would be. Where runs are marched every step is a sample, as a peak
-    lies elsewhere between samples for other parameters.
-    """
+def _equal_steps(robot: Mechanism) -> list[str]:
+    """Overrides for steps that do not follow the parameters: their choice is no smooth function."""
     spec = robot.description.solve
-    own = spec.dt is not None and spec.tol is None
-    if not robot.compliant or (own and not marched):
+    if spec.dt is not None and spec.tol is None:
+        return []
+    if not robot.compliant:
         return []
     until = float(spec.until or default_motion(robot).duration)
-    dt = part * float(spec.dt if own and spec.dt is not None else default_step(robot, until))
-    found = ["solve.tol=null", f"solve.dt={dt!r}"]
-    if marched:
-        steps = max(int(np.ceil(until / dt - 1e-9)), 1)
-        found.append(f"solve.samples={steps // -(-steps // _DENSE) + 1}")
-    return found
+    return ["solve.tol=null", f"solve.dt={default_step(robot, until)!r}"]
 
 
 def _default(robot: Mechanism) -> list[str]:
@@ -206,19 +187,16 @@ def _default(robot: Mechanism) -> list[str]:
 
 
 def _slopes(
-    designs: tuple[Variants, Variants],
-    parameter: Parameter,
-    outputs: Sequence[str],
-    level: str | None,
+    designs: Variants, parameter: Parameter, outputs: Sequence[str], level: str | None
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Sensitivities and their errors, by output; the second designs have half the steps."""
-    first = designs[0]
+    """Sensitivities and their errors, by output."""
+    at = partial(designs.scaled, parameter)
     implicit = [name for name in outputs if name.startswith("frequency.")]
     slopes, errors = {}, {}
     if implicit:
         try:
             last = max(int(name.partition(".")[2]) for name in implicit)
-            _, slope, error = of_frequencies(first.base, partial(first.scaled, parameter), last)
+            _, slope, error = of_frequencies(designs.base, at, last)
         except ConvergenceError:  # no equilibrium: those of the undeformed pose
             implicit = []
         else:
@@ -226,31 +204,9 @@ def _slopes(
                 place = int(name.partition(".")[2]) - 1
                 slopes[name], errors[name] = float(slope[place]), float(error[place])
     rest = [name for name in outputs if name not in slopes]
-    runs = [name for name in rest if name.partition(".")[0] in RUNS]
-    static = [name for name in rest if name not in runs]
-    if static:
-        found, doubt = extrapolated(lambda h: measure(first.scaled(parameter, h), static, level))
-        slopes, errors = slopes | found, errors | doubt
-    if runs:
-        found, doubt = _of_runs(designs, parameter, runs, level)
+    if rest:
+        # a run is dear and wanted to 1e-3: two steps serve
+        runs = any(name.partition(".")[0] in RUNS for name in rest)
+        found, doubt = extrapolated(lambda h: measure(at(h), rest, level), steps=2 if runs else 3)
         slopes, errors = slopes | found, errors | doubt
     return slopes, errors
-
-
-def _of_runs(
-    designs: tuple[Variants, Variants], parameter: Parameter, outputs: list[str], level: str | None
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Those of runs: a run is dear and wanted to 1e-3, so that two differences serve."""
-    marched = designs[0] is not designs[1]
-
-    def differences(of: Variants) -> tuple[dict[str, float], dict[str, float]]:
-        step = _MARCHED if marched else SOLVED
-        return extrapolated(
-            lambda h: measure(of.scaled(parameter, h), outputs, level), step=step, steps=2
-        )
-
-    found, doubt = differences(designs[-1])
-    if marched:
-        coarse, _ = differences(designs[0])
-        doubt = {name: doubt[name] + abs(found[name] - coarse[name]) for name in outputs}
-    return found, doubt

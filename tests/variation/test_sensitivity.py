@@ -10,7 +10,6 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.parameters import parameters
-from pinflex.solver.scene import default_step
 from pinflex.variation.derivatives import extrapolated, of_frequencies
 from pinflex.variation.measures import measure
 from pinflex.variation.variants import variants
@@ -109,22 +108,6 @@ def test_peaks_of_a_run_against_the_same_designs_in_short_steps():
     assert found["torque.rms", "flexible.distal_?.section.thickness"] == pytest.approx(
         np.log(values[1] / values[0]) / 5e-3, abs=1e-3
     )
-
-
-def test_the_error_told_of_a_peak_of_vibration_covers_shorter_steps():
-    # phases, and with them peaks, move with the parameter and with the step
-    robot = pf.load("3rrr", ["solve.until=0.03", "solve.samples=31", "damping={modal: 0.05}"])
-    key, name = "flexible.distal_?.section.thickness", "deviation.peak"
-    found = pf.sensitivities(robot, by=[key], of=[name], level="coupled")
-    dt = default_step(robot, 0.03) / 8
-    short = ["solve.tol=null", f"solve.dt={dt!r}", f"solve.samples={round(0.03 / dt) + 1}"]
-    designs = variants(robot, [key], short)
-    below, above = (
-        measure(designs.scaled(designs.parameters[0], h), [name], "coupled")[name]
-        for h in (-5e-4, 5e-4)
-    )
-    apart = abs(found[name, key] - np.log(above / below) / 1e-3)
-    assert apart < found.error[0, 0] < 0.5
 
 
 def test_keys_keep_the_blocks_of_the_yaml_and_refuse_what_is_no_number():
