@@ -154,7 +154,7 @@ def test_a_delta_swings_at_most_a_ten_thousandth_of_what_it_did(
     exact = followed(robot, motion, pf.command(robot, motion, "exact", **rest))
     assert rigid.during > 1e-4  # [m]: there is something to gain
     assert exact.during < 1e-4 * rigid.during
-    assert exact.swing < 1e-4 * rigid.swing
+    assert exact.swing < 1e-4 * max(rigid.swing, rigid.after)  # the run's own error is 1 nm
 
 
 def test_a_delta_with_elastic_drives_follows_the_adept_cycle(delta: pf.Mechanism) -> None:
