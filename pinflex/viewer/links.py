@@ -23,26 +23,37 @@ FIELDS = {  # key: label, unit, shown = SI * factor
 }
 
 
-def link_geometry(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
-    """One flexible link at every instant, with the stations worth keeping.
+def stations(result: Result, name: str) -> IntArray:
+    """Stations of a link worth keeping: spread evenly, and those where a field peaks.
+
+    Args:
+        result: The run.
+        name: The link.
+    """
+    get = _arrays(result, name)
+    count = len(get["x"])
+    even = np.linspace(0, count - 1, min(STATIONS, count)).round().astype(np.intp)
+    fields = [get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get]
+    peaks = [np.abs(f).max(axis=0).argmax() for f in fields]
+    return np.union1d(even, np.array(peaks, dtype=np.intp))
+
+
+def link_geometry(
+    result: Result, name: str, skin: Surface | None, station: IntArray
+) -> dict[str, Any]:
+    """One flexible link at every instant, at the stations worth keeping.
 
     Args:
         result: The run.
         name: The link.
         skin: What the URDF draws of it. A link with stress on its own surface is drawn by that.
+        station: Numbers of the stations to keep, shape (n,).
     """
-    get = {
-        k[len(f"link/{name}/") :]: v
-        for k, v in result.arrays.items()
-        if k.startswith(f"link/{name}/")
-    }
+    get = _arrays(result, name)
     about = result.meta.get("links", {}).get(name, {})
     centre, x = get["centreline"], get["x"]
     rigid = get.get("centreline_rigid", centre)
     fields = {k: get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get}
-    station = np.unique(np.linspace(0, len(x) - 1, min(STATIONS, len(x))).round().astype(np.intp))
-    peaks = [np.abs(f).max(axis=0).argmax() for f in fields.values()]
-    station = np.union1d(station, np.array(peaks, dtype=np.intp))
     section_y = get["section_y"] if "section_y" in get else _any_normal(rigid)
     y_rigid = _rigid_normal(rigid, section_y)
     mesh = _on_beam(skin, about)
@@ -62,6 +73,7 @@ def link_geometry(result: Result, name: str, skin: Surface | None) -> dict[str, 
         "y_disp": section_y[:, station] - y_rigid[:, None],
         "fields": {k: f[:, station] for k, f in fields.items()},
         "surface": surface,
+        "sections": {"resultant": get["resultant"][:, station]} if "resultant" in get else {},
     }
 
 
@@ -73,7 +85,7 @@ def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
         keep: Instants, shape (n,).
     """
     out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid", "y_disp")}}
-    for kind in ("fields", "surface"):
+    for kind in ("fields", "surface", "sections"):
         out[kind] = {k: f[keep] for k, f in link[kind].items()}
     ends = out["rigid"][:, [0, -1]]
     share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
@@ -84,7 +96,7 @@ def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
 
 
 def time_arrays(link: dict[str, Any]) -> list[Array]:
-    """Arrays of a link that have a row for every instant."""
+    """Arrays of a link that have a row for every instant, but for section forces: kept coarsely."""
     own = [link[k] for k in ("rigid", "disp", "y_rigid", "y_disp")]
     return [*own, *link["fields"].values(), *link["surface"].values()]
 
@@ -98,6 +110,11 @@ def largest(link: dict[str, Any], field: str) -> Array | None:
     """
     values = link["surface"].get(field, link["fields"].get(field))
     return None if values is None else np.abs(values).max(axis=1)
+
+
+def _arrays(result: Result, name: str) -> dict[str, Array]:
+    start = f"link/{name}/"
+    return {k[len(start) :]: v for k, v in result.arrays.items() if k.startswith(start)}
 
 
 def _solid(get: dict[str, Array], most: int) -> tuple[dict[str, Any] | None, dict[str, Array]]:

@@ -1,0 +1,33 @@
+/* ghost.js: what the robot is compared with: itself were it rigid, or another run; pale, over it or beside it. */
+const ghosts = {};
+let ghost = null;
+const otherRun = () => S.other === "rigid" ? null : DATA.runs[+S.other] || null;
+const otherName = () => { const run = otherRun(); return run ? runLabel(run, +S.other) : "rigid"; };
+
+function ghostOf(index) {
+  if (ghosts[index]) return ghosts[index];
+  const run = DATA.runs[index], material = phong(COLOUR.ghost, {blending: THREE.CustomBlending, blendSrcAlpha: THREE.OneFactor,
+    blendDstAlpha: THREE.OneMinusSrcAlphaFactor, opacity: 0.22, depthWrite: false});
+  const robot = makeRobot(run, material, () => material);
+  robot.material = material;
+  robot.root.traverse((mesh) => { mesh.castShadow = mesh.receiveShadow = false; mesh.renderOrder = -1; });   // before the robot, which then covers it
+  viewer.scene.add(robot.root);
+  return (ghosts[index] = robot);
+}
+function chooseGhost() {
+  if (ghost) ghost.root.visible = false;
+  ghost = S.ghost === "off" || !comparable() ? null : ghostOf(otherRun() ? +S.other : S.run);
+}
+const comparable = () => scene.moves || !!otherRun();
+function drawGhost() {
+  if (!ghost) return;
+  const beside = S.ghost === "beside", other = otherRun(), T = ghost.run.t;
+  ghost.root.visible = S.t <= T[T.length - 1] + 1e-9;  // a run that stopped earlier is no longer there
+  ghost.root.position.copy(beside ? scene.aside : V(0, 0, 0));
+  for (const mesh of ghost.besides) mesh.visible = beside;
+  ghost.material.color.set(style(other ? "--ghost-other" : "--ghost"));
+  ghost.material.opacity = beside ? 1 : other ? 0.34 : 0.22;
+  ghost.material.depthWrite = beside;
+  moveRobot(ghost, instant(S.t, T), other ? S.mag : 0);
+  for (const b of ghost.links) b.sweep.set(b.c, b.y);
+}
