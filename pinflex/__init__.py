@@ -29,8 +29,9 @@ Where the code is; each package imports only those above it:
     lab           published cases that `pinflex verify` measures
     cli           the commands: one module each, its arguments and what it does
 
-Beside them stand errors, arrays, linalg, text, threads and writing, which import none of these.
-Names are imported when first used, so that a page from a saved run needs no Pinocchio.
+Beside them stand errors, arrays, linalg, registered, rotations, text, threads and writing, which
+import none of these. Names are imported when first used, so that a page from a saved run needs no
+Pinocchio.
 """
 
 from __future__ import annotations

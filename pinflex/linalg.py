@@ -24,7 +24,15 @@ def saddle_matrix(A: Array, J: Array, J_left: Array | None = None) -> Array:
 
 
 def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """x and lam of A x - J_left' lam = b, J x = c; least squares where coordinates are massless."""
+    """x and lam of A x - J_left' lam = b, J x = c; least squares where coordinates are massless.
+
+    Args:
+        A: Shape (n, n).
+        J_left: Shape (rows, n).
+        J: Shape (rows, n).
+        b: Shape (n,).
+        c: Shape (rows,).
+    """
     S, right, n = saddle_matrix(A, J, J_left), np.concatenate([b, c]), len(A)
     try:
         x = np.linalg.solve(S, right)
@@ -65,7 +73,12 @@ def independent_rows(J: Array, small: float, scale: float | None = None) -> IntA
 
 
 def negative_directions(K: Array, J: Array) -> int:
-    """Number of directions that J (rows, n) allows in which a stiffness K (n, n) is negative."""
+    """Number of directions that J (rows, n) allows in which a stiffness K (n, n) is negative.
+
+    Args:
+        K: Stiffness, shape (n, n).
+        J: Closures, shape (rows, n).
+    """
     if not len(K):
         return 0
     # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.

@@ -35,8 +35,30 @@ def angle(x: float) -> str:
     return f"{number(1e3 * x)} mrad" if abs(x) >= 1e-5 else f"{number(1e6 * x)} urad"
 
 
+def percent(share: float | None, digits: int = 2, sign: str = "") -> str:
+    """A share as per cent, "-" for None.
+
+    Args:
+        share: Of 1; one that is not finite has not been measured.
+        digits: Significant ones, below 100 %.
+        sign: "+" writes that of positive shares too.
+    """
+    if share is None or not np.isfinite(share):
+        return "-" if share is None else "not measured"
+    x = 100 * share
+    if abs(x) < 1e-10:  # round-off
+        return "0 %"
+    form = f".{digits}g" if abs(x) < 100 else ".0f" if abs(x) < 1e4 else ".1e"
+    return f"{x:{sign}{form}} %"
+
+
 def plural(count: int, noun: str) -> str:
-    """Count with its noun: 1 link, 2 links."""
+    """Count with its noun: 1 link, 2 links.
+
+    Args:
+        count: How many.
+        noun: In the singular.
+    """
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -90,6 +112,16 @@ def paragraph(text: str, indent: str = "", first: str | None = None) -> str:
     return textwrap.fill(
         text, COLUMNS, initial_indent=start, subsequent_indent=indent, break_long_words=False
     )
+
+
+def report(*blocks: str) -> str:
+    """Blocks of text with an empty line between them; empty ones are left out."""
+    return "\n\n".join(filter(None, blocks)) + "\n"
+
+
+def bullets(texts: Sequence[str]) -> str:
+    """Paragraphs, each after a dash."""
+    return "\n".join(paragraph(text, "  ", "- ") for text in texts)
 
 
 def table(

@@ -53,7 +53,12 @@ def replaced(path: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write a text whole, in UTF-8 and with the line ends that it has."""
+    """Write a text whole, in UTF-8 and with the line ends that it has.
+
+    Args:
+        path: File.
+        text: Its contents.
+    """
     with replaced(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
     return Path(path)
@@ -82,14 +87,25 @@ def _unwritable(path: Path, error: OSError) -> DescriptionError:
     )
 
 
-def plain(value: Any) -> Any:
-    """Values as JSON has them: a non-finite number (nan, inf) becomes null."""
+def plain(value: Any, finite: bool = True) -> Any:
+    """Values as JSON has them.
+
+    Args:
+        value: Mappings, lists, numbers, texts, arrays, paths.
+        finite: A number that is not (nan, inf) becomes None.
+    Raises:
+        TypeError: Anything else.
+    """
     if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {str(k): plain(v, finite) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
+        return [plain(v, finite) for v in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return plain(value.tolist(), finite)
     if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    return str(value) if isinstance(value, Path) else value
+        return value if not finite or np.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"a {type(value).__name__} ({value!r}) is not plain data")

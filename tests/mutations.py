@@ -78,7 +78,7 @@ def rows(self, x):
     return Phi, G
 basis.FlexibleBody.rows = rows
 """,
-        ["tests/unit/test_expansion.py", "tests/verification/test_elastica.py"],
+        ["tests/unit/mechanics/test_expansion.py", "tests/verification/test_elastica.py"],
     ),
     "gyroscopic terms off: velocities make no force": (
         """
@@ -122,14 +122,14 @@ from dataclasses import replace
 plain = ride.split
 ride.split = lambda *link: replace(plain(*link), riders=())
 """,
-        ["tests/unit/test_ride.py", "tests/validation/test_ur5.py"],
+        ["tests/unit/mechanics/test_ride.py", "tests/validation/test_ur5.py"],
     ),
     "riders at the root: none of them loads the beam": (
         """
 import pinflex.mechanics.ride as ride
 ride._beside_the_centre = lambda rest: 0.0
 """,
-        ["tests/unit/test_ride.py"],
+        ["tests/unit/mechanics/test_ride.py"],
     ),
     "centripetal term off: frames accelerate as if their joint only sped up": (
         """
@@ -169,13 +169,12 @@ FrameForce.scale = lambda self, t: plain(self, t) ** 1.05
 """,
         ["tests/verification/test_quiet_terms.py"],
     ),
-    "frequency map: shapes of the first pose, not of the last": (
+    "map along a motion: modes of each pose as sorted, not followed": (
         """
-import inspect
-import pinflex.studies.frequency_map as maps
-source = inspect.getsource(maps.frequency_map)
-exec(source.replace("last = found.shapes[:, order]",
-                    "last = found.shapes if last is None else found.shapes"), maps.__dict__)
+import numpy as np
+import pinflex.studies.pose_map as maps
+maps.tracked = lambda shapes, mass, count, first=None: {
+    place: (np.arange(x.shape[1]), 1.0) for place, x in shapes.items()}
 """,
         ["tests/verification/test_quiet_terms.py"],
     ),

@@ -22,8 +22,7 @@ from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import stress
 from pinflex.recovery.kinematics import joint_poses, pose_of
-from pinflex.recovery.replay import samples_of
-from pinflex.recovery.samples import Samples
+from pinflex.recovery.samples import Samples, samples_of
 from pinflex.results.result import Result
 from pinflex.text import brief
 

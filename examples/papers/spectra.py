@@ -10,8 +10,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.replay import run_of
-from pinflex.recovery.samples import Samples
+from pinflex.recovery.samples import Samples, run_of
 from pinflex.results.peaks import maxima
 from pinflex.results.result import Result
 from pinflex.text import brief

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.actuation.motors import joint_path, motor_axes
-from pinflex.actuation.nominal_path import Path, underactuated
+from pinflex.actuation.path import Path, underactuated
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import SceneError

@@ -22,7 +22,7 @@ import numpy as np
 from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
 from pinflex.advice.probe import Probe
-from pinflex.advice.proposal import Advice, in_words
+from pinflex.advice.proposal import Advice
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut, worst
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
@@ -34,6 +34,7 @@ from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
+from pinflex.text import percent
 from pinflex.threads import one_blas_thread
 
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing
@@ -312,7 +313,7 @@ class _Study:
         """The cheapest level whose error bars fit, and why."""
         rigid, still, ked = (worst(levels[x]) for x in ("rigid", "quasistatic", "ked"))
         bars = (("rigid", rigid), ("quasistatic", still), ("ked", ked))
-        why = "error bars: " + ", ".join(f"{name} {in_words(e)}" for name, e in bars)
+        why = "error bars: " + ", ".join(f"{name} {percent(e)}" for name, e in bars)
         if rigid <= self.tol:
             return "rigid", why
         if still <= self.tol:
@@ -333,8 +334,8 @@ class _Study:
         probe, said = self.probe, []
         if probe.rough > 1e-2:
             said.append(
-                f"the motion has corners: interpolation misses {100 * probe.rough:.0f} % of its "
-                "acceleration there, and error bars may be short of them"
+                f"the motion has corners: interpolation misses {percent(probe.rough)} of the "
+                "linear system there, and error bars may be short of them"
             )
         seen = 1.0 / max(probe.third * probe.h, 1e-300)
         if seen < _STEPS_SEEN:

@@ -2,10 +2,10 @@
 
     M(t) dd + C(t) d + K(t) d - J(t)' lam = -r(t),     J(t) d = 0
 
-as level ked, but the matrices are evaluated at knots that resolve the nominal motion and are
-interpolated in between, where the vibration is. Put into the full equations, the answer leaves a
-defect; the same march with the defect as load is one step of Newton's method on the whole motion,
-so its size is the error of ked. In a subspace of shapes it is what fewer modes would give.
+as level ked, with matrices interpolated between instants that resolve the nominal motion. Put into
+the full equations, the answer leaves a defect; the same march with the defect as load is one step
+of Newton's method on the whole motion, so its size is the error of ked. In a subspace of shapes it
+is what fewer modes would give.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.actuation.drive import breaks
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
@@ -23,7 +22,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.integrators.linear import Instant, alpha
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import generalized_alpha
-from pinflex.levels.linearised import Line
+from pinflex.levels.linearised import LinearPath, full_path, stacked_path
 from pinflex.levels.modes import modes
 from pinflex.linalg import independent_rows, saddle
 from pinflex.mechanics.equations import Equations
@@ -33,41 +32,11 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.system import System
 
-_KNOTS = 80  # intervals to begin with: cubics follow an eightieth of a cycloid to 1e-5
-_MOST_KNOTS = 640
-_ROUGH = 1e-2  # of the largest acceleration: where interpolation is off by more, more knots
+_PARTS = 80  # of the time, each with a whole number of steps
+_CLOSE = 1e-5  # of the largest entry of a matrix: what interpolation may miss
+_JUMP = 0.1  # of the largest acceleration between two steps: they are too long for the motion
 _PERIOD = 20  # steps for each period of the third mode: amplitudes within 1 %
 _MOST = 640  # steps: more would cost as much as the run that is to be saved
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """The linear system at the knots.
-
-    Attributes:
-        packed: Entries of M, C, K, r and J, one instant in one row, shape (knots, size).
-        n, rows: Coordinates and closure rows.
-    """
-
-    packed: Array
-    n: int
-    rows: int
-
-    @staticmethod
-    def of(M: Array, C: Array, K: Array, r: Array, J: Array) -> Loaded:
-        """From stacks: M, C, K (knots, n, n), r (knots, n), J (knots, rows, n)."""
-        parts = [x.reshape(len(M), -1) for x in (M, C, K, r, J)]
-        return Loaded(np.hstack(parts), M.shape[1], J.shape[1])
-
-    def at(self, index: int, weights: Array) -> Instant:
-        """The system from four knots onward, weighted."""
-        n, rows = self.n, self.rows
-        flat = weights @ self.packed[index : index + 4]
-        M, C, K, r, J = np.split(flat, np.cumsum([n * n, n * n, n * n, n]))
-        square = (n, n)
-        return Instant(
-            M.reshape(square), C.reshape(square), K.reshape(square), r, J.reshape(rows, n)
-        )
 
 
 @dataclass(frozen=True)
@@ -95,72 +64,28 @@ class Probe:
         self.mechanism, self.system, self.static = mechanism, mechanism.flexible, static
         self.end = end
         wanted, self.third = _steps(mechanism, end)
-        steps = wanted if steps is None else steps
-        self.knots = _KNOTS
-        while True:
-            self.stride = -(-steps // self.knots)
-            self.t = np.linspace(0.0, end, self.knots * self.stride + 1)
+        self.t = _instants(end, wanted if steps is None else steps)
+        self.path = nominal(mechanism, motion, self.t)
+        if steps is None and _jumps(self.path.a):
+            self.t = _instants(end, _MOST)
             self.path = nominal(mechanism, motion, self.t)
-            inside = [b for b in breaks(motion, self.system.loads) if b < end]
-            self.corners = np.array([0.0, *inside, end]) / end * self.knots
-            around = [self._around(k) for k in range(self.steps)]
-            self._first = np.array([i for i, _ in around], dtype=np.intp)
-            self._weights = np.array([w for _, w in around])
-            self.rough = self._roughness()
-            if self.rough < _ROUGH or self.knots >= _MOST_KNOTS:
-                break
-            self.knots *= 2
         self.h = float(self.t[1])
         self.dynamics = Equations(self.system)
-        line = Line(mechanism, self.path, dynamics=self.dynamics)
+        line = LinearPath(mechanism, self.path, dynamics=self.dynamics)
         self.v0, self.a0 = line.v, line.a
-        here = [line.full(k) for k in range(0, len(self.t), self.stride)]
-        self.base = np.array([x.base for x in here])
-        stack = {x: np.array([getattr(h.instant, x) for h in here]) for x in "MCKrJ"}
-        self.full = Loaded.of(*(stack[x] for x in "MCKrJ"))
-        self.stack = stack
-
-    def _roughness(self) -> float:
-        """How far the nominal acceleration is from its interpolation, of its largest value."""
-        a = self.path.a
-        scale = np.max(np.abs(a), initial=0.0)
-        return float(np.max(np.abs(self.between(a[:: self.stride]) - a)) / scale) if scale else 0.0
+        self.full = full_path(line, mechanism, motion, _CLOSE)
+        self._parts = self.full.parts()
+        self.rough = self.full.missed
 
     @property
     def steps(self) -> int:
         """Number of instants of a march."""
         return len(self.t)
 
-    def weights(self, k: int) -> tuple[int, Array]:
-        """First of four knots around a step, and their weights."""
-        return int(self._first[k]), self._weights[k]
-
-    def _around(self, k: int) -> tuple[int, Array]:
-        """Those of cubic interpolation.
-
-        Where a piece of the motion or of a load ends, the four are of one side of it.
-        """
-        x = k / self.stride
-        here = int(np.searchsorted(self.corners, x - 1e-9))
-        low, high = self.corners[max(here - 1, 0)], self.corners[max(here, 1)]
-        i = int(np.floor(x)) - 1
-        if np.floor(high + 1e-9) - np.ceil(low - 1e-9) >= 3:
-            i = int(min(max(i, np.ceil(low - 1e-9)), np.floor(high + 1e-9) - 3))
-        i = min(max(i, 0), self.knots - 3)
-        s = x - i
-        w = np.array([
-            -(s - 1) * (s - 2) * (s - 3) / 6, s * (s - 2) * (s - 3) / 2,
-            -s * (s - 1) * (s - 3) / 2, s * (s - 1) * (s - 2) / 6,
-        ])  # fmt: skip
-        return i, w
-
-    def between(self, values: Array) -> Array:
-        """Values at the knots (knots, ...), interpolated to every step."""
-        flat = values.reshape(len(values), -1)
-        found = np.zeros((self.steps, flat.shape[1]))
-        for j, weight in enumerate(self._weights.T):
-            found += weight[:, None] * flat[self._first + j]
-        return found.reshape(self.steps, *values.shape[1:])
+    @property
+    def base(self) -> Array:
+        """Multipliers of the rigid motion at every step, shape (nt, rows)."""
+        return self.full.grid.between(self._parts[5])
 
     # Marches -------------------------------------------------------------------------------
 
@@ -177,16 +102,17 @@ class Probe:
 
     def _march(self, B: Array, load: Array | None) -> Deviation:
         """March in the columns of B under what the rigid motion leaves, or `load` at every step."""
-        s, Bt = self.stack, B.T
-        J = s["J"] @ B
+        (M, C, K, r, J, _), Bt = self._parts, B.T
+        J = J @ B
         rows = np.sort(independent_rows(J[0], 1e-9))
-        system = Loaded.of(
-            Bt @ s["M"] @ B, Bt @ s["C"] @ B, Bt @ s["K"] @ B, s["r"] @ B, J[:, rows]
+        none = np.zeros((len(r), 0))
+        system = stacked_path(
+            self.full.grid, (Bt @ M @ B, Bt @ C @ B, Bt @ K @ B, r @ B, J[:, rows], none)
         )
         reduced = None if load is None else load @ B
 
         def at(k: int) -> Instant:
-            now = system.at(*self.weights(k))
+            now = system.at(k).free
             return now if reduced is None else replace(now, r=reduced[k])
 
         start = np.zeros(B.shape[1])
@@ -218,7 +144,7 @@ class Probe:
         B = self._shapes(shapes)
         load, p = self._defect(found, self._closers(B))
         for k in range(self.steps):
-            now = self.full.at(*self.weights(k))
+            now = self.full.at(k).free
             load[k] += now.K @ p[0, k] + now.C @ p[1, k] + now.M @ p[2, k]
         fix = self._march(B, load)
         return Deviation(
@@ -228,24 +154,24 @@ class Probe:
 
     def _defect(self, found: Deviation, close: Array) -> tuple[Array, Array]:
         """Forces left (nt, nv), and the p (3, nt, nv) with its rates that closes the loops."""
-        dynamics, base, Y = self.dynamics, self.between(self.base), self._poses(found)
+        dynamics, base, Y = self.dynamics, self.base, self._poses(found)
         p = np.zeros((3, *self.v0.shape))
         V, A = self.v0 + found.v, self.a0 + found.a
         left, c = dynamics.residual(Y, V, A, base + found.lam, self.t)
         for s in spans(self.steps if dynamics.looped else 0):
             J, gamma = dynamics.close(Y[s]).J, dynamics.closure_bias(Y[s], V[s])
             v_gap, a_gap = ((J @ x[s][:, :, None])[:, :, 0] for x in (V, A))
-            for k, gaps in enumerate(np.stack([c[s], v_gap, a_gap + gamma], 1), start=s.start):
-                i, w = self.weights(k)
-                p[:, k] = -gaps @ np.tensordot(w, close[i : i + 4], 1).T
+            gaps = np.stack([c[s], v_gap, a_gap + gamma])[..., None]
+            p[:, s] = -(close[s] @ gaps)[..., 0]
         return left, p
 
     def _closers(self, B: Array) -> Array:
-        """P (knots, nv, rows) with J P = 1, of least elastic (and some kinetic) energy."""
-        s, slow = self.stack, (2 * np.pi / float(self.t[-1])) ** 2
-        J = s["J"] @ B
-        A_J = np.linalg.solve(B.T @ (s["K"] + slow * s["M"]) @ B, J.transpose(0, 2, 1))
-        return np.asarray(B @ A_J @ np.linalg.pinv(J @ A_J, rcond=1e-10))
+        """P (nt, nv, rows) with J P = 1, of least elastic (and some kinetic) energy."""
+        (M, _, K, _, J, _), slow = self._parts, (2 * np.pi / float(self.t[-1])) ** 2
+        J = J @ B
+        A_J = np.linalg.solve(B.T @ (K + slow * M) @ B, J.transpose(0, 2, 1))
+        P = B @ A_J @ np.linalg.pinv(J @ A_J, rcond=1e-10)
+        return self.full.grid.between(P)
 
     # Runs ----------------------------------------------------------------------------------
 
@@ -258,14 +184,14 @@ class Probe:
         motors = self.system.motors
         torque = np.empty((self.steps, len(motors)))
         for k in range(self.steps):
-            now = self.full.at(*self.weights(k))
+            now = self.full.at(k).free
             left = now.r + now.M @ found.a[k] + now.C @ found.v[k] + now.K @ found.d[k]
             torque[k] = (left - now.J.T @ found.lam[k])[motors]
         return self._run(found, torque)
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""
-        lam, motors = self.between(self.base) + found.lam, self.system.motors
+        lam, motors = self.base + found.lam, self.system.motors
         run = self._run(found, np.empty((self.steps, len(motors))))
         run.torque[:] = self.dynamics.residual(run.y, run.v, run.a, lam, self.t).r[:, motors]
         return run
@@ -274,12 +200,22 @@ class Probe:
         """The undeformed motion and its torques."""
         none = np.zeros((self.steps, self.system.nv))
         still = Deviation(none, none, none, np.zeros((self.steps, self.system.closed.n)))
-        s, motors = self.stack, self.system.motors
-        return self._run(still, self.between(s["r"][:, motors]))
+        torque = self._parts[3][:, self.system.motors]
+        return self._run(still, self.full.grid.between(torque))
 
     def _run(self, found: Deviation, torque: Array) -> Run:
         v, a = self.v0 + found.v, self.a0 + found.a
         return Run(self.system, self.t, self._poses(found), v, a, found.lam, torque, {})
+
+
+def _instants(end: float, steps: int) -> Array:
+    return np.linspace(0.0, end, _PARTS * -(-steps // _PARTS) + 1)
+
+
+def _jumps(a: Array) -> bool:
+    """Whether accelerations (nt, nv) at equal steps are off the line through their neighbours."""
+    off = np.max(np.abs(a[1:-1] - 0.5 * (a[:-2] + a[2:])), initial=0.0)
+    return bool(off > _JUMP * np.max(np.abs(a), initial=0.0))
 
 
 def _steps(mechanism: Mechanism, end: float) -> tuple[int, float]:
@@ -287,7 +223,7 @@ def _steps(mechanism: Mechanism, end: float) -> tuple[int, float]:
     found = modes(mechanism, count=9, preload="none").frequencies
     alive = found[found > 0]
     third = float(alive[min(2, len(alive) - 1)]) if len(alive) else 0.0
-    return int(np.clip(np.ceil(_PERIOD * third * end), 4 * _KNOTS, _MOST)), third
+    return int(np.clip(np.ceil(_PERIOD * third * end), 4 * _PARTS, _MOST)), third
 
 
 def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from pinflex.advice.reduced_models import Errors, LeftOut
 from pinflex.text import brief
 
@@ -44,8 +42,3 @@ class Advice:
     why: str = ""
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
-
-
-def in_words(x: float) -> str:
-    """A relative error; one that is not known is said to be so."""
-    return f"{100 * x:.2g} %" if x < 9.99 else "> 999 %" if x < np.inf else "not measured"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pinflex.advice.proposal import Advice, in_words
-from pinflex.text import paragraph, table
+from pinflex.advice.proposal import Advice
+from pinflex.text import bullets, paragraph, percent, report, table
 
 _DOES = {
     "rigid": "no link has to bend",
@@ -19,9 +19,9 @@ def write(a: Advice, model: str | None = None) -> str:
     """Proposal, how to follow it for a MODEL, its error bars, and the price of what is out."""
     n, rich, kept = a.coordinates
     far = max(a.error.values(), default=0.0)
-    short = f"; NOT REACHED: error bars up to {in_words(far)}" if far > a.tol else ""
-    blocks = [
-        f"{a.name}: {', '.join(a.asked)} within {in_words(a.tol)} of the largest value{short}",
+    short = f"; NOT REACHED: error bars up to {percent(far)}" if far > a.tol else ""
+    return report(
+        f"{a.name}: {', '.join(a.asked)} within {percent(a.tol)} of the largest value{short}",
         f"Proposal: level {a.level} ({_DOES[a.level]})"
         + (f", {kept} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
         paragraph(_command(a, model or a.name), "      ", "  "),
@@ -29,9 +29,8 @@ def write(a: Advice, model: str | None = None) -> str:
         _bars("Error bars if it is followed, of time integration and model", {a.level: a.error}),
         _bars(f"Error bars by level (model of {rich} coordinates)", a.levels) if a.levels else "",
         _left_out(a),
-        "\n".join(paragraph(note, "  ", "- ") for note in a.notes),
-    ]
-    return "\n\n".join(filter(None, blocks)) + "\n"
+        bullets(a.notes),
+    )
 
 
 def _command(a: Advice, model: str) -> str:
@@ -41,7 +40,7 @@ def _command(a: Advice, model: str) -> str:
 
 def _bars(title: str, rows: Mapping[str, Mapping[str, float]]) -> str:
     outputs = list(next(iter(rows.values())))
-    cells = [[name, *(in_words(error[k]) for k in outputs)] for name, error in rows.items()]
+    cells = [[name, *(percent(error[k]) for k in outputs)] for name, error in rows.items()]
     return table(title, "|".join(["level", *outputs]), cells, (18,))
 
 

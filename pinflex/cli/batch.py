@@ -11,7 +11,7 @@ import numpy as np
 
 from pinflex.cli.console import print_json
 from pinflex.errors import SceneError
-from pinflex.studies.columns import Columns, check_suffix
+from pinflex.results.columns import Columns, check_suffix
 from pinflex.text import number, paragraph, plural, table
 from pinflex.writing import writable
 

@@ -58,7 +58,7 @@ def _check(mechanism: Mechanism, output: str | None, options: Mapping[str, Any])
         raise DescriptionError("--checkpoint: this system has no timers. Leave it out.")
     spec = mechanism.description.solve
     by_tol = options.get("tol") or (spec.tol if options.get("dt") is None else None)
-    if (options.get("level") or spec.level) != "coupled" or by_tol or spec.integrator == "radau":
+    if (options.get("level") or spec.level) != "coupled" or by_tol or spec.only == "coupled":
         raise DescriptionError(
             f"{mechanism.name}: --checkpoint: only level coupled in steps (dt) can go on from a "
             "saved state. Leave it out, or give --level coupled --dt."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from pinflex.cli.console import Progress, load_model
 from pinflex.writing import writable
 
 if TYPE_CHECKING:
-    from pinflex.studies.pose_map import PoseMap
+    from pinflex.results.pose_map import PoseMap
 
 
 def add(commands: parser.Commands) -> None:
@@ -20,7 +20,7 @@ def add(commands: parser.Commands) -> None:
     p = parser.command(
         commands,
         "map",
-        "natural frequencies and platform stiffness over a grid of poses",
+        "natural frequencies and platform stiffness over a grid of poses, or along the motion",
         """
 Grids are displacements from home: of the platform's x, y, z [m], rz, ry, rx [rad], or of motors.
 Coordinates that are not named stay as at home. A frequency's column follows one mode shape from
@@ -29,6 +29,12 @@ locked: K_xx (others held) and 1/C_xx (others free); rigid where nothing gives w
         "pinflex map 3rrr --grid x=-.05:.05:9 --grid y=-.05:.05:9 --out map.csv --plot map.png",
     )
     parser.repeated(p, "--grid", "COORDINATE=A:B:N", "values of a coordinate; may be repeated")
+    p.add_argument(
+        "--instants",
+        type=parser.count,
+        metavar="N",
+        help="poses of the motion of the YAML, evenly in time, instead of a grid",
+    )
     p.add_argument(
         "--count", type=parser.count, default=6, metavar="N", help="frequencies (default 6)"
     )
@@ -41,24 +47,28 @@ locked: K_xx (others held) and 1/C_xx (others free); rigid where nothing gives w
 def run(args: argparse.Namespace) -> int:
     """Frequencies and stiffness over a grid of poses: table and figure."""
     from pinflex.cli import batch
+    from pinflex.solver.solve import default_motion
     from pinflex.studies.cases import parsed
-    from pinflex.studies.frequency_map import check_figure
-    from pinflex.studies.plot_pose_map import save_pose_map
     from pinflex.studies.pose_map import pose_map
+    from pinflex.viewer.plot_map import check_figure, save_map
 
     out, options = batch.options(args)
     if args.plot is not None:
         writable(check_figure(args.plot))
     mechanism = load_model(args)
+    grid = parsed(args.grid, "--grid")
+    where: dict[str, Any] = {"grid": grid}
+    if args.instants is not None:
+        where |= {"along": default_motion(mechanism), "instants": args.instants}
     bar = Progress("map")
     try:
         poses = pose_map(
-            mechanism, parsed(args.grid, "--grid"), count=args.count, preload=args.preload,
+            mechanism, **where, count=args.count, preload=args.preload,
             free_motors=args.free_motors, progress=bar, **options,
         )  # fmt: skip
     finally:
         bar.close()
-    figures = [] if args.plot is None else [save_pose_map(poses, args.plot)]
+    figures = [] if args.plot is None else [save_map(poses, args.plot)]
     return batch.answer(args, poses.table, out, figures, _notes(poses))
 
 

@@ -91,10 +91,13 @@ def _write(
 
         page = write_modes_html(mode_runs(mechanism, first), args.view)
     if args.map is not None:
-        from pinflex.studies.frequency_map import frequency_map, save_frequency_map
+        from pinflex.solver.solve import default_motion
+        from pinflex.studies.pose_map import pose_map
+        from pinflex.viewer.plot_map import save_map
 
-        along = frequency_map(mechanism, count=min(args.count, 8), preload=preload)
-        figure = save_frequency_map(along, args.map)
+        along, count = default_motion(mechanism), min(args.count, 8)
+        poses = pose_map(mechanism, along=along, count=count, preload=preload, stiffness=False)
+        figure = save_map(poses, args.map)
     return page, figure
 
 

@@ -144,7 +144,14 @@ def pid(
     kd: float | Sequence[float] = 0.0,
     target: float | Sequence[float] = 0.0,
 ) -> Pid:
-    """A PID law, or without ki a PD law; numbers or one of each per measure."""
+    """A PID law, or without ki a PD law; numbers or one of each per measure.
+
+    Args:
+        kp: Gain of the measure.
+        ki: Gain of its integral [1/s].
+        kd: Gain of its rate [s].
+        target: Value that the measure is to have.
+    """
     kp_, ki_, kd_, target_ = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (kp, ki, kd, target))
     )

@@ -15,10 +15,11 @@ from pinflex.description import fields, flexible, ranges, schema, sources
 from pinflex.description.control import Control, read_control
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.description.finding import find_file, model_names
-from pinflex.description.flexible import Basis, EndMass, FlexibleLink
+from pinflex.description.flexible import Basis, FlexibleLink
 from pinflex.description.frames import by_joint, frame, frames
 from pinflex.description.home import read_home
 from pinflex.description.joints import JointExtra, read_joints, with_urdf_dynamics
+from pinflex.description.link_mass import EndMass
 from pinflex.description.loops import Loop, read_loops
 from pinflex.description.material import Material
 from pinflex.description.schema import Vec3

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from pinflex.description import fields, material, schema, section, solid_keys
 from pinflex.description.frames import frame
+from pinflex.description.link_mass import AsBuilt, EndMass, read_as_built, read_end_mass
 from pinflex.description.material import Material
 from pinflex.description.patch import Patch, read_patches
 from pinflex.description.schema import Vec3
@@ -40,14 +41,6 @@ BOUNDARIES = (
     "clamped_clamped",
     "free_free",
 )
-
-
-@dataclass(frozen=True)
-class EndMass:
-    """A rigid mass at an end of a flexible link: mass [kg], moments of inertia [kg m^2]."""
-
-    mass: float = 0.0
-    inertia: Vec3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -97,13 +90,6 @@ class Basis:
     nodes: str | None = None
 
 
-def _end_mass(spec: object, where: str) -> EndMass:
-    block = schema.mapping(spec, where, ("mass", "inertia"))
-    turning, moving = block.get("inertia", (0, 0, 0)), block.get("mass", 0)
-    inertia = schema.vector(turning, schema.at(where, "inertia"), low=0, of="inertia")
-    return EndMass(schema.number(moving, schema.at(where, "mass"), low=0, of="mass"), inertia)
-
-
 def _switch(value: object, where: str) -> Switch:
     """auto, or true or false."""
     if value == "auto":
@@ -111,32 +97,6 @@ def _switch(value: object, where: str) -> Switch:
     if not isinstance(value, bool):
         schema.choice(value, where, ("auto", "true", "false"))
     return schema.boolean(value, where)
-
-
-@dataclass(frozen=True)
-class AsBuilt:
-    """The beam of the link whose inertia the URDF has; None or 0: as described.
-
-    Attributes:
-        material: Its density counts. section: Its area and moments.
-        length: Its span [m].
-    """
-
-    material: Material | None = None
-    section: Section | None = None
-    length: float | None = None
-
-
-def _as_built(spec: object, where: str) -> AsBuilt:
-    block = schema.mapping(spec, where, ("material", "section", "length"))
-    place = {key: schema.at(where, key) for key in block}
-    return AsBuilt(
-        material.from_spec(block["material"], place["material"]) if "material" in block else None,
-        section.from_spec(block["section"], place["section"]) if "section" in block else None,
-        schema.number(block["length"], place["length"], above=0, of="length")
-        if "length" in block
-        else None,
-    )
 
 
 @dataclass(frozen=True)
@@ -179,7 +139,7 @@ class FlexibleLink:
     section: Section
     basis: Basis = Basis()
     inertia: Literal["urdf", "beam"] = fields.word("urdf", INERTIAS)
-    as_built: AsBuilt | None = fields.key(None, _as_built)
+    as_built: AsBuilt | None = fields.key(None, read_as_built)
     start: str | None = None
     end: str | None = None
     length: float | None = fields.real(None, "length", above=0)
@@ -193,8 +153,8 @@ class FlexibleLink:
     third_order: bool = fields.flag(False)
     shear: bool = fields.flag(False)
     segments: int = fields.whole(1, 1)
-    root: EndMass | None = fields.key(None, _end_mass)
-    tip: EndMass | None = fields.key(None, _end_mass)
+    root: EndMass | None = fields.key(None, read_end_mass)
+    tip: EndMass | None = fields.key(None, read_end_mass)
     rayleigh: tuple[float, float] = (0.0, 0.0)
     modal_damping: float = 0.0
     patches: tuple[Patch, ...] = ()

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
 from pinflex.description import schema
 from pinflex.description.source import HOME_SIZES
 from pinflex.errors import DescriptionError
+from pinflex.rotations import quaternion
 
 Home = dict[str, float | tuple[float, ...]]
 
@@ -43,7 +46,7 @@ def read_home(value: object, where: str, types: Mapping[str, str]) -> Home:
         elif types[name] == "planar":
             home[name] = (*values[:2], math.cos(values[2]), math.sin(values[2]))
         elif len(item) in (3, 6):
-            home[name] = values[:-3] + _quaternion(values[-3:])
+            home[name] = (*values[:-3], *quaternion(np.array(values[-3:])).tolist())
         else:
             norm = math.hypot(*values[-4:])
             if abs(norm - 1) > 1e-3:  # three digits are enough to be meant as a unit quaternion
@@ -52,10 +55,3 @@ def read_home(value: object, where: str, types: Mapping[str, str]) -> Home:
                 )
             home[name] = values
     return home
-
-
-def _quaternion(rotation: tuple[float, ...]) -> tuple[float, ...]:
-    """Quaternion x y z w of a rotation vector [rad]."""
-    angle = math.hypot(*rotation)
-    scale = math.sin(angle / 2) / angle if angle > 0 else 0.5
-    return (*(scale * r for r in rotation), math.cos(angle / 2))

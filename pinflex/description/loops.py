@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pinflex import registered
 from pinflex.description import fields, schema
 from pinflex.description.frames import frames
 from pinflex.description.schema import Vec3
@@ -84,6 +85,7 @@ def register_loop_kind(kind: LoopKind) -> None:
     if not {*kind.keys} <= {"axis", "axis_b"}:
         raise DescriptionError(f"{where}: keys {kind.keys}. Allowed: axis, axis_b.")
     LOOP_KINDS[kind.name] = kind
+    registered.note(register_loop_kind, kind.name, kind)
 
 
 @dataclass(frozen=True)

@@ -35,20 +35,25 @@ __all__ = [
 
 # Constructors: joints or platform maps names to displacements from home (rad | m).
 def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
-    """Displacements along s(u) = u - sin(2 pi u)/(2 pi), u = t/duration [s]; then rest."""
-    moves, n = (
-        keys.moves_of(joints, platform, "cycloid"),
-        keys.options("cycloid", duration=duration),
-    )
+    """Displacements along s(u) = u - sin(2 pi u)/(2 pi), u = t/duration [s]; then rest.
+
+    Args:
+        joints: Displacements by motor [rad | m].
+        platform: Displacements by platform coordinate: x y z [m], rz ry rx [rad].
+        duration: Of the motion [s].
+    """
+    moves = keys.moves_of(joints, platform, "cycloid")
+    n = keys.options("cycloid", duration=duration)
     return of_moves("cycloid", moves, partial(laws.move, laws.cycloid, moves[2], n["duration"]), n)
 
 
 def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
-    """Displacements along s(u) = 10 u^3 - 15 u^4 + 6 u^5, u = t/duration [s]; then rest."""
-    moves, n = (
-        keys.moves_of(joints, platform, "quintic"),
-        keys.options("quintic", duration=duration),
-    )
+    """Displacements along s(u) = 10 u^3 - 15 u^4 + 6 u^5, u = t/duration [s]; then rest.
+
+    Args: As of `cycloid`.
+    """
+    moves = keys.moves_of(joints, platform, "quintic")
+    n = keys.options("quintic", duration=duration)
     return of_moves("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
 
 
@@ -56,11 +61,11 @@ def nonic(*, joints: Moves = None, platform: Moves = None, duration: float) -> M
     """Displacements along a polynomial of ninth degree in t/duration [s]; then rest.
 
     Speed, acceleration, jerk and its rate are zero at both ends: smooth enough for `command`.
+
+    Args: As of `cycloid`.
     """
-    moves, n = (
-        keys.moves_of(joints, platform, "nonic"),
-        keys.options("nonic", duration=duration),
-    )
+    moves = keys.moves_of(joints, platform, "nonic")
+    n = keys.options("nonic", duration=duration)
     return of_moves("nonic", moves, partial(laws.move, laws.nonic, moves[2], n["duration"]), n)
 
 
@@ -68,11 +73,13 @@ def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) ->
     """Speeds [rad/s | m/s] reached in `duration` [s] along u - sin(2 pi u)/(2 pi), then kept.
 
     Source: Kane, Ryan and Banerjee (1987), the spin-up of a rotating beam.
+
+    Args:
+        joints, platform: Speeds by motor or by platform coordinate [rad/s | m/s].
+        duration: Until the speed is reached [s].
     """
-    moves, n = (
-        keys.moves_of(joints, platform, "spin_up"),
-        keys.options("spin_up", duration=duration),
-    )
+    moves = keys.moves_of(joints, platform, "spin_up")
+    n = keys.options("spin_up", duration=duration)
     return of_moves("spin_up", moves, partial(laws.spin_up, moves[2], n["duration"]), n)
 
 
@@ -93,7 +100,10 @@ def trapezoid(
 ) -> Motion:
     """Displacements at constant speed between two ramps [s] of constant acceleration; then rest.
 
-    Give the duration [s], or the speed (rad/s | m/s) of the coordinate with the longest way.
+    Args:
+        joints, platform: As of `cycloid`.
+        ramp: Of each ramp [s]. duration: Of the motion [s]; None: from the speed.
+        speed: Of the coordinate that moves furthest [rad/s | m/s], instead of a duration.
     """
     moves = keys.moves_of(joints, platform, "trapezoid")
     n = keys.options("trapezoid", "duration speed", ramp=ramp, duration=duration, speed=speed)
@@ -121,12 +131,14 @@ def harmonic(
 ) -> Motion:
     """Amplitudes by name times sin(2 pi frequency t + phase) - sin(phase), without end.
 
-    frequency [Hz]; phase [rad]; smooth: quintic fade-in [s]; duration [s], default one period.
+    Args:
+        joints, platform: Amplitudes by motor or by platform coordinate [rad | m].
+        frequency: [Hz]. phase: [rad].
+        smooth: Length of the quintic fade-in [s].
+        duration: End of the run [s]; default one period.
     """
-    moves, given = (
-        keys.moves_of(joints, platform, "harmonic"),
-        {"frequency": frequency, "phase": phase},
-    )
+    moves = keys.moves_of(joints, platform, "harmonic")
+    given = {"frequency": frequency, "phase": phase}
     n = keys.options("harmonic", "duration", **given, smooth=smooth, duration=duration)
     n.setdefault("duration", n["smooth"] + 1.0 / n["frequency"])
     omega = 2.0 * np.pi * n["frequency"]
@@ -149,15 +161,18 @@ def circle(
 ) -> Motion:
     """Platform at center + radius (cos, sin)(phase + direction omega t) in a plane, without end.
 
-    center, radius [m]; omega [rad/s]; plane: two of x y z; phase [rad]; direction 1 or -1; fixed:
-    values of other coordinates (m | rad); ramp: start from rest [s]; duration [s]: one turn.
+    Args:
+        center: Of the circle in its plane [m], two numbers.
+        radius: [m]. omega: Angular speed [rad/s]. plane: Two of x y z.
+        phase: Angle at the start [rad]. direction: 1 or -1. ramp: Start from rest [s].
+        fixed: Further platform coordinates that are held [m | rad].
+        duration: End of the run [s]; default one turn.
     """
     given = {"radius": radius, "omega": omega, "phase": phase, "ramp": ramp, "duration": duration}
     n = keys.options("circle", "duration", **given)
     if not isinstance(center, (list, tuple, np.ndarray)) or len(center) != 2:
-        raise keys.bad(
-            "circle.center", f"{shown(center)} is no point of the plane. Give two numbers [m]."
-        )
+        why = f"{shown(center)} is no point of the plane. Give two numbers [m]."
+        raise keys.bad("circle.center", why)
     at = [keys.number(x, f"circle.center[{i}]", "m", "place") for i, x in enumerate(center)]
     axes = keys.names(plane, "platform", "circle.plane")
     if len({*axes} & {"x", "y", "z"}) != 2 or len(axes) != 2:
@@ -189,8 +204,13 @@ def sampled(
 ) -> Motion:
     """Quintic spline through samples (rad | m), at rest at both ends or periodic; needs scipy.
 
-    Samples: a CSV file with the header t, name, ... (joints or platform may pick columns), or times
-    t [s] and joints or platform as {name: samples}. absolute: values, else displacements from home.
+    Args:
+        file: CSV with the header t, name, ...
+        t: Times [s], shape (n,), without a file.
+        joints: Values by motor [rad | m], shape (n,) each; of a file the columns that are taken.
+        platform: The same of platform coordinates [m | rad].
+        absolute: Positions instead of displacements from home.
+        periodic: The motion repeats.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -213,13 +233,16 @@ def formula(
 ) -> Motion:
     """Formulas of the time t [s] by name, such as {slide: "0.3*t^2"} (rad | m), without end.
 
-    With + - * / ^, pi, sin cos tan atan exp log sqrt; duration [s]; absolute: values of the
-    coordinates, else displacements from home.
+    With + - * / ^, pi, sin cos tan atan exp log sqrt.
+
+    Args:
+        joints, platform: Formulas by motor or by platform coordinate [rad | m].
+        duration: End of the run [s].
+        absolute: Positions instead of displacements from home.
     """
     if not isinstance(absolute, bool):
-        raise keys.bad(
-            "formula.absolute", f"{shown(absolute)} is not allowed. Allowed: true, false."
-        )
+        why = f"{shown(absolute)} is not allowed. Allowed: true, false."
+        raise keys.bad("formula.absolute", why)
     n = keys.options("formula", duration=duration)
     target, given = keys.target_of(joints, platform, "formula")
     if not isinstance(given, Mapping):

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pinflex import registered
 from pinflex.description import schema, torsion
 from pinflex.description.ranges import RANGES
 from pinflex.errors import DescriptionError, nearest
@@ -281,17 +282,16 @@ SHAPES: dict[str, Shape] = {
 def register_shape(shape: Shape) -> None:
     """Add a shape of section; from then on `{shape: NAME, ...}` is read, solved and drawn.
 
-    Raises:
-        DescriptionError: The name is taken, or a key has no quantity of `ranges.RANGES`.
+    Raises: DescriptionError: The name is taken, or a key has no quantity of `ranges.RANGES`.
     """
     if shape.name in SHAPES:
         raise DescriptionError(f"shape {shape.name}: there is one of that name. Choose another.")
     for key, quantity in shape.keys.items():
         if quantity not in RANGES:
-            raise DescriptionError(
-                f"shape {shape.name}: key {key}: {quantity}.{nearest(quantity, RANGES)}"
-            )
+            why = f"key {key}: {quantity}.{nearest(quantity, RANGES)}"
+            raise DescriptionError(f"shape {shape.name}: {why}")
     SHAPES[shape.name] = shape
+    registered.note(register_shape, shape.name, shape)
 
 
 def from_spec(spec: object, where: str = "section") -> Section:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pinflex import registered
 from pinflex.description import fields, schema
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
@@ -28,11 +29,14 @@ class Integrator:
         name: Value of the key `integrator`.
         keys: Further keys of `solve` that have a meaning for it.
         only: The one level that it serves; None: every level that marches in time.
+        method: An `AlphaScheme`, a `Collocation` (coupled, with tol) or a function (ked) from
+            outside the package; None: one of its own.
     """
 
     name: str
     keys: tuple[str, ...] = ()
     only: str | None = None
+    method: Any = None
 
 
 INTEGRATORS: dict[str, Integrator] = {
@@ -48,8 +52,21 @@ INTEGRATORS: dict[str, Integrator] = {
         Integrator("radau", only="coupled"),
     )
 }
-KED_ONLY = tuple(row.name for row in INTEGRATORS.values() if row.only == "ked")
-COUPLED_ONLY = tuple(row.name for row in INTEGRATORS.values() if row.only == "coupled")
+
+
+def register_integrator(integrator: Integrator) -> None:
+    """Add an integrator; from then on `integrator: NAME` is read and solved.
+
+    Raises:
+        DescriptionError: The name is taken, or there is no method.
+    """
+    where = f"integrator {integrator.name}"
+    if integrator.name in INTEGRATORS:
+        raise DescriptionError(f"{where}: there is one of that name. Choose another.")
+    if integrator.method is None:
+        raise DescriptionError(f"{where}: no method. Give a scheme, a tableau or a function.")
+    INTEGRATORS[integrator.name] = integrator
+    registered.note(register_integrator, integrator.name, integrator)
 
 
 def _newmark(value: object, where: str) -> tuple[float, float]:
@@ -122,6 +139,18 @@ class SolveSpec:
     start: str = fields.word("auto", STARTS)
 
     @property
+    def method(self) -> Any:
+        """The integrator given as a value or registered by its name; else its name, or None."""
+        row = INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
+        return self.integrator if row is None or row.method is None else row.method
+
+    @property
+    def only(self) -> str | None:
+        """The one level that the named integrator serves, if it is one."""
+        row = INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
+        return None if row is None else row.only
+
+    @property
     def by_steps(self) -> str:
         """Name of the integrator of equal steps."""
         given = self.integrator
@@ -151,7 +180,7 @@ def read_solve(value: object, where: str) -> SolveSpec:
 
 def _require_effect(spec: SolveSpec, block: Mapping[str, Any], place: Mapping[str, str]) -> None:
     """Raise where a written key has no effect beside the level, integrator or drive."""
-    if spec.integrator in KED_ONLY and spec.level != "ked":
+    if spec.only == "ked" and spec.level != "ked":
         raise DescriptionError(
             f"{place['integrator']}: {spec.integrator} is for linear systems: level ked only. "
             "Write `level: ked`, or integrator: generalized_alpha."
@@ -192,7 +221,7 @@ def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
     elif "dt" in given:
         spec = replace(spec, tol=None)
     spec = _spec(spec, given, {key: f"solve.{key}" for key in _KEYS})
-    if spec.integrator in KED_ONLY and spec.level == "coupled":
+    if spec.only == "ked" and spec.level == "coupled":
         raise DescriptionError(
             f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
             'Take level="ked", or integrator="generalized_alpha".'

@@ -11,6 +11,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+from pinflex import registered
 from pinflex.description import urdf
 from pinflex.description.files import MOST_TEXT, require_regular
 from pinflex.description.source import Source
@@ -68,6 +69,7 @@ def register(suffix: str, reader: Reader) -> None:
     if suffix in READERS:
         raise DescriptionError(f"source {suffix}: there is a reader of it. Choose another suffix.")
     READERS[suffix] = reader
+    registered.note(register, suffix, suffix, reader)
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:

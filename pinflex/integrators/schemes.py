@@ -61,7 +61,12 @@ def hht(rho_inf: float = 0.8) -> AlphaScheme:
 
 
 def newmark(gamma: float = 0.5, beta: float = 0.25) -> AlphaScheme:
-    """Newmark 1959: gamma = 1/2, beta = 1/4 is the average-acceleration (trapezoidal) rule."""
+    """Newmark 1959: gamma = 1/2, beta = 1/4 is the average-acceleration (trapezoidal) rule.
+
+    Args:
+        gamma: Weight of the new acceleration in the speed [-].
+        beta: The same in the position [-].
+    """
     if gamma < 0.5 or beta < 0.25 * (gamma + 0.5) ** 2 - 1e-12:
         raise DescriptionError(
             f"solve.newmark: [{gamma}, {beta}] is not unconditionally stable. "

@@ -1,4 +1,4 @@
-"""What a run whose steps follow the motion asks of the method that makes them."""
+"""Interface of a one-step method for adaptive marching."""
 
 from __future__ import annotations
 

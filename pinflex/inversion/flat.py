@@ -21,7 +21,7 @@ from pinflex.actuation.motors import MotorAxes, motor_axes
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
-from pinflex.integrators.chebyshev import Pieces
+from pinflex.integrators.chebyshev import PiecewiseChebyshev
 from pinflex.inversion.target import Target, delayed
 from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism
@@ -43,7 +43,7 @@ class Flat:
 
     mechanism: Mechanism
     motion: Motion
-    pieces: Pieces
+    pieces: PiecewiseChebyshev
     axes: MotorAxes
     rows: IntArray
     coefficients: Array
@@ -98,7 +98,7 @@ def flat(mechanism: Mechanism, motion: Motion, wanted: Target) -> Flat | None:
     later, rows = delayed(motion, wanted.before), mechanism.rigid.motors
     none = mechanism.rigid.loads
     corners = [wanted.before, *(wanted.before + t for t in breaks(motion, none))]
-    pieces = Pieces(0.0, float(wanted.t[-1]), corners)
+    pieces = PiecewiseChebyshev(0.0, float(wanted.t[-1]), corners)
     system, names = mechanism.flexible, mechanism.motors
     compliance = np.zeros(len(rows))
     for gear in system.expansion.drives:
@@ -147,7 +147,7 @@ def _at_motors(mechanism: Mechanism, v: Array, a: Array) -> Array:
 
 
 def _coefficients(values: Array) -> Array:
-    """Chebyshev coefficients of values (n + 1, k) at the points of `Pieces.nodes`."""
+    """Chebyshev coefficients of values (n + 1, k) at the points of `PiecewiseChebyshev.nodes`."""
     n = len(values) - 1
     x = np.arange(n + 1)
     T = np.cos(np.pi * np.outer(x, x) / n) * np.where(x % n, 1.0, 0.5)

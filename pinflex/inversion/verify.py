@@ -14,7 +14,7 @@ from pinflex.inversion.command import Command
 from pinflex.inversion.target import delayed
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
-from pinflex.results.views import rotation_vector
+from pinflex.rotations import rotation_vector
 
 _SAMPLES = 401
 _TOL = 1e-4  # of time integration, relative to the largest deflection

@@ -30,7 +30,7 @@ from pinflex.integrators.linear import (
 from pinflex.integrators.mode_superposition import mode_superposition
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
-from pinflex.levels.linearised import Line, along
+from pinflex.levels.linearised import LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.manifold import Manifold
@@ -51,10 +51,10 @@ def march_of(spec: SolveSpec) -> March:
         return partial(wilson_theta, theta=1.4 if spec.theta is None else spec.theta)
     if spec.integrator == "mode_superposition":
         return partial(mode_superposition, modes=12 if spec.modes is None else spec.modes)
-    if isinstance(spec.integrator, AlphaScheme):
-        return partial(alpha, spec.integrator)
-    if callable(spec.integrator):
-        march: March = spec.integrator
+    if isinstance(spec.method, AlphaScheme):
+        return partial(alpha, spec.method)
+    if callable(spec.method):
+        march: March = spec.method
         return march
     rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
     return partial(alpha, scheme(spec.by_steps, rho_inf, spec.newmark))
@@ -78,14 +78,14 @@ def solve_ked(
         start: straight, static or auto, as in `pinflex.levels.start`.
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
-        close: What interpolated matrices may miss (see `linear_line.along`).
+        close: What interpolated matrices may miss (see `linearised.along`).
     Returns:
         The run: nominal motion plus deviation, torques included.
     """
     path, system = nominal(mechanism, motion, t), mechanism.flexible
     nt, free, rows = len(path.t), system.free, system.closed.n
     h = float(t[-1] - t[0]) / (nt - 1)
-    line = Line(mechanism, path)
+    line = LinearPath(mechanism, path)
     at = along(mechanism, motion, path, structural, close, line.dynamics)
     d, v, a = np.zeros((nt, system.nv)), line.v, line.a
     lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
@@ -117,7 +117,7 @@ def solve_ked(
     return replace(run, warnings=(*run.warnings, *_diverging(line, run)))
 
 
-def _diverging(line: Line, run: Run) -> tuple[str, ...]:
+def _diverging(line: LinearPath, run: Run) -> tuple[str, ...]:
     """Where the stiffness of the deflected mechanism has lost its sign, as a warning.
 
     The march is about the rigid motion, whose stiffness may be positive where that of the pose it

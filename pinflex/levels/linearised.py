@@ -1,13 +1,13 @@
-"""The linear system along a nominal motion, at every step, or interpolated where it is smooth.
+"""The linear system along a nominal motion: at every step, or interpolated where it is smooth.
 
 Evaluating M, C, K and J costs several times a step of the march. Between the corners of a motion
 they are smooth functions of time: evaluated at Chebyshev points, doubled until the new ones are met
-by interpolation, they serve any number of steps.
+by interpolation, they serve any number of steps, and any number of marches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
-from pinflex.integrators.chebyshev import Pieces
+from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
@@ -25,35 +25,48 @@ from pinflex.mechanics.mechanism import Mechanism
 _NODES = 8  # intervals between the nodes of a piece to begin with
 _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
-_TOGETHER = 32  # steps that are interpolated at a time
+_BATCH = 32  # steps that are interpolated at a time
 _LARGEST = 2e7  # numbers that the nodes may hold (160 MB)
 _STILL = 1e-12  # of the largest entry of a matrix: round-off of what does not change
 
 
 @dataclass(frozen=True)
-class Here:
-    """All rows of the system at one time, and the multipliers of the rigid motion."""
-
-    instant: Instant
-    base: Array
-
-
-@dataclass(frozen=True)
-class Linear:
-    """One step: rows of the free coordinates and of the motors, by the free coordinates.
+class LinearStep:
+    """The linear system at one time.
 
     Attributes:
-        free, motors: Their parts of M, C, K, r and J (rows of a motor have J' as the others).
+        parts: M, C, K, r and J in the rows and columns that were asked for, one for each choice of
+            rows (rows of a motor have J' as the others).
         base: Multipliers of the rigid motion, shape (rows,).
     """
 
-    free: Instant
-    motors: Instant
+    parts: tuple[Instant, ...]
     base: Array
 
+    @property
+    def free(self) -> Instant:
+        """Rows of the free coordinates, by the free ones."""
+        return self.parts[0]
 
-class Line:
-    """The system at the instants of a nominal motion; v and a (nt, nv) are those of it."""
+    @property
+    def motors(self) -> Instant:
+        """Rows of the motors, by the free coordinates."""
+        return self.parts[1]
+
+    def packed(self) -> list[Array]:
+        """Every array, in one order."""
+        return [x for s in self.parts for x in (s.M, s.C, s.K, s.r, s.J)] + [self.base]
+
+
+class LinearPath:
+    """The system at every instant of a nominal motion.
+
+    Attributes:
+        dynamics: Workspace of the flexible mechanism.
+        path: The nominal motion.
+        structural: Whether what the motion and the loads add to C and K is left out.
+        v, a: Its rates and accelerations, elastic ones zero, shape (nt, nv) each.
+    """
 
     def __init__(
         self,
@@ -62,44 +75,128 @@ class Line:
         structural: bool = False,
         dynamics: Equations | None = None,
     ) -> None:
-        """`dynamics`: a workspace of the flexible mechanism to work on; None: one of its own."""
+        """Nothing is evaluated yet.
+
+        Args:
+            mechanism: Mechanism.
+            path: Its nominal motion.
+            structural: Leave out what the motion and the loads add to C and K.
+            dynamics: A workspace of the flexible mechanism; None: one of its own.
+        """
         self.dynamics, self.path = dynamics or Equations(mechanism.flexible), path
         system, m = mechanism.flexible, int(mechanism.flexible.rigid.nv)
         self.v, self.a = (np.zeros((len(path.t), system.nv)) for _ in range(2))
         self.v[:, :m], self.a[:, :m] = path.v, path.a
-        self._stiff = mechanism.rigid.free
-        self._damping, self._structural = mechanism.description.system_damping, structural
+        self._passive = mechanism.rigid.free
+        self._damping, self.structural = mechanism.description.system_damping, structural
 
-    def flat(self, k: int) -> Array:
-        """The undeformed pose of an instant."""
-        return np.concatenate([self.path.q[k], np.zeros(self.dynamics.system.n_eta)])
-
-    def full(self, k: int) -> Here:
+    def full(self, k: int) -> LinearStep:
         """The system in all coordinates."""
         dynamics, system = self.dynamics, self.dynamics.system
-        y, v, a = self.flat(k), self.v[k], self.a[k]
-        t = float(self.path.t[k])
-        base = _rigid_multipliers(dynamics, self._stiff, y, v, a, t)
+        y = np.concatenate([self.path.q[k], np.zeros(system.n_eta)])
+        v, a, t = self.v[k], self.a[k], float(self.path.t[k])
+        base = _rigid_multipliers(dynamics, self._passive, y, v, a, t)
         r, _ = dynamics.residual(y, v, a, base, t)
         M, C, K, J = dynamics.tangent(y, v, a, base, t)
         alpha, beta = self._damping
-        if self._structural or alpha or beta:
+        if self.structural or alpha or beta:
             structure = dynamics.structural_stiffness(y)
-            if self._structural:
+            if self.structural:
                 C, K = system.D, structure
             C = C + alpha * M + beta * structure
-        return Here(Instant(M, C, K, r, J), base)
+        return LinearStep((Instant(M, C, K, r, J),), base)
 
-    def at(self, k: int) -> Linear:
-        """The rows that a march needs."""
-        here, system = self.full(k), self.dynamics.system
-        now, free = here.instant, system.free
+    def at(self, k: int) -> LinearStep:
+        """The rows that a march needs: `free` and `motors`."""
+        step, system = self.full(k), self.dynamics.system
+        now, free = step.parts[0], system.free
         parts = []
         for rows in (free, system.motors):
             square = np.ix_(rows, free)
             parts.append(Instant(now.M[square], now.C[square], now.K[square], now.r[rows],
                                  now.J[:, rows]))  # fmt: skip
-        return Linear(parts[0], parts[1], here.base)
+        return LinearStep(tuple(parts), step.base)
+
+
+class InterpolatedPath:
+    """The system off polynomials, at any step.
+
+    Steps of a piece in which nothing changes are one object: a march keeps its factors there.
+
+    Attributes:
+        grid: Where the values are, and how they serve the steps.
+        values: The system at `grid.times`, packed, shape (size, width).
+        missed: Estimate of what interpolation misses, of the largest entry of each matrix.
+    """
+
+    def __init__(
+        self, grid: Interpolation, values: Array, like: LinearStep, missed: float = 0.0
+    ) -> None:
+        """Polynomials of the entries that change.
+
+        Args:
+            grid: Times of the values.
+            values: Packed systems, shape (size, width).
+            like: One of them, for its shapes.
+            missed: Estimate of what interpolation misses.
+        """
+        self.grid, self.values, self.missed = grid, values, missed
+        self._shapes, self._cuts = [x.shape for x in like.packed()], _cuts(like)
+        round_off = _STILL * np.concatenate([
+            np.full(x.shape[1], np.max(np.abs(x), initial=0.0))
+            for x in np.split(values, self._cuts, 1)
+        ])  # fmt: skip
+        self._still = values[0]
+        self._moves = np.ptp(values, axis=0) > round_off
+        self._moving = np.ascontiguousarray(values[:, self._moves])
+        nodes = self._moving[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
+        resting = np.all(np.ptp(nodes, axis=1) <= round_off[self._moves], axis=1)
+        first = {int(p): int(p) * (grid.n + 1) for p in np.flatnonzero(resting)}
+        self._resting = {p: self._step(values[k]) for p, k in first.items()}
+        self._piece, self._corners = grid.piece.tolist(), set(grid.corners.tolist())
+        self._chunks: dict[int, Array] = {}
+        self._last: tuple[int, LinearStep] | None = None
+
+    def at(self, k: int) -> LinearStep:
+        """The step k; a march asks for one, and then who reads its forces for the same."""
+        if self._last is None or self._last[0] != k:
+            self._last = k, self._at(k)
+        return self._last[1]
+
+    def parts(self) -> list[Array]:
+        """Every array of the stored systems, (size, ...) each, in the order of `packed`."""
+        split = np.split(self.values, self._cuts, 1)
+        return [x.reshape(len(x), *shape) for x, shape in zip(split, self._shapes, strict=True)]
+
+    def _at(self, k: int) -> LinearStep:
+        if k not in self._corners and self._piece[k] in self._resting:
+            return self._resting[self._piece[k]]
+        number = k // _BATCH
+        if number not in self._chunks:
+            if len(self._chunks) > 1:
+                self._chunks.pop(min(self._chunks, key=lambda j: -abs(j - number)))
+            at = slice(number * _BATCH, min((number + 1) * _BATCH, len(self.grid.t)))
+            rows = np.tile(self._still, (at.stop - at.start, 1))
+            rows[:, self._moves] = self.grid.between(self._moving, at)
+            self._chunks[number] = rows
+        return self._step(self._chunks[number][k % _BATCH])
+
+    def _step(self, row: Array) -> LinearStep:
+        split = np.split(row, self._cuts)
+        x = [part.reshape(shape) for part, shape in zip(split, self._shapes, strict=True)]
+        parts = [Instant(*x[k : k + 5]) for k in range(0, len(x) - 1, 5)]
+        return LinearStep(tuple(parts), x[-1])
+
+
+def stacked_path(grid: Interpolation, parts: Sequence[Array]) -> InterpolatedPath:
+    """A path of systems in one choice of rows that are at hand.
+
+    Args:
+        grid: Their times.
+        parts: M, C, K (size, n, n), r (size, n), J (size, rows, n), base (size, rows).
+    """
+    like = LinearStep((Instant(*(x[0] for x in parts[:5])),), parts[5][0])
+    return InterpolatedPath(grid, np.hstack([x.reshape(len(x), -1) for x in parts]), like)
 
 
 def along(
@@ -109,157 +206,115 @@ def along(
     structural: bool,
     close: float,
     dynamics: Equations | None = None,
-) -> Callable[[int], Linear]:
-    """The system at every step of a nominal motion.
+) -> Callable[[int], LinearStep]:
+    """The system at every step of a nominal motion: its free coordinates and motors.
 
     Args:
-        mechanism: Mechanism. motion: Its motion. path: The nominal motion at the steps.
+        mechanism: Mechanism.
+        motion: Its motion.
+        path: The nominal motion at the steps.
         structural: Leave out what the motion and the loads add to C and K.
         close: What interpolation may miss, of the largest entry of each matrix.
         dynamics: A workspace of the flexible mechanism; None: one of its own.
     """
-    every, t = Line(mechanism, path, structural, dynamics), path.t
-    pieces, n = _pieces(motion, mechanism.flexible.loads, t)
-    values = np.empty((len(pieces), 0, 0))
-    while len(pieces) * (n + 1) * _STEPS < len(t):
-        new = slice(1, None, 2) if values.size else slice(None)
-        times = pieces.nodes(n)[:, new].ravel()
-        nodes = Line(mechanism, between(mechanism, motion, path, times), structural, every.dynamics)
-        steps = [nodes.at(k) for k in range(len(times))]
-        packed = np.array([_pack(step) for step in steps]).reshape(len(pieces), -1, _size(steps[0]))
-        if not values.size:
-            values = packed
-        else:
-            missed = pieces.between(values, times) - packed.reshape(len(times), -1)
-            known, values = values, np.empty((len(pieces), n + 1, packed.shape[2]))
-            values[:, ::2], values[:, 1::2] = known, packed
-            if _settled(missed, values, pieces, steps[0], close):
-                return _Between(every, pieces, values, steps[0]).at
-        if 2 * values.size > _LARGEST:
-            break
-        n *= 2
+    every = LinearPath(mechanism, path, structural, dynamics)
+    pieces, n = _pieces(motion, mechanism.flexible.loads, path.t, _STEPS)
+    if len(pieces) * (2 * n + 1) * _STEPS < len(path.t):
+        found = _interpolated(every, mechanism, motion, LinearPath.at, pieces, n, close, _STEPS)
+        if found.missed < close:
+            return found.at
     return _Kept(every.at).at
 
 
-def _pieces(motion: Motion, loads: Loads, t: Array) -> tuple[Pieces, int]:
+def full_path(
+    every: LinearPath, mechanism: Mechanism, motion: Motion, close: float
+) -> InterpolatedPath:
+    """The system in all coordinates, interpolated whether or not that is `close`.
+
+    Args:
+        every: The system at the steps.
+        mechanism: Mechanism.
+        motion: Its motion.
+        close: What interpolation may miss, of the largest entry of each matrix. There are hardly
+            more nodes than steps, so `missed` may be larger.
+    """
+    t = every.path.t
+    pieces, n = _pieces(motion, mechanism.flexible.loads, t, 1)
+    if len(pieces) * (n + 1) > len(t):
+        n = _FEW
+    if len(pieces) * (n + 1) > len(t):
+        pieces, n = PiecewiseChebyshev(float(t[0]), float(t[-1]), []), _NODES
+    return _interpolated(every, mechanism, motion, LinearPath.full, pieces, n, close, 1)
+
+
+def _interpolated(
+    every: LinearPath,
+    mechanism: Mechanism,
+    motion: Motion,
+    system: Callable[[LinearPath, int], LinearStep],
+    pieces: PiecewiseChebyshev,
+    n: int,
+    close: float,
+    steps: int,
+) -> InterpolatedPath:
+    """Polynomials through twice the nodes until they are `close`, or nodes are one in `steps`."""
+    like, t = system(every, 0), every.path.t
+    cuts = _cuts(like)
+
+    def packed(times: Array) -> Array:
+        path = between(mechanism, motion, every.path, times)
+        line = LinearPath(mechanism, path, every.structural, every.dynamics)
+        return np.array([_pack(system(line, k)) for k in range(len(times))])
+
+    def relative(missed: Array, values: Array) -> float:
+        """Largest miss of each matrix over its largest entry; the worst of all."""
+        pairs = (np.split(x.reshape(-1, x.shape[-1]), cuts, 1) for x in (missed, values))
+        return max(
+            float(np.max(np.abs(m), initial=0.0) / max(np.max(np.abs(v), initial=0.0), 1e-300))
+            for m, v in zip(*pairs, strict=True)
+        )
+
+    values, missed = pieces.refined(packed, relative, n, close, len(t) / steps, _LARGEST)
+    grid = Interpolation(pieces, values.shape[1] - 1, t)
+    corners = [_pack(system(every, int(k)))[None] for k in grid.corners]
+    flat = np.concatenate([values.reshape(grid.nodes, -1), *corners])
+    return InterpolatedPath(grid, flat, like, missed)
+
+
+def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[PiecewiseChebyshev, int]:
     """Time between the corners, and intervals between the nodes of a piece to begin with.
 
     A sampled motion is a polynomial between its samples and not smooth across them: it is cut at
-    each, unless that makes too many pieces.
+    each, unless that makes more nodes than one in `steps`.
     """
     start, end, corners = float(t[0]), float(t[-1]), breaks(motion, loads)
     if motion.kind == "sampled":
-        pieces = Pieces(start, end, [*corners, *sample_times(motion, end)])
-        if len(pieces) * (_FEW + 1) * _STEPS < len(t):
+        pieces = PiecewiseChebyshev(start, end, [*corners, *sample_times(motion, end)])
+        if len(pieces) * (_FEW + 1) * steps < len(t):
             return pieces, _FEW
-    return Pieces(start, end, corners), _NODES
+    return PiecewiseChebyshev(start, end, corners), _NODES
 
 
-def _settled(missed: Array, values: Array, pieces: Pieces, like: Linear, close: float) -> bool:
-    """Whether the nodes are enough: half as many would be, or these lose little by their decay.
-
-    Between corners the error falls like r^n: what half of the nodes miss is about the square root
-    of what all miss. That alone is an estimate, so the last two polynomials have to be small too:
-    what they hold is ten to a hundred times what is missed (measured).
-    """
-    half = _relative(missed, values, like)
-    if half < close:
-        return True
-    if half > 0.1 * close**0.5:
-        return False
-    lost = values - pieces.coarser(values)
-    return _relative(lost.reshape(-1, lost.shape[2]), values, like) < close
+def _pack(step: LinearStep) -> Array:
+    return np.concatenate([x.ravel() for x in step.packed()])
 
 
-def _parts(step: Linear) -> list[Array]:
-    return [x for s in (step.free, step.motors) for x in (s.M, s.C, s.K, s.r, s.J)] + [step.base]
-
-
-def _pack(step: Linear) -> Array:
-    return np.concatenate([x.ravel() for x in _parts(step)])
-
-
-def _size(step: Linear) -> int:
-    return sum(x.size for x in _parts(step))
-
-
-def _cuts(step: Linear) -> list[int]:
-    return [int(c) for c in np.cumsum([x.size for x in _parts(step)])[:-1]]
-
-
-def _relative(missed: Array, values: Array, step: Linear) -> float:
-    """Largest miss of each matrix over its largest entry; the worst of all."""
-    pairs = zip(np.split(missed, _cuts(step), 1), np.split(values, _cuts(step), 2), strict=True)
-    return max(
-        float(np.max(np.abs(m), initial=0.0) / max(np.max(np.abs(v), initial=0.0), 1e-300))
-        for m, v in pairs
-    )
+def _cuts(step: LinearStep) -> list[int]:
+    return [int(c) for c in np.cumsum([x.size for x in step.packed()])[:-1]]
 
 
 class _Kept:
     """The last few steps: mode superposition looks three steps around."""
 
-    def __init__(self, evaluate: Callable[[int], Linear]) -> None:
-        self._evaluate, self._kept = evaluate, dict[int, Linear]()
+    def __init__(self, evaluate: Callable[[int], LinearStep]) -> None:
+        self._evaluate, self._kept = evaluate, dict[int, LinearStep]()
 
-    def at(self, k: int) -> Linear:
+    def at(self, k: int) -> LinearStep:
         if k not in self._kept:
             while len(self._kept) > 5:
                 self._kept.pop(min(self._kept, key=lambda j: -abs(j - k)))
             self._kept[k] = self._evaluate(k)
         return self._kept[k]
-
-
-class _Between:
-    """Steps off the polynomials; those at corners are evaluated.
-
-    Steps of a piece in which nothing changes are one object: a march keeps its factors there.
-    """
-
-    def __init__(self, every: Line, pieces: Pieces, values: Array, like: Linear) -> None:
-        self._line, self._pieces, self._t = every, pieces, every.path.t
-        self._corners = set(np.flatnonzero(pieces.at_corner(self._t)).tolist())
-        self._of = pieces.of(self._t).tolist()
-        self._shapes, self._cuts = [x.shape for x in _parts(like)], _cuts(like)
-        flat = values.reshape(-1, values.shape[2])
-        size = [
-            np.full(x.shape[1], np.max(np.abs(x), initial=0.0))
-            for x in np.split(flat, self._cuts, 1)
-        ]
-        round_off = _STILL * np.concatenate(size)
-        self._still = flat[0]
-        self._moves = np.ptp(flat, axis=0) > round_off
-        self._values = np.ascontiguousarray(values[:, :, self._moves])
-        resting = np.all(np.ptp(self._values, axis=1) <= round_off[self._moves], axis=1)
-        self._resting = {int(k): self._linear(values[k, 0]) for k in np.flatnonzero(resting)}
-        self._chunks: dict[int, Array] = {}
-        self._last: tuple[int, Linear] | None = None
-
-    def at(self, k: int) -> Linear:
-        """The step k; a march asks for one, and then who reads its forces for the same."""
-        if self._last is None or self._last[0] != k:
-            self._last = k, self._at(k)
-        return self._last[1]
-
-    def _at(self, k: int) -> Linear:
-        if k in self._corners:
-            return self._line.at(k)
-        if self._of[k] in self._resting:
-            return self._resting[self._of[k]]
-        number = k // _TOGETHER
-        if number not in self._chunks:
-            if len(self._chunks) > 1:
-                self._chunks.pop(min(self._chunks, key=lambda j: -abs(j - number)))
-            t = self._t[number * _TOGETHER : (number + 1) * _TOGETHER]
-            rows = np.tile(self._still, (len(t), 1))
-            rows[:, self._moves] = self._pieces.between(self._values, t)
-            self._chunks[number] = rows
-        return self._linear(self._chunks[number][k % _TOGETHER])
-
-    def _linear(self, row: Array) -> Linear:
-        parts = np.split(row, self._cuts)
-        x = [part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)]
-        return Linear(Instant(*x[:5]), Instant(*x[5:10]), x[10])
 
 
 def _rigid_multipliers(

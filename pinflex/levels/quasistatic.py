@@ -193,7 +193,12 @@ def unstable_directions(
 
 
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
-    """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness."""
+    """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness.
+
+    Args:
+        mechanism: Mechanism with its home pose.
+        q: Rigid pose, shape (nq,), default home.
+    """
     dynamics, system = Equations(mechanism.flexible), mechanism.flexible
     y0, still, free = mechanism.undeformed(q), np.zeros(system.nv), system.free
     r0, _ = dynamics.residual(y0, still, still, np.zeros(system.closed.n), 0.0)

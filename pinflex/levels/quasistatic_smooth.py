@@ -21,7 +21,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.chebyshev import Pieces
+from pinflex.integrators.chebyshev import PiecewiseChebyshev
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs, relative
 from pinflex.levels.quasistatic import (
@@ -37,7 +37,7 @@ from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
 _NODES = 12  # intervals between the nodes of a piece to begin with
-_ASTRAY = 0.1  # of the largest nominal acceleration: nodes that miss so much are too few
+_NOMINAL_ERROR = 0.1  # of the largest nominal acceleration: nodes that miss so much are too few
 _APART = 6  # nodes from one with a tangent to the next
 _MOST = 15  # iterations
 _STRIDE = 0.3  # m or rad: of a first approach, as in pinflex.levels.quasistatic
@@ -69,7 +69,7 @@ class Equilibria:
         self.dynamics = Equations(self._system)
         self._manifold = Manifold(self.dynamics)
         corners = breaks(motion, self._system.loads)
-        self._pieces = Pieces(float(t[0]), float(t[-1]), corners)
+        self._pieces = PiecewiseChebyshev(float(t[0]), float(t[-1]), corners)
         first = self._pieces.nodes(_NODES).ravel()
         self._path, self._first = nominal_and_more(mechanism, motion, t, first)
         widths = self._system.nv, self._system.closed.n, len(self._system.motors)
@@ -280,7 +280,7 @@ def _smooth(
         fine, coarse, astray = found.interpolated()
         differ = compare.differences(coarse, fine)
         error = {key: max(e, ROUND_OFF) for key, e in differ.items()}
-        if max(error.values(), default=0.0) <= 0.5 * tol and astray < _ASTRAY:
+        if max(error.values(), default=0.0) <= 0.5 * tol and astray < _NOMINAL_ERROR:
             break
         if 2 * found.nodes >= len(t):
             fine, error = found.exact(), dict.fromkeys(error, ROUND_OFF)

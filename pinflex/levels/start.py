@@ -13,7 +13,7 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import AssemblyError, ConvergenceError
 from pinflex.integrators.run import Run
-from pinflex.levels.linearised import Line
+from pinflex.levels.linearised import LinearPath
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
@@ -140,7 +140,7 @@ def linear_start(
         first = replace(first, a=np.zeros_like(first.a))
     if start == "auto":
         dynamics = _lasting(dynamics)
-    now = Line(mechanism, first, structural, dynamics).at(0).free
+    now = LinearPath(mechanism, first, structural, dynamics).at(0).free
     rows = len(now.J)
     S = saddle_matrix(now.K, now.J)
     try:

@@ -13,6 +13,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.geometry import Geometry, Kinematics
 from pinflex.mechanics.poses import skew, support
+from pinflex.rotations import euler_rates, zyx_angles
 
 
 class Frame:
@@ -93,12 +94,12 @@ class PlatformCoordinates:
     def at(self, at: Kinematics) -> tuple[Array, Array]:
         """Values, shape (n, k), and Jacobian by velocity rows, shape (n, k, nv)."""
         every, J = self._every(at.poses), self._frame.jacobian(at)
-        J[:, 3:] = np.linalg.solve(euler_rates(every), J[:, 3:])
+        J[:, 3:] = np.linalg.solve(euler_rates(every[:, 3:]), J[:, 3:])
         return every[:, self._columns], J[:, self._columns]
 
     def bias(self, at: Kinematics) -> Array:
         """Second rates of the coordinates where accelerations are zero, shape (n, k)."""
-        B = euler_rates(self._every(at.poses))
+        B = euler_rates(self._every(at.poses)[:, 3:])
         _, w, swept = self._frame.rates(at)
         rates = np.linalg.solve(B, w[:, :, None])[:, :, 0]
         z, y, x = (B[:, :, k] for k in range(3))
@@ -113,23 +114,3 @@ class PlatformCoordinates:
         turned = (error[..., self.turning] + np.pi) % (2.0 * np.pi) - np.pi
         error[..., self.turning] = turned
         return np.asarray(error)
-
-
-def zyx_angles(R: Array) -> Array:
-    """Intrinsic angles (rz, ry, rx) of R = Rz Ry Rx, shape (n, 3), of rotations (n, 3, 3)."""
-    rz = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-    ry = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
-    return np.column_stack([rz, ry, np.arctan2(R[:, 2, 1], R[:, 2, 2])])
-
-
-def euler_rates(place: Array) -> Array:
-    """B (n, 3, 3) in omega = B (rz, ry, rx)', columns the current axes of the three turns."""
-    cz, sz, cy, sy = (
-        np.cos(place[:, 3]),
-        np.sin(place[:, 3]),
-        np.cos(place[:, 4]),
-        np.sin(place[:, 4]),
-    )
-    none, one = np.zeros_like(cz), np.ones_like(cz)
-    rows = [[none, -sz, cz * cy], [none, cz, sz * cy], [one, none, -sy]]
-    return np.array(rows).transpose(2, 0, 1)

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.equations import Equations
+from pinflex.rotations import quaternion, quaternion_vector
 
 # p @ _TIMES gives the 4x4 matrix of a product from the left by each quaternion p.
 _TIMES = np.array(
@@ -64,7 +65,7 @@ class Manifold:
             c, s, cos, sin = grown * c, grown * s, np.cos(angle), np.sin(angle)
             out[:, at], out[:, at + 1] = c * cos - s * sin, s * cos + c * sin
         for q, v in self._spheres:
-            out[:, q] = _normal(_product(y[..., q], _turned(moves[:, v])))
+            out[:, q] = _normal(_product(y[..., q], quaternion(moves[:, v])))
         out[:, n:] = y[..., n:] + moves[:, m:]
         return out
 
@@ -82,7 +83,7 @@ class Manifold:
             c, s, c1, s1 = y0[:, at], y0[:, at + 1], y1[:, at], y1[:, at + 1]
             moves[:, self._circle_v] = np.arctan2(c * s1 - s * c1, c * c1 + s * s1)
         for q, v in self._spheres:
-            moves[:, v] = _turn(_product(y0[:, q] * [-1.0, -1.0, -1.0, 1.0], y1[:, q]))
+            moves[:, v] = quaternion_vector(_product(y0[:, q] * [-1.0, -1.0, -1.0, 1.0], y1[:, q]))
         moves[:, d.n_rigid :] = y1[:, d.nq_rigid :] - y0[:, d.nq_rigid :]
         return moves
 
@@ -106,23 +107,6 @@ def _product(p: Array, q: Array) -> Array:
     """Quaternions p q, shape (..., 4), scalar last."""
     left = (p @ _TIMES).reshape(*p.shape[:-1], 4, 4)
     return np.asarray((left @ q[..., None])[..., 0])
-
-
-def _turned(angle: Array) -> Array:
-    """Quaternions (..., 4) of rotation vectors (..., 3)."""
-    half = 0.5 * np.linalg.norm(angle, axis=-1, keepdims=True)
-    return np.concatenate([0.5 * np.sinc(half / np.pi) * angle, np.cos(half)], axis=-1)
-
-
-def _turn(q: Array) -> Array:
-    """The shorter rotation vectors (..., 3) of quaternions (..., 4)."""
-    q = np.where(q[..., 3:] < 0.0, -q, q)
-    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    # Below the smallest number whose square is one, sine and angle are the same.
-    ratio = np.where(
-        sine < 1e-150, 2.0, 2.0 * np.arctan2(sine, q[..., 3:]) / np.maximum(sine, 1e-150)
-    )
-    return np.asarray(ratio * q[..., :3])
 
 
 def _normal(q: Array) -> Array:

@@ -32,7 +32,8 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.damping import damping
-from pinflex.description.flexible import EndMass, FlexibleLink
+from pinflex.description.flexible import FlexibleLink
+from pinflex.description.link_mass import EndMass
 from pinflex.text import brief
 
 # Smallest share of its density that a beam may carry. Below it the modes of the beam alone lie

@@ -5,40 +5,36 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.integrators.run import Run
 from pinflex.mechanics.contact import section_forces
 from pinflex.mechanics.expanded import Attachment, Slot
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import solids, stress
 from pinflex.recovery.kinematics import pose_of
 from pinflex.recovery.samples import Samples
+from pinflex.rotations import rotation_vector, zyx_matrix
 
 # Per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola.
 _SECTIONS = 21
 
 
-def links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) -> dict[str, Array]:
-    """Arrays link/NAME/... of a Result.
-
-    Args:
-        mechanism: Mechanism. run: States. samples: What they move and take.
-        reference: Joint poses of the rigid mechanism, shape (nt, joints, 3, 4).
-    """
+def links(samples: Samples) -> dict[str, Array]:
+    """Arrays link/NAME/... of a Result."""
+    mechanism, run, poses = samples.mechanism, samples.run, samples.kinematics.poses
+    reference = poses if samples.rigid_poses is None else samples.rigid_poses
     out = dict[str, Array]()
     bodies = {id(s.body): s.body for s in run.system.expansion.slots}
     cuts = {key: stress.cut(body, _SECTIONS) for key, body in bodies.items()}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
-        pieces = [_piece(run, samples, slot, cuts[id(slot.body)], out) for slot in slots]
+        pieces = [_piece(samples, slot, cuts[id(slot.body)], out) for slot in slots]
         # two bodies share the section between them
         x, resultant, line, turned = (
             np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
             for values in zip(*pieces, strict=True)
         )
-        x, home = x[0], pose_of(samples.kinematics.poses, slots[0].root)
+        x, home = x[0], pose_of(poses, slots[0].root)
         back = (line - home[:, None, :, 3]) @ home[:, :, :3]
         back[:, :, 0] -= x
-        spin = _rotation_vectors(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
+        spin = rotation_vector(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
         key = f"link/{name}"
         out[f"{key}/x"] = x
         out[f"{key}/deflection"] = np.concatenate([back, spin], axis=2)
@@ -56,12 +52,13 @@ def links(mechanism: Mechanism, run: Run, samples: Samples, reference: Array) ->
 
 
 def _piece(
-    run: Run, samples: Samples, slot: Slot, section: stress.Cut, out: dict[str, Array]
+    samples: Samples, slot: Slot, section: stress.Cut, out: dict[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
     """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
 
     A solid body adds the stress on its surface to `out`.
     """
+    run = samples.run
     eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
     d = stress.deflections(section, eta)
     # A linear run has its forces on the undeformed link.
@@ -74,7 +71,7 @@ def _piece(
     local = d[:, :, :3].copy()
     local[:, :, 0] += section.x
     line = local @ root[:, :, :3].swapaxes(1, 2) + root[:, None, :, 3]
-    turned = root[:, None, :, :3] @ _turn(d[:, :, 3:])
+    turned = root[:, None, :, :3] @ zyx_matrix(d[:, :, 3:])
     return (slot.offset + section.x)[None], forces, line, turned
 
 
@@ -94,36 +91,3 @@ def _section_forces(
     for key, value in solids.surface(solid, pull, hung).items():
         out[f"link/{slot.link}/mesh/{key}"] = value
     return solids.resultants(solid, d, pull, hung, eta)
-
-
-def _turn(angles: Array) -> Array:
-    """Rz(rz) Ry(ry) Rx(rx) for angles (..., 3)."""
-    z, y, x = (angles[..., k] for k in range(3))
-    cz, sz, cy, sy, cx, sx = np.cos(z), np.sin(z), np.cos(y), np.sin(y), np.cos(x), np.sin(x)
-    R = np.empty((*angles.shape[:-1], 3, 3))
-    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
-        cz * cy,
-        cz * sy * sx - sz * cx,
-        cz * sy * cx + sz * sx,
-    )
-    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
-        sz * cy,
-        sz * sy * sx + cz * cx,
-        sz * sy * cx - cz * sx,
-    )
-    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = -sy, cy * sx, cy * cx
-    return R
-
-
-def _rotation_vectors(R: Array) -> Array:
-    skew = 0.5 * (R - np.swapaxes(R, -1, -2))
-    sine = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    if np.all(cosine > 0.0):
-        size = np.linalg.norm(sine, axis=-1)
-        ratio = np.where(size > 0.0, np.arctan2(size, cosine) / np.maximum(size, 1e-300), 1.0)
-        return np.asarray(ratio[..., None] * sine)
-    from scipy.spatial.transform import Rotation  # beyond a right angle it takes more care
-
-    flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(flat.reshape(*R.shape[:-2], 3))

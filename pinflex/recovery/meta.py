@@ -14,6 +14,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import drives, grades, validity
+from pinflex.results.drawing import urdf_parts
 from pinflex.results.result import UNITS
 
 _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
@@ -76,11 +77,12 @@ def describe(
         "drives": drives.describe(mechanism),
         "bodies": _bodies(mechanism),
         "gravity": list(description.gravity),
-        "settings": {k: _plain(v) for k, v in run.settings.items()},
+        "settings": dict(run.settings),
         "resume": None if run.s is None else run.s[-1].tolist(),
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "units": _units(mechanism),
         "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
+        "drawing": urdf_parts(description.urdf_text),
         "sources": dict(description.sources),
     }
 
@@ -111,10 +113,6 @@ def assess(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[
         "limits": limits,
         "monitors": {name: asdict(found) for name, found in monitors.items()},
     }
-
-
-def _plain(value: object) -> object:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _joint_index(model: pin.Model) -> dict[str, list[int]]:

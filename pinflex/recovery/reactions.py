@@ -13,8 +13,7 @@ from pinflex.mechanics.loads import LoadRows, Loads
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import columns
 from pinflex.recovery.kinematics import joint_poses
-from pinflex.recovery.replay import run_of, samples_of
-from pinflex.recovery.samples import Samples
+from pinflex.recovery.samples import Samples, run_of, samples_of
 from pinflex.results.result import Result
 
 
@@ -28,29 +27,25 @@ def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
         of frame b), (nt, 6). A motor's moment has its torque in it, less what turns its rotor.
     """
     samples = samples_of(mechanism, result)
-    out = world_reactions(mechanism, samples)
+    out = world_reactions(samples)
     for name in samples.run.system.closed.names:
         out[name] = samples.forces.arrays[f"loop/{name}/wrench"]
     return out
 
 
-def world_reactions(mechanism: Mechanism, samples: Samples) -> dict[str, Array]:
-    """Wrench on the child of every tree joint, in world axes at the joint, (nt, 6), by name.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        samples: Of its run.
-    """
+def world_reactions(samples: Samples) -> dict[str, Array]:
+    """Wrench on the child of every tree joint, in world axes at the joint, (nt, 6), by name."""
     out: dict[str, Array] = {}
-    for name, (joint, R) in _rotations(mechanism, samples).items():
+    for name, (joint, R) in _rotations(samples).items():
         force = samples.forces.f[:, joint].reshape(-1, 2, 3)
         out[name] = np.einsum("tij,tkj->tki", R, force).reshape(-1, 6)
     return out
 
 
-def _rotations(mechanism: Mechanism, samples: Samples) -> dict[str, tuple[int, Array]]:
+def _rotations(samples: Samples) -> dict[str, tuple[int, Array]]:
     """Joint number and world rotations (nt, 3, 3) of the tree joints, where forces were taken."""
-    run, expanded, rigid = samples.run, samples.run.system.expansion.model, mechanism.rigid.rigid
+    mechanism, run = samples.mechanism, samples.run
+    expanded, rigid = run.system.expansion.model, mechanism.rigid.rigid
     poses = samples.kinematics.poses
     nominal = joint_poses(mechanism, run.path) if run.linear and run.path is not None else None
     found = {}

@@ -1,21 +1,42 @@
-"""Kinematics and forces at the samples of a run, each computed on first use."""
+"""Kinematics and forces at the samples of a run, and a run again from a stored result."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
+import numpy as np
+
+from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array, IntArray
+from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.forces import Forces, forces, slide
-from pinflex.recovery.kinematics import Kinematics, kinematics
+from pinflex.recovery.kinematics import Kinematics, joint_poses, kinematics
+from pinflex.results.result import Result
 
 
 class Samples:
-    """The samples of one run; no workspace is kept between the two passes over them."""
+    """Passes over the samples of one run, each made once, when a group of arrays needs it.
 
-    def __init__(self, mechanism: Mechanism, run: Run) -> None:
-        self.mechanism, self.run = mechanism, run
+    Attributes:
+        mechanism: Mechanism that was solved.
+        run: States at the samples.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, run: Run, rigid_path: Callable[[], Nominal | None] | None = None
+    ) -> None:
+        """Nothing is computed yet.
+
+        Args:
+            mechanism: Mechanism that was solved.
+            run: States at the samples.
+            rigid_path: The rigid mechanism at the same motor positions; None, or one that returns
+                None: the run is rigid itself.
+        """
+        self.mechanism, self.run, self._rigid_path = mechanism, run, rigid_path
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -27,7 +48,63 @@ class Samples:
         """Expanded forces, and those of joints, loops and sleeves."""
         return forces(self.mechanism, self.run)
 
+    @cached_property
+    def rigid_poses(self) -> Array | None:
+        """Joint poses of the rigid mechanism, (nt, joints, 3, 4); None: the run is its own."""
+        path = None if self._rigid_path is None else self._rigid_path()
+        return None if path is None else joint_poses(self.mechanism, path)
+
     def interface_load(self, joint: int, rows: IntArray) -> tuple[Array, Array]:
-        """Force and moment, in the beam frame, that what hangs on an interface needs."""
+        """Force (N) and moment (N m), (nt, 3) each, that what hangs on an interface needs.
+
+        Args:
+            joint: Of the interface, in the expanded model.
+            rows: Of its forces, the first at the bottom of the chain of joints.
+        Returns:
+            In the beam frame.
+        """
         joint = slide(self.run.system.expansion.model, joint, rows)
         return self.forces.f[:, joint, :3], self.forces.f[:, joint, 3:]
+
+
+def run_of(mechanism: Mechanism, result: Result) -> Run:
+    """The states of a result as a run of the mechanism that it came from.
+
+    Args:
+        mechanism: The mechanism that was solved.
+        result: Its run.
+
+    Raises:
+        DescriptionError: Another mechanism: its coordinates differ.
+    """
+    flexible = "eta" in result.arrays
+    system = mechanism.flexible if flexible else mechanism.rigid
+    parts = [("q", "eta"), ("v", "eta_v"), ("a", "eta_a")]
+    y, v, a = (
+        np.hstack([result.array(f"joint/{x}"), result.array(e)]) if flexible
+        else result.array(f"joint/{x}")
+        for x, e in parts
+    )  # fmt: skip
+    lam = result.array("multiplier")
+    sizes = (y.shape[1], v.shape[1], lam.shape[1])
+    wanted = (system.nq, system.nv, system.closed.n)
+    if sizes != wanted or result.meta["name"] != mechanism.name:
+        raise DescriptionError(
+            f"{result.meta['name']}: the result has {sizes} coordinates, rates and closure rows, "
+            f"the mechanism {mechanism.name} has {wanted}. Give the mechanism that was solved."
+        )
+    path = None
+    if "nominal/q" in result.arrays:
+        path = Nominal(result.t, *(result.array(f"nominal/{x}") for x in "qva"))
+    settings = dict(result.meta["settings"])
+    return Run(system, result.t, y, v, a, lam, result.torque, {}, settings, path=path)
+
+
+def samples_of(mechanism: Mechanism, result: Result) -> Samples:
+    """Kinematics and forces over a run that was stored.
+
+    Args:
+        mechanism: The mechanism that was solved.
+        result: Its run.
+    """
+    return Samples(mechanism, run_of(mechanism, result))

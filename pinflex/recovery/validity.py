@@ -19,7 +19,7 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
-from pinflex.text import brief
+from pinflex.text import brief, percent
 
 # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
 DEFLECTION = 0.1
@@ -173,13 +173,13 @@ def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list
         segments, second = len(part.bodies), part.spec.second_order
         if not np.isfinite(m.deflection) or m.deflection > DEFLECTION or m.rotation > ROTATION:
             texts.append(
-                f"{name}: deflection is {_percent(m.deflection)} of the length and "
+                f"{name}: deflection is {percent(m.deflection)} of the length and "
                 f"{m.rotation:.2g} rad in one of {segments} segment(s), beyond what one carries; "
                 f"raise flexible.{name}.segments."
             )
         if m.fastest > FASTEST:
             texts.append(
-                f"{name}: the fastest of its shapes carries {_percent(m.fastest)} of its elastic "
+                f"{name}: the fastest of its shapes carries {percent(m.fastest)} of its elastic "
                 "kinetic energy, so that those left out matter too; raise the number of shapes "
                 f"in flexible.{name}.basis (internal, elements or modes)."
             )
@@ -187,17 +187,17 @@ def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list
             grows = "" if m.when is None else f" and it runs away from t = {m.when:.4g} s on"
             texts.append(
                 f"{name}: turns at {m.speed:.2g} of its first frequency without second order: its "
-                f"stiffness is wrong by {_percent(m.speed**2)}{grows}; set "
+                f"stiffness is wrong by {percent(m.speed**2)}{grows}; set "
                 f"flexible.{name}.second_order: true."
             )
         if not second and m.compression > COMPRESSION:
             texts.append(
-                f"{name}: compressed by {_percent(m.compression)} of its Euler load without second "
+                f"{name}: compressed by {percent(m.compression)} of its Euler load without second "
                 f"order, which does not see buckling; set flexible.{name}.second_order: true."
             )
         elif m.compression > 1.0:
             texts.append(
-                f"{name}: compressed by {_percent(m.compression)} of its Euler load: it buckles "
+                f"{name}: compressed by {percent(m.compression)} of its Euler load: it buckles "
                 f"unless its ends hold it; cut it (flexible.{name}.segments) or stiffen it."
             )
     if run.system.closed.n and run.settings.get("gamma") == 0.5:
@@ -206,7 +206,3 @@ def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list
             "zig-zag from step to step and grow; take rho_inf: 0.9 or less, or a larger gamma."
         )
     return texts
-
-
-def _percent(ratio: float) -> str:
-    return f"{100 * ratio:.0f} %" if ratio < 100 else "more than 100 times"

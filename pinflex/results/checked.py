@@ -20,6 +20,8 @@ MOST = 2e9  # [bytes] of arrays that are read without asking
 
 # Kinds of the values in meta: a type, [kind of each] or {name: kind} (None: any name).
 _NUMBER = (int, float)
+_JOINT = {"kind": str, "parent": str, "child": str, "origin": [_NUMBER], "axis": [_NUMBER]}
+_VISUAL = {"file": str, "shape": str, **{k: [_NUMBER] for k in ("size", "scale", "rpy", "xyz")}}
 _META: dict[str, Any] = {
     "name": str,
     "level": str,
@@ -43,6 +45,7 @@ _META: dict[str, Any] = {
     "drives": {
         None: {"gear": _NUMBER, "efficiency": _NUMBER, "limit_curve": [[_NUMBER]]},
     },
+    "drawing": {"joints": {None: _JOINT}, "visuals": {None: [_VISUAL]}},
     "bodies": {None: {"points": [[_NUMBER]], "mass": _NUMBER, "radius": _NUMBER}},
     "links": {
         None: {
@@ -96,8 +99,25 @@ def check(meta: Any, arrays: Mapping[str, Array], t: Array) -> None:
     for name, link in meta.get("links", {}).items():
         for key in sorted(_NEEDED - link.keys()):
             raise _wrong(f"meta.links.{name}.{key}", None)
+    _check_drawing(meta.get("drawing", {}))
     _check_joints(meta.get("joint_index", {}), arrays)
     _check_shapes(meta, arrays, len(t))
+
+
+def _check_drawing(drawing: Mapping[str, Any]) -> None:
+    """Joints and visuals have all their keys, and three numbers where a vector is."""
+    joints = [(f"joints.{name}", x) for name, x in drawing.get("joints", {}).items()]
+    visuals = [
+        (f"visuals.{link}[{k}]", x)
+        for link, every in drawing.get("visuals", {}).items()
+        for k, x in enumerate(every)
+    ]
+    for found, kinds in ((joints, _JOINT), (visuals, _VISUAL)):
+        for where, x in found:
+            for key, kind in kinds.items():
+                vector = isinstance(kind, list) and key != "size"
+                if key not in x or (vector and len(x[key]) != 3):
+                    raise _wrong(f"meta.drawing.{where}.{key}", x.get(key))
 
 
 def _check_joints(index: Mapping[str, list[int]], arrays: Mapping[str, Array]) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pinflex.results import verdict
 from pinflex.results.drives import drive_table
-from pinflex.text import number, paragraph, short, table
+from pinflex.text import bullets, number, paragraph, percent, report, short, table
 
 if TYPE_CHECKING:
     from pinflex.results.comparison import Comparison, PlatformRow, ResidualRow
@@ -24,7 +24,7 @@ _ROUND_OFF = 1e-12  # [m | rad] of a metre-size mechanism: shown as zero
 
 def write(c: Comparison) -> str:
     """Everything, as aligned plain text of at most 100 columns."""
-    blocks = [
+    return report(
         *_head(c),
         _torque_table(c),
         drive_table(c.drives),
@@ -34,13 +34,12 @@ def write(c: Comparison) -> str:
         _frequency_table(c),
         _cost_table(c),
         _remarks(c),
-    ]
-    return "\n\n".join(filter(None, blocks)) + "\n"
+    )
 
 
 def brief(c: Comparison) -> str:
     """One screen: the answer in words, the table of levels, the first notes."""
-    return "\n\n".join(filter(None, [*_head(c), _remarks(c, _NOTES)])) + "\n"
+    return report(*_head(c), _remarks(c, _NOTES))
 
 
 def _head(c: Comparison) -> list[str]:
@@ -89,7 +88,7 @@ def _torque_table(c: Comparison) -> str:
         rigid_listed.add(r.motor)
         rows.append([name, r.level, number(r.peak), number(r.rms)])
         rows[-1] += [number(r.max_difference), number(r.rms_difference)]
-        rows[-1] += ["-" if x is None else _percent(x) for x in (r.max_percent, r.rms_percent)]
+        rows[-1] += [percent(x and x / 100, 3) for x in (r.max_percent, r.rms_percent)]
     return table(
         f"Motor torque [{' | '.join(units)}]; diff is from rigid, in % of the rigid peak",
         "motor|level|peak|rms|max diff|rms diff|max|rms",
@@ -139,7 +138,7 @@ def _stress_table(c: Comparison) -> str:
     known = any(r.yield_share is not None for r in c.stresses)
     rows = [
         [r.link, r.level, number(r.von_mises / 1e6)]
-        + ([_share(r.yield_share)] if known else [])
+        + ([percent(r.yield_share, 3)] if known else [])
         + [number(1e3 * r.x), f"{r.fraction:.2f}", f"{r.time:.4f}"]
         for r in sorted(c.stresses, key=lambda r: order.index(r.link))
     ]
@@ -175,8 +174,7 @@ def _remarks(c: Comparison, most: int | None = None) -> str:
     notes = [f"{level} was not solved. {why}" for level, why in c.unsolved.items()] + [*c.notes]
     if most is not None and len(notes) > most:
         notes[most - 1 :] = [f"{len(notes) - most + 1} more notes are in comparison.txt."]
-    lines = [paragraph(text, "  ", "- ") for text in notes]
-    return "\n".join(["Notes", *lines]) if lines else ""
+    return f"Notes\n{bullets(notes)}" if notes else ""
 
 
 def _times(row: PlatformRow) -> tuple[float, float]:
@@ -188,11 +186,3 @@ def _once(rows: list[list[str]]) -> list[list[str]]:
     return [
         ["" if k and row[0] == rows[k - 1][0] else row[0], *row[1:]] for k, row in enumerate(rows)
     ]
-
-
-def _percent(x: float) -> str:
-    return f"{x:.2f} %" if x < 100 else f"{x:.0f} %" if x < 1e4 else f"{x:.1e} %"
-
-
-def _share(x: float | None) -> str:
-    return "-" if x is None else f"{100 * x:.1f} %" if x < 10 else f"{100 * x:.0f} %"

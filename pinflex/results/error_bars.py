@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from pinflex.text import percent
+
 NOT_MEASURED = "not measured"
 
 
@@ -31,8 +33,8 @@ class ErrorBars:
     def lines(self) -> tuple[str, str]:
         """Both in words."""
         return (
-            f"time integration: {_in_words(self.time, self.time_note)}",
-            f"model: {_in_words(self.model, self.model_note)}",
+            f"time integration: {_named(self.time, self.time_note)}",
+            f"model: {_named(self.model, self.model_note)}",
         )
 
     def plain(self) -> dict[str, Any]:
@@ -55,13 +57,8 @@ def time_error(settings: Mapping[str, Any], level: str) -> tuple[dict[str, float
     return {}, f"{NOT_MEASURED}: equal steps; solve with tol to have it"
 
 
-def _in_words(errors: Mapping[str, float], note: str) -> str:
+def _named(errors: Mapping[str, float], note: str) -> str:
     if not errors:
         return note or NOT_MEASURED
     known = ", ".join(f"{key} {percent(value)}" for key, value in errors.items())
     return f"{known} ({note})" if note else known
-
-
-def percent(x: float) -> str:
-    """A relative error in per cent."""
-    return "more than 10 times" if x >= 10 else f"{100 * x:.2g} %"

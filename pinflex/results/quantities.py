@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pinflex import registered
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 
@@ -70,3 +71,4 @@ def register_quantity(quantity: Quantity) -> None:
     if quantity.key in QUANTITIES or quantity.key.partition("/")[0] in _OWN:
         raise DescriptionError(f"quantity {quantity.key}: the key is taken. Choose another.")
     QUANTITIES[quantity.key] = quantity
+    registered.note(register_quantity, quantity.key, quantity)

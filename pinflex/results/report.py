@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pinflex.arrays import Array
-from pinflex.results.error_bars import ErrorBars, percent, time_error
-from pinflex.results.views import rotation_vector
+from pinflex.results.error_bars import ErrorBars, time_error
+from pinflex.rotations import rotation_vector
+from pinflex.text import percent
 
 if TYPE_CHECKING:
     from pinflex.results.result import Result

@@ -28,10 +28,10 @@ from pinflex.results.views import (
     LoopView,
     peak,
     rms,
-    rotation_vector,
 )
+from pinflex.rotations import rotation_vector
 from pinflex.text import short
-from pinflex.writing import replaced
+from pinflex.writing import plain, replaced
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
@@ -78,7 +78,7 @@ class Result:
         if not isinstance(self.arrays, Late):
             object.__setattr__(self, "arrays", {k: _timed(k, x, t) for k, x in self.arrays.items()})
         if not isinstance(self.meta, Late):
-            object.__setattr__(self, "meta", plain(self.meta))
+            object.__setattr__(self, "meta", plain_meta(self.meta))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle with every array evaluated."""
@@ -276,11 +276,11 @@ def same_grid(a: Result, b: Result) -> None:
         )
 
 
-def plain(meta: Any) -> dict[str, Any]:
+def plain_meta(meta: Any) -> dict[str, Any]:
     """A mapping as JSON has it."""
     try:
-        found = json.loads(json.dumps(meta, default=_plain))
-    except (TypeError, ValueError) as error:
+        found = plain(meta, finite=False)
+    except (TypeError, RecursionError) as error:
         raise DescriptionError(
             f"result: meta: {error}. Use numbers, texts, lists and mappings only."
         ) from None
@@ -310,12 +310,6 @@ def _read_only(values: Any, key: str) -> Array:
         ) from None
     array.setflags(write=False)
     return array
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"a {type(value).__name__} ({value!r}) is not plain data")
 
 
 def _known(kind: str, name: str, names: Iterable[str]) -> str:

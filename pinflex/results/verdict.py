@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.results.result import Result, peak
-from pinflex.text import short
+from pinflex.text import percent, short
 
 if TYPE_CHECKING:
     from pinflex.results.comparison import Comparison, ResidualRow, TorqueRow
@@ -169,7 +169,9 @@ def _torques(c: Comparison, best: str) -> str:
     if row is None or row.max_difference is None:
         return ""
     most = row.max_difference
-    share = "" if row.max_percent is None else f", {_percent(row.max_percent)} of the rigid peak"
+    share = (
+        "" if row.max_percent is None else f", {percent(row.max_percent / 100)} of the rigid peak"
+    )
     kind = "forces" if row.unit == "N" else "torques"
     where = short(row.motor, 20)
     return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({where})."
@@ -180,7 +182,7 @@ def _stress(c: Comparison, best: str) -> str:
     if not stresses:
         return ""
     worst = max(stresses, key=lambda r: r.von_mises)
-    share = "" if worst.yield_share is None else f", {_percent(100 * worst.yield_share)} of yield"
+    share = "" if worst.yield_share is None else f", {percent(worst.yield_share)} of yield"
     first = next((f for f in c.frequencies if f > 0), None)
     resonance = "" if first is None else f" First resonance: {first:.3g} Hz."
     where = short(worst.link, 20)
@@ -214,7 +216,7 @@ def miss(row: LevelRow, c: Comparison) -> str:
     if row.platform_off is not None and row.platform_off > allowed(c):
         parts.append(rounded_length(row.platform_off))
     if row.torque_off is not None and row.torque_off > SHARE:
-        parts.append(f"torque {_percent(100 * row.torque_off)}")
+        parts.append(f"torque {percent(row.torque_off)}")
     return f"misses {', '.join(parts)}"
 
 
@@ -225,7 +227,3 @@ def rounded_length(x: float) -> str:
     units = ((1.0, "m", 1.0), (1e-4, "mm", 1e3), (1e-7, "um", 1e6), (0.0, "nm", 1e9))
     factor, unit = next((factor, unit) for least, unit, factor in units if x >= least)
     return f"{factor * x:.2g} {unit}" if factor * x < 100 else f"{factor * x:.0f} {unit}"
-
-
-def _percent(x: float) -> str:
-    return f"{x:.2g} %" if x < 100 else f"{x:.0f} %" if x < 1e4 else f"{x:.1e} %"

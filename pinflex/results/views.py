@@ -244,10 +244,3 @@ def peak(x: Array) -> float:
 def rms(x: Array) -> float:
     """Root of the mean square over all entries, in the unit of x."""
     return float(np.sqrt(np.mean(np.square(x)))) if np.size(x) else 0.0
-
-
-def rotation_vector(rotation: Array) -> Array:
-    """Rotation vectors log(R) [rad], shape (nt, 3), of rotation matrices (nt, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

@@ -43,14 +43,26 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
 
 
 def rigid(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
-    """Inverse dynamics of the rigid mechanism; with `drive: torque` its equations are marched."""
+    """Inverse dynamics of the rigid mechanism; with `drive: torque` its equations are marched.
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        progress: Called with (step, steps).
+    """
     if scene.spec.drive == "prescribed":
         return solve_rigid(scene.mechanism, scene.motion, t)
     return coupled(scene, t, progress)
 
 
 def quasistatic(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
-    """Equilibrium of the links at every sample."""
+    """Equilibrium of the links at every sample.
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        progress: Called with (step, steps).
+    """
     _require_prescribed(scene)
     spec = scene.spec
     return solve_equilibria(
@@ -59,7 +71,13 @@ def quasistatic(scene: Scene, t: Array, progress: Progress | None = None) -> Run
 
 
 def ked(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
-    """Linear vibration about the rigid motion."""
+    """Linear vibration about the rigid motion.
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        progress: Called with (step, steps).
+    """
     _require_prescribed(scene)
     return coupled(scene, t, progress)
 

@@ -61,7 +61,13 @@ class Scene:
     before: Run | None = None
 
     def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
-        """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
+        """The run at equal samples t, with steps of dt (s) or the next shorter that fits.
+
+        Args:
+            t: Samples [s], shape (nt,), at equal distances.
+            dt: Largest step [s].
+            progress: Called with (step, steps).
+        """
         spec, samples = self.spec, len(t)
         every = max(1, int(min(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9), 1e12)))
         steps = every * (samples - 1)
@@ -148,6 +154,14 @@ class Scene:
 
         By collocation, or `alpha`: by the alpha family. A coarser run tells how far the mechanism
         moves in all; a pilot is the first of them.
+
+        Args:
+            t: Samples [s], shape (nt,).
+            resolution: Local error of a step, relative.
+            progress: Called with (step, steps).
+            coarser: A run at a coarser resolution.
+            pilot: Whether a short run finds the scale first.
+            alpha: By the alpha family instead of collocation.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
         start, drive = self._start, self._drive(t)
@@ -196,14 +210,14 @@ class Scene:
 
     @property
     def _scheme(self) -> AlphaScheme:
-        if isinstance(self.spec.integrator, AlphaScheme):
-            return self.spec.integrator
+        if isinstance(self.spec.method, AlphaScheme):
+            return replace(self.spec.method, name=self.spec.by_steps)
         rho = 0.8 if self.spec.rho_inf is None else self.spec.rho_inf
         return scheme(self.spec.by_steps, rho, self.spec.newmark)
 
     @property
     def _tableau(self) -> Collocation:
-        given = self.spec.integrator
+        given = self.spec.method
         return given if isinstance(given, Collocation) else radau(STAGES)
 
     @property
@@ -261,7 +275,12 @@ def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
 
 
 def default_step(mechanism: Mechanism, end: float) -> float:
-    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
+    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run.
+
+    Args:
+        mechanism: Mechanism.
+        end: Length of the run [s].
+    """
     step = end / 400.0
     if not mechanism.compliant:
         return step
@@ -274,5 +293,10 @@ def default_step(mechanism: Mechanism, end: float) -> float:
 
 
 def thin(run: Run, every: int) -> Run:
-    """Every k-th step of a run."""
+    """Every k-th step of a run.
+
+    Args:
+        run: A run.
+        every: k.
+    """
     return run if every == 1 else run.at(slice(None, None, every))

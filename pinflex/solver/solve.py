@@ -18,7 +18,7 @@ from pinflex.description.control import Control
 from pinflex.description.motion import Motion, from_spec, hold
 from pinflex.description.shaping import read as read_shaper
 from pinflex.description.shaping import shaped
-from pinflex.description.solve import COUPLED_ONLY, SolveSpec, with_options
+from pinflex.description.solve import SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
@@ -60,6 +60,17 @@ def solve_level(
 ) -> Result:
     """Solve a scene at one level; the arguments are those of `pinflex.advice.solve.solve`.
 
+    Args:
+        mechanism: From `load`.
+        motion: Default: the motion of the YAML.
+        level: rigid, quasistatic, ked or coupled; default: the YAML's.
+        until: End [s].
+        dt: Step [s].
+        samples: Number of output times.
+        control: Feedback, or False: none.
+        progress: Called with (step, steps).
+        resume: A stopped or shorter run to go on with.
+        **options: Other keys of the YAML block `solve`.
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:
@@ -113,7 +124,7 @@ def _spec(mechanism: Mechanism, options: dict[str, Any]) -> SolveSpec:
     """What the YAML says with the options in place, as far as the mechanism can do it."""
     spec = with_options(mechanism.description.solve, options)
     _require_method(spec)
-    if spec.integrator in COUPLED_ONLY or isinstance(spec.integrator, Collocation):
+    if _collocates(spec):
         spec = (
             replace(spec, tol=spec.tol or 1e-3)
             if spec.level == "coupled"
@@ -127,9 +138,14 @@ def _spec(mechanism: Mechanism, options: dict[str, Any]) -> SolveSpec:
     return spec
 
 
+def _collocates(spec: SolveSpec) -> bool:
+    """Whether the integrator that the scene names takes steps of its own length."""
+    return spec.only == "coupled" or isinstance(spec.method, Collocation)
+
+
 def _require_method(spec: SolveSpec) -> None:
     """Raise where an integrator given as a value is none that the level can use."""
-    given = spec.integrator
+    given = spec.method
     if given is None or isinstance(given, str | AlphaScheme | Collocation):
         return
     if not callable(given) or spec.level == "coupled":
@@ -157,8 +173,7 @@ def _sampled(
     mechanism: Mechanism, spec: SolveSpec, control: Control, dt: float | None
 ) -> SolveSpec:
     """What to compute under a digital controller: steps that end at its instants."""
-    collocated = isinstance(spec.integrator, Collocation)
-    if dt is not None or not (collocated or spec.integrator in (None, *COUPLED_ONLY)):
+    if dt is not None or not (spec.integrator is None or _collocates(spec)):
         raise DescriptionError(
             f"{mechanism.name}: a digital controller (control.period) acts at instants of its own, "
             "where steps end. Give a tol instead of dt, and no integrator."

@@ -38,11 +38,17 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     Level coupled goes by Radau IIA collocation, a sixteenth of the resolution at a time, or by a
     member of the alpha family that is asked for (`by_error_control`); level ked and a control in
     equal steps (`by_step_halving`).
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        tol: Relative error of each output.
+        progress: Called with (step, steps).
     """
     # Level ked is linear: equal steps keep its matrices; a continuous law is evaluated in them.
     if scene.linear or (scene.control is not None and not scene.sampled):
         return by_step_halving(scene, t, tol, progress)
-    given = scene.spec.integrator
+    given = scene.spec.method
     if not (given is None or given == "radau" or isinstance(given, Collocation)):
         return by_error_control(scene, t, tol, progress)
 
@@ -58,7 +64,14 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
-    """By equal steps, half as long every time; methods of order 2."""
+    """By equal steps, half as long every time; methods of order 2.
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        tol: Relative error of each output.
+        progress: Called with (step, steps).
+    """
     # Errors of a step of 1/40 of a period are near 1e-3.
     first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
     return _Refinement(
@@ -70,6 +83,12 @@ def by_error_control(scene: Scene, t: Array, tol: float, progress: Progress | No
     """By steps of the alpha family that follow the motion, with an eighth of the local error.
 
     A local error falls with h^3, that of a run with h^2.
+
+    Args:
+        scene: What is solved.
+        t: Samples [s], shape (nt,).
+        tol: Relative error of each output.
+        progress: Called with (step, steps).
     """
 
     def attempt(resolution: float, coarser: Run | None) -> Run:

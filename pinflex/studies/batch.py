@@ -22,7 +22,7 @@ import yaml
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.recovery.meta import version
-from pinflex.studies.columns import Columns
+from pinflex.results.columns import Columns
 from pinflex.studies.pool import Lost, answers
 from pinflex.studies.study import reason
 from pinflex.writing import plain, writable

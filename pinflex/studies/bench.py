@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.solve import KED_ONLY
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs, relative
@@ -190,7 +189,7 @@ class _Scenes:
             return scene.resolved(t, case.value, pilot=True)
         if case.method == "ked":
             scene = replace(scene, spec=replace(scene.spec, level="ked"), control=None)
-        elif scene.spec.integrator in (*KED_ONLY, "radau"):
+        elif scene.spec.only is not None:
             scene = replace(scene, spec=replace(scene.spec, integrator="generalized_alpha"))
         return scene.stepped(t, case.value)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from pinflex.description import schema
 from pinflex.errors import DescriptionError
+from pinflex.writing import plain
 
 Case = dict[str, Any]  # value by key path
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -77,20 +78,14 @@ def listed(parameters: Mapping[str, object], where: str) -> dict[str, list[Any]]
             continue
         try:
             every = list(given) if isinstance(given, Iterable) else [given]
-            found[key] = json.loads(json.dumps(every, default=_plain))
-        except (TypeError, ValueError):
+            found[key] = plain(every, finite=False)
+        except (TypeError, RecursionError):
             found[key] = []
         if not found[key] or isinstance(given, Mapping):
             raise DescriptionError(
                 f"{place}: {schema.shown(given)} is no list of values. Give numbers, texts, lists."
             )
     return found
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(type(value).__name__)
 
 
 def combined(parameters: Mapping[str, list[Any]], paired: bool = False) -> list[Case]:

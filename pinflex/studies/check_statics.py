@@ -14,7 +14,7 @@ from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.views import rotation_vector
+from pinflex.rotations import rotation_vector
 from pinflex.text import brief
 
 _ROUND_OFF = 1e-12  # [m | rad], and the same share of the largest torque: shown as zero

@@ -8,7 +8,17 @@ from pinflex.description.drives import Friction
 from pinflex.studies.check import Check
 from pinflex.studies.check_parts import LinkCheck
 from pinflex.studies.check_statics import Sag, Statics
-from pinflex.text import angle, length, number, paragraph, plural, table
+from pinflex.text import (
+    angle,
+    bullets,
+    length,
+    number,
+    paragraph,
+    percent,
+    plural,
+    report,
+    table,
+)
 
 _PLANES = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
 # sigma_min of a well-placed machine is 0.05 to 0.5; below this a motor must push hard
@@ -18,7 +28,7 @@ _NOTHING = 1e-12  # a share that is round-off
 
 def write(c: Check) -> str:
     """Aligned plain text of at most 100 columns."""
-    blocks = [
+    return report(
         _head(c),
         _loop_table(c),
         _drive_table(c),
@@ -29,8 +39,7 @@ def write(c: Check) -> str:
         _statics(c),
         _frequencies(c),
         _warnings(c),
-    ]
-    return "\n\n".join(filter(None, blocks)) + "\n"
+    )
 
 
 def _head(c: Check) -> str:
@@ -133,7 +142,7 @@ def _link_table(c: Check) -> str:
         off = (x.mass_difference, x.inertia_difference)
         rows.append([x.name, x.section, x.material, number(1e3 * x.length), str(x.coordinates)])
         rows[-1] += [number(x.mass + x.end_masses), number(x.urdf_mass)]
-        rows[-1] += ["-" if d is None else _percent(d) for d in off]
+        rows[-1] += [percent(d, sign="+") for d in off]
     return table(
         "Flexible links (beam and what rides on it, against the URDF)",
         "link|section|material|L [mm]|eta|kg|URDF [kg]|mass|inertia",
@@ -166,10 +175,6 @@ def _carried(link: LinkCheck) -> str:
         at = "at the root" if x == 0 else f"at {length(x)}" if x < link.length else "at the tip"
         places.append(f"{number(kg)} kg {at}")
     return f"{text}; the rest, motors and covers, rides rigidly: {', '.join(places)}"
-
-
-def _percent(share: float) -> str:
-    return "0 %" if abs(share) < 5e-4 else f"{100 * share:+.1f} %"
 
 
 def _planes(c: Check) -> str:
@@ -235,6 +240,4 @@ def _frequencies(c: Check) -> str:
 
 
 def _warnings(c: Check) -> str:
-    if not c.warnings:
-        return "Warnings: none"
-    return "\n".join(["Warnings", *(paragraph(text, "  ", "- ") for text in c.warnings)])
+    return f"Warnings\n{bullets(c.warnings)}" if c.warnings else "Warnings: none"

@@ -12,7 +12,7 @@ from pinflex.mechanics.plausible import heavy
 from pinflex.studies import check_urdf
 from pinflex.studies.check_parts import LinkCheck
 from pinflex.studies.check_statics import Statics, rigid_holding
-from pinflex.text import plural
+from pinflex.text import percent, plural
 
 MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
 _OFF_AXIS = 1e-6  # of the largest holding torque: round-off of an axis written with ten digits
@@ -55,7 +55,7 @@ def _link_warnings(link: LinkCheck) -> list[str]:
     if abs(link.mass_difference) > MASS_OFF:
         words.append(
             f"its mass is {link.mass + link.end_masses:.4g} kg instead of {link.urdf_mass:.4g} kg "
-            f"({100 * link.mass_difference:+.1f} %)"
+            f"({percent(link.mass_difference, sign='+')})"
         )
     if link.centre_shift > CENTRE_OFF * link.length:
         words.append(f"its centre of mass moves by {1e3 * link.centre_shift:.3g} mm")

@@ -21,6 +21,7 @@ from pinflex.errors import PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.span import beam_frame
 from pinflex.mechanics.tree import Link
+from pinflex.results.drawing import drawing_of, urdf_parts
 from pinflex.viewer.surfaces import Surface, surfaces_of
 
 _ALIKE = 0.2  # share by which two widths may differ and be those of a tube
@@ -58,7 +59,8 @@ def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> list[Guess]:
         only: Names of the links that are asked for; otherwise all of them are looked at.
     """
     description = mechanism.description
-    looks, _ = surfaces_of([description.urdf_text], description.package_dirs)
+    visuals = drawing_of({"drawing": urdf_parts(description.urdf_text)}).visuals
+    looks, _ = surfaces_of(visuals, description.package_dirs)
     spans = _spans(mechanism)
     longest = max((length for _, length, _ in spans.values()), default=0.0)
     found: list[Guess] = []

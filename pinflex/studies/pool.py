@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
+from pinflex import registered
 from pinflex.errors import DescriptionError, PinflexError
 
 Work = Callable[[Any], Any]
@@ -62,12 +63,18 @@ def alone(work: Work, item: Any) -> Any:
         return work(item)
 
 
-def _numbered(parent: int, work: Work, number: int, item: Any) -> tuple[int, Any]:
+def _carried(made: bytes, work: Work, item: Any) -> Any:
+    """The work in another process, with the registrations of the one that started it."""
+    registered.repeat(made)
+    return alone(work, item)
+
+
+def _numbered(parent: int, made: bytes, work: Work, number: int, item: Any) -> tuple[int, Any]:
     """The work in a process of this machine, which leaves Ctrl-C to the one that started it."""
     if os.getpid() != parent:  # joblib may decide to work without processes
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _end_with(parent)
-    return number, alone(work, item)
+    return number, _carried(made, work, item)
 
 
 @lru_cache(maxsize=1)
@@ -113,12 +120,13 @@ def _isolated(work: Work, number: int, item: Any) -> Any:
 def _parallel(work: Work, items: Sequence[tuple[int, Any]], jobs: int) -> Any:
     from joblib import Parallel, delayed, parallel_config
 
+    made = registered.packed()
     with parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = Parallel(
             n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2 * n_jobs", batch_size=1
         )
         return parallel(
-            delayed(_numbered)(os.getpid(), work, number, item) for number, item in items
+            delayed(_numbered)(os.getpid(), made, work, number, item) for number, item in items
         )
 
 
@@ -137,7 +145,7 @@ def _cluster(work: Work, items: Sequence[Any], scheduler: str) -> Iterator[tuple
             "`dask scheduler` and `dask worker ADDRESS`, and give the address that it prints."
         ) from error
     with client:
-        futures = client.map(partial(alone, work), items, pure=False)
+        futures = client.map(partial(_carried, registered.packed(), work), items, pure=False)
         place = {future.key: number for number, future in enumerate(futures)}
         for future in as_completed(futures, loop=client.loop):
             answer: Any

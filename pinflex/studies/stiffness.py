@@ -11,13 +11,9 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 
-AXES = ("x", "y", "z", "rx", "ry", "rz")
-HELD, FREE = "others held", "others free"  # the two stiffnesses along an axis: K_xx and 1/C_xx
 _LOOSE = 1e-13  # smallest over largest eigenvalue of a stiffness scaled to a unit diagonal
 _HELD = 1e-13  # of the largest entry of a Jacobian: round-off of a product
 _RIGID = 1e-9  # of the stiffest member's own compliance: what gives way less is round-off
-_ROUND_OFF = 1e-10  # of the largest compliance, rows scaled to one size
-_ACROSS = 1e-3  # share of an axis in rigid directions, above which a move along it alone is none
 
 
 def platform_compliance(
@@ -82,47 +78,3 @@ def _stiffest(mechanism: Mechanism, J: Array) -> Array:
     k = mechanism.flexible.springs.stiffness
     alone += (min(reach, 1.0) ** 2 / k[k > 0]).tolist()
     return min(alone, default=0.0) * np.array([1.0] * 3 + [1.0 / reach**2] * 3)
-
-
-def held(i: int, j: int) -> str:
-    """Name of an entry of K: the force along i for a displacement along j, the others held."""
-    return f"K_{AXES[i]}{AXES[j]} ({HELD})"
-
-
-def free(i: int) -> str:
-    """Name of the stiffness along an axis while the platform is free in the others."""
-    return f"1/C_{AXES[i]}{AXES[i]} ({FREE})"
-
-
-def free_stiffness(compliance: Array) -> Array:
-    """1/C_ii (others free), shape (..., 6), N/m | N m/rad, of (..., 6, 6); inf where rigid."""
-    C = np.diagonal(np.asarray(compliance, float), axis1=-2, axis2=-1)
-    return np.asarray(np.divide(1.0, C, out=np.full(C.shape, np.inf), where=C != 0))
-
-
-def stiffness_of(compliance: Array) -> tuple[Array, int]:
-    """Stiffness of a compliance, others held, and in how many directions the platform gives way.
-
-    K_xx (others held) is the force for a displacement along x while the others are zero; 1/C_xx
-    (others free) is that while the platform is free to give way in the others. Where it gives way
-    in fewer than six directions (a plane mechanism whose links bend in the plane), force =
-    K displacement holds for the displacements that there are; the diagonal of an axis along which
-    it cannot move alone is inf (rigid), and its other entries are zero.
-
-    Args:
-        compliance: Shape (6, 6), as from `platform_compliance`.
-
-    Returns:
-        K (N/m, N, N m/rad), shape (6, 6); and the number of directions.
-    """
-    C = np.asarray(compliance, float)
-    # rows of one size: bending is 1e6 times softer than stretch
-    size = np.sqrt(np.maximum(np.diag(C), 0.0))
-    size = np.where(size > 0, size, 1.0)
-    values, V = np.linalg.eigh(C / np.outer(size, size))
-    gives = values > _ROUND_OFF * max(float(values[-1]), 0.0)
-    K = (V[:, gives] / values[gives]) @ V[:, gives].T / np.outer(size, size)
-    rigid = np.linalg.norm(V[:, ~gives], axis=1) > _ACROSS
-    K[rigid], K[:, rigid] = 0.0, 0.0
-    K[rigid, rigid] = np.inf
-    return K, int(np.sum(gives))

@@ -36,9 +36,12 @@ def matched(before: Array, now: Array, M: Array) -> tuple[IntArray, Array]:
 
 
 def tracked(
-    shapes: Mapping[Place, Array], mass: Callable[[Place], Array], count: int
+    shapes: Mapping[Place, Array],
+    mass: Callable[[Place], Array],
+    count: int,
+    first: Place | None = None,
 ) -> dict[Place, tuple[IntArray, float]]:
-    """Follow modes over a grid of poses, away from its middle, along the neighbours most alike.
+    """Follow modes over a grid of poses, away from the first, along the neighbours most alike.
 
     Of all poses that border on one already followed, the next is always the one whose modes agree
     best with that neighbour's. So a line of poses at which two frequencies (nearly) coincide, and
@@ -47,17 +50,19 @@ def tracked(
     Args:
         shapes: Shapes of unit mass (nv, k) by place in the grid; places without are missing.
         mass: Mass matrix (nv, nv) at a place.
-        count: How many modes, the first ones in the middle, must agree; the rest are spare.
+        count: How many modes, the first ones of the first pose, must agree; the rest are spare.
+        first: Place to start from; default: the middle of the grid.
 
     Returns:
         By place: the columns in the common order, and the least squared cosine of the first
-        `count` modes to the neighbour that they follow (1 in the middle).
+        `count` modes to the neighbour that they follow (1 at the first place).
     """
     if not shapes:
         return {}
     far = [max(place[axis] for place in shapes) for axis in range(len(next(iter(shapes))))]
-    middle = min(shapes, key=lambda place: _distance(place, tuple(n / 2 for n in far)))
-    orders = {middle: (np.arange(shapes[middle].shape[1], dtype=np.intp), 1.0)}
+    middle = tuple(n / 2 for n in far)
+    place = min(shapes, key=lambda at: _distance(at, middle)) if first is None else first
+    orders = {place: (np.arange(shapes[place].shape[1], dtype=np.intp), 1.0)}
     border: list[tuple[float, int, Place, IntArray]] = []
     number = itertools.count()  # of two that agree alike the earlier
 
@@ -66,7 +71,6 @@ def tracked(
         least = float(np.min(agreement[:count], initial=1.0))
         heapq.heappush(border, (-least, next(number), there, order))
 
-    place = middle
     while len(orders) < len(shapes):
         for there in _neighbours(place):
             if there in shapes and there not in orders:

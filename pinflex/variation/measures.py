@@ -19,9 +19,10 @@ import numpy as np
 
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.pose_map import AXES, free_stiffness
 from pinflex.studies.check_statics import statics
 from pinflex.studies.outputs import scene_outputs
-from pinflex.studies.stiffness import AXES, free_stiffness, platform_compliance
+from pinflex.studies.stiffness import platform_compliance
 
 STATIC = ("frequency", "mass", "sag", "stiffness")
 RUNS = ("deviation", "torque", "stress")

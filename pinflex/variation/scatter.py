@@ -23,8 +23,8 @@ from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Record, keys, run
-from pinflex.studies.columns import Columns, column
 from pinflex.studies.outputs import check_outputs, scene_outputs, unit
 from pinflex.text import brief, number, table
 from pinflex.variation.variants import variants_of

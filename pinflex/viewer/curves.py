@@ -8,7 +8,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
-from pinflex.results.views import rotation_vector
+from pinflex.rotations import rotation_vector
 from pinflex.viewer.frames import FrameLocator
 
 RIGID_TORQUE = "rigid/torque"  # array of a flexible run that was compared with the rigid one

@@ -1,32 +1,21 @@
 """Joint positions, reaction forces and motor torques of a result in the world frame.
 
 A Result gives a reaction in the frame of the joint's child link. Which link that is, and about
-which axis a motor turns, is read from the URDF text that the Result carries.
+which axis a motor turns, is in its `drawing`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.results.drawing import Drawing, Joint, drawing_of
 from pinflex.results.result import Result
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint as the URDF has it; origin [m] in the parent link, axis in the joint frame."""
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    origin: Array
-    axis: Array
 
 
 @dataclass(frozen=True)
@@ -45,7 +34,7 @@ class FrameLocator:
             if place is not None and turn is not None:
                 force = np.einsum("tij,tj->ti", turn, arrays[key][:, :3])
                 arrows.append(_arrow(key[9:], place, force))
-        for name, between in self._loops().items():
+        for name, between in self.drawing.loops.items():
             place = next((p for p in map(self.point, reversed(between)) if p), None)
             if place is not None and f"loop/{name}/wrench" in arrays:
                 arrows.append(_arrow(name, place, arrays[f"loop/{name}/wrench"][:, :3]))
@@ -67,17 +56,14 @@ class FrameLocator:
         return arrows
 
     @cached_property
-    def joints(self) -> dict[str, Joint]:
-        """Joints by name, from the first URDF text that can be read."""
-        for text in self.result.meta.get("sources", {}).values():
-            if "<robot" not in text:
-                continue
-            try:
-                root = ElementTree.fromstring(text)
-            except ElementTree.ParseError:
-                continue
-            return {j.name: j for j in map(_joint, root.findall("joint")) if j is not None}
-        return {}
+    def drawing(self) -> Drawing:
+        """Joints, visuals, loops and beam axes of the robot."""
+        return drawing_of(self.result.meta)
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """Joints by name."""
+        return self.drawing.joints
 
     def point(self, name: str) -> tuple[Array, Array] | None:
         """World position of a link or frame, and that of the rigid mechanism; each (nt, 3)."""
@@ -109,7 +95,7 @@ class FrameLocator:
             return arrays[f"body/{name}/pose"][:, :, :3]
         if f"link/{name}/section_y" not in arrays:
             return None
-        beam = self.result.meta.get("links", {}).get(name, {}).get("frame") or self._beam(name)
+        beam = self.drawing.beams.get(name)
         if beam is None:
             return None
         centre, y = arrays[f"link/{name}/centreline"], arrays[f"link/{name}/section_y"][:, 0]
@@ -117,7 +103,7 @@ class FrameLocator:
         x = x - y * np.sum(x * y, axis=1)[:, None]
         x = x / np.linalg.norm(x, axis=1)[:, None]
         world = np.stack([x, y, np.cross(x, y)], axis=2)
-        return np.asarray(world @ np.asarray(beam, dtype=float).T)
+        return np.asarray(world @ beam.T)
 
     def rigid_frame(self, name: str) -> tuple[Array | None, Array | None]:
         """Position and rotation of a frame in the rigid mechanism, from what carries it.
@@ -147,44 +133,6 @@ class FrameLocator:
         rigid = self.result.arrays.get(f"link/{link}/centreline_rigid", centre)
         return centre[:, index], rigid[:, index]
 
-    def _beam(self, name: str) -> Array | None:
-        """Beam axes in the link's frame by the default rule: x to the child, z by the own axis."""
-        joints = self.joints.values()
-        spans = [j.origin for j in joints if j.parent == name and np.any(j.origin)]
-        above = [j for j in joints if j.child == name]
-        if not spans or not above:
-            return None
-        x = max(spans, key=lambda s: float(np.linalg.norm(s)))
-        x = x / np.linalg.norm(x)
-        for up in (above[0].axis, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])):
-            z = up - x * (x @ up)
-            if np.linalg.norm(z) > 1e-3:
-                z = z / np.linalg.norm(z)
-                return np.stack([x, np.cross(z, x), z], axis=1)
-        return None
-
-    def _loops(self) -> dict[str, list[str]]:
-        """Frames each loop joint ties, from meta or else from the YAML text."""
-        loops = {
-            x["name"]: x["between"] for x in self.result.meta.get("loops", ()) if "between" in x
-        }
-        if loops:
-            return loops
-        for name, text in self.result.meta.get("sources", {}).items():
-            if not name.endswith((".yaml", ".yml")):
-                continue
-            import yaml  # type: ignore[import-untyped,unused-ignore]
-
-            try:
-                read = yaml.safe_load(text)
-            except yaml.YAMLError:
-                continue
-            found = read.get("loops") if isinstance(read, dict) else None
-            if isinstance(found, dict):
-                pairs = {str(k): v.get("between") for k, v in found.items() if isinstance(v, dict)}
-                return {k: list(map(str, v)) for k, v in pairs.items() if isinstance(v, list)}
-        return {}
-
 
 def _arrow(name: str, place: tuple[Array, Array], vector: Array) -> dict[str, Any]:
     return {"name": name, "rigid": place[1], "disp": place[0] - place[1], "vector": vector}
@@ -192,23 +140,3 @@ def _arrow(name: str, place: tuple[Array, Array], vector: Array) -> dict[str, An
 
 def _move(pose: Array, point: Array) -> Array:
     return np.asarray(pose[:, :, :3] @ point + pose[:, :, 3])
-
-
-def _joint(node: ElementTree.Element) -> Joint | None:
-    parent, child = node.find("parent"), node.find("child")
-    if parent is None or child is None:
-        return None
-    return Joint(
-        node.get("name", ""),
-        node.get("type", "fixed"),
-        parent.get("link", ""),
-        child.get("link", ""),
-        _numbers(node.find("origin"), "xyz", "0 0 0"),
-        _numbers(node.find("axis"), "xyz", "1 0 0"),
-    )
-
-
-def _numbers(node: ElementTree.Element | None, key: str, default: str) -> Array:
-    return np.array(
-        [float(x) for x in (default if node is None else node.get(key, default)).split()]
-    )

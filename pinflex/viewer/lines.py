@@ -43,7 +43,16 @@ def still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) 
 def film(
     scene: dict[str, Any], path: Path, field: str, title: str, seconds: float, fps: int
 ) -> Path:
-    """Write the whole motion as a .gif."""
+    """Write the whole motion as a .gif.
+
+    Args:
+        scene: From `build_scene`.
+        path: File.
+        field: What colours show.
+        title: Above the picture.
+        seconds: Length of the film [s].
+        fps: Pictures a second.
+    """
     import io
 
     from PIL import Image
@@ -122,7 +131,13 @@ def _canvas(
 
 
 def magnified(body: dict[str, Any], k: int, mag: float) -> Array:
-    """Affine map (3, 4) that draws a body at instant k."""
+    """Affine map (3, 4) that draws a body at instant k.
+
+    Args:
+        body: Body of the scene.
+        k: Number of the instant.
+        mag: Factor on displacements.
+    """
     pose = body["rigid"][min(k, len(body["rigid"]) - 1)]
     return np.asarray(pose if body["disp"] is None else pose + mag * body["disp"][k]).reshape(3, 4)
 

@@ -85,7 +85,12 @@ class Live:
             self._viewer[f"robot/body_{n}"].set_transform(moved.astype(float))
 
     def play(self, seconds: float, speed: float | None = None) -> None:
-        """Play the run over and over for some seconds; speed 1 is real time, default 6 s a pass."""
+        """Play the run over and over for some seconds; speed 1 is real time, default 6 s a pass.
+
+        Args:
+            seconds: How long [s].
+            speed: Of real time.
+        """
         t = self.scene["t"]
         span = float(t[-1] - t[0]) or 1.0
         speed = span / 6.0 if speed is None else speed

@@ -68,5 +68,10 @@ def aligned(*axes: Axes) -> None:
 
 
 def title(ax: Axes, text: str) -> None:
-    """A small heading at the left."""
+    """A small heading at the left.
+
+    Args:
+        ax: Panel.
+        text: Its heading.
+    """
     ax.set_title(text, loc="left", fontsize=9)

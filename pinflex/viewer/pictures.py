@@ -27,6 +27,10 @@ def instant(result: Result, text: str) -> float:
     """Instant [s] that a text names: a number within the run, or "worst".
 
     The worst instant is that of the largest von Mises stress, in a section or on a surface.
+
+    Args:
+        result: A run.
+        text: A number [s], or "worst".
     """
     if text == "worst":
         if not result.links:
@@ -67,7 +71,15 @@ def still(
 
 
 def film(result: Result, page: Path, path: Path, field: str, scale: float | str) -> Picture:
-    """Write the whole motion as a .gif or .mp4; arguments as in `still`."""
+    """Write the whole motion as a .gif or .mp4; arguments as in `still`.
+
+    Args:
+        result: A run.
+        page: Its page.
+        path: File.
+        field: What colours show.
+        scale: Factor on displacements, or "auto".
+    """
     if capture.find_browser():
         return Picture(capture.film(page, path, seconds=SECONDS, fps=FPS))
     if path.suffix != ".gif":

@@ -1,7 +1,6 @@
 """Figures of results: torques, platform deviation, stress along the links, spectra.
 
-Every function returns a matplotlib Figure made with the object interface: no window, no global
-state.
+Every function returns a matplotlib Figure: no window, no global state.
 """
 
 from __future__ import annotations
@@ -40,7 +39,12 @@ _COMPONENTS = {  # of a section, in the beam frame
 
 
 def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
-    """One panel per motor, rigid and flexible, with the difference from rigid below it."""
+    """One panel per motor, rigid and flexible, with the difference from rigid below it.
+
+    Args:
+        rigid: The rigid run.
+        others: Flexible runs by name.
+    """
     motors = rigid.motors
     if not motors:
         raise DescriptionError("torques: the result has no motors. Name them under `actuated`.")
@@ -130,7 +134,12 @@ def deviation(
 
 
 def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
-    """Von Mises stress [MPa] of each flexible link over time and place, on one colour scale."""
+    """Von Mises stress [MPa] of each flexible link over time and place, on one colour scale.
+
+    Args:
+        result: A run with flexible links.
+        links: Some of them; default all.
+    """
     names = tuple(result.links if links is None else links)
     if not names:
         raise DescriptionError(
@@ -237,7 +246,11 @@ def spectrum(
 
 
 def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
-    """Time series, label and unit of a quantity named as in `spectrum`."""
+    """Time series, label and unit of a quantity.
+
+    Args:
+        result: A run. quantity: As in `spectrum`.
+    """
     kind, _, name = quantity.partition("/")
     if quantity in QUANTITIES and result.array(quantity).ndim == 1:
         return result.array(quantity), QUANTITIES[quantity].label, QUANTITIES[quantity].unit

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.results.drawing import Joint
 from pinflex.results.result import Result
-from pinflex.viewer.frames import FrameLocator, Joint
+from pinflex.viewer.frames import FrameLocator
 from pinflex.viewer.surfaces import Surface, joined, packed
 
 

@@ -32,7 +32,13 @@ class Skin:
     shown: IntArray
 
     def at(self, link: dict[str, Any], k: int, mag: float) -> Array:
-        """The points in the world at instant k, displacements magnified; shape (n, 3)."""
+        """The points in the world at instant k, displacements magnified; shape (n, 3).
+
+        Args:
+            link: Link of the scene.
+            k: Number of the instant.
+            mag: Factor on displacements.
+        """
         centre, t, y, z = _sections(link, k, mag)
         x = np.clip(self.points[:, 0], self.x[0], self.x[-1])
         i = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, len(self.x) - 2)

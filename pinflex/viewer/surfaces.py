@@ -7,20 +7,20 @@ that a saved run names no file of the machine that reads it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
+from pinflex.results.drawing import Visual, drawing_of
 from pinflex.results.result import Result
+from pinflex.rotations import zyx_matrix
 from pinflex.viewer.collada import read_collada
 from pinflex.viewer.simplify import simplify
 
@@ -45,17 +45,13 @@ class Surface:
     from_file: bool
 
     def moved(self, rotation: Array, shift: Array) -> Surface:
-        """The surface in another frame: rotation (3, 3) first, then shift [m]."""
+        """The surface in another frame: rotation (3, 3) first, then shift [m].
+
+        Args:
+            rotation: Shape (3, 3).
+            shift: [m], shape (3,).
+        """
         return Surface(self.vertices @ rotation.T + shift, self.faces, self.from_file)
-
-
-@dataclass(frozen=True)
-class _Visual:
-    file: str  # "" for a simple shape
-    shape: Surface | None
-    scale: tuple[float, float, float]
-    rotation: Array
-    shift: Array
 
 
 def surfaces(
@@ -64,21 +60,21 @@ def surfaces(
     """Surfaces by link, and what there is to say about those that are missing or thinned.
 
     Args:
-        result: A run; its URDF text names the meshes.
+        result: A run; its meta names the meshes.
         folders: Where `package://` and relative names are looked for, after example-robot-data.
     """
-    return surfaces_of(result.meta.get("sources", {}).values(), folders)
+    return surfaces_of(drawing_of(result.meta).visuals, folders)
 
 
 def surfaces_of(
-    texts: Iterable[str], folders: Sequence[str | Path] = ()
+    visuals: Mapping[str, Sequence[Visual]], folders: Sequence[str | Path] = ()
 ) -> tuple[dict[str, Surface], list[str]]:
-    """The same of texts, the first of which that is a URDF with visuals counts.
+    """The same of the visuals of a drawing, by link.
 
     Args:
-        texts: Files of a robot. folders: As above.
+        visuals: Meshes and simple shapes by link.
+        folders: As above.
     """
-    visuals = _visuals(texts)
     count = sum(1 for parts in visuals.values() for part in parts if part.file)
     most = int(np.clip(TRIANGLES / max(count, 1), 200, MOST))
     roots = [*_robot_data(), *map(_folder, folders)]
@@ -88,20 +84,12 @@ def surfaces_of(
     for link, parts in visuals.items():
         pieces = []
         for part in parts:
-            piece = part.shape
-            if part.file:
-                path = _resolve(part.file, roots)
-                read = None if path is None else _read(path, path.stat().st_mtime_ns, most)
-                if read is None:
-                    missing.append(part.file)
-                    continue
-                vertices, faces, whole = read
-                thinned += whole > len(faces)
-                piece = Surface(vertices * np.array(part.scale), faces, True)
-                if np.prod(part.scale) < 0:  # a mirrored mesh is inside out
-                    piece = Surface(piece.vertices, faces[:, ::-1], True)
-            if piece is not None:
-                pieces.append(piece.moved(part.rotation, part.shift))
+            piece, less = _mesh(part, roots, most) if part.file else (_shape(part), False)
+            thinned += less
+            if piece is None:
+                missing.append(part.file)
+            else:
+                pieces.append(piece.moved(zyx_matrix(np.array(part.rpy[::-1])), np.array(part.xyz)))
         if pieces:
             found[link] = joined(pieces)
     notes = [f"{thinned} of {count} meshes are drawn with fewer triangles"] if thinned else []
@@ -143,49 +131,22 @@ def joined(pieces: list[Surface]) -> Surface:
     )
 
 
-def _visuals(texts: Iterable[str]) -> dict[str, list[_Visual]]:
-    for text in texts:
-        if "<robot" not in text or "<visual" not in text:
-            continue
-        try:
-            root = ElementTree.fromstring(text)
-            return {
-                link.get("name", ""): [v for v in map(_visual, link.findall("visual")) if v]
-                for link in root.findall("link")
-            }
-        except (ElementTree.ParseError, ValueError):
-            continue
-    return {}
+def _mesh(visual: Visual, roots: Sequence[Path], most: int) -> tuple[Surface | None, bool]:
+    """The surface of a mesh file, None if it is not there, and whether it lost triangles."""
+    path = _resolve(visual.file, roots)
+    read = None if path is None else _read(path, path.stat().st_mtime_ns, most)
+    if read is None:
+        return None, False
+    vertices, faces, whole = read
+    if np.prod(visual.scale) < 0:  # a mirrored mesh is inside out
+        faces = faces[:, ::-1]
+    return Surface(vertices * np.array(visual.scale), faces, True), whole > len(faces)
 
 
-def _visual(node: ElementTree.Element) -> _Visual | None:
-    geometry, origin = node.find("geometry"), node.find("origin")
-    kind = geometry[0] if geometry is not None and len(geometry) else None
-    if kind is None:
-        return None
-    rotation = _turn(*_numbers(origin, "rpy", "0 0 0"))
-    shift = np.array(_numbers(origin, "xyz", "0 0 0"))
-    file, shape, scale = "", None, (1.0, 1.0, 1.0)
-    if kind.tag == "mesh":
-        file, scale = kind.get("filename", ""), _numbers(kind, "scale", "1 1 1")
-    elif kind.tag == "box":
-        shape = _box(np.array(_numbers(kind, "size", "0 0 0")))
-    elif kind.tag in ("cylinder", "sphere"):
-        radius = float(kind.get("radius", "0"))
-        length = float(kind.get("length", "0"))
-        shape = _turned(_meridian(kind.tag, radius, length))
-    return _Visual(file, shape, scale, rotation, shift) if file or shape else None
-
-
-def _numbers(
-    node: ElementTree.Element | None, key: str, default: str
-) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in (default if node is None else node.get(key, default)).split())
-    return x, y, z
-
-
-def _turn(roll: float, pitch: float, yaw: float) -> Array:
-    return np.asarray(Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix())
+def _shape(visual: Visual) -> Surface:
+    if visual.shape == "box":
+        return _box(np.array(visual.size))
+    return _turned(_meridian(visual.shape, *visual.size))
 
 
 def _box(size: Array) -> Surface:
@@ -195,7 +156,7 @@ def _box(size: Array) -> Surface:
     return Surface(corners, np.array(faces, dtype=np.intp), False)
 
 
-def _meridian(kind: str, radius: float, length: float) -> list[tuple[float, float]]:
+def _meridian(kind: str, radius: float, length: float = 0.0) -> list[tuple[float, float]]:
     """(distance from the z axis, height) from the lower pole to the upper one."""
     if kind == "cylinder":
         return [(0, -length / 2), (radius, -length / 2), (radius, length / 2), (0, length / 2)]

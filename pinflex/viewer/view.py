@@ -209,7 +209,13 @@ def has_desktop() -> bool:
 
 
 def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) -> str:
-    """The whole page as text."""
+    """The whole page as text.
+
+    Args:
+        scenes: From `build_scene`.
+        title: Of the page.
+        page: What the page shows besides.
+    """
     player = f'"use strict";\n(async () => {{\n{_joined(PLAYER, "js")}\n}})();'
     hash_, viewer = _viewer()
     runs = [_coarse(scene) | {"t": scene["t"].tolist()} for scene in scenes]

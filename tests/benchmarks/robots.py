@@ -9,7 +9,7 @@ the inertia has room for, `beam/link` that of the link's mass. `rigid` is the la
 between the rigid torques and Pinocchio's rnea of the URDF, at random states, of the largest
 torque. `ked` is the same between the levels ked and rigid in a small quick move (every motor 0.1
 rad or m in 0.5 s, from rest in equilibrium). Nothing is asserted here; three of these robots are
-in tests/unit/test_ride.py.
+in tests/unit/mechanics/test_ride.py.
 """
 
 from __future__ import annotations

@@ -294,7 +294,7 @@ def test_every_control_has_a_name(browser: Browser, page: Path) -> None:
     )
     assert nameless == []
     assert "von Mises" in browser.run(
-        "return document.getElementById('meshcat-pane').getAttribute('aria-label')"
+        "return document.getElementById('pane').getAttribute('aria-label')"
     )
 
 

@@ -14,7 +14,7 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description import schema
 from pinflex.description.json_schema import json_schema
-from tests.unit.test_formats import BARS, INERTIA, gepetto
+from tests.unit.description.test_formats import BARS, INERTIA, gepetto
 
 POINT = "closed_loop: [[tip_A, tip_B]]\ntype: [3d]\nname_mot: [motor]\n"
 

@@ -14,7 +14,7 @@ import pinflex as pf
 from pinflex.description import description, home_text, material, motion, section
 from pinflex.description.description import read
 from pinflex.errors import PinflexError
-from tests.unit.test_description import BAD_URDFS, BAD_VALUES, URDF, YAML, write
+from tests.unit.description.test_description import BAD_URDFS, BAD_VALUES, URDF, YAML, write
 
 FILE = Path(__file__).with_name("messages.txt")
 JOINTS = """\

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.description import loops, section, sources
+from pinflex import registered
+from pinflex.description import loops, section, solve, sources
 from pinflex.errors import DescriptionError
 from pinflex.results import quantities
 
@@ -66,10 +67,11 @@ FOUR_BAR = """<robot name="bars">
 def _tables_as_before() -> Iterator[None]:
     """What a test registers is gone after it."""
     tables: tuple[dict[str, object], ...] = (
-        section.SHAPES, loops.LOOP_KINDS, sources.READERS, quantities.QUANTITIES,
+        section.SHAPES, loops.LOOP_KINDS, sources.READERS, quantities.QUANTITIES, solve.INTEGRATORS,
     )  # type: ignore[assignment]  # fmt: skip
-    before = [dict(table) for table in tables]
+    before, made = [dict(table) for table in tables], [*registered._MADE]
     yield
+    registered._MADE[:] = made
     for table, rows in zip(tables, before, strict=True):
         table.clear()
         table.update(rows)
@@ -173,6 +175,7 @@ def backward_euler(at, steps, dt, start):
         yield State(d, v, a, lam)
 
 
+EULER = solve.Integrator("backward_euler", only="ked", method=backward_euler)
 # ----
 
 
@@ -188,6 +191,78 @@ def test_a_stepper(tmp_path: Path) -> None:
     assert ours.meta["settings"]["integrator"] == "backward_euler"
     with pytest.raises(DescriptionError, match="backward_euler at level coupled"):
         pf.solve(m, level="coupled", integrator=backward_euler)
+
+
+def test_registered_integrators_have_names_in_the_yaml(tmp_path: Path) -> None:
+    from pinflex.integrators.collocation import radau
+    from pinflex.integrators.schemes import generalized_alpha
+    from pinflex.studies.bench import Case, _Scenes
+
+    path, given = arm(tmp_path), {"until": 0.05, "samples": 11}
+    text = path.read_text("utf-8")
+
+    def named(name: str, more: str = "") -> pf.Mechanism:
+        path.write_text(f"{text}".replace("straight}", f"straight, integrator: {name}{more}}}"))
+        return pf.load(path)
+
+    with pytest.raises(DescriptionError, match="solve.integrator: 'backward_euler' is not known"):
+        named("backward_euler", ", level: ked")
+    solve.register_integrator(EULER)
+    solve.register_integrator(solve.Integrator("soft", method=generalized_alpha(0.5)))
+    solve.register_integrator(solve.Integrator("radau_2", only="coupled", method=radau(2)))
+    m = named("backward_euler", ", level: ked")
+    ours = pf.solve(m, dt=1e-3, **given)
+    value = pf.solve(m, integrator=backward_euler, dt=1e-3, **given)
+    np.testing.assert_array_equal(ours.torque, value.torque)
+    assert ours.meta["settings"]["integrator"] == "backward_euler"
+    with pytest.raises(DescriptionError, match="is for linear systems: level ked only"):
+        named("backward_euler", ", level: coupled")
+
+    m = named("soft")  # goes on from a saved state
+    at_once = pf.solve(m, level="coupled", dt=1e-3, until=0.05, samples=51)
+    half = pf.solve(m, level="coupled", dt=1e-3, until=0.025, samples=26)
+    on = pf.solve(m, level="coupled", until=0.05, resume=half.save(tmp_path / "half.npz"))
+    assert on.meta["settings"]["integrator"] == "soft"
+    # 1e-8: Newton ends at 1e-9 of the largest force, from another tangent
+    np.testing.assert_allclose(on.torque[-1], at_once.torque[-1], rtol=1e-8)
+    known = pf.solve(m, level="coupled", integrator="generalized_alpha", rho_inf=0.5,
+                     dt=1e-3, until=0.05, samples=51)  # fmt: skip
+    np.testing.assert_array_equal(known.torque, at_once.torque)
+
+    alpha = _Scenes(m).run(Case("alpha", 1e-3))  # what bench solves: the scene's own method
+    assert alpha.settings["integrator"] == "soft"
+
+    m = named("radau_2")
+    assert _Scenes(m).run(Case("alpha", 1e-3)).settings["integrator"] == "generalized_alpha"
+    run = pf.solve(m, level="coupled", tol=1e-2, **given)
+    assert run.meta["settings"]["stages"] == 2
+    with pytest.raises(DescriptionError, match="resume: goes on with level coupled in steps"):
+        pf.solve(m, level="coupled", resume=run, until=0.06)
+    from pinflex.cli.checkpoint import _check
+
+    with pytest.raises(DescriptionError, match="only level coupled in steps"):
+        _check(m, "run.npz", {"level": "coupled", "dt": 1e-3})
+    _check(named("soft"), "run.npz", {"level": "coupled", "dt": 1e-3})
+    for wrong in (EULER, solve.Integrator("none")):
+        with pytest.raises(DescriptionError, match="one of that name|no method"):
+            solve.register_integrator(wrong)
+
+
+def test_a_sweep_in_processes_knows_what_was_registered(tmp_path: Path) -> None:
+    solve.register_integrator(EULER)
+    section.register_shape(ELLIPSE)
+    path = arm(tmp_path, "{shape: ellipse, height: 0.006, width: 0.02}")
+    path.write_text(path.read_text("utf-8").replace("straight", "straight, level: ked, "
+                    "integrator: backward_euler, dt: 1e-3, until: 0.01"), "utf-8")  # fmt: skip
+    values = {"flexible.rod.section.width": [0.02, 0.03]}
+    alone, two = (pf.sweep(path, values, outputs=["torque"], jobs=jobs) for jobs in (1, 2))
+    assert list(two["error"]) == ["", ""]
+    for name in alone.arrays:
+        if name.startswith("torque"):
+            np.testing.assert_array_equal(two[name], alone[name])
+    registered.note(solve.register_integrator, "stuck", (x for x in "a generator"))
+    with pytest.raises(DescriptionError, match="register_integrator: stuck: cannot travel"):
+        pf.sweep(path, values, outputs=["torque"], jobs=2)
 
 
 def test_an_alpha_scheme_and_a_tableau_of_ones_own(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pinflex as pf
 
 ROOT = Path(pf.__file__).parent
 TABLE = re.findall(r"^    (\w+)  +\w", (pf.__doc__ or "").split("Where the code is")[1], re.M)
-BESIDE = ("errors", "arrays", "linalg", "text", "threads", "writing")
+BESIDE = ("errors", "arrays", "linalg", "registered", "rotations", "text", "threads", "writing")
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))
 
 
@@ -50,6 +50,14 @@ def test_results_and_viewer_know_no_physics(package):
     )
 
 
+def test_the_viewer_reads_no_urdf_and_no_yaml():
+    """What it draws a run by is in its meta; only meshes in Collada are XML."""
+    for path in (ROOT / "viewer").glob("*.py"):
+        text = path.read_text("utf-8")
+        parses = any(word in text for word in ("import yaml", "ElementTree"))
+        assert parses == (path.name == "collada.py"), path
+
+
 BLOCKED = """
 import sys
 
@@ -74,6 +82,11 @@ def test_a_saved_run_becomes_a_page_without_pinocchio(tmp_path):
 def test_every_public_name_is_found_where_the_package_says():
     assert {name for name in pf.__all__ if getattr(pf, name) is not None} == set(pf.__all__)
     assert set(pf.__all__) == set(pf._MODULE)
+
+
+def test_the_unit_tests_have_the_folders_of_the_packages():
+    folders = {path.parent.name for path in Path(__file__).parent.glob("*/test_*.py")}
+    assert folders <= set(PACKAGES) and len(folders) > 9
 
 
 def test_the_table_names_every_package():

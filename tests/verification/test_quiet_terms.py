@@ -10,7 +10,8 @@ import pytest
 import pinflex as pf
 from pinflex.levels.modes import Modes
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.studies import frequency_map as maps
+from pinflex.solver.solve import default_motion
+from pinflex.studies import pose_map as maps
 from tests.scenes import Body, load
 
 ARM = [Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(0.4, 0, 0))]
@@ -97,7 +98,7 @@ def test_modes_are_followed_through_two_crossings(monkeypatch: pytest.MonkeyPatc
         return Modes(frequencies[order], shapes, real.y, real.share, real.links, "none", False)
 
     monkeypatch.setattr(maps, "modes", crossing)
-    found = maps.frequency_map(robot, count=2, instants=count)
+    found = maps.pose_map(robot, along=default_motion(robot), count=2, instants=count)
     swing = 4.0 * np.sin(3.0 * np.pi * np.arange(count) / (count - 1))
     first = found.frequencies[:, 0]
     assert first == pytest.approx(10.0 + swing, abs=1e-9) or first == pytest.approx(10.0 - swing)

@@ -60,7 +60,7 @@ function beamHead(k, list) {
   const share = q && k.strength > 0 ? `, ${digits(100 * top / k.strength, 2)} % of yield` : "";
   return el("header", {}, el("h2", {}, k.name), el("div", {class: "tools"},
     button("CSV", saveBeam, {title: "this link: along x now, and over time at the place chosen"}), button("✕", closeBeam, {"aria-label": "close link", id: "beam-close"})),
-    el("p", {}, `${digits(1e3 * k.length)} mm` + (q ? ` · at most ${digits(top)} ${q.unit}${share}, at x = ${digits(1e3 * k.x[i])} mm` : "")));
+    el("p", {}, `${digits(1e3 * k.length)} mm` + (q ? ` · peak ${digits(top)} ${q.unit}${share}, x = ${digits(1e3 * k.x[i])} mm` : "")));
 }
 function closeBeam() { set({link: null, at: null}); $("pane").focus({preventScroll: true}); }
 function drawDiagrams() {

@@ -42,9 +42,10 @@ function pressed(name) {
 
 /* What the texts over the drawing leave free: shares of the width at the left and of the height above and below. */
 function margins(w, h) {
-  const narrow = w < 620, low = h < 420;
-  if (narrow) return {side: 0, top: Math.min(0.3, 0.75 * ($("head").offsetHeight + 12) / h), below: Math.min(0.25, 120 / h)};
-  return {side: Math.min(0.35, (low ? 150 : 200) / w), top: low ? 0.06 : 0.08, below: low ? 0.04 : 0.05};
+  const top = Math.min(0.3, 0.8 * ($("head").offsetHeight + 10) / h);
+  if (w < 620 && h > 420) return {side: 0, top, below: Math.min(0.25, 110 / h)};
+  if (h < 480) return {side: Math.min(0.35, 110 / w), top, below: 0.03};
+  return {side: Math.min(0.35, 200 / w), top: 0.08, below: 0.05};
 }
 
 function fitCamera() {

@@ -18,11 +18,13 @@ class Chart {
     for (let y = this.low; y <= this.top + step / 2; y += step) svg.append(
       el("line", {x1: LEFT, x2: w - RIGHT, y1: this.Y(y), y2: this.Y(y), class: Math.abs(y) < step / 2 ? "axis zero" : "axis"}),
       el("text", {x: LEFT - 5, y: this.Y(y) + 4, "text-anchor": "end"}, minus(+(Math.round(y / step) * step).toPrecision(6))));
-    const dx = nice((x[1] - x[0]) / (w < 200 ? 2.5 : 4) || 1);
-    for (let v = Math.ceil(x[0] / dx - 1e-6) * dx; v <= x[1] + dx / 1e3; v += dx) {
-      const last = v > x[1] - dx * 0.999;
-      svg.append(el("text", {x: last ? Math.min(this.X(v) + 8, w) : this.X(v), y: h - 3, "text-anchor": last ? "end" : "middle"}, `${minus(+v.toPrecision(6))}${last ? " " + xUnit : ""}`));
-    }
+    const dx = [1, 2, 5, 10].map((n) => n * nice((x[1] - x[0]) / 10 || 1)).find((d) => this.X(x[0] + d) - LEFT > 46) || x[1] - x[0];
+    const ticks = [];
+    for (let v = Math.ceil(x[0] / dx - 1e-6) * dx; v <= x[1] + dx / 1e3; v += dx) ticks.push(v);
+    ticks.forEach((v, i) => {
+      const last = i === ticks.length - 1, words = `${minus(+v.toPrecision(6))}${last ? " " + xUnit : ""}`, end = last && this.X(v) + 3 * words.length > w;
+      svg.append(el("text", {x: end ? w : this.X(v), y: h - 3, "text-anchor": end ? "end" : "middle"}, words));
+    });
     if (pick) {
       const drag = (e) => { if (e.type === "pointerdown" || e.buttons) pick(clamp(x[0] + (x[1] - x[0]) * (e.clientX - svg.getBoundingClientRect().left - LEFT) / (w - LEFT - RIGHT), ...x)); };
       svg.addEventListener("pointerdown", drag); svg.addEventListener("pointermove", drag);

@@ -22,16 +22,27 @@ function runPicker() {
     el("label", {}, el("input", {type: "radio", name: "level", value: i, onchange: () => show(i)}), el("span", {}, n))));
 }
 
+/* What the run is compared with: in the heading, on a small window in the menu Display. */
+function against() {
+  return el("div", {id: "against"},
+    el("span", {class: "soft"}, "against "),
+    select("other", "compared with", [], (e) => set({other: e.target.value})),
+    select("ghost", "how it is shown", [["over", "overlaid"], ["beside", "side by side"], ["off", "hidden"]], (e) => set({ghost: e.target.value})),
+    check("diff", "difference", "plots and colours show the difference"));
+}
+const small = matchMedia("(max-width: 620px), (max-height: 480px)");
+function arrange() {
+  if (small.matches) $("options").querySelector(".grid").prepend($("against"));
+  else $("readout").before($("against"));
+}
+small.addEventListener("change", arrange);
+
 function head() {
   return el("header", {id: "head"},
     el("h1", {}, DATA.title),
     runPicker(),
     el("p", {id: "sub"}),
-    el("div", {id: "against"},
-      el("span", {class: "soft"}, "against "),
-      select("other", "compared with", [], (e) => set({other: e.target.value})),
-      select("ghost", "how it is shown", [["over", "overlaid"], ["beside", "side by side"], ["off", "hidden"]], (e) => set({ghost: e.target.value})),
-      check("diff", "difference", "plots and colours show the difference")),
+    against(),
     el("p", {id: "readout"}),
     el("div", {id: "chips", role: "group", "aria-label": "verdicts"}));
 }
@@ -110,6 +121,7 @@ function buildPage() {
     dock(),
     el("div", {id: "status", class: "unseen", role: "status", "aria-live": "polite"}));
   $("worst").append(el("span", {}, " instant"));
+  arrange();
   for (const menu of document.querySelectorAll(".menu")) menu.addEventListener("toggle", () => {   // one at a time
     if (menu.open) for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.open = false;
   });

@@ -11,11 +11,13 @@ import pytest
 import pinflex as pf
 from pinflex import __main__
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
-from pinflex.studies.plot_pose_map import plot_pose_map
+from pinflex.results.pose_map import PoseMap
+from pinflex.solver.solve import default_motion
 from pinflex.studies.pose import moved, pose
 from pinflex.studies.pose_map import pose_map
 from pinflex.studies.stiffness import platform_compliance
 from pinflex.studies.tracking import tracked
+from pinflex.viewer.plot_map import plot_map, save_map
 from tests.scenes import Body, load, published
 
 # Two arms that share nothing but the ground. Gravity stiffens a hanging arm and softens a standing
@@ -122,17 +124,17 @@ def test_a_grid_is_increasing_numbers(arms: pf.Mechanism, wrong: list[object]) -
 
 def test_the_figure_has_a_panel_for_each_frequency_and_axis() -> None:
     line = pose_map("3rrs", {"z": "-.01:.01:3"}, preload="none")
-    names = [t.get_text() for t in plot_pose_map(line).axes[1].get_legend().get_texts()]
+    names = [t.get_text() for t in plot_map(line).axes[1].get_legend().get_texts()]
     assert names[0] == "1/C_xx (others free) [N/m]" and len(names) == 6
     plane = pose_map("ur5", {"z": "-.1:.1:3", "x": "0:.1:2", "y": "0:.1:2"}, count=2)
-    titles = [ax.get_title(loc="left") for ax in plot_pose_map(plane).axes]
+    titles = [ax.get_title(loc="left") for ax in plot_map(plane).axes]
     assert [t for t in titles if t][:3] == [
         "mode 1 [Hz]",
         "mode 2 [Hz]",
         "1/C_xx (others free)\n[MN/m]",
     ]
     with pytest.raises(DescriptionError, match="one pose makes no plot"):
-        plot_pose_map(pose_map("cantilever", {}))
+        plot_map(pose_map("cantilever", {}))
 
 
 def test_modes_are_followed_over_a_gap() -> None:
@@ -147,12 +149,12 @@ def test_modes_are_followed_over_a_gap() -> None:
 def test_what_is_rigid_is_said_in_figure_table_and_json(capsys: pytest.CaptureFixture[str]) -> None:
     grid = {"x": "-.02:.02:2", "y": "-.02:.02:2"}
     held = pose_map(published("3rrr"), grid, count=2)
-    figure = plot_pose_map(held)
+    figure = plot_map(held)
     assert "rigid along x, y, z, rx, ry, rz" in figure.get_suptitle()
     assert not any("1/C" in ax.get_title(loc="left") for ax in figure.axes)
     figure.canvas.draw()
     for found in (held, pose_map("3rrr", grid, count=2)):
-        figure = plot_pose_map(found)
+        figure = plot_map(found)
         figure.canvas.draw()
         ticks = [t.get_text() for ax in figure.axes for t in ax.get_yticklabels()]
         assert max(map(len, ticks)) < 8  # equal to 1e-9: no ticks of 13 digits
@@ -164,3 +166,44 @@ def test_what_is_rigid_is_said_in_figure_table_and_json(capsys: pytest.CaptureFi
     assert __main__.main(["map", "3rrr", "--grid", "x=0:.01:2"]) == 0
     text = capsys.readouterr().out
     assert "K_zz (others held)" in text and "rigid" in text and "e+26" not in text
+
+
+def along(robot: pf.Mechanism, instants: int, **options: object) -> PoseMap:
+    """Frequencies along the motion of the model."""
+    motion = default_motion(robot)
+    return pose_map(robot, along=motion, instants=instants, stiffness=False, **options)
+
+
+def test_the_first_pose_has_the_frequencies_of_home() -> None:
+    robot = pf.load("ur5")
+    found = along(robot, count=4, instants=5)
+    home = pf.modes(robot, count=4).frequencies
+    # 1e-9: the same linearisation at the same pose, reached by one closure less
+    assert found.frequencies[0] == pytest.approx(home, rel=1e-9)
+    assert found.frequencies.shape == (5, 4)
+    assert not found.errors.any()
+
+
+def test_a_line_follows_its_mode_where_frequencies_are_equal() -> None:
+    """With the motors locked each leg of the 3-RRR swings alone, in every pose alike."""
+    found = along(pf.load("3rrr"), count=6, instants=21)
+    # 1 %: the platform couples the legs a little, differently in each pose
+    assert np.ptp(found.frequencies, axis=0) / found.frequencies[0] == pytest.approx(0, abs=0.01)
+    assert found.preload == "none"  # it lies on a table
+
+
+def test_poses_without_an_equilibrium_are_left_out_and_told(tmp_path: Path) -> None:
+    found = along(pf.load("3rrs"), count=3, instants=6)
+    assert np.isfinite(found.frequencies[:3]).all()
+    assert np.isnan(found.frequencies[-1]).all()
+    assert not found.errors[3] and "static equilibrium: no equilibrium" in found.errors[4]
+    assert "no answer" in [t.get_text() for t in plot_map(found).axes[0].texts]
+    assert save_map(found, tmp_path / "map.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(DescriptionError, match="Allowed"):
+        save_map(found, tmp_path / "map.gif")
+
+
+def test_the_figure_names_the_lowest_frequency() -> None:
+    found = along(pf.load("3rrs"), count=3, instants=5, preload="none")
+    texts = [t.get_text() for t in plot_map(found).axes[0].texts]
+    assert f"lowest {found.frequencies.min():.4g} Hz at 1 s" in texts

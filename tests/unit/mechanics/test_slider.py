@@ -13,7 +13,7 @@ from pinflex.mechanics.equations import Equations
 from tests.finite import by_configuration, by_time, close, random_state, slope
 from tests.scenes import Body, load
 
-# As in tests/unit/test_dynamics.py: differences are good to 1e-10 of a column's largest entry.
+# As in test_dynamics.py: differences are good to 1e-10 of a column's largest entry.
 DIFFERENCES = 1e-8
 ROUNDING = 1e-12
 

@@ -12,8 +12,9 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanics.equations import Equations
-from pinflex.results.views import rotation_vector
-from pinflex.studies.stiffness import platform_compliance, stiffness_of
+from pinflex.results.pose_map import stiffness_of
+from pinflex.rotations import rotation_vector
+from pinflex.studies.stiffness import platform_compliance
 from tests.scenes import Body, load, published
 
 # L = 2, E = 3, G = 1, A = 5, Iy = 7, Iz = 11, J = 13: every entry is another number

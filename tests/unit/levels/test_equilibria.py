@@ -7,7 +7,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.description.motion import harmonic
-from pinflex.integrators.chebyshev import Pieces
+from pinflex.integrators.chebyshev import PiecewiseChebyshev
 from pinflex.levels.outputs import Outputs
 from pinflex.levels.quasistatic import solve_quasistatic
 from pinflex.levels.quasistatic_smooth import solve_equilibria
@@ -65,7 +65,7 @@ def test_where_the_load_is_too_much_the_march_says_when():
 
 
 def test_pieces_interpolate_smooth_parts_to_round_off_and_keep_their_corner():
-    pieces = Pieces(0.0, 2.0, [1.0])
+    pieces = PiecewiseChebyshev(0.0, 2.0, [1.0])
     f = lambda t: np.where(t < 1.0, np.sin(3 * t), 5 + np.cos(2 * t))  # noqa: E731
     nodes, t = pieces.nodes(16), np.linspace(0.0, 2.0, 97)
     found = pieces.between(f(nodes)[:, :, None], t)[:, 0]
@@ -76,7 +76,7 @@ def test_pieces_interpolate_smooth_parts_to_round_off_and_keep_their_corner():
 
 
 def test_the_last_two_polynomials_are_left_out_of_the_coarser_values():
-    pieces, n = Pieces(0.0, 1.0, []), 8
+    pieces, n = PiecewiseChebyshev(0.0, 1.0, []), 8
     x = 2.0 * pieces.nodes(n)[0] - 1.0
     inside = (np.polynomial.Polynomial([1, -2, 0.5, 0, 0, 3, -1])(x))[None, :, None]
     whole = inside + (np.cos(7 * np.arccos(x)) - 2 * np.cos(8 * np.arccos(x)))[None, :, None]

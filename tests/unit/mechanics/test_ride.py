@@ -12,7 +12,8 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.bodies.basis import flexible_body
 from pinflex.description.description import read
-from pinflex.description.flexible import Basis, EndMass, FlexibleLink
+from pinflex.description.flexible import Basis, FlexibleLink
+from pinflex.description.link_mass import EndMass
 from pinflex.description.material import named
 from pinflex.description.section import from_spec
 from pinflex.mechanics import ride

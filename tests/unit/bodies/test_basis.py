@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pinflex.bodies import beam_modes
-from pinflex.description.flexible import Basis, EndMass
+from pinflex.description.flexible import Basis
+from pinflex.description.link_mass import EndMass
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
 from tests.bar import BAR, CB, CUBIC, QUINTIC, STEEL, L, bending_unit, body, omega

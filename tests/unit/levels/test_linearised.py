@@ -7,7 +7,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
-from pinflex.levels.linearised import Line, _Between, along
+from pinflex.levels.linearised import InterpolatedPath, LinearPath, along
 from pinflex.solver.solve import default_motion
 
 # A cycloid that ends in the middle of the run; acceleration that jumps at the corners of a
@@ -25,8 +25,8 @@ def test_interpolated_matrices_are_those_of_every_step(name):
     robot = pf.load(name, changes)
     motion = default_motion(robot)
     path = nominal(robot, motion, np.linspace(0.0, end, steps))
-    at, every = along(robot, motion, path, False, 1e-9), Line(robot, path)
-    assert isinstance(at.__self__, _Between)
+    at, every = along(robot, motion, path, False, 1e-9), LinearPath(robot, path)
+    assert isinstance(at.__self__, InterpolatedPath)
     for k in (0, 1, 7, steps // 3, steps // 2 - 1, steps // 2, steps - 2, steps - 1):
         between, here = at(k), every.at(k)
         for part in ("free", "motors"):
@@ -42,8 +42,8 @@ def test_few_steps_are_evaluated_each():
     robot = pf.load("race_r1")
     motion = default_motion(robot)
     path = nominal(robot, motion, np.linspace(0.0, 0.2, 31))
-    at, every = along(robot, motion, path, False, 1e-9), Line(robot, path)
-    assert not isinstance(at.__self__, _Between)
+    at, every = along(robot, motion, path, False, 1e-9), LinearPath(robot, path)
+    assert not isinstance(at.__self__, InterpolatedPath)
     assert np.array_equal(at(9).free.K, every.at(9).free.K)
 
 
@@ -54,8 +54,8 @@ def test_a_sampled_motion_is_cut_at_its_samples_and_rests_after_them():
     moves = {"motor_1": 0.2 * np.sin(0.5 * np.pi * t / 0.1) ** 2}
     motion = pf.sampled(t=t, joints=moves, absolute=False)
     path = nominal(robot, motion, np.linspace(0.0, 0.2, 1001))
-    at, every = along(robot, motion, path, False, 1e-9), Line(robot, path)
-    assert isinstance(at.__self__, _Between)
+    at, every = along(robot, motion, path, False, 1e-9), LinearPath(robot, path)
+    assert isinstance(at.__self__, InterpolatedPath)
     for k in (1, 49, 50, 51, 320, 499, 500, 501, 600):
         a, b = at(k).free, every.at(k).free
         for x in "MCKrJ":

@@ -1,4 +1,4 @@
-"""Figures of a map of poses: curves along one coordinate, or maps over two."""
+"""Figures of a map of poses: curves along one coordinate or a motion, or maps over two."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.studies.frequency_map import check_figure, draw_frequencies
-from pinflex.studies.pose_map import PoseMap
-from pinflex.studies.stiffness import free, free_stiffness
+from pinflex.results.pose_map import PoseMap, free, free_stiffness
 from pinflex.viewer.panels import COLOURS, DPI, WIDTH, panels, title
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _PANELS = 3  # a row
 _PREFIXES = (("M", 1e6), ("k", 1e3), ("", 1.0))
+_WIDE = 1 / 15  # a lowest frequency below this share of the highest: on a logarithmic axis
 _FLAT = 0.02  # of the largest value: what varies less needs no lines of equal height
 
 
-def plot_pose_map(poses: PoseMap) -> Figure:
+def plot_map(poses: PoseMap) -> Figure:
     """Frequencies, and below them how stiff the platform is along each axis that gives way.
 
     Stiffness is here 1/C_xx (others free), the force per displacement along its own axis. Axes
@@ -43,8 +43,12 @@ def plot_pose_map(poses: PoseMap) -> Figure:
     x = [list(poses.grid.values())[k] for k in drawn]
     names = [list(poses.grid)[k] for k in drawn]
     labels = [f"{name} from home [{poses.units[name]}]" for name in names]
-    draw = _curves if len(drawn) == 1 else _maps
-    figure: Figure = draw(frequencies, stiffness, x, labels)
+    if poses.along_motion:
+        labels = ["time along the motion [s]"]
+    if len(drawn) == 1:
+        figure = _curves(frequencies, stiffness, x[0], labels[0], poses.units[names[0]])
+    else:
+        figure = _maps(frequencies, stiffness, x, labels)
     figure.suptitle(_title(poses, drawn), x=0.01, ha="left", fontsize=10)
     return figure
 
@@ -56,9 +60,10 @@ def _title(poses: PoseMap, drawn: list[int]) -> str:
         for k, (name, values) in enumerate(poses.grid.items())
         if k not in drawn
     ]
+    motors = "free in frequencies" if poses.free_motors else "locked"
     return ", ".join(
         [
-            f"{poses.name}: motors {'free in frequencies' if poses.free_motors else 'locked'}",
+            f"{poses.name}: {'along the motion, ' * poses.along_motion}motors {motors}",
             "under gravity" if poses.preload == "gravity" else "undeformed",
             *rest,
             *([f"platform rigid along {', '.join(poses.rigid)}"] if poses.rigid else []),
@@ -66,27 +71,43 @@ def _title(poses: PoseMap, drawn: list[int]) -> str:
     )
 
 
-def save_pose_map(poses: PoseMap, path: str | Path) -> Path:
-    """Write the figure (.png, .pdf, .svg); returns the file."""
+def save_map(poses: PoseMap, path: str | Path) -> Path:
+    """Write the figure (.png, .pdf, .svg); returns the file.
+
+    Args:
+        poses: From `pose_map`.
+        path: File.
+    """
     path = check_figure(path)
     with replaced(path) as part:
-        plot_pose_map(poses).savefig(part, dpi=DPI)
+        plot_map(poses).savefig(part, dpi=DPI)
     return path
 
 
-def _curves(frequencies: Array, stiffness: dict[str, Array], x: list[Array], labels: Any) -> Figure:
+def check_figure(path: str | Path) -> Path:
+    """The path of a figure, if there is such a kind; its folder is made."""
+    path = Path(path)
+    if path.suffix not in (".png", ".pdf", ".svg"):
+        raise DescriptionError(f"{path}: no such kind of figure. Allowed: .png, .pdf, .svg.")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _curves(
+    frequencies: Array, stiffness: dict[str, Array], x: Array, label: str, unit: str
+) -> Figure:
     figure, axes = panels(1 + bool(stiffness), 1, 3.2 * (1 + bool(stiffness)), None, sharex=True)
-    draw_frequencies(axes[0, 0], x[0], frequencies, labels[0].split("[")[1][:-1], "no answer")
+    _draw_frequencies(axes[0, 0], x, frequencies, unit)
     if stiffness:
         ax = axes[1, 0]
         for k, (name, values) in enumerate(stiffness.items()):
             # dashed and on top: of two equal ones both are seen
             dashes = (0, (4, 4)) if k % 2 else "-"
-            ax.plot(x[0], values, color=COLOURS[k], lw=1.3, ls=dashes, zorder=2 + k % 2, label=name)
+            ax.plot(x, values, color=COLOURS[k], lw=1.3, ls=dashes, zorder=2 + k % 2, label=name)
         ax.set_yscale("log")
         ax.set_ylabel("stiffness")
         ax.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    axes[-1, 0].set_xlabel(labels[0])
+    axes[-1, 0].set_xlabel(label)
     return figure
 
 
@@ -142,3 +163,67 @@ def _stiffness(compliance: Array) -> dict[str, Array]:
             unit = "N/m" if i < 3 else "N m/rad"
             shown[f"{free(i)} [{prefix}{unit}]"] = values / factor
     return shown
+
+
+def _draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None:
+    """One line a mode, numbered; the lowest frequency of all marked.
+
+    Args:
+        ax: Where to draw.
+        t: Poses, shape (n,), in `unit`: time of a motion, or a coordinate.
+        frequencies: Hz, shape (n, count); nan where there is none.
+        unit: For the mark.
+    """
+    frequencies = frequencies[:, np.isfinite(frequencies).any(axis=0)]
+    for i, column in enumerate(frequencies.T):
+        ax.plot(t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
+    known = np.isfinite(frequencies).all(axis=1)
+    top, bottom = float(np.nanmax(frequencies)), float(np.nanmin(frequencies))
+    n = int(np.flatnonzero(known)[-1])
+    wide = 0 < bottom < _WIDE * top
+    if wide:
+        ax.set_yscale("log")
+        low, high = bottom / (top / bottom) ** 0.12, top * (top / bottom) ** 0.06
+    else:
+        low, high = min(0.0, 1.06 * bottom), 1.06 * top
+    ax.set_ylim(low, high)
+
+    def height(f: Array) -> Array:  # 0 to 1 of the axis
+        return np.asarray(
+            np.log(f / low) / np.log(high / low) if wide else (f - low) / (high - low)
+        )
+
+    for group in _close_together(height(frequencies[n]), 0.045):
+        ax.annotate(
+            ", ".join(str(i + 1) for i in sorted(group)),
+            (t[n], float(np.mean(frequencies[n][group]))), (5, 0), va="center",
+            textcoords="offset points", fontsize=9, annotation_clip=False,
+            color=COLOURS[group[0] % len(COLOURS)] if len(group) == 1 else "0.2",
+        )  # fmt: skip
+    lowest = np.where(known, np.min(frequencies, axis=1), np.inf)
+    k = int(np.argmin(lowest))
+    if np.ptp(lowest[known]) > 1e-3 * lowest[k]:  # otherwise no pose is worse than another
+        ax.plot(t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
+        early, below = k < len(lowest) / 2, height(lowest[k]) > 0.08
+        ax.annotate(
+            f"lowest {lowest[k]:.4g} Hz at {t[k]:.4g} {unit}", (t[k], lowest[k]),
+            (8 if early else -8, -14 if below else 10), textcoords="offset points", fontsize=8,
+            ha="left" if early else "right", bbox={"fc": "w", "ec": "none", "pad": 1}, zorder=4,
+        )  # fmt: skip
+    if not known.all() and n + 1 < len(t):
+        ax.axvspan(t[n], t[-1], color="0.95", zorder=0)
+        middle, place = (t[n] + t[-1]) / 2, ax.get_xaxis_transform()
+        ax.text(middle, 0.5, "no answer", transform=place, fontsize=9, ha="center", color="0.4")
+    ax.set_xlim(t[0], t[-1])
+    ax.set_ylabel("natural frequency [Hz]")
+
+
+def _close_together(heights: Array, least: float) -> list[list[int]]:
+    """Indices of heights, those closer than `least` to their neighbour in one group."""
+    groups: list[list[int]] = []
+    for i in np.argsort(heights):
+        if groups and heights[i] - heights[groups[-1][-1]] < least:
+            groups[-1].append(int(i))
+        else:
+            groups.append([int(i)])
+    return groups

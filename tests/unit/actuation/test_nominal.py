@@ -12,7 +12,7 @@ import pytest
 import pinflex as pf
 from pinflex.actuation import nominal as module
 from pinflex.actuation.nominal import Nominal, _filled, _march, nominal
-from pinflex.actuation.nominal_path import Path
+from pinflex.actuation.path import Path
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion, from_spec
 from pinflex.mechanics.equations import Equations

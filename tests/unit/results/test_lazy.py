@@ -14,7 +14,7 @@ import pinflex as pf
 from pinflex.recovery import samples
 from pinflex.recovery.reactions import joint_reactions, shaking
 from pinflex.recovery.recover import recover
-from pinflex.recovery.replay import run_of
+from pinflex.recovery.samples import run_of
 from pinflex.results.lazy import Late
 
 

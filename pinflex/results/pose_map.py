@@ -1,0 +1,145 @@
+"""Natural frequencies and platform stiffness of many poses, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.results.columns import Columns, column
+from pinflex.text import brief
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+HELD, FREE = "others held", "others free"  # the two stiffnesses along an axis: K_xx and 1/C_xx
+_ROUND_OFF = 1e-10  # of the largest compliance, rows scaled to one size
+_ACROSS = 1e-3  # share of an axis in rigid directions, above which a move along it alone is none
+
+
+@dataclass(frozen=True)
+class PoseMap:
+    """Frequencies and compliance at the poses of a grid, or of a motion; G: shape of the grid.
+
+    Attributes:
+        name: Of the mechanism.
+        grid: Displacements from home by coordinate, each of shape (n,); of a motion the instants
+            "t". units: m, rad or s, of each.
+        frequencies: Hz, shape (*G, count), negative where unstable; a column follows one mode, so
+            columns may cross.
+        agreement: Least squared cosine of these modes to those of the neighbouring pose that they
+            follow, shape G: near 1 the columns are certain.
+        compliance: Of the platform, motors locked, shape (*G, 6, 6), see `platform_compliance`; nan
+            where something is free to move, where the model names no platform, or where frequencies
+            alone were wanted.
+        errors: Why a pose has no numbers, "" where it has, shape G.
+        preload: "gravity" or "none". free_motors: Whether frequencies are those with free motors.
+    """
+
+    __repr__ = brief
+
+    name: str
+    grid: Mapping[str, Array]
+    units: Mapping[str, str]
+    frequencies: Array
+    agreement: Array
+    compliance: Array
+    errors: Any
+    preload: str
+    free_motors: bool
+
+    @property
+    def table(self) -> Columns:
+        """A row for each pose: grid, status, error, frequencies, stiffness and compliance.
+
+        "K_AB (others held)" is the force (N) or moment (N m) along A per displacement (m, rad)
+        along B, the other displacements zero; "1/C_AA (others free)" the force per displacement
+        along its own axis, nothing else held. inf where the platform is rigid.
+        """
+        places = np.meshgrid(*self.grid.values(), indexing="ij")
+        errors = self.errors.reshape(-1)
+        arrays = {n: column(p.reshape(-1).tolist()) for n, p in zip(self.grid, places, strict=True)}
+        arrays["status"] = column(["failed" if error else "done" for error in errors])
+        arrays["error"] = column(list(errors))
+        units = dict(self.units)
+        for k, row in enumerate(self.frequencies.reshape(len(errors), -1).T, 1):
+            arrays[f"frequency.{k}"], units[f"frequency.{k}"] = column(row.tolist()), "Hz"
+        arrays["agreement"] = column(self.agreement.reshape(-1).tolist())
+        C = self.compliance.reshape(-1, 6, 6)
+        K = [stiffness_of(c)[0] if np.isfinite(c).all() else c for c in C]
+        for i, values in enumerate(free_stiffness(C).T):
+            arrays[free(i)], units[free(i)] = column(values.tolist()), _unit("stiffness", i, i)
+        for what, values in (("stiffness", np.array(K)), ("compliance", C)):
+            for i, j in combinations_with_replacement(range(6), 2):
+                name = held(i, j) if what == "stiffness" else f"compliance.{AXES[i]}.{AXES[j]}"
+                arrays[name], units[name] = column(values[:, i, j].tolist()), _unit(what, i, j)
+        return Columns(arrays, units)
+
+    @property
+    def along_motion(self) -> bool:
+        """Whether the poses are those of a motion."""
+        return self.units == {"t": "s"}
+
+    @property
+    def rigid(self) -> tuple[str, ...]:
+        """Axes along which the platform does not give way at any pose, as x or rz."""
+        every = np.diagonal(self.compliance, axis1=-2, axis2=-1).reshape(-1, 6)
+        every = every[np.isfinite(every).all(axis=1)]
+        return tuple(a for a, C in zip(AXES, every.T, strict=True) if len(C) and not C.any())
+
+
+def held(i: int, j: int) -> str:
+    """Name of an entry of K: the force along i for a displacement along j, the others held.
+
+    Args:
+        i: Axis of the force, 0 to 5.
+        j: Axis of the displacement, 0 to 5.
+    """
+    return f"K_{AXES[i]}{AXES[j]} ({HELD})"
+
+
+def free(i: int) -> str:
+    """Name of the stiffness along an axis while the platform is free in the others."""
+    return f"1/C_{AXES[i]}{AXES[i]} ({FREE})"
+
+
+def free_stiffness(compliance: Array) -> Array:
+    """1/C_ii (others free), shape (..., 6), N/m | N m/rad, of (..., 6, 6); inf where rigid."""
+    C = np.diagonal(np.asarray(compliance, float), axis1=-2, axis2=-1)
+    return np.asarray(np.divide(1.0, C, out=np.full(C.shape, np.inf), where=C != 0))
+
+
+def stiffness_of(compliance: Array) -> tuple[Array, int]:
+    """Stiffness of a compliance, others held, and in how many directions the platform gives way.
+
+    K_xx (others held) is the force for a displacement along x while the others are zero; 1/C_xx
+    (others free) is that while the platform is free to give way in the others. Where it gives way
+    in fewer than six directions (a plane mechanism whose links bend in the plane), force =
+    K displacement holds for the displacements that there are; the diagonal of an axis along which
+    it cannot move alone is inf (rigid), and its other entries are zero.
+
+    Args:
+        compliance: Shape (6, 6), as from `platform_compliance`.
+
+    Returns:
+        K (N/m, N, N m/rad), shape (6, 6); and the number of directions.
+    """
+    C = np.asarray(compliance, float)
+    # rows of one size: bending is 1e6 times softer than stretch
+    size = np.sqrt(np.maximum(np.diag(C), 0.0))
+    size = np.where(size > 0, size, 1.0)
+    values, V = np.linalg.eigh(C / np.outer(size, size))
+    gives = values > _ROUND_OFF * max(float(values[-1]), 0.0)
+    K = (V[:, gives] / values[gives]) @ V[:, gives].T / np.outer(size, size)
+    rigid = np.linalg.norm(V[:, ~gives], axis=1) > _ACROSS
+    K[rigid], K[:, rigid] = 0.0, 0.0
+    K[rigid, rigid] = np.inf
+    return K, int(np.sum(gives))
+
+
+def _unit(what: str, i: int, j: int) -> str:
+    if what == "stiffness":
+        return ("N/m", "N", "N m")[(i > 2) + (j > 2)]
+    return ("m/N", "1/N", "1/(N m)")[(i > 2) + (j > 2)]

@@ -1,0 +1,71 @@
+"""Rotation matrices, rotation vectors, quaternions x y z w and Z-Y-X angles; all in rad."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.arrays import Array
+
+
+def rotation_vector(R: Array) -> Array:
+    """Rotation vectors log(R), shape (..., 3), of rotation matrices (..., 3, 3)."""
+    skew = 0.5 * (R - np.swapaxes(R, -1, -2))
+    sine = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    if np.all(cosine > 0.0):
+        size = np.linalg.norm(sine, axis=-1)
+        ratio = np.where(size > 0.0, np.arctan2(size, cosine) / np.maximum(size, 1e-300), 1.0)
+        return np.asarray(ratio[..., None] * sine)
+    from scipy.spatial.transform import Rotation  # beyond a right angle it takes more care
+
+    flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat.reshape(*R.shape[:-2], 3))
+
+
+def zyx_matrix(angles: Array) -> Array:
+    """Rz(rz) Ry(ry) Rx(rx), shape (..., 3, 3), of angles (rz, ry, rx), shape (..., 3)."""
+    z, y, x = (angles[..., k] for k in range(3))
+    cz, sz, cy, sy, cx, sx = np.cos(z), np.sin(z), np.cos(y), np.sin(y), np.cos(x), np.sin(x)
+    rows = (
+        (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),
+        (sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx),
+        (-sy, cy * sx, cy * cx),
+    )
+    R = np.empty((*angles.shape[:-1], 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            R[..., i, j] = entry
+    return R
+
+
+def zyx_angles(R: Array) -> Array:
+    """Intrinsic angles (rz, ry, rx) of R = Rz Ry Rx, shape (..., 3), of rotations (..., 3, 3)."""
+    rz = np.arctan2(R[..., 1, 0], R[..., 0, 0])
+    ry = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
+    return np.stack([rz, ry, np.arctan2(R[..., 2, 1], R[..., 2, 2])], axis=-1)
+
+
+def euler_rates(angles: Array) -> Array:
+    """B (n, 3, 3) in omega = B (rz, ry, rx)', columns the current axes, of angles (n, 3)."""
+    z, y = angles[:, 0], angles[:, 1]
+    cz, sz, cy, sy = np.cos(z), np.sin(z), np.cos(y), np.sin(y)
+    none, one = np.zeros_like(cz), np.ones_like(cz)
+    rows = [[none, -sz, cz * cy], [none, cz, sz * cy], [one, none, -sy]]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def quaternion(vector: Array) -> Array:
+    """Quaternions (..., 4) of rotation vectors (..., 3)."""
+    half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(half / np.pi) * vector, np.cos(half)], axis=-1)
+
+
+def quaternion_vector(q: Array) -> Array:
+    """The shorter rotation vectors (..., 3) of quaternions (..., 4)."""
+    q = np.where(q[..., 3:] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    # Below the smallest number whose square is one, sine and angle are the same.
+    ratio = np.where(
+        sine < 1e-150, 2.0, 2.0 * np.arctan2(sine, q[..., 3:]) / np.maximum(sine, 1e-150)
+    )
+    return np.asarray(ratio * q[..., :3])
