@@ -37,14 +37,14 @@ function look(name) {
   writeHash();
 }
 function pressed(name) {
-  for (const b of document.querySelectorAll("#compass .segments button")) b.setAttribute("aria-pressed", b.id === "view-" + name);
+  for (const b of document.querySelectorAll("#views button")) b.setAttribute("aria-pressed", b.id === "view-" + name);
 }
 
 /* What the texts over the drawing leave free: shares of the width at the left and of the height above and below. */
 function margins(w, h) {
   const top = Math.min(0.3, 0.8 * ($("head").offsetHeight + 10) / h);
   if (w < 620 && h > 420) return {side: 0, top, below: Math.min(0.25, 110 / h)};
-  if (h < 480) return {side: Math.min(0.35, 110 / w), top, below: 0.03};
+  if (h < 480) return {side: Math.min(0.35, 140 / w), top, below: 0.03};
   return {side: Math.min(0.35, 200 / w), top: 0.08, below: 0.05};
 }
 

@@ -22,7 +22,7 @@ function runPicker() {
     el("label", {}, el("input", {type: "radio", name: "level", value: i, onchange: () => show(i)}), el("span", {}, n))));
 }
 
-/* What the run is compared with: in the heading, on a small window in the menu Display. */
+/* What the run is compared with; in the heading, as the views are in the corner: on a small window both are in the menu Display. */
 function against() {
   return el("div", {id: "against"},
     el("span", {class: "soft"}, "against "),
@@ -32,8 +32,9 @@ function against() {
 }
 const small = matchMedia("(max-width: 620px), (max-height: 480px)");
 function arrange() {
-  if (small.matches) $("options").querySelector(".grid").prepend($("against"));
-  else $("readout").before($("against"));
+  const panel = $("options").querySelector(".grid"), views = $("views");
+  if (small.matches) panel.prepend(views, $("against"));
+  else { $("readout").before($("against")); $("compass").prepend(views); }
 }
 small.addEventListener("change", arrange);
 
@@ -87,7 +88,7 @@ function compass() {
   const views = [["fit", "Fit", "fit the robot into the window"], ["iso", "Iso", "view from above a corner"], ["front", "Front", "view along y"],
     ["side", "Side", "view along −x"], ["top", "Top", "view from above"]];
   return el("div", {id: "compass"},
-    el("div", {class: "segments", role: "group", "aria-label": "view"}, ...views.map(([k, text, title]) => button(text, () => look(k), {id: "view-" + k, title}))),
+    el("div", {id: "views", class: "segments", role: "group", "aria-label": "view"}, ...views.map(([k, text, title]) => button(text, () => look(k), {id: "view-" + k, title}))),
     el("div", {id: "triad", "aria-hidden": "true"}),
     el("div", {id: "ruler", title: "length at the middle of the robot"}, el("span", {})));
 }

@@ -27,6 +27,7 @@ function colourField(f) {
   const image = scene.lut.image.data, top = legendMax(), low = scene.signed ? -top : 0, full = fullMax();
   for (let i = 0; i < 1024; i++) image.set([...colourOf(full * (scene.signed ? (2 * i - 1023) / 1023 : i / 1023)), 255], 4 * i);
   scene.lut.needsUpdate = true;
+  scene.coloured.emissiveIntensity = +style("--glow");
   const stops = Array.from({length: 65}, (_, i) => `rgb(${colourOf(low + (top - low) * i / 64).join(",")}) ${(i / 0.64).toFixed(1)}%`);
   $("bar").style.setProperty("--up", `linear-gradient(to top, ${stops})`);
   $("bar").style.setProperty("--right", `linear-gradient(to right, ${stops})`);

@@ -69,7 +69,7 @@ function light(size, centre, floor) {
 }
 function relight() {
   const {size, centre, floor} = around, world = viewer.world, cell = nice(size / 8), count = 2 * Math.ceil(3 * size / cell);
-  const sun = new THREE.DirectionalLight(0xffffff, 0.42 * Math.PI), d = V(0.3, -0.75, 1.3).normalize();
+  const sun = new THREE.DirectionalLight(0xffffff, 0.42 * Math.PI * style("--sun")), d = V(0.3, -0.75, 1.3).normalize();
   for (const old of world.children.slice()) { old.dispose?.(); old.geometry?.dispose(); old.material?.dispose(); }
   world.clear();
   sun.position.copy(centre).addScaledVector(d, 3 * size);
@@ -88,5 +88,5 @@ function relight() {
   const ground = new THREE.Mesh(new THREE.PlaneGeometry(8 * size, 8 * size), new THREE.ShadowMaterial({opacity: isDark() ? 0.4 : 0.16, fog: false}));
   ground.position.set(centre.x, centre.y, floor - 1e-4 * size);
   ground.receiveShadow = true;
-  world.add(new THREE.HemisphereLight(0xffffff, style("--bounce"), 0.56 * Math.PI), sun, sun.target, grid, ground);
+  world.add(new THREE.HemisphereLight(0xffffff, style("--bounce"), 0.56 * Math.PI * style("--sun")), sun, sun.target, grid, ground);
 }
