@@ -153,7 +153,7 @@ def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: 
             *about.package_dirs,
             *([about.path.parent] if about.path else []),
         ]
-        shown = {**done.runs, **{level: run for level, run in done.partial.items()}}
+        shown = {**done.runs, **done.partial}
         levels = {level: shown[level] for level in LEVELS if level in shown}
         files.append(
             write_runs_html(

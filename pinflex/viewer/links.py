@@ -14,6 +14,8 @@ from pinflex.viewer.surfaces import Surface, packed
 STATIONS = 25  # of a link, besides those where a field peaks
 TRIANGLES = 9_000  # of all surfaces with stress of a page together
 MOST, FEWEST = 3_000, 300  # of one of them
+SECTION_FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
+_NOTHING = 1e-3  # of the largest force (or moment) of a link: its diagram would tell nothing
 FIELDS = {  # key: label, unit, shown = SI * factor
     "von_mises": ("von Mises stress", "MPa", 1e-6),
     "bending": ("bending stress", "MPa", 1e-6),
@@ -73,8 +75,23 @@ def link_geometry(
         "y_disp": section_y[:, station] - y_rigid[:, None],
         "fields": {k: f[:, station] for k, f in fields.items()},
         "surface": surface,
-        "sections": {"resultant": get["resultant"][:, station]} if "resultant" in get else {},
+        "sections": _sections(get["resultant"][:, station]) if "resultant" in get else {},
     }
+
+
+def _sections(resultant: Array) -> dict[str, Array]:
+    """Section forces by name, (nt, n) each, but for those that are nothing beside the others.
+
+    Args:
+        resultant: N Vy Vz [N] and T My Mz [N m], shape (nt, n, 6).
+    """
+    found = {}
+    for kind in (range(3), range(3, 6)):
+        most = float(np.abs(resultant[:, :, kind]).max(initial=0.0))
+        for i in kind:
+            if np.abs(resultant[:, :, i]).max(initial=0.0) > _NOTHING * most:
+                found[SECTION_FORCES[i]] = resultant[:, :, i]
+    return found
 
 
 def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:

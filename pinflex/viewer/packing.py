@@ -15,10 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 
 STEPS = 2**20  # of the largest magnitude of an array
+Steps = npt.NDArray[np.int32]
 _LEVEL = 6  # of zlib: more takes twice the time for one percent
 _ALONG = 2  # differences along the second axis, at most
 _ENOUGH = 8  # entries of a second axis that may be smooth: fewer are components of a vector
@@ -79,7 +81,7 @@ def _coded(values: Array, count: int) -> tuple[float, int, bytes]:
     return step, along, series.view(np.uint8).reshape(-1, 4).T.tobytes()
 
 
-def _along(steps: IntArray) -> tuple[int, IntArray]:
+def _along(steps: Steps) -> tuple[int, Steps]:
     """Differences along the second axis as often as makes the numbers shorter."""
     best, times, shortest = steps, 0, _bits(steps)
     if steps.ndim < 2 or steps.shape[1] < _ENOUGH:
@@ -91,5 +93,5 @@ def _along(steps: IntArray) -> tuple[int, IntArray]:
     return times, best
 
 
-def _bits(steps: IntArray) -> float:
+def _bits(steps: Steps) -> float:
     return float(np.log2(1.0 + np.abs(steps)).sum())

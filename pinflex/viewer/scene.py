@@ -93,9 +93,7 @@ def _drawn(
 ) -> _Drawn:
     skins, missing = ({}, []) if meshes is None else surfaces(result, meshes)
     count = {name: len(result.arrays[f"link/{name}/x"]) for name in result.links}
-    links = {
-        n: link_geometry(result, n, skins.get(n), at[n, count[n]]) for n in result.links
-    }
+    links = {n: link_geometry(result, n, skins.get(n), at[n, count[n]]) for n in result.links}
     locator = FrameLocator(result)
     bodies = skeletons(result, locator, skins)
     return _Drawn(result, links, bodies, track(result, rigid), locator, missing)

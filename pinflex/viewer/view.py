@@ -1,8 +1,9 @@
 """One self-contained page that plays a run in a browser: offline, from file://, no server.
 
 The page holds three.js (the folder vendor), the player (the folder page) and the arrays of the
-runs, the first and the last deflated. Its content security policy names the two scripts by their hash and
-allows no network at all; every name of the user's reaches the page as data, never as markup.
+runs, the first and the last deflated. Its content security policy names the two scripts by their
+hash and allows no network at all; every name of the user's reaches the page as data, never as
+markup.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ PLAYER = (
 STYLE = ("theme", "layout", "stage", "dock", "beam", "small")
 # Steps of the largest number of an array of a link, where a millionth is more than can be seen:
 # positions and stresses to 8e-6 of it, section forces and directions of sections to 1.3e-4.
-COARSE = {"disp": 2**16, "y_disp": 2**12, "fields": 2**16, "surface": 2**14, "sections": 2**12}
+COARSE = {"disp": 2**16, "y_disp": 2**12, "fields": 2**16, "sections": 2**12}
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}; \
@@ -87,10 +88,8 @@ def write_html(
     Returns:
         The file written.
     """
+    page = _settings([result], field, limit)
     scene = build_scene(result, rigid, _scale(scale), meshes)
-    if field not in FIELDS:
-        raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
-    page = {"field": field, "limit": _lowest_strength([result]) if limit is None else 1e-6 * limit}
     return _write([scene], path, title or scene["name"], page)
 
 
@@ -127,8 +126,11 @@ def write_runs_html(
     runs: Mapping[str, Result],
     path: str | Path,
     *,
-    rigid: Result | None = None,
+    field: str = "von_mises",
+    scale: float | str = "auto",
     title: str | None = None,
+    rigid: Result | None = None,
+    limit: float | None = None,
     meshes: Sequence[str | Path] | None = (),
     first: str | None = None,
 ) -> Path:
@@ -137,18 +139,32 @@ def write_runs_html(
     Args:
         runs: By the words that the page shows; they share magnification.
         path: The .html file to write.
-        rigid: The same motion without elasticity, to compare all of them with.
+        field: As in `write_html`.
+        scale: As in `write_html`.
         title: Heading; default the mechanism's name.
+        rigid: The same motion without elasticity, to compare all of them with; default the rigid
+            run among them.
+        limit: As in `write_html`.
         meshes: As in `write_html`.
         first: Words of the run shown at first; default the first.
     """
     if not runs:
         raise DescriptionError("view: no run was given. Give at least one.")
-    scenes = build_scenes(list(runs.values()), rigid, "auto", meshes)
+    results = list(runs.values())
+    if rigid is None:
+        rigid = next((run for run in results if run.level == "rigid"), None)
+    page = _settings(results, field, limit)
+    page["first"] = 0 if first is None else list(runs).index(first)
+    scenes = build_scenes(results, rigid, _scale(scale), meshes)
     scenes = [s | {"label": words} for s, words in zip(scenes, runs, strict=True)]
-    opened = 0 if first is None else list(runs).index(first)
-    page = {"field": "von_mises", "limit": _lowest_strength(list(runs.values())), "first": opened}
     return _write(scenes, path, title or scenes[0]["name"], page)
+
+
+def _settings(results: Sequence[Result], field: str, limit: float | None) -> dict[str, Any]:
+    """Field shown at first, and the stress above which the colour changes [MPa]."""
+    if field not in FIELDS:
+        raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
+    return {"field": field, "limit": _lowest_strength(results) if limit is None else 1e-6 * limit}
 
 
 @dataclass(frozen=True)
@@ -176,23 +192,31 @@ class Page:
 
 
 def view(
-    result: Result, path: str | Path | None = None, open_browser: bool = False, **options: Any
+    result: Result | Mapping[str, Result],
+    path: str | Path | None = None,
+    open_browser: bool = False,
+    **options: Any,
 ) -> Page:
     """Write the page of a run and, on a desktop, open it; a notebook shows it in place.
 
     Args:
-        result: The run.
+        result: The run, or several of one mechanism by the words that the page shows; of several
+            the last is shown first.
         path: Where to write; default a file in a temporary folder.
         open_browser: Open the page; left out where nobody could see it (CI, ssh, no display).
-        **options: As in `write_html`.
+        **options: As in `write_html`, or `write_runs_html`.
 
     Returns:
         The page; it can be used as a path.
     """
+    runs = {"": result} if isinstance(result, Result) else dict(result)
     if path is None:
-        name = _slug(str(result.meta.get("name", "result")))
-        path = Path(tempfile.mkdtemp(prefix="pinflex-")) / f"{name}.html"
-    written = write_html(result, path, **options)
+        names = (_slug(str(run.meta.get("name", "result"))) for run in runs.values())
+        path = Path(tempfile.mkdtemp(prefix="pinflex-")) / f"{next(names, 'result')}.html"
+    if isinstance(result, Result):
+        written = write_html(result, path, **options)
+    else:
+        written = write_runs_html(runs, path, **{"first": next(reversed(runs), None), **options})
     if open_browser and has_desktop():
         import webbrowser
 

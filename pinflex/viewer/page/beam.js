@@ -1,36 +1,31 @@
 /* beam.js: one link: its stress along x, its section forces, and how one of them goes over time at a place. */
-const SECTION = [["N", "N", 0], ["T", "N m", 3], ["Vy", "N", 1], ["Mz", "N m", 5], ["Vz", "N", 2], ["My", "N m", 4]];
+const SECTION = [["N", "N"], ["T", "N m"], ["Vy", "N"], ["Mz", "N m"], ["Vz", "N"], ["My", "N m"]];
 const MEANING = {N: "normal force", T: "torsion", Vy: "shear force along y", Vz: "shear force along z", My: "bending moment about y", Mz: "bending moment about z"};
 let beam = null;                                   // what the panel shows: link, diagrams, picked station, quantity
 
 const linkOf = (run, name) => run && run.links.find((k) => k.name === name);
-/* Quantities along a link: {title, unit, factor, a, step, from}: value i of row r is a[(r * m + i) * step + from]. */
+/* Quantities along a link: {key, title, unit, factor, a (nt, m)}, with their least and largest at every station. */
 function quantities(k) {
   const m = k.x.length, out = [];
-  for (const f of R.fields) if (k.fields[f.key] && f.key === "von_mises") out.push({key: f.key, title: "von Mises", unit: f.unit, factor: f.factor, a: k.fields[f.key], step: 1, from: 0});
-  const a = k.sections && k.sections.resultant;
-  if (a) {
-    const most = (from) => { let n = 0; for (let i = from; i < a.length; i += 6) n = Math.max(n, Math.abs(a[i])); return n; };
-    const all = SECTION.map(([, , from]) => most(from)), force = Math.max(all[0], all[2], all[4]), moment = Math.max(all[1], all[3], all[5]);
-    SECTION.forEach(([title, unit, from], i) => { if (all[i] > 1e-3 * (unit === "N" ? force : moment)) out.push({key: title, title, unit, factor: 1, a, step: 6, from}); });
-  }
+  for (const f of R.fields) if (k.fields[f.key] && f.key === "von_mises") out.push({key: f.key, title: "von Mises", unit: f.unit, factor: f.factor, a: k.fields[f.key]});
+  for (const [key, unit] of SECTION) if (k.sections[key]) out.push({key, title: key, unit, factor: 1, a: k.sections[key]});
   return out.map((q) => ({...q, m, ...envelope(q, m)}));
 }
-function envelope({a, step, from, factor}, m) {
-  const low = new Float32Array(m).fill(Infinity), high = new Float32Array(m).fill(-Infinity), rows = a.length / (m * step);
+function envelope({a, factor}, m) {
+  const low = new Float32Array(m).fill(Infinity), high = new Float32Array(m).fill(-Infinity), rows = a.length / m;
   for (let r = 0; r < rows; r++) for (let i = 0; i < m; i++) {
-    const v = factor * a[(r * m + i) * step + from];
+    const v = factor * a[r * m + i];
     if (v < low[i]) low[i] = v;
     if (v > high[i]) high[i] = v;
   }
   return {low, high};
 }
 function along(q, at, out) {                       // values at every station at an instant, in the unit shown
-  const {k, w, u, last} = at, {a, m, step, from, factor} = q, of = (r, i) => a[(clamp(r, 0, last ?? k) * m + i) * step + from];
-  for (let i = 0; i < m; i++) out[i] = factor * (w === 0 ? a[(k * m + i) * step + from] : u[0] * of(k - 1, i) + u[1] * of(k, i) + u[2] * of(k + 1, i) + u[3] * of(k + 2, i));
+  lerp(q.a, q.m, at, out);
+  for (let i = 0; i < q.m; i++) out[i] *= q.factor;
   return out;
 }
-const overTime = (q, i) => Float32Array.from({length: q.a.length / (q.m * q.step)}, (_, r) => q.factor * q.a[(r * q.m + i) * q.step + q.from]);
+const overTime = (q, i) => Float32Array.from({length: q.a.length / q.m}, (_, r) => q.factor * q.a[r * q.m + i]);
 function worstStation(q) {
   let best = 0;
   for (let i = 0; i < q.m; i++) if (Math.max(Math.abs(q.low[i]), Math.abs(q.high[i])) > Math.max(Math.abs(q.low[best]), Math.abs(q.high[best]))) best = i;
@@ -60,7 +55,7 @@ function beamHead(k, list) {
   const share = q && k.strength > 0 ? `, ${digits(100 * top / k.strength, 2)} % of yield` : "";
   return el("header", {}, el("h2", {}, k.name), el("div", {class: "tools"},
     button("CSV", saveBeam, {title: "this link: along x now, and over time at the place chosen"}), button("✕", closeBeam, {"aria-label": "close link", id: "beam-close"})),
-    el("p", {}, `${digits(1e3 * k.length)} mm` + (q ? ` · peak ${digits(top)} ${q.unit}${share}, x = ${digits(1e3 * k.x[i])} mm` : "")));
+    el("p", {}, `${digits(1e3 * k.length)} mm` + (q ? ` · ${digits(top)} ${q.unit} at ${digits(1e3 * k.x[i])} mm${share}` : "")));
 }
 function closeBeam() { set({link: null, at: null}); $("pane").focus({preventScroll: true}); }
 function drawDiagrams() {
@@ -84,7 +79,7 @@ function drawDiagrams() {
 function drawHistory() {
   const host = $("history"), q = beam.chosen, T = R.t;
   if (!q) return;
-  const y = overTime(q, beam.station), twin = q.twin && resampled(history(q.twin, beam.station), otherRun().t, 1);
+  const y = overTime(q, beam.station), twin = q.twin && resampled(overTime(q.twin, beam.station), otherRun().t, 1);
   const title = `${q.title} at x = ${digits(beam.x[beam.station])} mm`;
   const names = twin ? el("span", {class: "names"}, el("span", {class: "dash"}, `┄ ${otherName()}`)) : null;
   beam.time = new Chart(host, {title, unit: q.unit, x: [T[0], T[T.length - 1]], y: rangeOf(y, twin ? twin.filter(isFinite) : []), xUnit: "s", names, pick: (t) => seek(t), label: `${title} over time, in ${q.unit}`}).draw();

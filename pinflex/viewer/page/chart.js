@@ -47,6 +47,6 @@ class Chart {
     for (let i = 0; i < xs.length; i++) d += (i ? "L" : "M") + this.X(xs[i]).toFixed(1) + " " + this.Y(ys[i]).toFixed(1);
     return d;
   }
-  at(x) { const p = this.X(x).toFixed(1); this.cursor.setAttribute("x1", p); this.cursor.setAttribute("x2", p); }
+  at(x) { const p = this.X(x).toFixed(3); this.cursor.setAttribute("x1", p); this.cursor.setAttribute("x2", p); }
 }
 const rangeOf = (...arrays) => { let a = 0, b = 0; for (const y of arrays) for (const v of y) { if (v < a) a = v; if (v > b) b = v; } return [a, b]; };

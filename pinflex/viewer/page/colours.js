@@ -13,7 +13,7 @@ const sourceOf = (key) => key === "utilisation" ? "von_mises" : key;   // whose 
 function fieldValues(b, key) {
   if (key !== "difference") return b.fields[key];
   const run = otherRun(), twin = run && run.links.find((k) => k.name === b.data.name);
-  if (!twin) return null;
+  if (!twin || twin === b.data) return null;
   b.away = b.away || {};
   if (!(S.other in b.away)) b.away[S.other] = distance(b.data, twin);
   return b.away[S.other];

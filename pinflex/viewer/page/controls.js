@@ -32,6 +32,7 @@ function showControls() {
     $("opt-" + k).disabled = !has;
   }
   for (const k of ["field", "map", "ghost", "speed", "path", "theme", "other"]) if ($(k).value !== String(S[k])) $(k).value = String(S[k]);
+  if ($("link").value !== (S.link ?? "")) $("link").value = S.link ?? "";
   $("path").disabled = !scene.path;
   $("ghost").disabled = !comparable();
   $("limit").value = S.limit > 0 ? S.limit : "";
@@ -56,6 +57,10 @@ function stepMag(n) {
   const s = scene.steps, i = s.findIndex((v) => v >= S.mag - 1e-9);
   setMag(s[clamp((i < 0 ? s.length - 1 : i) + n, 0, s.length - 1)]);
 }
+function nextLink(n) {
+  const names = R.mode ? [] : R.links.map((k) => k.name), i = names.indexOf(S.link);
+  if (names.length) set({link: i < 0 ? names[n > 0 ? 0 : names.length - 1] : names[i + n] ?? null, at: null});
+}
 function escape() {
   const menu = document.querySelector(".menu[open]");
   if (menu) { menu.open = false; menu.firstChild.focus(); } else if (S.link !== null) closeBeam();
@@ -70,7 +75,7 @@ function keys(e) {
   const n = e.shiftKey ? 10 : 1;
   const act = {" ": () => set({play: !S.play}), ArrowRight: () => step(n), ArrowLeft: () => step(-n), Home: () => step(-1e9), End: () => step(1e9),
     "+": () => stepMag(1), "=": () => stepMag(1), "-": () => stepMag(-1), w: worst, n: () => set({names: !S.names}), f: () => set({force: !S.force}),
-    d: () => set({diff: !S.diff}), g: () => set({ghost: {over: "beside", beside: "off", off: "over"}[S.ghost]})}[e.key];
+    l: () => nextLink(1), L: () => nextLink(-1), d: () => set({diff: !S.diff}), g: () => set({ghost: {over: "beside", beside: "off", off: "over"}[S.ghost]})}[e.key];
   if (act) { act(); e.preventDefault(); }
 }
 

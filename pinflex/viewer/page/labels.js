@@ -5,7 +5,8 @@ function clock(t) {
   return R.mode ? `phase ${Math.round(360 * (t - a) / (b - a))}°` : `${t.toFixed(clockDigits())} s`;
 }
 function deviationText(at) {
-  const {name, deviation, factor, unit, angle, angle_factor, angle_unit} = R.track, a = mixed(angle, at);
+  const {name, deviation, factor, unit, angle, angle_factor, angle_unit} = R.track, a = mixed(angle, at), p = S.diff && otherRun() && plots.find((q) => q.p.apart);
+  if (p) return `${name}: ${digits(mixed(p.p.curves[0].y, at))} ${unit} off ${otherName()}`;
   return `${name}: ${digits(factor * mixed(deviation, at))} ${unit}${a > 0 ? `, ${digits(angle_factor * a)} ${angle_unit}` : ""} off rigid`;
 }
 function refresh(at) {
@@ -68,6 +69,8 @@ function wantedMarks() {
     const v = scene.top.link.now[scene.top.i] * scene.factor, limit = limitShown();
     if (Math.abs(v) > 0) want.push(["peak" + (limit && Math.abs(v) > limit ? " over" : ""), peakText(scene.top.link, v, f), at(scene.top.link, scene.top.i, scene.top.link.onSurface(sourceOf(S.field)))]);
   }
+  if (ghost && S.ghost === "beside") for (const [text, shift] of [[DATA.runs.length > 1 ? runLabel(R, S.run) : "flexible", V(0, 0, 0)], [otherName(), scene.aside]])
+    want.push(["title", text, project(...V().copy(scene.crown).add(shift).toArray()).slice()]);
   if (S.names) for (const b of scene.links) want.push(["name", b.data.name, at(b, Math.round(0.3 * (b.m - 1)))]);
   for (const [kind, list, unit] of [["force", scene.forces, () => "N"], ["torque", scene.torques, (a) => a.data.linear ? "N" : "N m"]]) {
     const most = Math.max(...list.map((a) => Math.abs(a.size)));
@@ -92,7 +95,7 @@ function place() {
       m.hidden = taken.some((b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3]);
       if (m.hidden) return;
     }
-    taken.push(box);
+    if (kind !== "title") taken.push(box);
     m.textContent = text;
     m.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
   });

@@ -71,6 +71,7 @@ function displayMenu() {
     el("div", {class: "grid"},
       check("colours", "colours"), check("peak", "peak marker"), check("names", "link names"), check("plots", "plots"),
       check("force", "joint forces"), check("torque", "motor torques"), check("loop", "loop"), el("span", {}),
+      el("label", {class: "wide"}, "diagrams of ", select("link", "diagrams of link", [], (e) => set({link: e.target.value || null, at: null}))),
       el("label", {class: "wide"}, "path ", select("path", "path", [["true", "true scale"], ["magnified", "magnified"], ["off", "hidden"]],
         (e) => set({path: e.target.value}))),
       el("label", {class: "wide"}, "colour map ", select("map", "colour map", [["viridis", "viridis"], ["cividis", "cividis"], ["turbo", "turbo"]],
@@ -81,7 +82,7 @@ function displayMenu() {
         button("auto", () => set({max: null}), {title: "largest value of the run"})),
       el("label", {class: "wide", title: "material limit: above it the colour changes"}, "limit ", positive("limit", "limit", {placeholder: "none"}))),
     el("p", {id: "notes"}),
-    el("p", {class: "help"}, "space play · ← → frame (shift: 10) · home end · + − magnify · w worst · 1–9 level · g rigid · n names · f forces · esc close"));
+    el("p", {class: "help"}, "space play · ← → frame (shift: 10) · home end · + − magnify · w worst · 1–9 level · d difference · g rigid · l link · n names · f forces · esc close"));
 }
 
 function compass() {
@@ -123,6 +124,7 @@ function buildPage() {
     el("div", {id: "status", class: "unseen", role: "status", "aria-live": "polite"}));
   $("worst").append(el("span", {}, " instant"));
   arrange();
+  new ResizeObserver(() => $("stage").style.setProperty("--head", `${$("head").offsetTop + $("head").offsetHeight}px`)).observe($("head"));
   for (const menu of document.querySelectorAll(".menu")) menu.addEventListener("toggle", () => {   // one at a time
     if (menu.open) for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.open = false;
   });

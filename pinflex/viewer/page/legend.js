@@ -44,6 +44,6 @@ function legendKeys(f) {
   if (S.force && scene.forceMax) keys.push(["force", `joint force, longest ${digits(scene.forceMax)} N`]);
   if (S.torque && scene.torqueMax) keys.push(["torque", `motor torque, largest ${digits(scene.torqueMax)} N m`]);
   if (S.path !== "off" && scene.path) keys.push(["path", `path of ${R.track.name}${S.path === "magnified" ? `, ×${+S.mag.toPrecision(3)}` : ""}`]);
-  if (S.ghost !== "off" && comparable()) keys.push([otherRun() ? "other" : "ghost", R.mode ? "at rest" : otherRun() ? otherName() : "rigid mechanism"]);
+  if (S.ghost !== "off" && comparable() && !(otherRun() && S.ghost === "beside")) keys.push([otherRun() ? "other" : "ghost", R.mode ? "at rest" : otherRun() ? otherName() : "rigid mechanism"]);
   return keys;
 }

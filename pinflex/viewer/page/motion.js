@@ -66,9 +66,9 @@ function moveRobot(robot, at, mag) {
 const STILL = {k: 0, w: 0};
 
 /* Sweeps of the links, coloured by the field shown. */
-function colourLinks(at) {
+function colourLinks(links, at) {
   const field = S.field, top = fullMax(), low = scene.signed ? -top : 0;
-  for (const b of scene.links) {
+  for (const b of links) {
     const f = fieldValues(b, field), n = f ? f.shape[1] : b.m, factor = scene.factor;
     if (b.now.length !== n) { b.now = new Float32Array(n); b.value = new Float32Array(n); }
     if (f) lerp(f, n, at, b.now); else b.now.fill(0);
@@ -83,7 +83,7 @@ function seek(t) {
   S.t = clamp(t, R.t[0], R.t[R.t.length - 1]);
   const at = instant(S.t);
   moveRobot(scene.robot, at, S.mag);
-  colourLinks(at);
+  colourLinks(scene.links, at);
   drawGhost();
   drawDot(at);
   drawArrows(at);

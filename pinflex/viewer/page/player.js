@@ -15,9 +15,12 @@ function show(index, from = {}) {
   if (S.other === String(S.run) || (S.other === "rigid" && R.key === "rigid" && DATA.runs.length > 1 && first)) S.other = "rigid";
   if (first) Object.assign(DEFAULT, S, {max: null});
   Object.assign(S, from);
+  if (from.diff && !from.field) S.field = otherRun() ? "difference" : "displacement";
   if (S.other === String(S.run)) S.other = "rigid";
   $("other").replaceChildren(el("option", {value: "rigid"}, R.mode ? "at rest" : "rigid pose"), ...DATA.runs.flatMap((r, i) =>
     i === S.run || R.mode || r.key === "rigid" ? [] : [el("option", {value: i}, runLabel(r, i))]));
+  $("link").replaceChildren(el("option", {value: ""}, "none (click a link)"), ...R.links.map((k) => el("option", {value: k.name}, k.name)));
+  $("link").disabled = !R.links.length || !!R.mode;
   if (!fieldOf(S.field)) S.field = (R.fields.find((f) => f.key === DATA.field) || R.fields[0] || {}).key;
   if (!scene.moves && DATA.runs.length < 2) { S.mag = 1; S.ghost = "off"; }   // nothing to compare with
   document.body.classList.toggle("bare", !S.ui);
@@ -58,9 +61,10 @@ function place3d() {
   const flat = extent.z < 0.15 * Math.max(extent.x, extent.y), right = V(0, 0, 1).cross((scene.extent = extent, viewFrom(extent))).normalize();
   const across = (() => { const g = S.ghost; S.ghost = "over"; const all = cloud().map((p) => p.dot(right)); S.ghost = g; return all; })();
   scene.aside = right.clone().multiplyScalar(1.12 * (Math.max(...across) - Math.min(...across)));   // seen as large as the robot
+  scene.crown = V(centre.x, centre.y, boxOf(cloud()).high.z + 0.03 * scene.size);
   const cell = light(scene.size, centre, low.z - (flat ? 0.05 : 0.12) * scene.size), notes = [...scene.notes, `grid ${digits(1e3 * cell, 3)} mm`];
   if (scene.moves && !R.mode) notes.unshift("deflections are magnified about the rigid pose; ×1 is true, ×0 rigid");
-  if (R.links.some((k) => k.sections && k.sections.resultant)) notes.push("section forces to 0.01 % of their largest");
+  if (R.links.some((k) => Object.keys(k.sections).length)) notes.push("section forces to 0.01 % of their largest");
   $("notes").textContent = notes.join(" · ");
 }
 

@@ -21,7 +21,7 @@ function less(p, own, others) {                    // each curve less its twin
 function apart(p, other) {                         // distance of the platform from itself in the other run
   if (!other.track || other.track.disp.length !== R.track.disp.length) return p;
   const d = R.track.disp, e = other.track.disp, y = Float32Array.from(R.t, (_, i) => R.track.factor * Math.hypot(d[3 * i] - e[3 * i], d[3 * i + 1] - e[3 * i + 1], d[3 * i + 2] - e[3 * i + 2]));
-  return {...p, title: `${R.track.name} off ${otherName()}`, curves: [{...p.curves[0], y}]};
+  return {...p, title: `${R.track.name} off ${otherName()}`, apart: true, curves: [{...p.curves[0], y}]};
 }
 function resampled(y, T, factor) {
   const alike = T.length === R.t.length && T.every((t, i) => t === R.t[i]), end = T[T.length - 1];
