@@ -28,8 +28,9 @@ _ACROSS, _LIFT = 0.2, 0.4  # of the time of one way: when the move across begins
 def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) -> Motion:
     """Moves that add up, each {platform | joints: {name: displacement}, start [s], duration [s]}.
 
-    Displacements are relative (rad | m); start defaults to 0; duration [s] of all, with rest at the
-    end: default the end of the last move.
+    Args:
+        moves: Relative displacements [rad | m], with start (default 0) and duration.
+        duration: Of all, with rest at the end [s]; None: the end of the last move.
     """
     if isinstance(moves, str | Mapping) or not isinstance(moves, Sequence) or not moves:
         raise keys.bad(
@@ -70,9 +71,14 @@ def adept(
 ) -> Motion:
     """The Adept cycle: 25 mm up, 305 mm across, 25 mm down, with rounded corners; the platform's.
 
-    duration [s]: of one way; width, height [m]: negative ones go the other way; across, up: which
-    coordinates; held: those that stay, default the third of x, y, z; back: and the same way back.
     Up and down take 0.4 of the time each, across the 0.6 in the middle.
+
+    Args:
+        duration: Of one way [s].
+        width, height: [m]; negative ones go the other way.
+        across, up: Coordinates of the platform: x, y or z.
+        held: Coordinates that stay; None: the third of x, y, z.
+        back: Whether the same way back follows.
     """
     n = keys.options("adept", duration=duration)
     sizes = {"width": width, "height": height}

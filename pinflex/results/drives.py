@@ -145,7 +145,13 @@ class DriveRow:
 
 
 def drive_row(label: str, run: Result, joint: str) -> DriveRow:
-    """The largest values of a drive of a run that carries a label."""
+    """The largest values of a drive of a run.
+
+    Args:
+        label: Level of the run, or another name for it.
+        run: Result with a drive at the joint.
+        joint: Its name.
+    """
     d = run.drive(joint)
     values = {key: run.array(f"drive/{joint}/{key}") for key in _PEAKS}
     return row_of(label, joint, values, d.limit_curve)
