@@ -19,6 +19,11 @@ function fieldValues(b, key) {
   return b.away[S.other];
 }
 function maxAway() {
+  scene.away = scene.away || {};
+  if (!(S.other in scene.away)) scene.away[S.other] = furthest();
+  return scene.away[S.other];
+}
+function furthest() {
   const all = scene.links.map((b) => fieldValues(b, "difference"));
   return all.some((a) => a === null) ? null : Math.max(0, ...all.map(maxAbs));
 }

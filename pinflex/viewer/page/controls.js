@@ -57,6 +57,10 @@ function stepMag(n) {
   const s = scene.steps, i = s.findIndex((v) => v >= S.mag - 1e-9);
   setMag(s[clamp((i < 0 ? s.length - 1 : i) + n, 0, s.length - 1)]);
 }
+function fullScreen() {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else document.documentElement.requestFullscreen().catch(() => say("this browser does not allow full screen"));
+}
 function nextLink(n) {
   const names = R.mode ? [] : R.links.map((k) => k.name), i = names.indexOf(S.link);
   if (names.length) set({link: i < 0 ? names[n > 0 ? 0 : names.length - 1] : names[i + n] ?? null, at: null});

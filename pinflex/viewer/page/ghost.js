@@ -24,6 +24,7 @@ function chooseGhost() {
   if (ghost) ghost.root.visible = false;
   ghost = S.ghost === "off" || !comparable() ? null : ghostOf(otherRun() ? +S.other : S.run);
   if (!ghost) return;
+  ghost.pale.color.set(style(otherRun() ? "--ghost-other" : "--ghost"));
   const equal = S.ghost === "beside" && otherRun();  // another run beside this one is drawn as this one is
   ghost.root.traverse((mesh) => { if (mesh.isMesh) mesh.material = equal ? mesh.userData.solid : ghost.pale; });
 }
@@ -34,7 +35,6 @@ function drawGhost() {
   ghost.root.visible = S.t <= T[T.length - 1] + 1e-9;  // a run that stopped earlier is no longer there
   ghost.root.position.copy(beside ? scene.aside : V(0, 0, 0));
   for (const mesh of ghost.besides) mesh.visible = beside;
-  ghost.pale.color.set(style(other ? "--ghost-other" : "--ghost"));
   ghost.pale.opacity = beside ? 1 : other ? 0.34 : 0.22;
   ghost.pale.depthWrite = beside;
   const at = instant(S.t, T);

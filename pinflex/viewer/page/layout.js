@@ -62,15 +62,15 @@ function exportMenu() {
       button("Picture (PNG)", savePicture, {title: "this instant, with its legend"}),
       button("Film (WebM)", film, {id: "film", title: "one pass through the motion"}),
       button("Curves (CSV)", saveCurves, {title: "all plots over time"}),
-      button("Copy link", copyLink, {id: "copy", title: "address of this page that shows just this"})));
+      button("Copy link", copyLink, {id: "copy", hidden: location.protocol === "about:", title: "address of this page that shows just this"})));
 }
 
 function displayMenu() {
   return el("details", {id: "options", class: "menu"},
     el("summary", {}, "Display"),
-    el("div", {class: "grid"},
+    el("div", {class: "panel"}, el("div", {class: "grid"},
       check("colours", "colours"), check("peak", "peak marker"), check("names", "link names"), check("plots", "plots"),
-      check("force", "joint forces"), check("torque", "motor torques"), check("loop", "loop"), el("span", {}),
+      check("force", "joint forces"), check("torque", "motor torques"), check("loop", "loop"), button("full screen", fullScreen, {id: "full", hidden: !document.fullscreenEnabled}),
       el("label", {class: "wide"}, "diagrams of ", select("link", "diagrams of link", [], (e) => set({link: e.target.value || null, at: null}))),
       el("label", {class: "wide"}, "path ", select("path", "path", [["true", "true scale"], ["magnified", "magnified"], ["off", "hidden"]],
         (e) => set({path: e.target.value}))),
@@ -82,7 +82,7 @@ function displayMenu() {
         button("auto", () => set({max: null}), {title: "largest value of the run"})),
       el("label", {class: "wide", title: "material limit: above it the colour changes"}, "limit ", positive("limit", "limit", {placeholder: "none"}))),
     el("p", {id: "notes"}),
-    el("p", {class: "help"}, "space play · ← → frame (shift: 10) · home end · + − magnify · w worst · 1–9 level · d difference · g rigid · l link · n names · f forces · esc close"));
+    el("p", {class: "help"}, "space play · ← → frame (shift: 10) · home end · + − magnify · w worst · 1–9 level · d difference · g rigid · l link · n names · f forces · esc close")));
 }
 
 function compass() {

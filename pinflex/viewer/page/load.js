@@ -25,6 +25,7 @@ function unpacked(bytes, {packed, shape, step, along}) {
     for (let j = i * series + apart; j < (i + 1) * series; j++) whole[j] += whole[j - apart];
   for (let i = 0; i < total; i++) out[i] = whole[i] * step;
   out.shape = shape;
+  out.id = packed;                                 // equal arrays have the same
   return out;
 }
 

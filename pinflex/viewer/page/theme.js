@@ -19,7 +19,7 @@ function applyTheme() {
   if (viewer.scene.background) viewer.scene.background.dispose();
   viewer.scene.background = new THREE.CanvasTexture(canvas);
   viewer.scene.fog.color.set(style("--fog"));
-  if (R) { relight(); setColours(); }
+  if (R) { relight(); chooseGhost(); setColours(); }
   viewer.dirty();
 }
 system.addEventListener("change", applyTheme);

@@ -39,7 +39,7 @@ class Viewer {
 const FOV = 32;                                    // [deg]
 
 function makeViewer() {
-  viewer = new Viewer($("pane"));
+  try { viewer = new Viewer($("pane")); } catch (e) { fail("This browser draws nothing in space: WebGL 2 is missing or switched off."); }
   new ResizeObserver(() => {
     viewer.resize();
     if (!R) return;

@@ -1,2 +1,9 @@
-export { AdditiveBlending, BufferAttribute, BufferGeometry, Box3, BoxGeometry, CanvasTexture, Color, ColorManagement, ConeGeometry, CustomBlending, CylinderGeometry, DataTexture, DirectionalLight, DoubleSide, BackSide, EdgesGeometry, Float32BufferAttribute, Fog, GridHelper, Group, HemisphereLight, LinearFilter, LinearSRGBColorSpace, SRGBColorSpace, Line, LineBasicMaterial, LineLoop, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshPhongMaterial, MeshLambertMaterial, OneFactor, OneMinusSrcAlphaFactor, OrthographicCamera, PerspectiveCamera, PlaneGeometry, Quaternion, Raycaster, RGBAFormat, Scene, ShadowMaterial, ShapeUtils, Sphere, SphereGeometry, Vector2, Vector3, Vector4, WebGLRenderer, PCFShadowMap } from "three";
+export {
+  BoxGeometry, BufferAttribute, BufferGeometry, CanvasTexture, ColorManagement, ConeGeometry,
+  CustomBlending, CylinderGeometry, DataTexture, DirectionalLight, Float32BufferAttribute, Fog,
+  GridHelper, Group, HemisphereLight, LinearFilter, LinearSRGBColorSpace, Matrix4, Mesh,
+  MeshBasicMaterial, MeshPhongMaterial, OneFactor, OneMinusSrcAlphaFactor, PCFShadowMap,
+  PerspectiveCamera, PlaneGeometry, Quaternion, RGBAFormat, Raycaster, Scene, ShadowMaterial,
+  ShapeUtils, Sphere, SphereGeometry, Vector2, Vector3, WebGLRenderer,
+} from "three";
 export { OrbitControls } from "three/addons/controls/OrbitControls.js";
