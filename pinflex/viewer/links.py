@@ -79,6 +79,16 @@ def link_geometry(
     }
 
 
+def undeformed(link: dict[str, Any]) -> dict[str, Any]:
+    """The link in the rigid mechanism, which has neither displacements nor stresses.
+
+    Args:
+        link: From `link_geometry`.
+    """
+    still = {k: np.zeros_like(link[k]) for k in ("disp", "y_disp")}
+    return {**link, **still, "fields": {}, "surface": {}, "sections": {}}
+
+
 def _sections(resultant: Array) -> dict[str, Array]:
     """Section forces by name, (nt, n) each, but for those that are nothing beside the others.
 

@@ -8,7 +8,7 @@ points shared by two bodies stay shared, and no joint opens at any magnification
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,26 @@ from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
 from pinflex.viewer.curves import plots, track
 from pinflex.viewer.frames import FrameLocator
-from pinflex.viewer.links import FIELDS, largest, link_geometry, stations, thinned, time_arrays
+from pinflex.viewer.links import (
+    FIELDS,
+    largest,
+    link_geometry,
+    stations,
+    thinned,
+    time_arrays,
+    undeformed,
+)
 from pinflex.viewer.skeleton import Skeleton, body_shapes, skeletons
 from pinflex.viewer.surfaces import surfaces
 from pinflex.viewer.verdicts import verdicts
 
 FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
+_UNSEEN = 1e-6  # [m], and of a direction: nobody sees it
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
 LEVELS = {
+    "rigid": "rigid mechanism",
     "quasistatic": "quasistatic: no vibration",
     "ked": "kineto-elastodynamic: linear vibration about the rigid motion",
     "coupled": "coupled rigid-flexible",
@@ -66,9 +76,10 @@ def build_scenes(
         meshes: As in `build_scene`.
     """
     drawn = [_drawn(result, rigid, meshes, _stations(results)) for result in results]
+    drawn = [_with_links(d, drawn) for d in drawn]
     keep = _instants(drawn)
     scenes = [_scene(d, rigid, k) for d, k in zip(drawn, keep, strict=True)]
-    flexible = [s for s in scenes if s["links"]] or scenes
+    flexible = [s for s in scenes if s["fields"]] or scenes
     least = min(automatic_scale(s["largest"], s["size"]) for s in flexible)
     return [s | {"scale": least if scale == "auto" else float(scale)} for s in scenes]
 
@@ -97,6 +108,30 @@ def _drawn(
     locator = FrameLocator(result)
     bodies = skeletons(result, locator, skins)
     return _Drawn(result, links, bodies, track(result, rigid), locator, missing)
+
+
+def _with_links(drawn: _Drawn, others: Sequence[_Drawn]) -> _Drawn:
+    """A rigid run with the flexible links of another one where that has the same rigid motion.
+
+    A rigid run alone does not have their poses.
+    """
+    if drawn.links:
+        return drawn
+    for other in others:
+        if other.links and _same_motion(drawn, other):
+            links = {name: undeformed(link) for name, link in other.links.items()}
+            return replace(drawn, links=links)
+    return drawn
+
+
+def _same_motion(rigid: _Drawn, flexible: _Drawn) -> bool:
+    if not np.array_equal(rigid.result.t, flexible.result.t):
+        return False
+    theirs = {body.name: body.rigid for body in flexible.bodies}
+    return all(
+        body.name in theirs and np.abs(body.pose - theirs[body.name]).max() < _UNSEEN
+        for body in rigid.bodies
+    )
 
 
 def _stations(results: Sequence[Result]) -> dict[tuple[str, int], IntArray]:
@@ -137,8 +172,8 @@ def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any
         "track": path and _rows(path, keep),
         "forces": [_rows(arrow, keep) for arrow in drawn.locator.forces()],
         "torques": [_rows(arrow, keep) for arrow in drawn.locator.torques()],
-        "plots": plots(result, rigid, stress, path, keep),
-        "fields": _fields(links),
+        "plots": plots(result, None if result is rigid else rigid, stress, path, keep),
+        "fields": _fields(links) if result.links else [],
         "notes": _notes(result, len(keep)) + drawn.missing,
     }
 

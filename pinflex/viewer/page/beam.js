@@ -34,11 +34,12 @@ function worstStation(q) {
 
 function openBeam() {
   const k = S.link !== null && !R.mode && linkOf(R, S.link), panel = $("beam"), was = panel.hidden;
-  panel.hidden = !k;
-  document.body.classList.toggle("beamed", !!k);
+  const list = k ? quantities(k) : [];              // none in a rigid run
+  panel.hidden = !list.length;
+  document.body.classList.toggle("beamed", !!list.length);
   beam = null;
-  if (!k) { panel.replaceChildren(); if (!was) layoutChanged(); return; }
-  const list = quantities(k), b = scene.links.find((x) => x.data === k);
+  if (!list.length) { panel.replaceChildren(); if (!was) layoutChanged(); return; }
+  const b = scene.links.find((x) => x.data === k);
   if (was) layoutChanged();
   const asked = S.at === null ? -1 : b.share.reduce((best, x, i) => Math.abs(x - S.at) < Math.abs(b.share[best] - S.at) ? i : best, 0);
   const chosen = list.find((q) => q.key === (beam_quantity || "von_mises")) || list[0], station = asked >= 0 || !chosen ? Math.max(asked, 0) : worstStation(chosen);
