@@ -51,7 +51,7 @@ def solve(
         resume: A stopped or shorter run (or its file) of level coupled to go on with, to `until`,
             in its own steps unless dt is given; the motion must be the same.
         **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
-            theta, modes, ked, kp, kd, start, tol; and `tolerance` (Newton's).
+            theta, modes, ked, kp, kd, start, start_speeds, tol; and `tolerance` (Newton's).
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:
@@ -63,7 +63,7 @@ def solve(
         return _solve_advised(mechanism, motion, progress=progress, **given, **options)
     start = options.get("start", mechanism.description.solve.start)
     moved = motion if motion is not None else default_motion(mechanism)
-    look = partial(_look, mechanism, moved, start == "static")
+    look = partial(_look, mechanism, moved, isinstance(start, str) and start == "static")
     try:
         found = solve_level(
             mechanism, motion, level, progress=progress, resume=resume, **given, **options

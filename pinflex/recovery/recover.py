@@ -42,11 +42,13 @@ def result_of(
         cost: Counts and seconds.
         stopped: Why it ended early, "" where it did not.
     """
-    arrays = _arrays(Samples(mechanism, run, rigid_path))
+    samples = Samples(mechanism, run, rigid_path)
+    arrays = _arrays(samples)
 
     def assessed() -> dict[str, Any]:
         with one_blas_thread(), workspace.keep_alive():
-            return plain_meta(assess(mechanism, run, arrays))
+            found = assess(mechanism, run, arrays)
+            return plain_meta(found | {"warnings": [*found["warnings"], *samples.said()]})
 
     def described() -> dict[str, Any]:
         return plain_meta(describe(mechanism, run, level, cost, stopped))
