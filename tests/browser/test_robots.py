@@ -58,7 +58,7 @@ def test_the_page_of_all_levels_of_the_delta_is_under_three_megabytes(
     browser.run("pinflex.set({other: '3'})")
     shown = browser.run("pinflex.set({field: 'difference'}); return pinflex.values('arm_1')")
     assert max(shown) == pytest.approx(1e3 * np.linalg.norm(away[k], axis=1).max(), rel=1e-3)
-    assert browser.driver.get_log("browser") == []
+    assert browser.errors() == []
 
 
 def test_a_saved_arm_gives_the_same_page_with_its_meshes(

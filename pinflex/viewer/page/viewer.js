@@ -3,7 +3,7 @@ let viewer = null, soft = false;
 class Viewer {
   constructor(pane) {
     this.pane = pane;
-    this.renderer = new THREE.WebGLRenderer({antialias: true, preserveDrawingBuffer: true});
+    this.renderer = new THREE.WebGLRenderer({antialias: true});
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.renderer.domElement.setAttribute("aria-hidden", "true");
     pane.append(this.renderer.domElement);
