@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from pinflex.results.result import Result
 
 BAD, CARE, PLAIN = "bad", "care", "plain"
 _GRADES = {"closure": "loops open", "energy": "energy balance"}
+_WORDS = {"closure": "leaves its loops open", "energy": "energy balance"}  # of their warnings
 _STRAIGHT = "started straight under gravity"  # as a comparison remarks
 
 
 def verdicts(result: Result) -> list[dict[str, str]]:
     """Verdicts of a run, worst first: {kind, text, why}."""
-    found = [*_ended(result), *_grades(result), *_warned(result), *_model(result)]
+    found = [*_ended(result), *_warned(result), *_grades(result), *_model(result)]
     order = (BAD, CARE, PLAIN)
     return sorted(found, key=lambda v: order.index(v["kind"]))
 
@@ -30,19 +32,40 @@ def _ended(result: Result) -> list[dict[str, str]]:
 
 
 def _grades(result: Result) -> list[dict[str, str]]:
+    """Closures and energy that are not good, each with the warning about it."""
     grades: dict[str, Any] = result.meta.get("grades") or {}
-    warnings = " ".join(result.meta.get("warnings", ()))
-    return [
-        _verdict(BAD if grade == "wrong" else CARE, f"{_GRADES.get(key, key)}: {grade}", warnings)
-        for key, grade in grades.items()
-        if grade != "good"
-    ]
+    found = []
+    for key, grade in grades.items():
+        if grade != "good":
+            why = next((w for w in _warnings(result) if _about(key, w)), "")
+            found.append(
+                _verdict(BAD if grade == "wrong" else CARE, f"{_GRADES[key]}: {grade}", why)
+            )
+    return found
+
+
+def _about(key: str, warning: str) -> bool:
+    return _WORDS[key] in warning
+
+
+def _warnings(result: Result) -> list[str]:
+    return [str(text) for text in result.meta.get("warnings", ())]
 
 
 def _warned(result: Result) -> list[dict[str, str]]:
-    said = str(result.meta.get("remark") or "").split("; ")
-    remarks = [*(x for x in said if x and x != _STRAIGHT), *result.meta.get("warnings", ())]
-    return [_verdict(BAD if "buckle" in text else CARE, text, text) for text in map(str, remarks)]
+    """Remarks and warnings, shortened to what matters; those that a grade tells are left out."""
+    grades: dict[str, Any] = result.meta.get("grades") or {}
+    told = [key for key, grade in grades.items() if grade != "good"]
+    remarks = [x for x in str(result.meta.get("remark") or "").split("; ") if x and x != _STRAIGHT]
+    found = [_verdict(BAD, text.partition(":")[0], text) for text in remarks]
+    for text in _warnings(result):
+        if any(_about(key, text) for key in told):
+            continue
+        when = re.match(r"t = (\S+ s):", text)
+        buckles = "buckle" in text
+        short = f"buckles from {when[1]} on" if buckles and when else text
+        found.append(_verdict(BAD if buckles else CARE, short, text))
+    return found
 
 
 def _model(result: Result) -> list[dict[str, str]]:

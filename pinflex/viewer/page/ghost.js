@@ -35,7 +35,7 @@ function drawGhost() {
   ghost.root.visible = S.t <= T[T.length - 1] + 1e-9;  // a run that stopped earlier is no longer there
   ghost.root.position.copy(beside ? scene.aside : V(0, 0, 0));
   for (const mesh of ghost.besides) mesh.visible = beside;
-  ghost.pale.opacity = beside ? 1 : other ? 0.34 : 0.22;
+  ghost.pale.opacity = beside ? 1 : (other ? 0.34 : 0.22) * (shown === "dark" ? 1.5 : 1);
   ghost.pale.depthWrite = beside;
   const at = instant(S.t, T);
   moveRobot(ghost, at, other ? S.mag : 0);

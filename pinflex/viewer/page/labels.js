@@ -36,7 +36,7 @@ function announce() {                              // for a screen reader, when 
 
 /* What to know before believing the picture; the whole sentence on a click. */
 function showVerdicts() {
-  $("chips").replaceChildren(...R.verdicts.map(({kind, text, why}) => {
+  const chips = R.verdicts.map(({kind, text, why}) => {
     const mark = {bad: "✕ ", care: "⚠ ", plain: ""}[kind], whole = why && why !== text ? `${text}: ${why}` : text;
     const chip = button(mark + text, () => {
       const open = chip.getAttribute("aria-expanded") !== "true";
@@ -44,7 +44,11 @@ function showVerdicts() {
       chip.textContent = mark + (open ? whole : text);
     }, {class: "chip " + kind, title: whole, "aria-expanded": "false"});
     return chip;
-  }));
+  }), first = small.matches ? 2 : 4, rest = chips.slice(first);
+  for (const chip of rest) chip.hidden = true;
+  const more = rest.length ? button(`+ ${rest.length}`, () => { rest.forEach((chip) => { chip.hidden = false; }); more.remove(); rest[0].focus(); },
+    {class: "chip plain", "aria-label": `${rest.length} more verdicts`}) : null;
+  $("chips").replaceChildren(...chips, ...(more ? [more] : []));
 }
 
 /* ---------------------------------------------------------------- marks over the drawing */
@@ -88,7 +92,8 @@ function place() {
   marks.forEach((m, i) => {
     m.hidden = i >= want.length;
     if (m.hidden) return;
-    const [kind, text, [x, y]] = want[i], length = kind === "name" ? 90 : 7 * text.length + 14, left = x > wide - length;
+    const [kind, text, [x, y]] = want[i], length = kind === "name" ? 90 : 7 * text.length + 14;
+    const over = Math.max(0, x + length + 8 - wide), left = over > 0 && x - length > (small.matches ? 120 : 0);   // not over the legend
     const box = [left ? x - length : x, y - 20, left ? x : x + length, y - 4];
     m.className = "mark " + kind + (left ? " left" : "");
     if (kind === "force" || kind === "torque") {    // the largest first; a value that would cover another is left out
@@ -97,6 +102,7 @@ function place() {
     }
     if (kind !== "title") taken.push(box);
     m.textContent = text;
+    m.style.setProperty("--shift", `${over && !left ? over : 0}px`);
     m.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
   });
 }

@@ -1,7 +1,7 @@
 /* legend.js: the scale of the colours, and what the other marks are. */
 function legendTicks() {                           // [value, text]: round numbers, and the end itself
   const top = legendMax(), low = scene.signed ? -top : 0, flat = getComputedStyle($("scale")).display === "block";
-  const step = nice((top - low) / 4.5), apart = flat ? 0.17 : 0.07, ends = scene.signed ? [low, top] : [top], out = ends.map((v) => [v, minus(digits(v))]);
+  const step = nice((top - low) / 4.5), apart = flat ? 0.17 : 17 / ($("scale").clientHeight || 180), ends = scene.signed ? [low, top] : [top], out = ends.map((v) => [v, minus(digits(v))]);
   for (let i = Math.ceil(low / step); i * step <= top * (1 + 1e-9); i++)
     if (ends.every((v) => Math.abs(v - i * step) > apart * (top - low))) out.push([i * step, minus(+(i * step).toPrecision(6))]);
   return out;
