@@ -44,7 +44,7 @@ function pressed(name) {
 function margins(w, h) {
   const top = Math.min(0.3, 0.8 * ($("head").offsetHeight + 10) / h);
   if (w < 620 && h > 420) return {side: 0, top, below: Math.min(0.25, 110 / h)};
-  if (h < 480) return {side: Math.min(0.35, 140 / w), top, below: 0.03};
+  if (h < 480) return {side: Math.min(0.35, 140 / w), top, below: Math.min(0.15, 40 / h)};
   return {side: Math.min(0.35, 200 / w), top: 0.08, below: 0.05};
 }
 
