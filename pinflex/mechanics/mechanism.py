@@ -20,6 +20,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics import workspace
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
+from pinflex.mechanics.compiled import evaluated_by
 from pinflex.mechanics.cost import require_workspace
 from pinflex.mechanics.damping import with_damping
 from pinflex.mechanics.expanded import Attachment, Expansion
@@ -105,6 +106,11 @@ class Mechanism:
             f"Mechanism({name}, {self.rigid.nv} joint coordinates, mobility "
             f"{self.report.mobility}, {len(self.motors)} motors, {len(self.parts)} flexible links)"
         )
+
+    @property
+    def evaluated_by(self) -> str:
+        """The equations that serve the flexible mechanism: compiled, or why not."""
+        return evaluated_by(self.flexible)
 
     def undeformed(self, q: Array | None = None) -> Array:
         """y of the flexible mechanism at a rigid pose, eta = 0."""
