@@ -137,7 +137,7 @@ def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: 
     `tell` is called with what is done next.
     """
     from pinflex.viewer.plot import save_all
-    from pinflex.viewer.view import write_html
+    from pinflex.viewer.view import write_runs_html
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "comparison.txt", folder / "comparison.json"]
@@ -148,13 +148,22 @@ def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: 
         files += save_all(rigid, flexible, folder, done.table.frequencies, tell)
     if flexible:
         tell("writing the page")
-        best = list(flexible.values())[-1]
         about = done.mechanism.description
         folders: list[str | Path] = [
             *about.package_dirs,
             *([about.path.parent] if about.path else []),
         ]
-        files.append(write_html(best, folder / "animation.html", meshes=folders))
+        shown = {**done.runs, **done.partial}
+        levels = {level: shown[level] for level in LEVELS if level in shown}
+        files.append(
+            write_runs_html(
+                levels,
+                folder / "animation.html",
+                rigid=rigid,
+                meshes=folders,
+                first=list(flexible)[-1],
+            )
+        )
     return files
 
 
