@@ -35,22 +35,25 @@ for name in pf.__all__:
     getattr(pf, name)
 run = pf.solve(pf.load("3rrr"), level="rigid", samples=5)
 assert main(["modes", "3rrr", "--count", "1"]) == 0
+pf.view(run, sys.argv[1])
 print(run.torque.shape)
 """
 
 
-def without(*names: str) -> subprocess.CompletedProcess[str]:
-    """What a process says that loads every public name, solves and asks for modes without these."""
+def without(page: Path, *names: str) -> subprocess.CompletedProcess[str]:
+    """What a process says that has none of these: every public name, a run, modes and a page."""
     code = _ABSENT.format(names=set(names)) + _RUN
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", code, str(page)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_it_runs_without_what_only_linux_has_and_without_what_only_draws() -> None:
+def test_it_runs_without_what_only_linux_has_and_without_what_only_draws(tmp_path: Path) -> None:
     linux = ("fcntl", "resource", "termios", "pwd", "grp", "pty", "posix_ipc")
     drawing = ("matplotlib", "PIL", "meshcat", "IPython", "tornado", "zmq", "pandas", "shtab")
-    done = without(*linux, *drawing)
+    done = without(tmp_path / "page.html", *linux, *drawing)
     assert done.returncode == 0, done.stderr
     assert "(5, 3)" in done.stdout
+    assert (tmp_path / "page.html").stat().st_size > 1e5
 
 
 def test_a_file_is_locked_against_a_second_user(tmp_path: Path) -> None:
