@@ -29,9 +29,10 @@ Where the code is; each package imports only those above it:
     lab           published cases that `pinflex verify` measures
     cli           the commands: one module each, its arguments and what it does
 
-Beside them stand errors, arrays, linalg, registered, rotations, text, threads and writing, which
-import none of these. Names are imported when first used, so that a page from a saved run needs no
-Pinocchio.
+Beside them stand arrays, boundary, cards, doors, errors, linalg, names, progress, registered,
+rotations, text, threads and writing, which import none of these; `doors` calls by name what a
+package further down does, such as the figure of a result. Names are imported when first used, so
+that a page from a saved run needs no Pinocchio.
 """
 
 from __future__ import annotations
@@ -84,8 +85,11 @@ if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism, load
     from pinflex.results.comparison import comparison
     from pinflex.results.result import Result
+    from pinflex.studies.check import Check, check
+    from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
     from pinflex.studies.pose_map import pose_map
     from pinflex.studies.stiffness import platform_compliance
+    from pinflex.studies.study import Study, compare
     from pinflex.studies.sweep import sweep
     from pinflex.variation.design import Design
     from pinflex.variation.fit import fit
@@ -99,6 +103,7 @@ __all__ = [
     "LEVELS",
     "Advice",
     "AssemblyError",
+    "Check",
     "Command",
     "Control",
     "ConvergenceError",
@@ -108,6 +113,7 @@ __all__ = [
     "Effort",
     "Equilibrium",
     "Fit",
+    "FrequencyResponse",
     "LinearModel",
     "Mechanism",
     "Modes",
@@ -119,19 +125,23 @@ __all__ = [
     "SceneError",
     "Sensitivities",
     "SingularityError",
+    "Study",
     "Travel",
     "UnstableWarning",
     "Voltage",
     "adept",
     "advise",
+    "check",
     "circle",
     "command",
+    "compare",
     "comparison",
     "cycloid",
     "design",
     "digital_pid",
     "fit",
     "formula",
+    "frequency_response",
     "generalized_alpha",
     "harmonic",
     "hht",
@@ -213,6 +223,9 @@ _HOME = {
     "variation.optimise": ("design", "pareto"),
     "variation.scatter": ("Scatter", "scatter"),
     "variation.sensitivity": ("Sensitivities", "sensitivities"),
+    "studies.check": ("Check", "check"),
+    "studies.study": ("Study", "compare"),
+    "studies.frequency_response": ("FrequencyResponse", "frequency_response"),
     "studies.pose_map": ("pose_map",),
     "studies.stiffness": ("platform_compliance",),
     "studies.sweep": ("sweep",),

@@ -24,6 +24,7 @@ from pinflex.advice import reduced_models as fewer
 from pinflex.advice.probe import Probe
 from pinflex.advice.proposal import Advice
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut, worst
+from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
@@ -49,6 +50,7 @@ _LOOKS = 5  # stages that are told
 _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
 
 
+@public
 def advise(
     mechanism: Mechanism,
     motion: Motion | None = None,

@@ -6,7 +6,8 @@ import argparse
 from dataclasses import asdict
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import load_model, print_json
+from pinflex.progress import Bar
 
 
 def add(commands: parser.Commands) -> None:
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.advice import text as advise_text
     from pinflex.advice.advise import advise
 
-    mechanism, bar = load_model(args), Progress("looking")
+    mechanism, bar = load_model(args), Bar("looking")
     bar.say()
     try:
         advice = advise(mechanism, tol=args.tol, asked=args.asked, until=args.until, progress=bar)

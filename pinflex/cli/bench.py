@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import load_model, print_json
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 from pinflex.text import number, paragraph, table
 from pinflex.writing import plain, writable, write_text
 
@@ -53,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     folder = None if args.output is None else Path(args.output)
     if folder is not None:
         writable(folder / "bench.png")
-    bar = Progress("bench")
+    bar = Bar("bench")
     try:
         study = bench(mechanism, bar)
     finally:

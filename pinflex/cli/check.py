@@ -33,7 +33,6 @@ and warnings.""",
 
 def run(args: argparse.Namespace) -> int:
     """Say what was understood of a model."""
-    from pinflex.studies import check_text
     from pinflex.studies.check import check
     from pinflex.studies.home import write_home
 
@@ -45,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(asdict(report))
     else:
-        print(check_text.write(report), end="")
+        print(report.text(), end="")
         if args.write_home:
             print(f"\nhome written to {path}")
     return 0

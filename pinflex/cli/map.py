@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model
+from pinflex.cli.console import load_model
+from pinflex.progress import Bar
 from pinflex.writing import writable
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     where: dict[str, Any] = {"grid": grid}
     if args.instants is not None:
         where |= {"along": default_motion(mechanism), "instants": args.instants}
-    bar = Progress("map")
+    bar = Bar("map")
     try:
         poses = pose_map(
             mechanism, **where, count=args.count, preload=args.preload,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 
 _KINDS = ("normal", "uniform")
 
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             raise DescriptionError(f"--{option} belongs to random designs. Add --random N.")
     out, options = batch.options(args)
     outputs = OUTPUTS if args.outputs is None else parser.names(args.outputs)
-    bar = Progress("sweep")
+    bar = Bar("sweep")
     try:
         columns = sweep(
             args.model, parsed(args.set, "--set"), level=args.level, outputs=outputs,
@@ -93,7 +93,7 @@ def _random(args: argparse.Namespace) -> int:
     out, options = batch.options(args)
     writable(args.plot)
     normal, uniform = (dict(_pair(x, kind) for x in getattr(args, kind)) for kind in _KINDS)
-    bar = Progress("sweep")
+    bar = Bar("sweep")
     try:
         found = scatter(
             read(args.model).with_overrides(args.set), args.random, seed=args.seed,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, print_json
+from pinflex.cli.console import print_json
+from pinflex.progress import Bar
 from pinflex.writing import writable
 
 
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.lab.verify import verdict, verify, write_page
 
     writable(args.output)
-    bar = Progress("verify")
+    bar = Bar("verify")
 
     def show(table: str) -> None:  # case by case: all of them take minutes
         bar.close()

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description import schema
 from pinflex.description.digital import is_system
 from pinflex.description.source import Source
@@ -138,6 +139,7 @@ class Pid:
         return np.asarray(self.kp * error + self.ki * (total - self.target * t) + self.kd * rate)
 
 
+@public
 def pid(
     kp: float | Sequence[float] = 0.0,
     ki: float | Sequence[float] = 0.0,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description import laws
 from pinflex.description import motion_keys as keys
 from pinflex.description.laws import Kinematics
@@ -25,11 +26,15 @@ _KEYS = ("joints", "platform", "start", "duration")
 _ACROSS, _LIFT = 0.2, 0.4  # of the time of one way: when the move across begins; a move up or down
 
 
+@public
 def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) -> Motion:
     """Moves that add up, each {platform | joints: {name: displacement}, start [s], duration [s]}.
 
-    Displacements are relative (rad | m); start defaults to 0; duration [s] of all, with rest at the
-    end: default the end of the last move.
+    Displacements are relative (rad | m); start defaults to 0.
+
+    Args:
+        moves: The moves.
+        duration: Of all, with rest at the end [s]; default the end of the last move.
     """
     if isinstance(moves, str | Mapping) or not isinstance(moves, Sequence) or not moves:
         raise keys.bad(
@@ -58,6 +63,7 @@ def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) 
     return Motion("moves", target, names, n["duration"], law, False, spec, corners)
 
 
+@public
 def adept(
     *,
     duration: float,
@@ -70,9 +76,14 @@ def adept(
 ) -> Motion:
     """The Adept cycle: 25 mm up, 305 mm across, 25 mm down, with rounded corners; the platform's.
 
-    duration [s]: of one way; width, height [m]: negative ones go the other way; across, up: which
-    coordinates; held: those that stay, default the third of x, y, z; back: and the same way back.
     Up and down take 0.4 of the time each, across the 0.6 in the middle.
+
+    Args:
+        duration: Of one way [s].
+        width, height: [m]; negative ones go the other way.
+        across, up: Which coordinates.
+        held: Coordinates that stay; default the third of x, y, z.
+        back: And the same way back.
     """
     n = keys.options("adept", duration=duration)
     sizes = {"width": width, "height": height}

@@ -8,6 +8,7 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.description.shaping import MODES
 from pinflex.errors import DescriptionError
@@ -42,6 +43,7 @@ class Ringing:
     energy: Array
 
 
+@public
 def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
     """The vibrations that a motion excites: of largest elastic energy under its inertia forces.
 

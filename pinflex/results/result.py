@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
+from pinflex.names import Names
 from pinflex.results import archive, checked, report
 from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.results.lazy import Late
 from pinflex.results.quantities import QUANTITIES
+from pinflex.results.shown import Shown
 from pinflex.results.strength import Worst, worst_section
 from pinflex.results.views import (
     Deviation,
@@ -49,7 +52,7 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Shown):
     """One run at one level of fidelity.
 
     Attributes:
@@ -99,6 +102,13 @@ class Result:
         """The result with `errors` in its meta, so that a file of it has them too."""
         return replace(self, meta={**self.meta, "errors": self.errors.plain()})
 
+    def __getitem__(self, key: str) -> Array:
+        """The read-only array of a flat key: run["torque"], run["frame/platform/position"]."""
+        return self.array(key)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self.arrays, *QUANTITIES]
+
     def array(self, key: str) -> Array:
         """The read-only array of a flat key; an unknown key leads to the nearest one."""
         if key in QUANTITIES:
@@ -132,14 +142,29 @@ class Result:
         return tuple(self.meta.get("actuated", ()))
 
     @property
-    def links(self) -> tuple[str, ...]:
-        """Flexible links that this result has fields for; none at the rigid level."""
-        return tuple(self.meta.get("links", ()))
+    def joints(self) -> Names[JointView]:
+        """Moving joints; run.joints["motor_1"].torque is an array over time."""
+        return Names(self.meta.get("joints", ()), self.joint)
 
     @property
-    def drives(self) -> tuple[str, ...]:
+    def frames(self) -> Names[FrameView]:
+        """Output frames; run.frames["platform"].position is an array over time."""
+        return Names(self.meta.get("frames", ()), self.frame)
+
+    @property
+    def links(self) -> Names[LinkView]:
+        """Flexible links that this result has fields for; none at the rigid level."""
+        return Names(self.meta.get("links", ()), self.link)
+
+    @property
+    def loops(self) -> Names[LoopView]:
+        """Loop joints; run.loops["pin_1"].force is an array over time."""
+        return Names([x["name"] for x in self.meta.get("loops", ())], self.loop)
+
+    @property
+    def drives(self) -> Names[DriveView]:
         """Joints with a drive of which this result has both sides."""
-        return tuple(self.meta.get("drives", ()))
+        return Names(self.meta.get("drives", ()), self.drive)
 
     @property
     def torque(self) -> Array:
@@ -159,10 +184,12 @@ class Result:
         known = [p for p in units if key == p or key.startswith(p + "/")]
         return str(units[max(known, key=len)]) if known else ""
 
+    @public
     def joint(self, name: str) -> JointView:
         """Coordinates, motor torque and reaction of one joint."""
         return JointView(self, _known("joint", name, self.meta.get("joints", ())))
 
+    @public
     def frame(self, name: str) -> FrameView:
         """Motion of one output frame; "platform" also names the frame of meta["platform"]."""
         frames = self.meta.get("frames", ())
@@ -170,18 +197,22 @@ class Result:
             name = self.meta.get("platform") or name
         return FrameView(self, _known("frame", name, frames))
 
+    @public
     def link(self, name: str) -> LinkView:
         """Deflection, section forces and stresses along one flexible link."""
         return LinkView(self, _known("flexible link", name, self.links))
 
+    @public
     def drive(self, name: str) -> DriveView:
         """Torque, speed and power of one drive on the motor's side and on the joint's."""
         return DriveView(self, _known("drive", name, self.drives))
 
+    @public
     def loop(self, name: str) -> LoopView:
         """Force and moment that one loop joint carries."""
-        return LoopView(self, _known("loop", name, [x["name"] for x in self.meta.get("loops", ())]))
+        return LoopView(self, _known("loop", name, self.loops))
 
+    @public
     def deviation_from(self, other: Result, frame: str = "platform") -> Deviation:
         """Deviation of a frame from its pose in another run, at the same instants.
 
@@ -226,6 +257,7 @@ class Result:
         return path
 
     @classmethod
+    @public
     def load(cls, path: str | Path, most: float = checked.MOST) -> Result:
         """Read a file written by `save`; nothing in it is ever executed (no pickle).
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -89,6 +90,13 @@ class Bench:
     reference: str
     own_error: dict[str, float]
     key: str | None
+
+    def plot(self) -> Any:
+        """Draw time against error; returns the matplotlib axes."""
+        from pinflex.studies.plot_bench import figure
+        from pinflex.viewer.panels import shown_axes
+
+        return shown_axes(lambda: figure(self))
 
     def pareto(self, output: str | None = None) -> list[Point]:
         """Points that no other beats in both time and error, fast ones first.

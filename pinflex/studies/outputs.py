@@ -12,7 +12,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.result import Result
 from pinflex.studies.check import first_frequencies
-from pinflex.studies.study import yield_strengths
+from pinflex.studies.study_notes import yield_strengths
 
 OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")
 _FREQUENCIES = 6

@@ -13,6 +13,7 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
@@ -32,6 +33,7 @@ from pinflex.studies.tracking import tracked
 _SPARE = 4  # modes followed beside those shown: one of them may come down among the shown
 
 
+@public
 def pose_map(
     model: str | Path | Description | Mechanism,
     grid: Mapping[str, object] | None = None,

@@ -7,17 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pinflex.description.description import Description, read
+from pinflex.boundary import public
+from pinflex.description.description import Description, assignments, read
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Interrupted, Record, keys, run
-from pinflex.studies.cases import Case, assignments, combined, listed
+from pinflex.studies.cases import Case, combined, listed
 from pinflex.studies.outputs import OUTPUTS, check_outputs, scene_outputs, unit
 
 _TRIED = 100  # cases, spread over all, before a sweep is refused because none can be read
 
 
+@public
 def sweep(
     model: str | Path | Description | Mechanism,
     parameters: Mapping[str, object],

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import (
@@ -47,6 +48,7 @@ _STOP = 1e-9  # of a step in logarithms, relative
 _NEAR = 1e-3  # the same on the way from afar
 
 
+@public
 @one_blas_thread()
 def fit(
     model: str | Path | Description | Mechanism,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import DescriptionError, SceneError
@@ -32,6 +33,7 @@ _MOST = 256  # combinations of a catalogue that are tried
 _NEAREST = 4  # rows of a catalogue about the continuous optimum
 
 
+@public
 @one_blas_thread()
 def design(
     model: str | Path | Description | Mechanism,
@@ -94,6 +96,7 @@ def design(
     return evaluate.design(best, continuous=not catalogue)
 
 
+@public
 def pareto(
     model: str | Path | Description | Mechanism,
     minimise: str,

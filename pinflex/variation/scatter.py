@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import DescriptionError
@@ -65,7 +67,7 @@ class Distribution:
 
 
 @dataclass(frozen=True)
-class Scatter:
+class Scatter(Worded):
     """Random designs of a scene.
 
     Attributes:
@@ -207,6 +209,7 @@ def _read(where: str, key: str, kind: str, text: str, value: float) -> Distribut
     return Distribution(key, kind, first, second)
 
 
+@public
 def scatter(
     model: str | Path | Description | Mechanism,
     count: int = 500,

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import ConvergenceError, DescriptionError
@@ -31,7 +33,7 @@ _NONE = 1e-6  # a relative sensitivity that nobody would act on
 
 
 @dataclass(frozen=True)
-class Sensitivities:
+class Sensitivities(Worded):
     """Relative sensitivities d ln(output) / d ln(parameter) about one design.
 
     Attributes:
@@ -107,6 +109,7 @@ class Sensitivities:
         }
 
 
+@public
 @one_blas_thread()
 def sensitivities(
     model: str | Path | Description | Mechanism,

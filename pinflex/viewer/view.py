@@ -22,6 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.results.result import Result
 from pinflex.text import brief
@@ -176,6 +177,7 @@ class Page:
         )
 
 
+@public
 def view(
     result: Result, path: str | Path | None = None, open_browser: bool = False, **options: Any
 ) -> Page:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pinflex.errors import DescriptionError
-from pinflex.studies.cases import assignments, combined, listed, parsed, values
+from pinflex.description.description import assignments
+from pinflex.studies.cases import combined, listed, parsed, values
 
 
 @pytest.mark.parametrize(
