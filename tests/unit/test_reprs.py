@@ -45,7 +45,7 @@ def objects() -> list[Any]:
         run.link("distal_1"), run.deviation_from(rigid, "platform"), pf.modes(robot),
         pf.static_equilibrium(robot), pf.check(robot), pf.hold(duration=1.0),
         pf.comparison(rigid, {"coupled": run}), pf.command(robot, MOVE, "quasistatic"),
-        pf.advise(robot, until=0.02, fixed=True), pf.linearise(robot), robot.joints, robot.frames,
+        pf.Advice("3rrr", 1e-2, ("torque",), error={"torque": 0.002}), pf.linearise(robot), robot.joints, robot.frames,
         robot.links, robot.joints["motor_1"], run.joints, run.links, run.loops,
         pf.sensitivities(robot, [*vary], ["mass"]), pf.design(robot, "mass", vary, starts=1),
         pf.sweep(robot, {"flexible.*.section.thickness": [1e-3, 2e-3]}, level="rigid",
