@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from papers.nodal_forces import nodal_forces
-from papers.reports import statistics
+from papers.reports import statistics, worst_table
+from papers.strain_forces import strain_forces
 
 import pinflex as pf
 from pinflex.recovery.reactions import joint_reactions, shaking
-from pinflex.recovery.strength import strain_forces
-from pinflex.results.strength import THEORIES, point_stress, worst_table
+from pinflex.results.strength import THEORIES, point_stress
 
 CHANGES = (
     "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}",

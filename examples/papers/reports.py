@@ -9,6 +9,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.result import Result, same_grid
+from pinflex.results.strength import worst_section
 from pinflex.rotations import rotation_vector
 from pinflex.text import brief
 
@@ -162,4 +163,19 @@ def torque_table(flexible: Result, rigid: Result) -> str:
             f"{mine.name:<18}{mine.max:10.4f}{mine.min:10.4f}{mine.mean_abs:10.4f}"
             f"{other.max_abs:11.4f}{other.mean_abs:12.4f}{ratio:8.3f}"
         )
+    return "\n".join(lines)
+
+
+def worst_table(result: Result, kinds: tuple[str, ...] = ("normal", "shear", "von_mises")) -> str:
+    """Worst section of every link, one line each.
+
+    Args:
+        result: A flexible run.
+        kinds: Of stress, as in `worst_section`.
+    """
+    lines = [f"{'link':<14}{'stress':<11}{'MPa':>9}{'x [m]':>9}{'t [s]':>9}"]
+    for name in result.links:
+        for kind in kinds:
+            w = worst_section(result, kind, name)
+            lines.append(f"{name:<14}{kind:<11}{w.value / 1e6:9.3f}{w.x:9.4f}{w.t:9.4f}")
     return "\n".join(lines)

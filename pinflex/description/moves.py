@@ -30,11 +30,9 @@ _ACROSS, _LIFT = 0.2, 0.4  # of the time of one way: when the move across begins
 def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) -> Motion:
     """Moves that add up, each {platform | joints: {name: displacement}, start [s], duration [s]}.
 
-    Displacements are relative (rad | m); start defaults to 0.
-
     Args:
-        moves: The moves.
-        duration: Of all, with rest at the end [s]; default the end of the last move.
+        moves: Relative displacements [rad | m], with start (default 0) and duration.
+        duration: Of all, with rest at the end [s]; None: the end of the last move.
     """
     if isinstance(moves, str | Mapping) or not isinstance(moves, Sequence) or not moves:
         raise keys.bad(
@@ -81,9 +79,9 @@ def adept(
     Args:
         duration: Of one way [s].
         width, height: [m]; negative ones go the other way.
-        across, up: Which coordinates.
-        held: Coordinates that stay; default the third of x, y, z.
-        back: And the same way back.
+        across, up: Coordinates of the platform: x, y or z.
+        held: Coordinates that stay; None: the third of x, y, z.
+        back: Whether the same way back follows.
     """
     n = keys.options("adept", duration=duration)
     sizes = {"width": width, "height": height}

@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.errors import DescriptionError, nearest
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import LoadRows, Loads
@@ -54,22 +53,6 @@ def _rotations(samples: Samples) -> dict[str, tuple[int, Array]]:
         R = poses[:, joint] if nominal is None else nominal[:, number]
         found[name] = (joint, R[:, :, :3])
     return found
-
-
-def joint_reaction(mechanism: Mechanism, result: Result, name: str) -> Array:
-    """One entry of `joint_reactions`, shape (nt, 6).
-
-    Args:
-        mechanism: The mechanism that was solved.
-        result: A run at any level.
-        name: Joint or loop.
-    """
-    every = joint_reactions(mechanism, result)
-    if name not in every:
-        raise DescriptionError(
-            f"joint_reaction: {name}: no such joint or loop.{nearest(name, every)}"
-        )
-    return every[name]
 
 
 def shaking(mechanism: Mechanism, result: Result) -> Array:

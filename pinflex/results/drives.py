@@ -164,8 +164,9 @@ def drive_row(label: str, run: Result, joint: str) -> DriveRow:
     """The largest values of a drive of a run.
 
     Args:
-        label: Level of the run in the table. run: Run.
-        joint: Of the drive.
+        label: Level of the run, or another name for it.
+        run: Result with a drive at the joint.
+        joint: Its name.
     """
     d = run.drive(joint)
     values = {key: run.array(f"drive/{joint}/{key}") for key in _PEAKS}

@@ -202,18 +202,3 @@ def worst_section(result: Result, kind: str = "von_mises", link: str | None = No
             best = Worst(name, kind, float(view.x[j]), float(result.t[k]), float(values[k, j]))
     assert best is not None
     return best
-
-
-def worst_table(result: Result, kinds: tuple[str, ...] = ("normal", "shear", "von_mises")) -> str:
-    """Worst section of every link, one line each.
-
-    Args:
-        result: A flexible run.
-        kinds: Of stress, as in `worst_section`.
-    """
-    lines = [f"{'link':<14}{'stress':<11}{'MPa':>9}{'x [m]':>9}{'t [s]':>9}"]
-    for name in result.links:
-        for kind in kinds:
-            w = worst_section(result, kind, name)
-            lines.append(f"{name:<14}{kind:<11}{w.value / 1e6:9.3f}{w.x:9.4f}{w.t:9.4f}")
-    return "\n".join(lines)

@@ -17,8 +17,8 @@ def torque_speed(result: Result, drives: Sequence[str] | None = None) -> Figure:
     """Motor torque over motor speed of each drive, with its limit curve where there is one.
 
     Args:
-        result: A run with drives.
-        drives: Some of them; default all.
+        result: A run.
+        drives: Joints whose drives are shown; None: all.
     """
     names = tuple(result.drives if drives is None else drives)
     if not names:

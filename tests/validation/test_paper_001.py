@@ -11,13 +11,13 @@ from functools import cache
 import numpy as np
 import pytest
 from papers.nodal_forces import NodalForces, nodal_forces
-from papers.reports import statistics
+from papers.reports import statistics, worst_table
+from papers.strain_forces import strain_forces
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.recovery.reactions import joint_reaction, joint_reactions, shaking
-from pinflex.recovery.strength import strain_forces
-from pinflex.results.strength import worst_section, worst_table
+from pinflex.recovery.reactions import joint_reactions, shaking
+from pinflex.results.strength import worst_section
 
 WEIGHT = (0.152 + 6 * 0.008775) * 9.81  # [N]
 BASE = 0.12 * np.array([[np.cos(a), np.sin(a), 0.0] for a in np.radians([90, 210, 330])])  # [m]
@@ -62,7 +62,7 @@ def test_nodal_forces_meet_the_joints(leg: int, changes: tuple[str, ...]) -> Non
     # The hinge passes no moment about its axis, the ball none at all.
     np.testing.assert_allclose(crank.end("tip")[:, 5], 0.0, atol=1e-7)
     np.testing.assert_allclose(distal.end("tip")[:, 3:6], 0.0, atol=1e-7)
-    ball = joint_reaction(robot(*changes), r, f"ball_{leg}")[:, :3]
+    ball = joint_reactions(robot(*changes), r)[f"ball_{leg}"][:, :3]
     np.testing.assert_allclose(distal.world().end("tip")[:, :3], -ball, **near)
 
 
