@@ -406,7 +406,7 @@ def _swinging(model: str) -> str:
 def test_when_no_level_can_be_solved_the_code_is_1_and_the_reasons_are_written(
     capsys, monkeypatch, fourbar, tmp_path
 ):
-    def stop(mechanism: object, level: str, **options: object) -> Result:
+    def stop(mechanism: object, motion: object, level: str, **options: object) -> Result:
         raise ConvergenceError(f"{level} stopped. Try another.")
 
     monkeypatch.setattr("pinflex.studies.study.solve", stop)

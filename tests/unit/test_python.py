@@ -70,9 +70,7 @@ GUESSES: dict[str, tuple[Guess, Callable[[Any], bool]]] = {
 
 
 @pytest.mark.parametrize("guess", GUESSES)
-def test_the_natural_guess_works(
-    guess: str, robot: pf.Mechanism, run: pf.Result, plt: Any
-) -> None:
+def test_the_natural_guess_works(guess: str, robot: pf.Mechanism, run: pf.Result, plt: Any) -> None:
     ask, right = GUESSES[guess]
     assert right(ask(robot, run))
 
@@ -145,7 +143,8 @@ def test_a_run_as_xarray_has_names_and_units(run: pf.Result) -> None:
     pytest.importorskip("xarray")
     data = run.to_xarray()
     assert {key.replace("/", ".") for key in run.arrays} - set(data.variables) == {
-        f"link.{name}.x" for name in run.links  # the coordinate of each link
+        f"link.{name}.x"
+        for name in run.links  # the coordinate of each link
     }
     assert np.array_equal(data.torque.sel(motor="motor_2"), run.torque[:, 1])
     assert data.torque.attrs["units"] == "N m"
@@ -165,9 +164,7 @@ def test_a_library_that_is_not_there_is_named(
         getattr(run, call)()
 
 
-def test_compare_gives_runs_table_and_figures(
-    robot: pf.Mechanism, plt: Any, tmp_path: Any
-) -> None:
+def test_compare_gives_runs_table_and_figures(robot: pf.Mechanism, plt: Any, tmp_path: Any) -> None:
     short = robot.with_("solve.until=0.02", "solve.samples=21", "solve.dt=1e-3")
     done = pf.compare(short, levels=["quasistatic", "coupled"], folder=tmp_path)
     assert [*done.runs] == ["rigid", "quasistatic", "coupled"]
