@@ -315,7 +315,8 @@ class _Study:
         """The cheapest level whose error bars fit, and why."""
         rigid, still, ked = (worst(levels[x]) for x in ("rigid", "quasistatic", "ked"))
         bars = (("rigid", rigid), ("quasistatic", still), ("ked", ked))
-        why = "error bars: " + ", ".join(f"{name} {percent(e)}" for name, e in bars)
+        known = [f"{name} {percent(e)}" for name, e in bars if np.isfinite(e)]
+        why = f"error bars: {', '.join(known)}" if known else "no lower level could be measured"
         if rigid <= self.tol:
             return "rigid", why
         if still <= self.tol:

@@ -34,6 +34,7 @@ level and the step.""",
         "--asked", type=parser.names, default=(), metavar="A,B,...",
         help="torque, deflection, platform (default: the YAML's solve.asked, or all)",
     )  # fmt: skip
+    parser.verbose(p)
     p.add_argument("--until", type=parser.positive, metavar="S", help="end time in s")
 
 
@@ -51,5 +52,5 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(asdict(advice))
     else:
-        print(advise_text.write(advice, args.model), end="")
+        print(advise_text.write(advice, args.model, args.verbose), end="")
     return 0

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import load_model, print_json, working
 
 
 def add(commands: parser.Commands) -> None:
@@ -40,7 +40,8 @@ def run(args: argparse.Namespace) -> int:
     if args.write_home:
         path = write_home(mechanism)
         mechanism = load_model(args)
-    report = check(mechanism, args.count)
+    with working("checking"):
+        report = check(mechanism, args.count)
     if args.json:
         print_json(asdict(report))
     else:

@@ -46,7 +46,7 @@ level that cannot be solved does not stop the others.""",
     p.add_argument(
         "--errors", action="store_true", help="error bars also of large models (some seconds)"
     )
-    p.add_argument("-v", "--verbose", action="store_true", help="print the long tables too")
+    parser.verbose(p)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,16 +54,11 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.description.solve import LEVELS
     from pinflex.studies.study import compare
 
-    stages = Stages(Bar)
-    stages(f"loading {args.model}")
-    try:
-        mechanism = load_model(args)
-    finally:
-        stages.close()
+    mechanism = load_model(args)
     folder = Path(args.output or f"{mechanism.name}-compare")
     writable(folder / "comparison.txt")
     given = {"band": args.band, "errors": args.errors, "folder": folder}
-    done = compare(mechanism, None, args.levels or LEVELS, **given, progress=stages)
+    done = compare(mechanism, None, args.levels or LEVELS, **given, progress=Stages(Bar))
     if args.json:
         written = {"folder": folder, "files": [path.name for path in done.files]}
         print_json(json.loads(done.table.to_json()) | written)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any
 
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 from pinflex.writing import plain
 
 if TYPE_CHECKING:
@@ -31,11 +32,22 @@ def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
     return files
 
 
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Say what is being done, where a person sees it, until it is."""
+    bar = Bar(text)
+    bar.say()
+    try:
+        yield
+    finally:
+        bar.close()
+
+
 def load_model(args: argparse.Namespace) -> Mechanism:
     """Load the model; what the C++ parser of URDFs prints by itself becomes part of the error."""
     from pinflex.mechanics.mechanism import load
 
-    with _parser_noise(args.debug) as noise:
+    with working(f"loading {args.model}"), _parser_noise(args.debug) as noise:
         try:
             return load(args.model, args.set)
         except DescriptionError as error:

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from pinflex.advice.solve import solve
+from pinflex.description import sources
+from pinflex.description.description import Description
 from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
@@ -73,10 +75,23 @@ def scene_outputs(
     return found
 
 
-def unit(name: str) -> str:
-    """Unit of an output as a heading says it, "" where it has none."""
+def prismatic(description: Description) -> frozenset[str]:
+    """Motors that push: their outputs are forces."""
+    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
+    motors = description.actuated
+    return frozenset(
+        name for name in motors if name in tree.joints and tree.joints[name].type == "prismatic"
+    )
+
+
+def unit(name: str, slides: frozenset[str] = frozenset()) -> str:
+    """Unit of an output as a heading says it, "" where it has none.
+
+    Args:
+        name: Of the output. slides: Motors whose torque is a force [N].
+    """
     if name.startswith("torque."):
-        return "N m | N"
+        return "N" if name.split(".", 2)[-1] in slides else "N m"
     return "Hz" if name.startswith("frequency.") else _UNITS.get(name, "")
 
 

@@ -14,7 +14,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Interrupted, Record, keys, run
 from pinflex.studies.cases import Case, combined, listed
-from pinflex.studies.outputs import OUTPUTS, check_outputs, scene_outputs, unit
+from pinflex.studies.outputs import OUTPUTS, check_outputs, prismatic, scene_outputs, unit
 
 _TRIED = 100  # cases, spread over all, before a sweep is refused because none can be read
 
@@ -65,15 +65,16 @@ def sweep(
     cases = combined(listed(parameters, f"{description.name}: sweep"), paired)
     _check_keys(description, cases)
     named = keys(description, cases, level, groups)
+    slides = prismatic(description)
     try:
         records = run(
             partial(_solved, description, level, groups), dict(zip(named, cases, strict=True)),
             jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=progress,
         )  # fmt: skip
     except Interrupted as stop:
-        stop.table = _table(named, cases, stop.records)
+        stop.table = _table(named, cases, stop.records, slides)
         raise
-    return _table(named, cases, records)
+    return _table(named, cases, records, slides)
 
 
 def _solved(
@@ -105,7 +106,12 @@ def _check_keys(description: Description, cases: Sequence[Case]) -> None:
         raise first
 
 
-def _table(named: Sequence[str], cases: Sequence[Case], records: Mapping[str, Record]) -> Columns:
+def _table(
+    named: Sequence[str],
+    cases: Sequence[Case],
+    records: Mapping[str, Record],
+    slides: frozenset[str],
+) -> Columns:
     """Parameters, status, error and outputs of the cases that ended."""
     pairs = zip(named, cases, strict=True)
     ended = [(case, records[key]) for key, case in pairs if key in records]
@@ -116,7 +122,7 @@ def _table(named: Sequence[str], cases: Sequence[Case], records: Mapping[str, Re
     arrays["status"] = column(["failed" if record.error else "done" for _, record in ended])
     arrays["error"] = column([record.error for _, record in ended])
     arrays |= {name: column([record.found.get(name) for _, record in ended]) for name in names}
-    return Columns(arrays, {name: unit(name) for name in names if unit(name)})
+    return Columns(arrays, {name: unit(name, slides) for name in names if unit(name, slides)})
 
 
 def _keys(mappings: Iterable[Mapping[str, object]]) -> list[str]:
