@@ -133,7 +133,7 @@ def compare(
             does not stop the others.
         band: Deviation of the platform that does no harm [m]: settling time, verdict.
         errors: Error bars also of large models (some seconds).
-        folder: Write runs, tables, figures and the page there.
+        folder: Write runs (compact, see `Result.save`), tables, figures and the page there.
         progress: True: a bar for each stage; or a function called with (step, steps).
     Returns:
         Runs, table and figures.
@@ -149,7 +149,7 @@ def compare(
             return
         if tell is not None:
             tell(f"saving {level}")
-        runs.append(run.save(Path(folder) / file_name(run, complete)))
+        runs.append(run.save(Path(folder) / file_name(run, complete), compact=True))
         # what an earlier comparison left of this level would contradict the table
         (Path(folder) / file_name(run, not complete)).unlink(missing_ok=True)
 

@@ -121,7 +121,8 @@ def test_wrong_input_is_said_before_anything_runs(arm, capsys, options, said):
 # Processes ---------------------------------------------------------------------------------------
 
 COUNT = 16
-LONG = ["--set", f"{THICKNESS}=3e-3:5e-3:{COUNT}", "--outputs", "stress", "--jobs", "2"]
+VALUES = [*np.linspace(3e-3, 5e-3, COUNT - 1).tolist(), -1]  # the last is no thickness
+LONG = ["--set", f"{THICKNESS}={','.join(map(str, VALUES))}", "--outputs", "stress", "--jobs", "2"]
 
 
 def start(arm: str, out: Path) -> subprocess.Popen[str]:
@@ -153,14 +154,14 @@ def test_killed_and_restarted_no_case_is_lost_or_repeated(arm, tmp_path):
     assert 5 <= kept.count(b"\n") < COUNT and not out.exists()
     second = start(arm, out)
     assert (second.communicate(timeout=60)[1], second.returncode) == ("", 0)
-    lines = journal.read_bytes()
+    lines = journal.read_bytes()  # it stays, as one case has no answer
     assert lines.startswith(kept)
     found = [json.loads(line)["key"] for line in lines.splitlines()]
     assert len(found) == len(set(found)) == COUNT
     table = rows(out)
-    assert len(table) == COUNT and {row["status"] for row in table} == {"done"}
-    stress = [float(row["stress.peak [Pa]"]) for row in table]
-    for k in (0, COUNT - 1):
+    assert [row["status"] for row in table] == ["done"] * (COUNT - 1) + ["failed"]
+    stress = [float(row["stress.peak [Pa]"]) for row in table[:-1]]
+    for k in (0, COUNT - 2):
         robot = pf.load(arm, [f"flexible.upper.section.thickness={table[k][THICKNESS]}"])
         # another process on the same machine: to the last digits
         assert stress[k] == pytest.approx(pf.solve(robot).link("upper").von_mises.max(), rel=1e-9)
