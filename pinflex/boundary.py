@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -30,8 +30,8 @@ def public(function: Callable[P, R]) -> Callable[P, R]:
             if os.environ.get(VARIABLE) == "full":
                 raise
             raise _shortened(error)  # noqa: B904
-        except TypeError as error:
-            wrong = _unknown(function, kwargs) if _at_the_call(error) else None
+        except TypeError:
+            wrong = _unknown(function, kwargs)
             if wrong is None:
                 raise
             raise wrong from None
@@ -47,16 +47,13 @@ def _shortened(error: BaseException) -> BaseException:
     return error.with_traceback(None)
 
 
-def _at_the_call(error: TypeError) -> bool:
-    """Whether the arguments were refused, and nothing ran."""
-    frames = error.__traceback__
-    return frames is not None and frames.tb_next is None
-
-
-def _unknown(function: Callable[..., object], given: object) -> DescriptionError | None:
-    known = list(inspect.signature(function).parameters)
-    wrong = [key for key in given if key not in known]  # type: ignore[attr-defined]
-    if not wrong:
+def _unknown(
+    function: Callable[..., object], given: Mapping[str, object]
+) -> DescriptionError | None:
+    """Error for a keyword that the function does not have; None where it has all."""
+    known = inspect.signature(function).parameters
+    wrong = [key for key in given if key not in known]
+    if not wrong or any(p.kind is p.VAR_KEYWORD for p in known.values()):
         return None
     name = function.__name__
     return DescriptionError(

@@ -7,9 +7,12 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from importlib import import_module
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
+P = ParamSpec("P")
+R = TypeVar("R")
 _WIDTH = 30  # [characters]
 _PAUSE = 0.1  # [s] between drawings
 Callback = Callable[[int, int], None]  # called with (step, steps)
@@ -112,6 +115,26 @@ def shown(progress: Progress, label: str) -> Iterator[Callback | None]:
         yield bar
     finally:
         bar.close()
+
+
+def barred(function: Callable[P, R]) -> Callable[P, R]:
+    """A function whose progress=True is a bar with its name, closed at its end."""
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> R:
+        given = kwargs.get("progress")
+        if not isinstance(given, bool):
+            return function(*args, **kwargs)
+        with shown(given, function.__name__) as tell:
+            kwargs["progress"] = tell
+            return function(*args, **kwargs)
+
+    return called
+
+
+def callback(progress: Progress) -> Callback | None:
+    """The function that is told the steps, of what a `barred` function is given."""
+    return None if isinstance(progress, bool) else progress
 
 
 def _bar(label: str) -> Bar | _Tqdm:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from pinflex.boundary import public
 from pinflex.description.description import Description, assignments, read
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Interrupted, Record, keys, run
 from pinflex.studies.cases import Case, combined, listed
@@ -20,6 +21,7 @@ _TRIED = 100  # cases, spread over all, before a sweep is refused because none c
 
 
 @public
+@barred
 def sweep(
     model: str | Path | Description | Mechanism,
     parameters: Mapping[str, object],
@@ -31,7 +33,7 @@ def sweep(
     scheduler: str | None = None,
     journal: str | Path | None = None,
     fresh: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Columns:
     """Solve a scene for many values of its parameters.
 
@@ -50,7 +52,7 @@ def sweep(
         journal: File that keeps every case as it ends. The same call goes on from there after it
             was stopped or killed; a case is solved again when the model or the version changed.
         fresh: Forget what the journal has.
-        progress: Called with (cases done, cases) of those that were left to do.
+        progress: True: a bar; or a function called with (cases done, cases) of those left to do.
 
     Returns:
         Columns: the parameters, `status` (done or failed), `error` (one line) and the outputs. A
@@ -69,7 +71,8 @@ def sweep(
     try:
         records = run(
             partial(_solved, description, level, groups), dict(zip(named, cases, strict=True)),
-            jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=progress,
+            jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh,
+            progress=callback(progress),
         )  # fmt: skip
     except Interrupted as stop:
         stop.table = _table(named, cases, stop.records, slides)

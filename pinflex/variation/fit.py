@@ -31,6 +31,7 @@ from pinflex.errors import (
     SingularityError,
 )
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.solver.scene import default_step
 from pinflex.threads import one_blas_thread
 from pinflex.variation.comparison import Comparison, differences
@@ -49,6 +50,7 @@ _NEAR = 1e-3  # the same on the way from afar
 
 
 @public
+@barred
 @one_blas_thread()
 def fit(
     model: str | Path | Description | Mechanism,
@@ -60,7 +62,7 @@ def fit(
     level: str | None = None,
     dt: float | None = None,
     nodes: Mapping[int, str] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Fit:
     """Fit numbers of a scene to what was measured.
 
@@ -80,7 +82,7 @@ def fit(
         level: Of runs that are compared with time histories; default: that of the YAML.
         dt: Their step [s]; default: from the first frequencies.
         nodes: Frames by the node numbers of a universal file.
-        progress: Called with (designs solved, most).
+        progress: True: a bar; or a function called with (designs solved, most).
 
     Returns:
         The fit, with confidence intervals and what the measurements do not tell.
@@ -96,7 +98,9 @@ def fit(
     where = "measured" if isinstance(measured, Mapping) else Path(measured).name
     data = _comparison(robot, columns(measured, nodes), where, shape_std, level, dt)
     designs = variants(robot, ranges)
-    problem = _Problem(designs, data, _bounds(robot, ranges), _spreads(robot, priors), progress)
+    problem = _Problem(
+        designs, data, _bounds(robot, ranges), _spreads(robot, priors), callback(progress)
+    )
     return _fitted(problem, *problem.solved())
 
 

@@ -10,7 +10,7 @@ standard errors by the bootstrap.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.outputs import check_outputs, scene_outputs, unit
@@ -210,6 +211,7 @@ def _read(where: str, key: str, kind: str, text: str, value: float) -> Distribut
 
 
 @public
+@barred
 def scatter(
     model: str | Path | Description | Mechanism,
     count: int = 500,
@@ -223,7 +225,7 @@ def scatter(
     scheduler: str | None = None,
     journal: str | Path | None = None,
     fresh: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Scatter:
     """Solve random designs of a scene.
 
@@ -253,7 +255,7 @@ def scatter(
     records = run(
         partial(_solved, robot.description, tuple(d.key for d in random), level, groups),
         dict(zip(named, cases, strict=True)),
-        jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=progress,
+        jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=callback(progress),
     )  # fmt: skip
     return _found(random, cases, [records[key] for key in named])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import ConvergenceError, DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.solver.scene import default_step
 from pinflex.solver.solve import default_motion
 from pinflex.text import brief, number, table
@@ -110,13 +111,14 @@ class Sensitivities(Worded):
 
 
 @public
+@barred
 @one_blas_thread()
 def sensitivities(
     model: str | Path | Description | Mechanism,
     by: Iterable[str] = (),
     of: Iterable[str] = (),
     level: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Sensitivities:
     """Relative sensitivities of outputs to numbers of the YAML.
 
@@ -134,11 +136,12 @@ def sensitivities(
         of: Outputs, see `pinflex.variation.measures`; default: what there is of frequency.1, mass,
             sag, deviation.peak, torque.peak and stress.peak.
         level: Of the runs that outputs need; default: that of the YAML.
-        progress: Called with (parameters done, parameters).
+        progress: True: a bar; or a function called with (parameters done, parameters).
 
     Raises:
         DescriptionError: No such number or output.
     """
+    tell = callback(progress)
     robot = model if isinstance(model, Mechanism) else load(model)
     designs = variants(robot, by or _default(robot), _equal_steps(robot))
     if of:
@@ -153,8 +156,8 @@ def sensitivities(
         slopes, errors = _slopes(designs, parameter, outputs, level)
         found[row] = [slopes[name] for name in outputs]
         error[row] = [errors[name] for name in outputs]
-        if progress is not None:
-            progress(row + 1, shape[0])
+        if tell is not None:
+            tell(row + 1, shape[0])
     return Sensitivities(
         tuple(p.key for p in designs.parameters), designs.first,
         outputs, np.array([values[name] for name in outputs]), found, error,

@@ -205,6 +205,27 @@ def test_progress_is_a_bar_or_a_function(
         assert np.array_equal(shown.torque, quiet.torque)
 
 
+def test_every_long_call_takes_progress_true(
+    robot: pf.Mechanism, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    monkeypatch.setattr("pinflex.progress._PAUSE", 0.0)
+    vary = ["flexible.*.section.thickness"]
+    calls = {
+        "sweep": lambda x: pf.sweep(
+            robot, {"solve.samples": [5, 6]}, level="rigid", outputs=["torque"], progress=x
+        ),
+        "pose_map": lambda x: pf.pose_map(robot, {"x": [0.0, 0.01]}, count=2, progress=x),
+        "sensitivities": lambda x: pf.sensitivities(robot, vary, ["mass"], progress=x),
+    }
+    for name, call in calls.items():
+        call(False)
+        assert capsys.readouterr().err == "", name
+        call(True)
+        said = capsys.readouterr().err
+        assert said.startswith(f"\r{name[:12]}") and said.endswith("\r\x1b[K"), name
+
+
 def test_solve_names_its_options(robot: pf.Mechanism) -> None:
     import inspect
 
