@@ -20,7 +20,7 @@ from pinflex.errors import PinflexError, quoted
 _COMMANDS = (  # in the order of the help
     *("check", "modes", "advise", "command", "shapers", "frf", "solve", "compare"),
     *("sweep", "map", "sensitivity", "design", "fit", "bench"),
-    *("view", "verify", "importing", "schema"),
+    *("view", "verify", "importing", "schema", "completion"),
 )
 _ISSUES = "please report it with the model and the output of --debug"
 _TITLE = (
@@ -70,11 +70,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    parser = _parser()
+    parser = build_parser()
     if not arguments:
         parser.print_help()
         return 2
     args = parser.parse_args(arguments)
+    args.parser = parser  # `completion` describes it
     if not args.debug:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")
@@ -105,7 +106,8 @@ def _complain(text: str, code: int) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
     parser = Parser(prog="pinflex", description=_TITLE, formatter_class=Layout, epilog=_EPILOG)
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(

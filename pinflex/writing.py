@@ -5,15 +5,18 @@ from __future__ import annotations
 import contextlib
 import os
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from pinflex.errors import DescriptionError
+
+_FAR = 2**30  # byte that stands for a whole file
 
 
 def writable(path: str | Path | None) -> None:
@@ -50,6 +53,26 @@ def replaced(path: str | Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def lock(stream: IO[bytes]) -> bool:
+    """Keep every other process from locking an open file until it is closed; False if one has.
+
+    Each system has its own lock: on Windows that of one byte, far behind what is written.
+    """
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            stream.seek(_FAR)
+            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def write_text(path: str | Path, text: str) -> Path:

@@ -80,6 +80,35 @@ basis.FlexibleBody.rows = rows
 """,
         ["tests/unit/mechanics/test_expansion.py", "tests/verification/test_elastica.py"],
     ),
+    "modes about a motion without gyroscopic terms": (
+        """
+import pinflex.levels.moving_modes as moving
+plain = moving._quadratic
+moving._quadratic = lambda M, C, K: plain(M, 0 * C, K)
+""",
+        ["tests/verification/test_moving_modes.py"],
+    ),
+    "the leader of coupled joints feels nothing of the follower": (
+        """
+import pinflex.mechanics.closure as closure
+plain = closure._coupled
+def weak(couplings, model):
+    from dataclasses import replace
+    rows = plain(couplings, model)
+    J = rows.J.copy()
+    J[J != 1.0] = 0.0
+    return replace(rows, J=J)
+closure._coupled = weak
+""",
+        ["tests/verification/test_couplings.py"],
+    ),
+    "start speeds do not reach the loops": (
+        """
+import pinflex.levels.speeds as speeds
+speeds._corrected = lambda dynamics, y, v, A, b, free: v
+""",
+        ["tests/verification/test_start_speeds.py"],
+    ),
     "gyroscopic terms off: velocities make no force": (
         """
 import pinocchio as pin, numpy as np

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion
+from pinflex.description.motion import Motion, from_spec, hold
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
@@ -102,3 +102,13 @@ def joint_curve(
 def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
     """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
     return joint_curve(mechanism, motion)(t)
+
+
+def plain_motion(mechanism: Mechanism) -> Motion:
+    """The motion of the YAML without its shaper."""
+    path, block = mechanism.description.path, mechanism.description.motion
+    if block is None:
+        return hold(duration=1.0)
+    spec = {key: x for key, x in block.items() if key != "shaper"}
+    folder = None if path is None else path.parent
+    return from_spec(spec, f"{mechanism.name}.yaml: motion", folder)

@@ -32,7 +32,10 @@ _NEAR = 0.1  # of the way between known instants: a prediction further off follo
 
 @dataclass(frozen=True)
 class Nominal:
-    """Rigid motion at given times: t (nt,), q (nt, nq), v and a (nt, nv)."""
+    """Rigid motion at given times: t (nt,), q (nt, nq), v and a (nt, nv).
+
+    `said` tells where it is none: a sentence, or "".
+    """
 
     __repr__ = brief
 
@@ -40,6 +43,7 @@ class Nominal:
     q: Array
     v: Array
     a: Array
+    said: str = ""
 
     def at(self, k: Any) -> Nominal:
         """Some of the instants."""

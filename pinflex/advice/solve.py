@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -36,7 +36,8 @@ def solve(
     tol: float | None = None,
     samples: int | None = None,
     asked: Sequence[str] | None = None,
-    start: str | None = None,
+    start: str | Result | tuple[Result, float] | None = None,
+    start_speeds: Mapping[str, Any] | None = None,
     integrator: Any = None,
     rho_inf: float | None = None,
     newmark: Sequence[float] | None = None,
@@ -70,7 +71,10 @@ def solve(
         tol: Relative error wanted of time integration, instead of dt.
         samples: Number of output times nt; default 401.
         asked: Outputs that `tol` is about: torque, deflection, platform; default: the YAML's.
-        start: straight (undeformed), static (in equilibrium) or auto.
+        start: straight (undeformed), static (in equilibrium) or auto; at level coupled also a run,
+            or (run, t), from whose state at t [s] it goes on.
+        start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
+            velocities of links' origins in the world [m/s] (level coupled).
         integrator: A name (generalized_alpha, hht, newmark, radau, ...), an `AlphaScheme`, or of
             level ked a function, see CONTRIBUTING.
         rho_inf: Spectral radius of generalized_alpha and hht at infinite frequency, 0 to 1.
@@ -98,14 +102,15 @@ def solve(
     options = {
         "tol": tol, "asked": asked, "start": start, "integrator": integrator, "rho_inf": rho_inf,
         "newmark": newmark, "theta": theta, "ked": ked, "modes": modes, "drive": drive, "kp": kp,
-        "kd": kd, "tolerance": tolerance,
+        "kd": kd, "start_speeds": start_speeds, "tolerance": tolerance,
     }  # fmt: skip
     given |= {key: value for key, value in options.items() if value is not None}
     with shown(progress, level or mechanism.description.solve.level) as tell:
         if level == "auto":
             return _solve_advised(mechanism, motion, progress=tell, **given)
         moved = motion if motion is not None else default_motion(mechanism)
-        static = (start or mechanism.description.solve.start) == "static"
+        begun = mechanism.description.solve.start if start is None else start
+        static = isinstance(begun, str) and begun == "static"
         look = partial(_look, mechanism, moved, static)
         try:
             found = solve_level(mechanism, motion, level, progress=tell, resume=resume, **given)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -79,6 +81,19 @@ def _end(mechanism: Mechanism) -> float:
 def _alarm(seconds: float) -> Iterator[threading.Event]:
     """Interrupt once after some seconds; the event says that it was this."""
     rung = threading.Event()
+    if sys.platform == "win32":  # it has no alarm: a second thread interrupts the first
+
+        def interrupt() -> None:
+            rung.set()
+            _thread.interrupt_main()
+
+        timer = threading.Timer(seconds, interrupt)
+        timer.start()
+        try:
+            yield rung
+        finally:
+            timer.cancel()
+        return
 
     def ring(number: int, frame: FrameType | None) -> None:
         rung.set()

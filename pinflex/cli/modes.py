@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,8 @@ from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json, working
 from pinflex.errors import DescriptionError
 from pinflex.text import number, table
+
+_STILL = 1e-9  # of the fastest mode: growth that is round-off
 
 if TYPE_CHECKING:
     from pinflex.levels.modes import Modes
@@ -35,6 +38,19 @@ otherwise.""",
     parser.preload(p)
     p.add_argument("--free-motors", action="store_true", help="let the motors swing")
     parser.pose_option(p)
+    p.add_argument(
+        "--spin",
+        type=parser.pose,
+        default={},
+        metavar="MOTOR=SPEED,...",
+        help="about a steady motion from home: speeds of motors in rad/s or m/s, the others rest",
+    )
+    p.add_argument(
+        "--at",
+        type=parser.number,
+        metavar="TIME",
+        help="about the motion of the YAML at a time in s, as if it stayed as it is then",
+    )
     p.add_argument("--view", metavar="FILE.html", help="write the shapes as a page for a browser")
     p.add_argument(
         "--map",
@@ -57,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
             "under `flexible`."
         )
     # without a load the equilibrium is the undeformed pose, which also exists where motors are free
+    if args.spin or args.at is not None:
+        return _moving(args, mechanism)
     preload = args.preload if is_loaded(mechanism) else "none"
     with working("finding the modes"):
         every = modes(
@@ -78,6 +96,28 @@ def run(args: argparse.Namespace) -> int:
     print(_text(first))
     if page or figure:
         print("".join(f"\nwrote {path}" for path in (page, figure) if path is not None))
+    return 0
+
+
+def _moving(args: argparse.Namespace, mechanism: Mechanism) -> int:
+    """Modes about a motion: with stiffening and gyroscopic terms, and the rate of growth."""
+    from pinflex.levels.modes import modes
+
+    both = bool(args.spin) and args.at is not None
+    others = [name for name in ("pose", "view", "map") if getattr(args, name)]
+    if both or others:
+        first = "at" if both else others[0]
+        raise DescriptionError(
+            f"--{first}: has no meaning beside --{'spin' if args.spin else 'at'}. Give one of them."
+        )
+    at = args.spin or args.at
+    found = modes(mechanism, at=at, count=args.count, free_motors=args.free_motors)
+    if args.json:
+        print_json(_json(mechanism.name, found, args.pose))
+        return 0
+    state = "free" if args.free_motors else "as the motion has them"
+    print(f"{mechanism.name}, motors {state}, linearised about {found.about}\n")
+    print(_text(found))
     return 0
 
 
@@ -111,16 +151,20 @@ def _shares(modes: Modes) -> list[tuple[float, dict[str, float]]]:
 
 
 def _json(name: str, modes: Modes, motors: Mapping[str, float]) -> dict[str, object]:
+    rows: list[dict[str, object]] = [
+        {"frequency": f, "period": 1 / f if f > 0 else None, "share": share}
+        for f, share in _shares(modes)
+    ]
+    for row, rate in zip(rows, () if modes.growth is None else modes.growth, strict=False):
+        row["growth"] = float(rate)
     return {
         "name": name,
         "preload": modes.preload,
         "free_motors": modes.free_motors,
         "rigid_body_modes": modes.rigid_body,
         "pose": motors,
-        "modes": [
-            {"frequency": f, "period": 1 / f if f > 0 else None, "share": share}
-            for f, share in _shares(modes)
-        ],
+        **({"about": modes.about} if modes.about else {}),
+        "modes": rows,
     }
 
 
@@ -132,6 +176,11 @@ def _text(modes: Modes) -> str:
         for i, (f, share) in enumerate(_shares(modes), 1)
     ]
     header = "mode|frequency [Hz]|period [s]|share of the elastic energy"
+    if modes.growth is not None:
+        fastest = 2 * math.pi * float(abs(modes.frequencies).max(initial=0.0))
+        header = header.replace("|share", "|growth [1/s]|share")
+        for row, rate in zip(rows, modes.growth, strict=True):
+            row.insert(3, number(0.0 if abs(rate) < _STILL * fastest else float(rate)))
     text = table("Natural frequencies", header, rows, (4,), last_is_text=True)
     return f"{text}\n{rigid_body(modes)}" if modes.rigid_body else text
 

@@ -12,8 +12,9 @@ from typing import Any
 
 import yaml
 
-from pinflex.description import fields, flexible, ranges, schema, sources
+from pinflex.description import curved, fields, flexible, ranges, schema, sources
 from pinflex.description.control import Control, read_control
+from pinflex.description.couplings import SINGLE, Coupling, couplings, read_actuated
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.description.finding import find_file, model_names
 from pinflex.description.flexible import Basis, FlexibleLink
@@ -51,7 +52,6 @@ KEYS = (
     *("limit", "allow", "use_urdf_dynamics"),
 )
 ALLOWED = ("wide", "heavy", "large")
-_ONE_DOF = ("revolute", "continuous", "prismatic")
 
 
 def _gravity(value: object, where: str) -> Vec3:
@@ -76,6 +76,7 @@ class Description:
         gravity: [m/s^2], world frame.
         base: fixed or free_flyer.
         joints: What the YAML adds to joints, by joint name; do not change it.
+        couplings: Joints that follow others.
         actuated: Joints with a motor.
         loops: Closures.
         idle: held or free: what becomes of freedoms that nothing hangs on.
@@ -109,6 +110,7 @@ class Description:
     gravity: Vec3 = fields.key((0.0, 0.0, -9.81), _gravity)
     base: str = fields.word("fixed", ("fixed", "free_flyer"))
     joints: dict[str, JointExtra] = field(default_factory=dict)
+    couplings: tuple[Coupling, ...] = ()
     actuated: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
     idle: str = fields.word("held", ("held", "free"))
@@ -214,6 +216,10 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
     if tree.loops or tree.blocks:  # written out: the YAML text says all that its file does not
         block = schema.mapping(tree.joined(block), file, KEYS)
         text = _dumped(block)
+    straight = curved.straightened(block, place, tree)
+    if straight is not None:  # written out, as loops are
+        block, tree = straight
+        text = _dumped(block)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     kinds = {j: extra.type for j, extra in joints.items() if extra.type is not None}
@@ -225,10 +231,12 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         values["platform"] = frame(block["platform"], place["platform"], tree)
     if "frames" in block:
         values["frames"] = frames(block["frames"], place["frames"], tree)
-    actuated = _actuated(block.get("actuated"), place["actuated"], types, bool(loops))
-    _beside_motors(joints, actuated, place["joints"])
+    coupled = couplings(tree, joints, types, place["joints"])
+    motors, at = block.get("actuated"), place["actuated"]
+    actuated = read_actuated(motors, at, types, bool(loops), coupled)
+    _beside_motors(joints, actuated, coupled, place["joints"])
     if values.get("use_urdf_dynamics", True):
-        single = tuple(name for name in tree.joints if types[name] in _ONE_DOF)
+        single = tuple(name for name in tree.joints if types[name] in SINGLE)
         joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
@@ -243,6 +251,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         yaml_text=text,
         package_dirs=tree.package_dirs,
         joints=joints,
+        couplings=coupled,
         actuated=actuated,
         loops=loops,
         control=read_control(block.get("control", {}), place["control"], tree),
@@ -263,22 +272,21 @@ def _dumped(raw: Mapping[str, Any]) -> str:
     )
 
 
-def _actuated(value: object, where: str, types: Mapping[str, str], closed: bool) -> tuple[str, ...]:
-    """Names of the joints with a motor: those given, or in an open chain all of one freedom."""
-    single = tuple(name for name, kind in types.items() if kind in _ONE_DOF)
-    if value is not None:
-        return schema.names(value, where, single, "joint of one degree of freedom")
-    if closed:
-        raise DescriptionError(
-            f"{where}: missing. With loops not every joint has a motor. List those that do, or [] "
-            f"for none. Joints: {', '.join(single[:12])}{', ...' if len(single) > 12 else ''}."
-        )
-    return single
-
-
-def _beside_motors(joints: Mapping[str, JointExtra], actuated: tuple[str, ...], where: str) -> None:
+def _beside_motors(
+    joints: Mapping[str, JointExtra],
+    actuated: tuple[str, ...],
+    coupled: tuple[Coupling, ...],
+    where: str,
+) -> None:
     """A spring in a joint with a motor acts from link to link, and only a motor has a drive."""
+    leaders = {one.joint: one.leader for one in coupled}
     for name, extra in joints.items():
+        if extra.drive is not None and leaders.get(name) is not None:
+            raise DescriptionError(
+                f"{schema.at(where, name)}.drive: it follows {leaders[name]}, whose motor moves "
+                "both. Write the drive there; rotor_inertia, spring, damper and friction may "
+                "stand here."
+            )
         if extra.drive is not None and name not in actuated:
             raise DescriptionError(
                 f"{schema.at(where, name)}.drive: this joint has no motor. List it in `actuated`, "

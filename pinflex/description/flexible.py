@@ -165,7 +165,7 @@ KEYS = (
     *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
     *SWITCHES,
     *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
-    *("patches", "third_order"),
+    *("patches", "third_order", "polyline", "arc"),  # the last two: `description.curved`
 )  # fmt: skip
 
 

@@ -13,10 +13,10 @@ from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
-TYPES = ("spherical", "universal")  # in place of a URDF's fixed or floating
+TYPES = ("fixed", "spherical", "universal")  # in place of the URDF's
 KEYS = (
     *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
-    *("drive", "friction"),
+    *("drive", "friction", "follows", "ratio", "offset"),
 )
 _SINGLE = ("spring", "parallel_spring", "rest", "drive", "friction")  # for joints of one freedom
 
@@ -27,7 +27,7 @@ class JointExtra:
 
     Attributes:
         name: URDF joint.
-        type: spherical or universal, in place of the URDF's type; None keeps that.
+        type: fixed, spherical or universal, in place of the URDF's type; None keeps that.
         axes: The two unit axes of a universal joint in the joint frame; None: x, then y.
         rotor_inertia: Inertia of the motor, seen at the joint [kg m^2 | kg].
         spring: Stiffness [N m/rad | N/m].
@@ -35,6 +35,8 @@ class JointExtra:
         rest: Position where the spring is slack [rad | m].
         damper: Viscous damping [N m s/rad | N s/m].
         drive: Motor and gear. friction: Of the joint, or in its drive.
+        follows: Joint that it follows; "": none, whatever the URDF says; None: as in the URDF.
+        ratio, offset: Its position is ratio times that joint's + offset [rad | m].
     """
 
     __repr__ = brief
@@ -49,6 +51,9 @@ class JointExtra:
     parallel_spring: bool = False
     drive: Drive | None = None
     friction: Friction | None = None
+    follows: str | None = None
+    ratio: float = fields.real(1.0, "ratio")
+    offset: float = fields.real(0.0, "position")
 
     @property
     def armature(self) -> float:
@@ -79,6 +84,11 @@ def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
         of = schema.quantity(urdf.joints[name].type)
         block["rest"] = schema.number(block["rest"], place["rest"], of=of)
     values = fields.read(JointExtra, block, place)
+    if "follows" in block:
+        values["follows"] = _followed(block["follows"], place["follows"], urdf)
+    elif "ratio" in block or "offset" in block:
+        key = "ratio" if "ratio" in block else "offset"
+        raise DescriptionError(f"{place[key]}: there is no joint to follow. Add `follows`.")
     if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
         beside, at = block["parallel_spring"], place["parallel_spring"]
         stiffness = schema.number(beside, at, low=0, of="stiffness")
@@ -91,6 +101,13 @@ def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     if "axes" in block:
         values["axes"] = _axes(block["axes"], place["axes"], kind)
     return JointExtra(name, kind, **values)
+
+
+def _followed(value: object, where: str, urdf: Source) -> str:
+    """Joint that is followed; "" for `false`, which lets a joint with a mimic tag go."""
+    if value is False:
+        return ""
+    return schema.known(value, where, urdf.joints, f"joint in {urdf.file}")
 
 
 def _driven(
@@ -154,11 +171,8 @@ def _type(block: dict[str, Any], name: str, place: str, urdf: Source) -> str | N
         return None
     written = urdf.joints[name].type
     kind = schema.choice(block["type"], place, TYPES)
-    if written not in ("fixed", "floating"):
-        raise DescriptionError(
-            f"{place}: {kind}, but {urdf.file} says {written}. Only a joint that is fixed or "
-            "floating in the URDF can become another. Change the URDF, or remove the key."
-        )
+    if written == kind:
+        raise DescriptionError(f"{place}: {urdf.file} says {written} already. Remove the key.")
     return kind
 
 
@@ -167,6 +181,16 @@ def _require_one_freedom(
 ) -> None:
     """Springs need a joint of one freedom, and every number a joint that moves."""
     for key in (key for key in block if key not in ("type", "axes")):
+        if kind == "fixed":
+            raise DescriptionError(
+                f"{place[key]}: the joint is fixed by its `type`, so it would do nothing. "
+                "Remove one of them."
+            )
+        if written == "fixed" and kind is None:
+            raise DescriptionError(
+                f"{place[key]}: the joint is fixed in {file}, so it would do "
+                "nothing. Remove it, or give the joint a type."
+            )
         if key in _SINGLE and (kind or written in ("floating", "planar")):
             what = {"drive": "Drives", "friction": "Friction"}.get(key, "Springs")
             one = what.lower().rstrip("s")
@@ -174,11 +198,6 @@ def _require_one_freedom(
                 f"{place[key]}: a {kind or written} joint has no one {one}. {what} "
                 f"{'acts' if what == 'Friction' else 'act'} on joints of one degree of freedom. "
                 "Split the joint in the URDF."
-            )
-        if written == "fixed" and kind is None:
-            raise DescriptionError(
-                f"{place[key]}: the joint is fixed in {file}, so it would do "
-                "nothing. Remove it, or give the joint a type."
             )
 
 

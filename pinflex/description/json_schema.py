@@ -44,7 +44,7 @@ def json_schema() -> Form:
         "joints": _named(_joint()),
         "actuated": _NAMES,
         "loops": _named(_block(_of_record(loops.Loop) | {
-            "kind": {"enum": [*loops.LOOP_KINDS]}, "between": _PAIR})),
+            "kind": {"enum": [*loops.LOOP_KINDS]}, "between": _PAIR, "at": _place()})),
         "home": _named({"anyOf": [_MEASURE, {"type": "array", "items": _MEASURE,
                                              "maxItems": max(map(max, filter(None, _SIZES)))}]}),
         "platform": _TEXT,
@@ -91,6 +91,12 @@ def _named(form: Form) -> Form:
     return {"type": "object", "additionalProperties": _empty(form)}
 
 
+def _place() -> Form:
+    """A point of the ground."""
+    point: Form = {"type": "array", "items": _measure("place"), "minItems": 3, "maxItems": 3}
+    return {"anyOf": [point, {"const": "home"}]}
+
+
 def _measure(quantity: str) -> Form:
     """A number of a quantity; its unit tells what it is."""
     form = dict(_MEASURE if quantity in UNITS else _NUMBER)
@@ -116,6 +122,7 @@ def _joint() -> Form:
         "rest": _MEASURE,
         "drive": _block(_any(drives.KEYS) | _of_record(drives.Drive) | {"friction": _friction()}),
         "friction": _friction(),
+        "follows": {"anyOf": [_TEXT, {"const": False}]},
     }
     return _block(_any(joints.KEYS) | _of_record(joints.JointExtra) | own
                   | {"parallel_spring": _NUMBER})  # fmt: skip

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pinflex import registered
 from pinflex.description import fields, schema
-from pinflex.description.frames import frames
+from pinflex.description.frames import frame, frames
 from pinflex.description.schema import Vec3
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
@@ -16,6 +17,7 @@ from pinflex.text import brief
 Pairs = tuple[tuple[int, int], ...]
 ALONG: Pairs = ((0, 2), (1, 2))  # axis z of b along axis z of a
 TURNED: Pairs = ((0, 1), (1, 2), (2, 0))  # b turned as a
+WORLD = "world"  # the ground as a frame of a loop
 _NO_TURN: tuple[Pairs, ...] = (ALONG, TURNED)
 
 
@@ -53,11 +55,12 @@ LOOP_KINDS: dict[str, LoopKind] = {
 }
 # Not for files: keeps a rod between two balls from turning about itself.
 _SPIN = LoopKind("spin", (), ((2, 0),), ("axis", "axis_b"))
+_OWN = {kind.name: kind for kind in (_SPIN, LoopKind("coupling"))}
 
 
 def loop_kind(name: str) -> LoopKind:
-    """The row of the table of a kind, that of the rod between two balls included."""
-    return _SPIN if name == _SPIN.name else LOOP_KINDS[name]
+    """The row of the table of a kind, those that no file names included."""
+    return _OWN[name] if name in _OWN else LOOP_KINDS[name]
 
 
 def register_loop_kind(kind: LoopKind) -> None:
@@ -69,7 +72,7 @@ def register_loop_kind(kind: LoopKind) -> None:
         DescriptionError: The name is taken, or the rows are none that can be held.
     """
     where = f"loop kind {kind.name}"
-    if kind.name in LOOP_KINDS or kind.name == _SPIN.name:
+    if kind.name in LOOP_KINDS or kind.name in _OWN:
         raise DescriptionError(f"{where}: there is one of that name. Choose another.")
     axes: Sequence[int] = (*kind.points, *(axis for pair in kind.directions for axis in pair))
     if not axes or not {*axes} <= {0, 1, 2} or len({*kind.points}) < len(kind.points):
@@ -104,6 +107,9 @@ class Loop:
         pivoting: slider: the sleeve turns freely on three points in line, instead of along the
             beam's tangent at its middle.
         turning: slider: the sleeve may turn against frame b; else it is fixed to it.
+        grounded: Whether the frame called `WORLD` is a place on the ground: that which the guess
+            of home gives to the other frame.
+        at: Point of the ground instead of it [m].
     """
 
     __repr__ = brief
@@ -118,6 +124,8 @@ class Loop:
     sleeve: float = fields.real(0.0, "length", low=0)
     pivoting: bool = fields.flag(False)
     turning: bool = fields.flag(True)
+    grounded: bool = False
+    at: Vec3 | None = None
 
 
 def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:
@@ -129,12 +137,14 @@ def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:
 
 
 def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
-    keys = ("kind", "between", *fields.names_of(Loop))
+    keys = ("kind", "between", *fields.names_of(Loop), "at")
     block = schema.mapping(value, where, keys, ("kind", "between"))
     place = {key: schema.at(where, key) for key in keys}
     kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
-    schema.items(block["between"], place["between"], 2)
-    a, b = frames(block["between"], place["between"], urdf)
+    pair = schema.items(block["between"], place["between"], 2)
+    grounded = "at" in block or (WORLD not in urdf.links and WORLD in pair)
+    a, b = _ends(pair, place["between"], urdf, grounded)
+    at = _at(block, place["at"], (a, b), kind)
     for key in fields.names_of(Loop):
         if key in block and key not in LOOP_KINDS[kind].keys:
             owners = ", ".join(k.name for k in LOOP_KINDS.values() if key in k.keys)
@@ -142,7 +152,8 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
                 f"{place[key]}: has no meaning for the kind {kind}, only for {owners}. "
                 "Remove it, or change the kind."
             )
-    loop = Loop(name, kind, a, b, **fields.read(Loop, block, place))
+    values = fields.read(Loop, block, place)
+    loop = Loop(name, kind, a, b, **values, grounded=grounded, at=at)
     if loop.pivoting and loop.sleeve == 0:
         raise DescriptionError(
             f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
@@ -152,3 +163,30 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
             f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."
         )
     return loop
+
+
+def _ends(pair: list[Any], where: str, urdf: Source, grounded: bool) -> tuple[str, str]:
+    """Both frames; one of them may be the ground."""
+    if not grounded or WORLD not in pair:
+        a, b = frames(pair, where, urdf)
+        return a, b
+    number = pair.index(WORLD)
+    if pair.count(WORLD) > 1:
+        raise DescriptionError(f"{where}: the ground cannot be held to itself. Name a frame.")
+    other = frame(pair[1 - number], f"{where}[{1 - number}]", urdf)
+    return (WORLD, other) if number == 0 else (other, WORLD)
+
+
+def _at(block: Mapping[str, Any], where: str, ends: tuple[str, str], kind: str) -> Vec3 | None:
+    """The point of the ground that is held; None: where home has the frame."""
+    if WORLD in ends and kind == "slider":
+        raise DescriptionError(
+            f"{where.removesuffix('.at')}: a sleeve needs a frame of the robot or of its base. Add "
+            "a massless link there."
+        )
+    value = block.get("at")
+    if "at" in block and WORLD not in ends:
+        raise DescriptionError(
+            f"{where}: a place on the ground, but neither frame is {WORLD}. Name it in `between`."
+        )
+    return None if value in (None, "home") else schema.vector(value, where, of="place")

@@ -292,7 +292,7 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
     """The motion of a YAML mapping {kind: ..., keyword arguments of its constructor, shaper}.
 
     `where` is the key path to name in errors; `file` is relative to `folder`. A shaper without
-    frequencies, which only the mechanism knows, is left to `solver.solve.default_motion`.
+    frequencies, which only the mechanism knows, is left to `levels.excited.default_motion`.
     """
     if not isinstance(spec, Mapping):
         raise keys.bad(

@@ -19,6 +19,7 @@ TOLERANCES = (1e-9, 0.1)  # least and largest tol; a scene may have a higher flo
 KED_TERMS = ("full", "structural")
 DRIVES = ("prescribed", "torque")
 STARTS = ("auto", "straight", "static")
+Speeds = tuple[tuple[str, tuple[float | None, ...]], ...]  # by name of a joint or link
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,25 @@ def _outputs(value: object, where: str) -> tuple[str, ...]:
     return schema.names(value, where, ASKED, "output")
 
 
+def _start(value: object, where: str) -> Any:
+    """A word; in Python also a run, or (run, time), which level coupled looks at."""
+    if not isinstance(value, str | int | float | list | dict):
+        return value
+    return schema.choice(value, where, STARTS)
+
+
+def _speeds(value: object, where: str) -> Speeds:
+    """Names with a speed, or a list of them; null leaves a component open."""
+    found = []
+    for name, item in schema.mapping(value, where).items():
+        place = schema.at(where, name)
+        entries = item.tolist() if isinstance(item, np.ndarray | np.generic) else item
+        values = entries if isinstance(entries, list | tuple) else [entries]
+        numbers = (None if x is None else schema.number(x, place, of="speed") for x in values)
+        found.append((str(name), tuple(numbers)))
+    return tuple(found)
+
+
 def _integrator(value: object, where: str) -> Any:
     """A name; in Python also a scheme, a tableau or a function, which the level looks at."""
     if not isinstance(value, str | int | float | list | dict):
@@ -116,7 +136,10 @@ class SolveSpec:
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
         start: straight (undeformed), static (in equilibrium), or auto (static where something
-            acts and an equilibrium exists).
+            acts and an equilibrium exists). In Python also a run, or (run, time [s]), of level
+            coupled: from its state then.
+        start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
+            velocities of links' origins in the world [m/s]; level coupled.
     """
 
     __repr__ = brief
@@ -136,7 +159,8 @@ class SolveSpec:
     drive: str = fields.word("prescribed", DRIVES)
     kp: float = fields.real(0.0, "stiffness", low=0)
     kd: float = fields.real(0.0, "damping", low=0)
-    start: str = fields.word("auto", STARTS)
+    start: Any = fields.key("auto", _start, choices=STARTS, form={"enum": STARTS})
+    start_speeds: Speeds = fields.key((), _speeds)
 
     @property
     def method(self) -> Any:

@@ -28,6 +28,7 @@ class SourceJoint:
     Attributes:
         damping: Viscous [N m s/rad | N s/m]. friction: Dry [N m | N].
         reduction: Gear ratio of its transmission, if the file has one.
+        mimic: (joint, ratio, offset) where its position is ratio times that joint's + offset.
     """
 
     name: str
@@ -37,6 +38,7 @@ class SourceJoint:
     damping: float = 0.0
     friction: float = 0.0
     reduction: float | None = None
+    mimic: tuple[str, float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -145,8 +145,23 @@ def _joint(
                 f"{where}: axis: {vector} has no direction. Write a unit vector."
             )
     dynamics = element.find("dynamics")
-    lost = [0.0 if dynamics is None else _plain(dynamics.get(k)) for k in ("damping", "friction")]
-    return SourceJoint(name, kind, ends[0], ends[1], *(max(x, 0.0) for x in lost))
+    damping, friction = (
+        0.0 if dynamics is None else max(_plain(dynamics.get(key)), 0.0)
+        for key in ("damping", "friction")
+    )
+    mimic = _mimic(element.find("mimic"), where)
+    return SourceJoint(name, kind, ends[0], ends[1], damping, friction, mimic=mimic)
+
+
+def _mimic(element: ET.Element | None, where: str) -> tuple[str, float, float] | None:
+    """Joint, multiplier and offset of a mimic tag."""
+    if element is None:
+        return None
+    ratio, offset = (
+        _number(element.get(key, default), f"{where}: mimic {key}", of=of)
+        for key, default, of in (("multiplier", "1", "ratio"), ("offset", "0", "position"))
+    )
+    return (element.get("joint") or "").strip(), ratio, offset
 
 
 def _reductions(root: ET.Element) -> dict[str, float]:

@@ -118,16 +118,7 @@ def turning(eta: float, plane: str) -> Array:
     chord = plane == "chord"
     extra = f"bending_y: {str(chord).lower()}\n    bending_z: {str(not chord).lower()}"
     m = beam("actuated: [hub_joint]", extra, hub)
-    system = m.flexible
-    d, free = Equations(system), system.free
-    v, still = np.zeros(system.nv), np.zeros(system.nv)
-    v[system.motors] = eta
-    rest = balance(d, m.undeformed(), v, still, free, 0.0)
-    M, C, K = (A[np.ix_(free, free)] for A in d.tangent(rest.y, v, still, rest.lam, 0.0)[:3])
-    n = len(free)
-    right = np.hstack([-np.linalg.solve(M, K), -np.linalg.solve(M, C)])
-    roots = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), right]))
-    return np.asarray(np.sort(roots.imag[roots.imag > 1e-9]))
+    return 2 * np.pi * modes(m, at={"hub_joint": eta}).frequencies
 
 
 def rotating() -> Outcome:

@@ -1,4 +1,4 @@
-"""ringing(): the vibrations that a motion excites, and how their frequencies change along it."""
+"""Vibrations that a motion excites; the motion of the YAML, shaped so that it excites less."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinflex.actuation.motors import plain_motion
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.description.motion import Motion
-from pinflex.description.shaping import MODES
+from pinflex.description.motion import Motion, hold
+from pinflex.description.shaping import MODES, shaped
+from pinflex.description.shaping import read as read_shaper
 from pinflex.errors import DescriptionError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.equations import Equations
@@ -21,6 +23,7 @@ _INSTANTS = 9
 _LOOKED_AT = 9  # lowest modes
 _SEEN = 0.05  # share of the largest energy at which a mode counts
 _SAME = 0.05  # relative: modes so close are one to a shaper
+_shaped: list[tuple[Mechanism, Motion]] = []  # the last one: its modes are slow to find
 
 
 @dataclass(frozen=True)
@@ -88,3 +91,23 @@ def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
             kept.append(int(k))
     at = np.sort(np.array(kept))
     return Ringing(middle[at], low[at], high[at], damping.mean(axis=0)[at], peak[at])
+
+
+def default_motion(mechanism: Mechanism) -> Motion:
+    """The motion of the YAML, shaped where it says so; one second at rest where it has none."""
+    block = mechanism.description.motion
+    if block is None:
+        return hold(duration=1.0)
+    motion, where = plain_motion(mechanism), f"{mechanism.name}.yaml: motion.shaper"
+    asked = read_shaper(block.get("shaper"), where)
+    if asked is None:
+        return motion
+    if asked.frequencies:
+        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
+    for known, made in _shaped:
+        if known is mechanism:
+            return made
+    found = ringing(mechanism, motion, asked.modes)
+    made = shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
+    _shaped[:] = [(mechanism, made)]
+    return made

@@ -13,7 +13,9 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.cards import card, grid
+from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError, SingularityError
+from pinflex.levels.moving_modes import At, Moving, state_at, whirl
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import null_space
 from pinflex.mechanics.equations import Equations
@@ -36,8 +38,10 @@ class Modes:
         share: Share of each flexible link, sprung joint and elastic drive in the elastic energy,
             shape (k, links).
         links: Names for `share`.
-        preload: "gravity" or "none". free_motors: Whether motors were free.
+        preload: "gravity", "none", or "motion". free_motors: Whether motors were free.
         rigid_body: Modes at 0 Hz that were left out (see `mode_shapes.first_modes`).
+        growth: About a motion: rate of growth of each mode, shape (k,), 1/s; shapes are complex.
+        about: The motion that was linearised about, "" where there is none.
     """
 
     __repr__ = brief
@@ -50,6 +54,8 @@ class Modes:
     preload: str
     free_motors: bool
     rigid_body: int = 0
+    growth: Array | None = None
+    about: str = ""
 
     def _repr_html_(self) -> str:
         rows = [
@@ -77,8 +83,10 @@ def modes(
     count: int = 12,
     preload: str = "gravity",
     free_motors: bool = False,
+    at: At | None = None,
+    motion: Motion | None = None,
 ) -> Modes:
-    """Natural frequencies and mode shapes at a pose of the closed loop.
+    """Natural frequencies and mode shapes at a pose of the closed loop, or about a motion.
 
     Args:
         mechanism: Mechanism with at least one flexible link, elastic drive or spring.
@@ -87,6 +95,10 @@ def modes(
         preload: "gravity" linearises about the static equilibrium; "none" about the undeformed
             pose with the structure's stiffness alone.
         free_motors: Motors free (they add modes at 0 Hz) instead of locked.
+        at: A motion instead of a pose: steady speeds of motors from home by name (rad/s, m/s), a
+            time (s) of `motion`, or (result, time) of a run; stiffening and gyroscopic terms count,
+            which are kept as they are at that time.
+        motion: Motion of `at`; default: that of the YAML.
     Returns:
         The modes.
     Raises:
@@ -98,6 +110,11 @@ def modes(
         raise DescriptionError(f"modes: count: {count!r:.80}. Give a whole number.")
     system = mechanism.flexible
     dynamics = Equations(system)
+    if at is not None:
+        if q is not None:
+            raise DescriptionError("modes: q and at: a pose or a motion. Give one of them.")
+        state = state_at(mechanism, dynamics, at, motion)
+        return _about(mechanism, dynamics, state, count, free_motors)
     y, K = linearised(mechanism, dynamics, q, preload)
     M = dynamics.mass(y)
     free = np.arange(system.nv) if free_motors else system.free
@@ -110,6 +127,21 @@ def modes(
     frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
     share, links = _shares(mechanism, shapes)
     return Modes(frequencies, shapes, y, share, links, preload, free_motors)
+
+
+def _about(
+    mechanism: Mechanism, dynamics: Equations, state: Moving, count: int, free_motors: bool
+) -> Modes:
+    """Complex modes about a motion; a divergence has a negative frequency, as at a pose."""
+    system = mechanism.flexible
+    s, shapes = whirl(dynamics, state, np.arange(system.nv) if free_motors else system.free)
+    s, shapes = s[:count], shapes[:, :count]
+    turning = np.where(s.imag > 0, s.imag, np.where(s.real > 0, -s.real, 0.0))
+    share, links = _shares(mechanism, shapes)
+    return Modes(
+        turning / (2 * np.pi), shapes, state.y, share, links, "motion", free_motors,
+        growth=s.real, about=state.about,
+    )  # fmt: skip
 
 
 def linearised(
@@ -213,10 +245,11 @@ def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]
     energy = np.zeros((shapes.shape[1], len(links)))
     for slot in system.expansion.slots:
         part = shapes[n + slot.eta.start : n + slot.eta.stop]
-        energy[:, links.index(slot.link)] += np.einsum("ik,ij,jk->k", part, slot.body.K, part)
+        own = np.einsum("ik,ij,jk->k", part.conj(), slot.body.K, part)
+        energy[:, links.index(slot.link)] += own.real
     turning = [n + gear.eta for gear in gears]
     stiffness = np.concatenate([springs.stiffness, system.K[turning, turning]])
     rows = [*springs.v_at, *turning]
-    energy[:, len(bent) :] = (stiffness[:, None] * shapes[rows] ** 2).T
+    energy[:, len(bent) :] = (stiffness[:, None] * np.abs(shapes[rows]) ** 2).T
     total = energy.sum(1, keepdims=True)
     return energy / np.where(total > 0, total, 1.0), links

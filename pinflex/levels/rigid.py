@@ -32,14 +32,15 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
         DescriptionError: The robot has loops (use `solve(level="rigid")`).
     """
     system = mechanism.rigid
-    if system.closed.n:
+    if len(system.closed.coupled.rows) < system.closed.n:
         raise DescriptionError(
             f"{mechanism.name}: inverse_dynamics is for loop-free robots, this one has "
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
     tau, dynamics = np.empty((len(q), system.nv)), Equations(system)
     if np.any(system.D) or len(system.springs.v_at) or system.friction.present:
-        return dynamics.residual(q, v, a, np.zeros((len(q), 0)), 0.0).r
+        apart = np.zeros((len(q), system.closed.n))  # couplings: of each joint alone
+        return dynamics.residual(q, v, a, apart, 0.0).r
     model, data, rnea = dynamics.model, dynamics.data, pin.rnea
     for k in range(len(q)):
         tau[k] = rnea(model, data, q[k], v[k], a[k])

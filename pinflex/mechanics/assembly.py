@@ -36,6 +36,7 @@ class LoopReport:
             (motors locked), without units (`Units`): zero where the motors lose command (nan
             without loops).
         starts: Poses tried to close the loops; 0 where Newton closed them from the home guess.
+        coupled: Joints that follow others: one row each, not among `rows` and `rank`.
     """
 
     __repr__ = brief
@@ -46,6 +47,7 @@ class LoopReport:
     mobility: int
     sigma_min: float
     starts: int = 0
+    coupled: int = 0
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,8 @@ def units(dynamics: Equations, home: Array) -> Units:
         turns = [sort in ("tilt", "twist") for sort, _ in one.sleeve.sorts]
         rows[one.rows[turns]] = 1.0
     columns = np.where(translations(dynamics.system.rigid) > 0, length, 1.0)
+    for row, J in zip(closed.coupled.rows, closed.coupled.J, strict=True):
+        rows[row] = 1.0 / columns[int(np.argmax(J == 1.0))]
     return Units(length, rows, columns)
 
 

@@ -130,7 +130,10 @@ class _Search:
         rows, model = dynamics.n_rigid, dynamics.system.rigid
         self.every = np.arange(rows, dtype=np.intp)
         self.passive = np.setdiff1d(self.every, held).astype(np.intp)
-        looped = np.any(dynamics.system.closed.row_mask != 0, axis=0)
+        closed = dynamics.system.closed
+        looped = np.any(closed.row_mask != 0, axis=0)
+        if len(closed.coupled.rows):
+            looped |= np.any(closed.coupled.J != 0, axis=0)
         self.movable = self.every[looped]
         self.moving = {True: self.passive[looped[self.passive]], False: self.movable}
         # A Newton step keeps the side from which axes meet; a search wants them to point alike.

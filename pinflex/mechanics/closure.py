@@ -6,6 +6,10 @@ Every kind is made of three sorts of rows between frame a (on body A) and frame 
     direction  c = e_a . e_b                        an axis of a, an axis of b
     distance   c = (|p_b - p_a|^2 - l^2) / (2 l)
 
+and couplings of joints, without frames (`pinflex.description.couplings`):
+
+    coupling   c = q_a - ratio q_b - offset
+
 A sleeve on a flexible beam (`pinflex.mechanics.slider`) adds rows that also hold its elastic
 coordinates.
 
@@ -16,21 +20,53 @@ Jacobians of Pinocchio the closure Jacobian is (W J) times the difference of the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.loops import Loop, loop_kind
-from pinflex.mechanics.expanded import Attachment
+from pinflex.description.couplings import Coupling
+from pinflex.description.loops import WORLD, Loop, loop_kind
+from pinflex.mechanics.expanded import Attachment, gear_name
 from pinflex.mechanics.poses import support
 from pinflex.mechanics.slider import Contact, Sleeve
 from pinflex.text import brief
 
 _AXES = "xyz"
 LENGTHS = 1e-12  # [m] below which a length is none
+_NOWHERE = Attachment(0, pin.SE3.Identity())
+
+
+@dataclass(frozen=True)
+class CoupledRows:
+    """Rows c = A Q[at] - offset of an (expanded) model.
+
+    Attributes:
+        rows: Closure rows, shape (k,).
+        at: Places in Q of the joints that are in a coupling, shape (joints,).
+        A: Factors of their coordinates, shape (k, joints).
+        offset: Shape (k,).
+        J: dc/dQ, shape (k, nV).
+    """
+
+    __repr__ = brief
+
+    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    at: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    A: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    offset: Array = field(default_factory=lambda: np.zeros(0))
+    J: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def value(self, Q: Array) -> Array:
+        """c at configurations Q (n, nQ), shape (n, k)."""
+        return np.asarray(Q[:, self.at] @ self.A.T - self.offset)
+
+    def select(self, renumber: IntArray) -> CoupledRows:
+        """Those whose new number is not -1."""
+        k = renumber[self.rows] >= 0
+        return CoupledRows(renumber[self.rows[k]], self.at, self.A[k], self.offset[k], self.J[k])
 
 
 @dataclass(frozen=True)
@@ -47,6 +83,7 @@ class Closures:
         dot_rows, dot_a, dot_b: Rows of direction type and the axes they use.
         distance_rows, lengths: Rows of distance type and their lengths in m.
         contacts: Rows of sleeves on flexible beams.
+        coupled: Rows of couplings, with the coordinates and numbers in them.
         support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
         row_mask: support_b - support_a of each row's loop, shape (rows, nV).
     """
@@ -70,6 +107,7 @@ class Closures:
     support_b: Array
     row_mask: Array
     contacts: tuple[Contact, ...] = ()
+    coupled: CoupledRows = field(default_factory=CoupledRows)
 
     @property
     def n(self) -> int:
@@ -99,6 +137,7 @@ class Closures:
             lengths=self.lengths[s],
             row_mask=self.row_mask[rows],
             contacts=tuple(contact.select(renumber) for contact in self.contacts),
+            coupled=self.coupled.select(renumber),
         )
 
 
@@ -107,19 +146,24 @@ def closures(
     frames: Mapping[str, Attachment],
     model: pin.Model,
     sleeves: Mapping[str, Sleeve] | None = None,
+    couplings: Sequence[Coupling] = (),
+    ground: Mapping[str, pin.SE3] | None = None,
 ) -> Closures:
-    """Gather the loops of a description on a model.
+    """Gather the loops and couplings of a description on a model.
 
     Args:
         loops: Described loops; a distance without a length gets NaN, to be set at assembly.
         frames: Where each frame sits in the model.
         model: Rigid or expanded model.
         sleeves: What the loops of kind slider hold, by name.
+        couplings: Joints that follow others; they stand first, each as a loop without frames.
+        ground: Places in the world of loops that are held there, by loop.
     Returns:
         All rows, redundant ones included.
     """
-    sleeves = sleeves or {}
-    ends = [_ends(loop, frames, sleeves.get(loop.name)) for loop in loops]
+    sleeves, ground = sleeves or {}, ground or {}
+    loops = (*(Loop(f"coupling of {one.joint}", "coupling", "", "") for one in couplings), *loops)
+    ends = [_ends(loop, frames, sleeves.get(loop.name), ground.get(loop.name)) for loop in loops]
     rows = _Rows()
     for number, loop in enumerate(loops):
         rows.add(number, loop, sleeves)
@@ -147,7 +191,26 @@ def closures(
         support_b=support_b,
         row_mask=(support_b - support_a)[loop_of],
         contacts=tuple(rows.contacts),
+        coupled=_coupled(couplings, model),
     )
+
+
+def _coupled(couplings: Sequence[Coupling], model: pin.Model) -> CoupledRows:
+    """The first rows: one for each coupling; a joint whose gear gives way moves by both."""
+    if not couplings:
+        return CoupledRows()
+    factors = np.zeros((len(couplings), int(model.njoints)))
+    for row, one in enumerate(couplings):
+        for name, factor in ((one.joint, 1.0), (one.leader, -one.ratio)):
+            parts = () if name is None else (name, gear_name(name))
+            for part in filter(model.existJointName, parts):
+                factors[row, model.getJointId(part)] = factor
+    used = np.flatnonzero(np.any(factors != 0.0, axis=0))
+    A, J = factors[:, used], np.zeros((len(couplings), int(model.nv)))
+    J[:, [model.joints[int(k)].idx_v for k in used]] = A
+    at = np.array([model.joints[int(k)].idx_q for k in used], dtype=np.intp)
+    offset = np.array([one.offset for one in couplings])
+    return CoupledRows(np.arange(len(couplings)), at, A, offset, J)
 
 
 def _local(sides: Sequence[Attachment], turns: Sequence[Array]) -> Array:
@@ -192,6 +255,8 @@ class _Rows:
             self.dots.append((len(labels), a, b))
             about = _AXES[3 - a - b] if a != b else _AXES[a]
             labels.append(f"{loop.name}: rotation about {about}")
+        if loop.kind == "coupling":
+            labels.append(f"{loop.name}: coupling")
         if loop.kind == "distance":
             self.distances.append((len(labels), np.nan if loop.length is None else loop.length))
             labels.append(f"{loop.name}: distance")
@@ -212,9 +277,16 @@ def _turn_b(loop: Loop) -> Array:
 
 
 def _ends(
-    loop: Loop, frames: Mapping[str, Attachment], sleeve: Sleeve | None
+    loop: Loop,
+    frames: Mapping[str, Attachment],
+    sleeve: Sleeve | None,
+    ground: pin.SE3 | None,
 ) -> tuple[Attachment, Attachment]:
     """Both frames of a loop; those of a slider are turned into that of its beam."""
+    if loop.kind == "coupling":
+        return _NOWHERE, _NOWHERE
+    if ground is not None:
+        frames = {**frames, WORLD: Attachment(0, ground)}
     here, other = frames[loop.frame_a], frames[loop.frame_b]
     if sleeve is None:
         return here, other

@@ -22,7 +22,7 @@ class ClosureRows:
         point_rows, dot_rows, distance_rows: Rows of each sort; point_loop, dot_loop and
             distance_loop: their loops. lengths: Of the distances in m.
         plain: Whether every row is of point type.
-        contacts: Constants of the sleeves' rows of one state.
+        coupled: Rows of couplings, or None. contacts: Constants of the sleeves' rows of one state.
     """
 
     def __init__(self, closed: Closures, size: int, joints: int) -> None:
@@ -53,8 +53,9 @@ class ClosureRows:
         self.u_at = self.point_loop[:, None] * 12 + 4 * np.arange(3) + self.point_axes[:, None]
         self.mask = closed.support_b - closed.support_a
         self.of_loop = (np.arange(loops)[:, None] == closed.loop_of).astype(float)
+        self.coupled = closed.coupled if len(closed.coupled.rows) else None
         self.contacts = [ContactRows(contact) for contact in closed.contacts]
 
-    def at(self, poses: Array, eta: Array) -> ClosureState:
-        """The closures at joint poses (n, joints, 12), see `JointPoses`, and eta (n, n_eta)."""
-        return ClosureState(self, poses.reshape(-1, 12), eta)
+    def at(self, poses: Array, eta: Array, Q: Array) -> ClosureState:
+        """The closures at joint poses (n, joints, 12), see `JointPoses`, eta and Q, (n, ...)."""
+        return ClosureState(self, poses.reshape(-1, 12), eta, Q)

@@ -27,7 +27,7 @@ class ClosureState:
         contacts: Sleeves, of one state after the other.
     """
 
-    def __init__(self, rows: ClosureRows, poses: Array, eta: Array) -> None:
+    def __init__(self, rows: ClosureRows, poses: Array, eta: Array, Q: Array) -> None:
         self._rows = r = rows
         loops, closed = r.loops, r.closed
         joints = poses.take(r.bodies, axis=0)
@@ -47,6 +47,8 @@ class ClosureState:
             c, self.W = np.empty(r.size * closed.n), np.zeros((r.size * closed.n, 6))
             self._mixed_rows(frames, c)
         self.c = c.reshape(r.size, closed.n)
+        if r.coupled is not None:
+            self.c[:, r.coupled.rows] = r.coupled.value(Q)
         self.contacts: list[ContactState] = []
         if r.contacts:
             self._slide(c, eta)
@@ -96,6 +98,8 @@ class ClosureState:
     def jacobian(self, J: Array) -> Array:
         """dc/dQ, shape (n, rows, nV), for world Jacobians J (n, 6, nV) of the joints."""
         found: Array = self.W.reshape(self._n, -1, 6) @ J * self._rows.closed.row_mask
+        if self._rows.coupled is not None:
+            found[:, self._rows.coupled.rows] = self._rows.coupled.J
         return found
 
     def by_eta(self, n_eta: int) -> Array:

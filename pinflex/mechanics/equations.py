@@ -105,7 +105,7 @@ class Equations(Geometry):
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
         if self.looped:
-            closed = self._closed(poses, Y)
+            closed = self._closed(poses, here, Y)
             g -= closed.forces(lam, J)
             c = closed.c
         else:
@@ -199,7 +199,7 @@ class Equations(Geometry):
         follow, load, J_c = None, None, np.zeros((0, self.system.nv))
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
-            closed = self._closed(poses, Y) if self.looped else None
+            closed = self._closed(poses, here, Y) if self.looped else None
             if closed is not None:
                 J_c = self._jacobian(here, closed, J)[0]
                 if follow_closures:
@@ -247,7 +247,7 @@ class Equations(Geometry):
         total = np.zeros((n, len(self._acted), 6))
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
-            closed = self._closed(poses, Y) if self.looped else None
+            closed = self._closed(poses, here, Y) if self.looped else None
             total = self._wrenches(here, poses, J, closed, lam, t)
         for k in range(n):
             self._push(total[k])
@@ -255,6 +255,9 @@ class Equations(Geometry):
             g[k] = pin.rnea(model, data, here.Q[k], here.V[k], here.A[k], pushed)
             for i, joint in enumerate(joints):
                 f[k, i] = data.f[joint].vector
+        coupled = self.system.closed.coupled
+        if len(coupled.rows):  # torques in joints, no wrenches on bodies
+            g -= lam[:, coupled.rows] @ coupled.J
         r = self._projected(here, g, Y, V, closed, lam)
         if closed is None:
             none = np.zeros((n, 0))

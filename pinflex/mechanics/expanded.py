@@ -111,6 +111,11 @@ class Expansion:
     drives: tuple[ElasticDrive, ...] = ()
 
 
+def gear_name(joint: str) -> str:
+    """Name in the expanded model of the joint between a motor's side and the link."""
+    return f"gear of {joint}"
+
+
 def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:
     """Where the q and v of the rigid model sit in Q and V."""
     q_at = np.empty(rigid.nq, dtype=np.intp)

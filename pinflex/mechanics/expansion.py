@@ -28,6 +28,7 @@ from pinflex.mechanics.expanded import (
     Expansion,
     Interface,
     Slot,
+    gear_name,
     rigid_indices,
 )
 from pinflex.mechanics.parts import FlexiblePart
@@ -107,8 +108,8 @@ class _Assembler:
 
     def _gear(self, motor: int, step: JointStep) -> int:
         """The joint between motor and link, about the same axis: its coordinate is elastic."""
-        name = f"gear of {step.name}"
-        joint = int(self.model.addJoint(motor, _bounded(step.model), pin.SE3.Identity(), name))
+        name, model = gear_name(step.name), _bounded(step.model)
+        joint = int(self.model.addJoint(motor, model, pin.SE3.Identity(), name))
         self.gears.append((step.name, int(self.model.joints[joint].idx_v)))
         return joint
 

@@ -241,7 +241,7 @@ class Freedoms:
             while near in moving:
                 near = int(self._model.parents[near])
             turn = (self._twists(joint, every) - self._twists(near, every))[3:]
-            if u is None or not _adds(u @ turn, rows, N):
+            if near not in self._carried or u is None or not _adds(u @ turn, rows, N):
                 continue
             across = turn @ swings
             d = _largest(across - np.outer(u, u @ across), u)

@@ -117,7 +117,7 @@ class Geometry:
         here = self.map.at(Y, V, None if V is None else np.zeros_like(V), passing)
         poses, J, dJ = self._placed(here, v is not None)
         loops = len(self.system.closed.names)
-        closed = self._closed(poses, Y) if loops else None
+        closed = self._closed(poses, here, Y) if loops else None
         return Kinematics(here, poses, J, dJ, closed)
 
     def _placed(self, here: Configuration, rates: bool = False) -> tuple[Array, Array, Array]:
@@ -134,14 +134,14 @@ class Geometry:
             J[k], poses[k] = columns(data.J), self.poses.current()
         return poses, J, dJ
 
-    def _closed(self, poses: Array, Y: Array) -> ClosureState:
+    def _closed(self, poses: Array, here: Configuration, Y: Array) -> ClosureState:
         n = len(poses)
         rows = self._closures.get(n)
         if rows is None:
             if len(self._closures) > _SIZES:
                 self._closures.clear()
             rows = self._closures[n] = ClosureRows(self.system.closed, n, self._joints)
-        return rows.at(poses, Y[:, self.nq_rigid :])
+        return rows.at(poses, Y[:, self.nq_rigid :], here.Q)
 
     def close(self, y: Array) -> Closure:
         """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""

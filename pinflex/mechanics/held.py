@@ -48,7 +48,9 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
     """The idle freedoms at home, a free base among them."""
     if description.idle == "free":
         return Idle()
-    base = _base_rows(description.base)
+    # A loop to the ground determines the base as it does any other body.
+    stands = any(loop.grounded for loop in description.loops)
+    base = _base_rows("fixed" if stands else description.base)
     locked = np.unique(np.concatenate([system.motors, system.held, base])).astype(np.intp)
     frames, found = system.expansion.frames, Idle()
     if len(locked) + system.closed.n < system.nv:

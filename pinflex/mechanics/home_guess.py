@@ -29,7 +29,26 @@ def home_guess(description: Description, model: pin.Model) -> Array:
                 "coordinates (a spherical joint takes a quaternion x, y, z, w)."
             )
         q[joint.idx_q : joint.idx_q + joint.nq] = values
+    _follow(q, description, model)
     return np.asarray(pin.normalize(model, q))
+
+
+def _follow(q: Array, description: Description, model: pin.Model) -> None:
+    """Put joints that follow others where they belong; a leader that is not named goes along."""
+    place = {
+        name: model.joints[model.getJointId(name)].idx_q
+        for one in description.couplings
+        for name in (one.joint, one.leader)
+        if name is not None
+    }
+    for one in reversed(description.couplings):
+        alone = one.joint in description.home and one.leader not in description.home
+        if one.leader is not None and one.ratio and alone:
+            q[place[one.leader]] = (q[place[one.joint]] - one.offset) / one.ratio
+    for _ in description.couplings:  # chains in any order
+        for one in description.couplings:
+            led = 0.0 if one.leader is None else one.ratio * q[place[one.leader]]
+            q[place[one.joint]] = led + one.offset
 
 
 def given(description: Description, model: pin.Model) -> IntArray:

@@ -35,7 +35,8 @@ def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
         if joint.nv == 1 and np.linalg.norm(turning[:, joint.idx_v]) > 0.5
     }
     found = []
-    for k, loop in enumerate(loops):
+    for loop in loops:
+        k = closed.names.index(loop.name)
         if loop_kind(loop.kind).directions != ALONG:
             continue
         moves = (closed.support_b[k] != closed.support_a[k]).nonzero()[0]

@@ -22,6 +22,7 @@ from pinflex.mechanics import workspace
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.cost import require_workspace
+from pinflex.mechanics.damping import with_damping
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
 from pinflex.mechanics.freedoms import Idle
@@ -185,6 +186,7 @@ def load(
     source: str | Path | Description,
     overrides: Sequence[str] = (),
     bodies: Mapping[str, FlexibleBody] | None = None,
+    damping: Mapping[str, Array] | None = None,
 ) -> Mechanism:
     """Read a model (URDF + YAML) and assemble it.
 
@@ -193,6 +195,8 @@ def load(
         overrides: "key.path=value" changes of the YAML, applied before validation.
         bodies: Stations, stiffness and damping of flexible links by name, from anywhere, in place
             of those that the description makes, with their own mass in place of the URDF's.
+        damping: Matrices of flexible links by name, N s/m in their elastic coordinates, shape
+            (n, n) each, in place of what the description says of them.
     Returns:
         The mechanism with its loops closed at home.
     Raises:
@@ -202,7 +206,10 @@ def load(
     description = source if isinstance(source, Description) else read(source)
     if overrides:
         description = description.with_overrides(overrides)
-    return _Loading(description, bodies or {}).mechanism()
+    found = _Loading(description, bodies or {}).mechanism()
+    if not damping:
+        return found
+    return replace(found, flexible=with_damping(found.flexible, found.name, damping))
 
 
 class _Loading:
@@ -211,7 +218,9 @@ class _Loading:
     def __init__(self, description: Description, own: Mapping[str, FlexibleBody]) -> None:
         self.description, self.own = description, own
         self.model = model_of(description)
-        self.links = link_tree(self.model, description.joints)
+        pairs = [(one.joint, one.leader) for one in description.couplings]
+        self.coupled = {name for pair in pairs for name in pair if name is not None}
+        self.links = link_tree(self.model, description.joints, self.coupled)
         require_size(self.links, description.urdf_name, description.allow)
         self.gravity = np.array(description.gravity, float)
         self.needed = _needed_frames(description)
@@ -247,6 +256,7 @@ class _Loading:
             mobility=rigid.report.mobility,
             sigma_min=rigid.report.sigma_min,
             starts=rigid.report.starts,
+            coupled=rigid.report.coupled,
         )
         return self._done(parts, rigid, flexible, report)
 
@@ -271,7 +281,9 @@ class _Loading:
 
     def tree(self, parts: Mapping[str, FlexiblePart]) -> Expansion:
         """The rigid model: Pinocchio's own where the description adds nothing to it."""
-        changed = any(extra.type for extra in self.description.joints.values())
+        joints = self.model.joints
+        turning = any(joints[self.model.getJointId(name)].nq > 1 for name in self.coupled)
+        changed = turning or any(extra.type for extra in self.description.joints.values())
         if parts or changed:
             tree = expand(self.links, parts, self.needed, None, self.gravity)
         else:

@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
 from pinflex.description.drives import elastic
+from pinflex.description.loops import WORLD
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanics import assembly
 from pinflex.mechanics.assembly import LoopReport
@@ -38,12 +40,14 @@ class Assembled:
         home: Closed pose q, shape (nq,).
         report: Ranks, redundant rows, mobility.
         idle: Freedoms that need no motor.
+        ground: Places in the world of loops that are held there, by loop.
     """
 
     system: System
     home: Array
     report: LoopReport
     idle: Idle
+    ground: Mapping[str, pin.SE3]
 
 
 def rigid_system(
@@ -68,14 +72,16 @@ def rigid_system(
     model = tree.model
     springs, dampers = joint_springs(description, model)
     held = sleeves(description.loops, parts, tree, description.name)
-    every = closures(description.loops, tree.frames, model, held)
+    coupled = description.couplings
+    guess = home_guess(description, model)
+    ground = _ground(description, tree, guess)
+    every = closures(description.loops, tree.frames, model, held, coupled, ground)
     nv = int(model.nv)
     placed = loads(description.forces, description.springs, tree.frames)
     system = System(
         model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed,
         friction=joint_friction(description, model),
     )  # fmt: skip
-    guess = home_guess(description, model)
     system = replace(system, closed=_with_lengths(system, guess))
     dynamics = Equations(system)
     where = f"{description.name}: home"
@@ -93,7 +99,8 @@ def rigid_system(
     idle = idle_of(system, description, home)
     spun = len(idle.spins)
     if spun:
-        both = closures((*description.loops, *idle.spins), tree.frames, model, held)
+        loops = (*description.loops, *idle.spins)
+        both = closures(loops, tree.frames, model, held, coupled, ground)
         both = replace(both, lengths=_lengths_of(system.closed, description))
         rows = np.concatenate([kept, every.n + np.arange(spun)])
         system = replace(system, closed=both.select(rows))
@@ -113,8 +120,28 @@ def rigid_system(
                 why = axis_hint(dynamics, description.loops, home)
                 raise SingularityError(f"{error}{why}", **error.data) from None
     mobility = nv - len(kept) - spun - len(system.held)
-    report = LoopReport(every.n, len(kept), redundant, mobility, sigma, closed.starts)
-    return Assembled(system, home, report, idle)
+    joined = len(coupled)
+    report = LoopReport(
+        every.n - joined, len(kept) - joined, redundant, mobility, sigma, closed.starts, joined
+    )
+    return Assembled(system, home, report, idle, ground)
+
+
+def _ground(description: Description, tree: Expansion, guess: Array) -> dict[str, pin.SE3]:
+    """Where loops hold frames to the ground: there, or where the guess of home has them."""
+    loops = [loop for loop in description.loops if loop.grounded]
+    if not loops:
+        return {}
+    model = tree.model
+    data, places = model.createData(), {}
+    pin.forwardKinematics(model, data, guess)
+    for loop in loops:
+        frame = tree.frames[loop.frame_b if loop.frame_a == WORLD else loop.frame_a]
+        place = data.oMi[frame.joint] * frame.placement
+        if loop.at is not None:
+            place = pin.SE3(place.rotation, np.array(loop.at))
+        places[loop.name] = place
+    return places
 
 
 def flexible_system(
@@ -142,7 +169,8 @@ def flexible_system(
         K[k, k], D[k, k] = gear.stiffness or 0.0, gear.damping
     held = sleeves(description.loops, parts, expansion, description.name)
     loops = (*description.loops, *idle.spins)
-    every = closures(loops, expansion.frames, expansion.model, held)
+    coupled = description.couplings
+    every = closures(loops, expansion.frames, expansion.model, held, coupled, assembled.ground)
     lengths = _lengths_of(rigid.closed, description)
     every = replace(every, lengths=lengths)
     placed = loads(description.forces, description.springs, expansion.frames)
@@ -155,7 +183,8 @@ def flexible_system(
         _, J = Equations(system).close(np.concatenate([home, np.zeros(m)]))
     kept, redundant = assembly.independent_rows(J, every.labels)
     spun = len(idle.spins)
-    report = LoopReport(every.n - spun, len(kept) - spun, redundant, 0, float("nan"))
+    own = spun + len(coupled)
+    report = LoopReport(every.n - own, len(kept) - own, redundant, 0, float("nan"))
     return replace(system, closed=every.select(kept)), report
 
 

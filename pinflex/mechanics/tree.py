@@ -7,8 +7,8 @@ is undone here into one record per link.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -74,12 +74,16 @@ def model_of(description: Description) -> pin.Model:
     return model
 
 
-def link_tree(model: pin.Model, extras: Mapping[str, JointExtra]) -> tuple[Link, ...]:
+def link_tree(
+    model: pin.Model, extras: Mapping[str, JointExtra], coupled: Collection[str] = ()
+) -> tuple[Link, ...]:
     """Undo Pinocchio's merging of fixed joints: one record per link, parents first.
 
     Args:
         model: Model as Pinocchio reads it from a URDF.
-        extras: Joint type overrides (spherical, universal) by joint name.
+        extras: Joint type overrides (fixed, spherical, universal) by joint name.
+        coupled: Joints that follow or are followed: a continuous one keeps its angle, not
+            cosine and sine, so that turns count.
     Returns:
         The links in depth-first order.
     """
@@ -100,6 +104,8 @@ def link_tree(model: pin.Model, extras: Mapping[str, JointExtra]) -> tuple[Link,
             body_above = carrier.parentFrame
             parent, joint = index.get(body_above, -1), carrier.name
             steps = _steps(model, carrier, extras.get(joint))
+            if joint in coupled:
+                steps = tuple(replace(step, model=_angle(step.model)) for step in steps)
             placement = _placement(model, carrier, frames[body_above])
         index[number] = len(links)
         links.append(Link(frame.name, parent, joint, placement, steps, own[number]))
@@ -115,6 +121,8 @@ def _placement(model: pin.Model, carrier: pin.Frame, above: pin.Frame) -> pin.SE
 
 def _steps(model: pin.Model, carrier: pin.Frame, extra: JointExtra | None) -> tuple[JointStep, ...]:
     name = carrier.name
+    if extra is not None and extra.type == "fixed":
+        return ()
     if extra is not None and extra.type == "spherical":
         return (JointStep(name, pin.JointModelSpherical()),)
     if extra is not None and extra.type == "universal":
@@ -128,6 +136,15 @@ def _steps(model: pin.Model, carrier: pin.Frame, extra: JointExtra | None) -> tu
     if carrier.type == pin.FrameType.JOINT:
         return (JointStep(name, model.joints[carrier.parentJoint]),)
     return ()
+
+
+def _angle(joint: pin.JointModel) -> pin.JointModel:
+    """The same joint with its angle for a coordinate."""
+    if joint.nq == joint.nv:
+        return joint
+    data = joint.createData()
+    joint.calc(data, np.array([1.0, 0.0]))
+    return pin.JointModelRevoluteUnaligned(np.array(data.S).reshape(-1)[3:])
 
 
 def _own_inertias(model: pin.Model) -> dict[int, pin.Inertia]:

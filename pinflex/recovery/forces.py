@@ -53,7 +53,9 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
     f[:, joints] = found.f
     c = equations.close(run.y).c if run.linear else found.c
     out: dict[str, Array] = {
-        f"loop/{name}/wrench": found.wrenches[:, k] for k, name in enumerate(system.closed.names)
+        f"loop/{name}/wrench": found.wrenches[:, k]
+        for k, (name, kind) in enumerate(zip(system.closed.names, system.closed.kinds, strict=True))
+        if kind != "coupling"
     }
     for name in mechanism.rigid.rigid.names[1:]:
         out[f"reaction/{name}"] = f[:, model.getJointId(name)]

@@ -137,6 +137,7 @@ def _loops(mechanism: Mechanism, run: Run) -> list[dict[str, Any]]:
             "redundant": [r for r in report.redundant if r.startswith(f"{name}: ")],
         }
         for number, (name, kind) in enumerate(zip(closed.names, closed.kinds, strict=True))
+        if kind != "coupling"
     ]
 
 

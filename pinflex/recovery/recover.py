@@ -19,8 +19,9 @@ from pinflex.recovery.links import links
 from pinflex.recovery.meta import ASSESSED, assess, describe
 from pinflex.recovery.reactions import shaking_of, world_reactions
 from pinflex.recovery.samples import Samples
+from pinflex.results.given import plain_meta
 from pinflex.results.lazy import Late
-from pinflex.results.result import Result, plain_meta
+from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
 
 
@@ -42,11 +43,13 @@ def result_of(
         cost: Counts and seconds.
         stopped: Why it ended early, "" where it did not.
     """
-    arrays = _arrays(Samples(mechanism, run, rigid_path))
+    samples = Samples(mechanism, run, rigid_path)
+    arrays = _arrays(samples)
 
     def assessed() -> dict[str, Any]:
         with one_blas_thread(), workspace.keep_alive():
-            return plain_meta(assess(mechanism, run, arrays))
+            found = assess(mechanism, run, arrays)
+            return plain_meta(found | {"warnings": [*found["warnings"], *samples.said()]})
 
     def described() -> dict[str, Any]:
         return plain_meta(describe(mechanism, run, level, cost, stopped))

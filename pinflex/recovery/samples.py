@@ -51,8 +51,15 @@ class Samples:
     @cached_property
     def rigid_poses(self) -> Array | None:
         """Joint poses of the rigid mechanism, (nt, joints, 3, 4); None: the run is its own."""
-        path = None if self._rigid_path is None else self._rigid_path()
-        return None if path is None else joint_poses(self.mechanism, path)
+        return None if self._path is None else joint_poses(self.mechanism, self._path)
+
+    def said(self) -> list[str]:
+        """Where the rigid mechanism is left out, as a warning."""
+        return [self._path.said] if self._path is not None and self._path.said else []
+
+    @cached_property
+    def _path(self) -> Nominal | None:
+        return None if self._rigid_path is None else self._rigid_path()
 
     def interface_load(self, joint: int, rows: IntArray) -> tuple[Array, Array]:
         """Force (N) and moment (N m), (nt, 3) each, that what hangs on an interface needs.
@@ -95,7 +102,8 @@ def run_of(mechanism: Mechanism, result: Result) -> Run:
         )
     path = None
     if "nominal/q" in result.arrays:
-        path = Nominal(result.t, *(result.array(f"nominal/{x}") for x in "qva"))
+        rigid = [result.array(f"nominal/{x}") for x in "qva"]
+        path = Nominal(result.t, rigid[0], rigid[1], rigid[2])
     settings = dict(result.meta["settings"])
     return Run(system, result.t, y, v, a, lam, result.torque, {}, settings, path=path)
 

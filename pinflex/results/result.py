@@ -18,6 +18,7 @@ from pinflex.names import Names
 from pinflex.results import archive, checked, report
 from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
+from pinflex.results.given import plain_meta, read_only, timed
 from pinflex.results.lazy import Late
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.shown import Shown
@@ -33,11 +34,10 @@ from pinflex.results.views import (
 )
 from pinflex.rotations import rotation_vector
 from pinflex.text import short
-from pinflex.writing import plain, replaced
+from pinflex.writing import replaced
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
-_WITHOUT_TIME = ("/x", "/mesh/nodes", "/mesh/triangles")
 UNITS = {
     "torque": "N m",
     "joint/q": "rad",
@@ -70,7 +70,7 @@ class Result(Shown):
     look: Callable[[Result], ErrorBars] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        t = _read_only(self.t, "t")
+        t = read_only(self.t, "t")
         if t.ndim != 1 or len(t) == 0 or not np.all(np.diff(t) > 0):
             raise DescriptionError(
                 f"result: t: shape {t.shape} is not a list of increasing instants. "
@@ -78,7 +78,7 @@ class Result(Shown):
             )
         object.__setattr__(self, "t", t)
         if not isinstance(self.arrays, Late):
-            object.__setattr__(self, "arrays", {k: _timed(k, x, t) for k, x in self.arrays.items()})
+            object.__setattr__(self, "arrays", {k: timed(k, x, t) for k, x in self.arrays.items()})
         if not isinstance(self.meta, Late):
             object.__setattr__(self, "meta", plain_meta(self.meta))
 
@@ -310,42 +310,6 @@ def same_grid(a: Result, b: Result) -> None:
             f"[{a.t[0]:g}, {a.t[-1]:g}] s against {len(b.t)} in [{b.t[0]:g}, {b.t[-1]:g}] s. "
             "Solve both with the same `until`, `dt` and `samples` (a stopped run is shorter)."
         )
-
-
-def plain_meta(meta: Any) -> dict[str, Any]:
-    """A mapping as JSON has it."""
-    try:
-        found = plain(meta, finite=False)
-    except (TypeError, RecursionError) as error:
-        raise DescriptionError(
-            f"result: meta: {error}. Use numbers, texts, lists and mappings only."
-        ) from None
-    if not isinstance(found, dict):
-        raise DescriptionError(f"result: meta: {found!r} is not a mapping. Give names to values.")
-    return found
-
-
-def _timed(key: str, values: Any, t: Array) -> Array:
-    array = _read_only(values, key)
-    fixed = key.startswith("link/") and key.endswith(_WITHOUT_TIME)
-    if not fixed and array.shape[:1] != t.shape:
-        raise DescriptionError(
-            f"result: {key}: shape {array.shape} does not start with the "
-            f"{len(t)} instants of t. Arrays are time first.",
-            key=key,
-        )
-    return array
-
-
-def _read_only(values: Any, key: str) -> Array:
-    try:
-        array = np.array(values, dtype=np.float64)  # a copy: the caller's array stays writable
-    except (TypeError, ValueError) as error:
-        raise DescriptionError(
-            f"result: {key}: {error}. Every array holds real numbers.", key=key
-        ) from None
-    array.setflags(write=False)
-    return array
 
 
 def _known(kind: str, name: str, names: Iterable[str]) -> str:

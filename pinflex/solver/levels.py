@@ -7,10 +7,13 @@ from dataclasses import replace
 
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
-from pinflex.errors import ConvergenceError, DescriptionError
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.integrators.run import Run
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
+from pinflex.linalg import independent_rows
+from pinflex.mechanics.assembly import RANK
+from pinflex.mechanics.equations import Equations
 from pinflex.solver.scene import Progress, Scene, default_step
 from pinflex.solver.tolerance import solve_to_tolerance
 
@@ -28,6 +31,7 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
         scene: What is solved. t: Samples in s, shape (nt,). progress: Called with (step, steps).
     """
     spec = scene.spec
+    _require_one_answer(scene)
     if spec.tol is not None:
         return solve_to_tolerance(scene, t, spec.tol, progress)
     dt = spec.dt if spec.dt is not None else default_step(scene.mechanism, float(t[-1]))
@@ -64,6 +68,7 @@ def quasistatic(scene: Scene, t: Array, progress: Progress | None = None) -> Run
         progress: Called with (step, steps).
     """
     _require_prescribed(scene)
+    _require_one_answer(scene)
     spec = scene.spec
     return solve_equilibria(
         scene.mechanism, scene.motion, t, spec.tol, spec.asked or ASKED, progress
@@ -96,3 +101,22 @@ def _require_prescribed(scene: Scene) -> None:
             f"{scene.mechanism.name}: solve.drive: torque needs level coupled (or rigid); "
             f"{scene.spec.level} follows the nominal motion."
         )
+
+
+def _require_one_answer(scene: Scene) -> None:
+    """Raise where more prescribed motors than freedoms fight, and nothing gives way to them all."""
+    mechanism, spec = scene.mechanism, scene.spec
+    system, mobility = mechanism.flexible, mechanism.report.mobility
+    torque, rigid = spec.drive == "torque", spec.level == "ked" and not mechanism.compliant
+    if len(system.motors) <= mobility or torque or rigid or not system.closed.n:
+        return
+    J = Equations(system).close(mechanism.undeformed())[1][:, system.free]
+    rank = len(independent_rows(J, RANK))
+    if rank == len(J):
+        return
+    raise MotionError(
+        f"{mechanism.name}: {len(system.motors)} motors prescribe a mechanism of mobility "
+        f"{mobility}, and what gives way takes up {rank} of its {len(J)} closures: how the rest "
+        f"share the forces has no one answer at level {spec.level}. Leave {mobility} in "
+        "`actuated`, make the other limbs flexible or elastic too, or write drive: torque."
+    )

@@ -16,7 +16,7 @@ from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.description.solve import SolveSpec
-from pinflex.errors import MotionError, RunInterrupted, SceneError
+from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as adaptive
 from pinflex.integrators.alpha_adaptive import AlphaSteps
@@ -28,7 +28,8 @@ from pinflex.integrators.steps import Steps
 from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
-from pinflex.levels.start import Start, start_of
+from pinflex.levels.speeds import with_speeds
+from pinflex.levels.start import Start, start_from, start_of
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -38,6 +39,7 @@ Progress = Callable[[int, int], None]
 _FEW = 400  # steps below which a run may be too coarse for its first mode
 _PER_PERIOD = 10.0  # steps that a vibration needs at the least
 _SHORT = 1e-6  # of the run: shorter steps are looked at for round-off
+_NO_SPEEDS = "start speeds are those of level coupled; level ked starts with those of the motion."
 _FORWARD = 401  # instants between which the torques of the rigid motion are interpolated
 
 
@@ -74,6 +76,11 @@ class Scene:
         require_steps(self.mechanism, steps, float(t[-1]), "dt" if spec.dt else "until")
         fine = np.linspace(t[0], t[-1], steps + 1)
         if self.linear:
+            if not isinstance(spec.start, str):
+                raise DescriptionError(
+                    f"{self.mechanism.name}: solve.start: a run is gone on with at level coupled. "
+                    "Give a word: auto, static or straight."
+                )
             structural = spec.ked == "structural"
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
             run = solve_ked(
@@ -81,6 +88,8 @@ class Scene:
                 structural, progress, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
+            if spec.start_speeds:
+                run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
             return thin(self._judged(run, every), every)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
@@ -232,7 +241,13 @@ class Scene:
         """Found once, however often the scene is run."""
         dynamics = Equations(self._system)
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
-        return start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+        if isinstance(self.spec.start, str):
+            start = start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
+        else:
+            start = start_from(self.mechanism, dynamics, path, self.spec.start)
+        driven = self.spec.drive == "torque"
+        v = with_speeds(self.mechanism, dynamics, start.y, start.v, self.spec.start_speeds, driven)
+        return replace(start, v=v)
 
     def _sampler(
         self, dynamics: Equations, drive: TorqueDrive | None, end: float

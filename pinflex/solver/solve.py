@@ -15,20 +15,19 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.actuation.sampler import drives_motors
 from pinflex.description.control import Control
-from pinflex.description.motion import Motion, from_spec, hold
-from pinflex.description.shaping import read as read_shaper
-from pinflex.description.shaping import shaped
+from pinflex.description.motion import Motion
 from pinflex.description.solve import SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
     MotionError,
     RunInterrupted,
+    SceneError,
 )
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
-from pinflex.levels.excited import ringing
+from pinflex.levels.excited import default_motion as default_motion
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.equations import Equations
@@ -41,7 +40,6 @@ from pinflex.solver.scene import Scene
 from pinflex.threads import one_blas_thread
 
 SAMPLES = 401
-_shaped: list[tuple[Mechanism, Motion]] = []  # the last one: its modes are dear
 Progress = Callable[[int, int], None]
 
 
@@ -200,36 +198,6 @@ def _before(
         ) from error
 
 
-def default_motion(mechanism: Mechanism) -> Motion:
-    """The motion of the YAML, shaped where it says so; one second at rest where it has none."""
-    block = mechanism.description.motion
-    if block is None:
-        return hold(duration=1.0)
-    motion, where = plain_motion(mechanism), f"{mechanism.name}.yaml: motion.shaper"
-    asked = read_shaper(block.get("shaper"), where)
-    if asked is None:
-        return motion
-    if asked.frequencies:
-        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
-    for known, made in _shaped:
-        if known is mechanism:
-            return made
-    found = ringing(mechanism, motion, asked.modes)
-    made = shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
-    _shaped[:] = [(mechanism, made)]
-    return made
-
-
-def plain_motion(mechanism: Mechanism) -> Motion:
-    """The motion of the YAML without its shaper."""
-    path, block = mechanism.description.path, mechanism.description.motion
-    if block is None:
-        return hold(duration=1.0)
-    spec = {key: x for key, x in block.items() if key != "shaper"}
-    folder = None if path is None else path.parent
-    return from_spec(spec, f"{mechanism.name}.yaml: motion", folder)
-
-
 def _run(scene: Scene, end: float, progress: Progress | None) -> Run:
     """The run of a scene from 0 to its end (s), or from where another one stopped."""
     spec, before = scene.spec, scene.before
@@ -259,7 +227,7 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
     determined = mechanism.report.mobility == len(run.system.motors)
     let_go = run.system is mechanism.loose and run.system is not mechanism.flexible
     if run.settings.get("drive") != "torque" and determined and not let_go:
-        return nominal(mechanism, motion, run.t)
+        return _as_far_as_it_goes(mechanism, motion, run)
     from pinflex.mechanics.assembly import close_loops
 
     dynamics, axes = Equations(mechanism.rigid), motor_axes(mechanism)
@@ -272,6 +240,29 @@ def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal 
         q[k] = close_loops(dynamics, pose, passive)[0] if dynamics.looped else pose
     empty = np.zeros((len(run.t), int(mechanism.rigid.nv)))
     return Nominal(run.t, q, empty, empty)
+
+
+def _as_far_as_it_goes(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal:
+    """The nominal motion; where the rigid mechanism cannot follow, the run's own joints."""
+    try:
+        return nominal(mechanism, motion, run.t)
+    except SceneError as error:
+        time = error.data.get("time")
+        if time is None:
+            raise
+        loop = error.data.get("loop")
+        why = f' at a singular pose of loop "{loop}"' if loop else ""
+    n, m = int(mechanism.rigid.nq), int(mechanism.rigid.nv)
+    q, v, a = run.y[:, :n].copy(), run.v[:, :m].copy(), run.a[:, :m].copy()
+    count = int(np.sum(run.t < time))
+    if count > 1:
+        known = nominal(mechanism, motion, run.t[:count])
+        q[:count], v[:count], a[:count] = known.q, known.v, known.a
+    said = (
+        f"from t = {time:.4g} s on the rigid mechanism cannot follow the motors{why}, and the "
+        "flexible one can: rigid poses are left out there, the run's own stand for them."
+    )
+    return Nominal(run.t, q, v, a, said)
 
 
 def _result(

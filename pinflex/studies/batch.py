@@ -6,7 +6,6 @@ is found again by its key, which names the case and everything that its numbers 
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -25,7 +24,7 @@ from pinflex.recovery.meta import version
 from pinflex.results.columns import Columns
 from pinflex.studies.pool import Lost, answers
 from pinflex.studies.study_notes import reason
-from pinflex.writing import plain, writable
+from pinflex.writing import lock, plain, writable
 
 Work = Callable[[Any], dict[str, Any]]
 
@@ -163,13 +162,11 @@ def _opened(path: str | Path | None) -> Iterator[IO[bytes] | None]:
         return
     writable(path)
     with Path(path).open("a+b") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        if not lock(stream):
             raise DescriptionError(
                 f"{path}: another process is writing it. Wait for that one, or choose another "
                 "output file."
-            ) from None
+            )
         yield stream
 
 

@@ -13,15 +13,16 @@ from pinflex.boundary import public
 from pinflex.cards import Worded
 from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, SceneError
+from pinflex.levels.excited import default_motion
 from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.solver.solve import default_motion
 from pinflex.studies import check_urdf, check_warnings
 from pinflex.studies.check_parts import (
     DriveCheck,
     LinkCheck,
     LoopCheck,
+    coupling_texts,
     drive_checks,
     link_check,
     loop_checks,
@@ -46,6 +47,7 @@ class Check(Worded):
         loops, links: One record each.
         platform: Frame, or None.
         elastic_joints: Coordinates with a spring that the rigid level holds.
+        couplings: What follows what, as equations of positions.
         drives: Joints with a drive or with friction. urdf_dynamics: What is taken of the URDF's.
         idle: Freedoms that nothing hangs on, held where home has them.
         statics: Sag and holding torques.
@@ -75,6 +77,7 @@ class Check(Worded):
     frequency_note: str
     motion: str
     elastic_joints: tuple[str, ...] = field(default=())
+    couplings: tuple[str, ...] = field(default=())
     idle: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
     summaries: tuple[str, ...] = field(default=())
@@ -124,6 +127,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         frequency_note=note,
         motion=motion,
         elastic_joints=mechanism.elastic_joints,
+        couplings=coupling_texts(mechanism),
         idle=mechanism.idle.names,
         warnings=warnings,
         summaries=_summaries(mechanism),

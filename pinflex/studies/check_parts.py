@@ -108,6 +108,17 @@ def loop_checks(mechanism: Mechanism) -> tuple[LoopCheck, ...]:
     return tuple(found)
 
 
+def coupling_texts(mechanism: Mechanism) -> tuple[str, ...]:
+    """Each coupling of joints as an equation of their positions (rad | m)."""
+    found = []
+    for one in mechanism.description.couplings:
+        ratio = {1.0: "", -1.0: "-"}.get(one.ratio, f"{one.ratio:g} ")
+        offset = f" {one.offset:+g}" if one.offset else ""
+        led = f"{one.offset:g}" if one.leader is None else f"{ratio}{one.leader}{offset}"
+        found.append(f"{one.joint} = {led}")
+    return tuple(found)
+
+
 def link_check(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
     """Beam of a flexible link beside the URDF's inertia.
 

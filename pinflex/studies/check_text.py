@@ -50,7 +50,9 @@ def _head(c: Check) -> str:
         closed += f" - {plural(r.rank, 'independent closure row')}"
     if c.elastic_joints:
         closed += f" - {plural(len(c.elastic_joints), 'elastic joint')}"
-    idle = c.joints - r.rank * bool(c.loops) - len(c.elastic_joints) - r.mobility
+    if r.coupled:
+        closed += f" - {r.coupled} coupled"
+    idle = c.joints - r.rank * bool(c.loops) - r.coupled - len(c.elastic_joints) - r.mobility
     if idle:
         closed += f" - {idle} idle"
     motors = plural(len(c.motors), "motor") if c.motors else "none"
@@ -68,6 +70,7 @@ def _head(c: Check) -> str:
             + (f" and {plural(gears, 'elastic drive')}" if gears else "")
             + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else ""),
         ),
+        *([("coupled", "; ".join(c.couplings))] if c.couplings else []),
         *([("dynamics", c.urdf_dynamics)] if c.urdf_dynamics else []),
         *([("idle", f"{', '.join(c.idle)}: nothing hangs on it, held at home")] if c.idle else []),
         ("platform", c.platform or "none named: no deviation can be reported"),

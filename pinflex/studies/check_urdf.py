@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-
 from pinflex.actuation.motors import motor_axes
 from pinflex.description import sources
 from pinflex.description.description import Description
@@ -46,13 +44,15 @@ def ignored(description: Description) -> list[str]:
             f"gear ratios of the URDF's transmissions are not used ({_list(geared)}): they count "
             "where joints.NAME.drive says what the motor is."
         )
-    root = ET.fromstring(description.urdf_text.strip())
     mimicking = [
-        joint.get("name", "") for joint in root.findall("joint") if joint.find("mimic") is not None
+        name
+        for name, joint in tree.joints.items()
+        if joint.mimic is not None and joint.mimic[0] not in tree.joints
     ]
     if mimicking:
         found.append(
-            f"mimic in the URDF is not used ({_list(mimicking)}): these joints move by themselves."
+            f"mimic in the URDF names joints that are not there ({_list(mimicking)}): these joints "
+            "move by themselves. Write joints.NAME.follows in the YAML if they should not."
         )
     return found
 

@@ -81,7 +81,7 @@ def _relative(path: Path, out: Path) -> str:
 def _motors(tree: Source, closed: bool) -> dict[str, Any]:
     """Motors by the transmissions of a URDF, or by name where loops are closed."""
     root = ET.fromstring(tree.text.strip())
-    single = [j.name for j in tree.joints.values() if j.type in _ONE]
+    single = [j.name for j in tree.joints.values() if j.type in _ONE and j.mimic is None]
     found = [
         joint.get("name", "")
         for way in root.findall("transmission")

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinflex.actuation.motors import plain_motion
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.description.shaping import KINDS, MODES, TOLERATED, Shaper, shaper
 from pinflex.levels.excited import Ringing, ringing
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.solver.solve import plain_motion
 from pinflex.text import brief
 
 ERRORS = (-0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2)  # of the frequency [-]

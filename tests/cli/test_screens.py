@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.__main__ import _COMMANDS, _parser
+from pinflex.__main__ import _COMMANDS, build_parser
 from pinflex.advice import text as advice_text
 from pinflex.advice.proposal import Advice
 from pinflex.advice.reduced_models import LeftOut
@@ -69,7 +69,7 @@ def test_advice_has_rows_only_for_what_was_measured():
 
 
 def test_every_command_that_takes_a_model_takes_json_and_set():
-    commands = _parser()._subparsers._group_actions[0].choices  # argparse has no public way
+    commands = build_parser()._subparsers._group_actions[0].choices  # argparse has no public way
     assert len(commands) >= len(_COMMANDS)
     for name, command in commands.items():
         options = {option for action in command._actions for option in action.option_strings}

@@ -16,7 +16,7 @@ from pinflex.description import description, schema
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PLANAR, SPATIAL = ("3rrr", "race_r1"), ("3rrs", "race_r2")
 CLOSED = PLANAR + SPATIAL
-ALL = (*CLOSED, "spinning_beam", "cantilever", "ur5", "delta", "hexapod")
+ALL = (*CLOSED, "spinning_beam", "cantilever", "ur5", "delta", "hexapod", "cassie")
 LEGS = (1, 2, 3)
 CENTROID = np.array([0.25, 0.25 / np.sqrt(3)])  # [m]
 ROUNDING = 1e-12  # [m] a dozen operations on lengths below 1 m

@@ -15,6 +15,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
+from pinflex.description.couplings import Coupling
 from pinflex.description.description import read
 from pinflex.description.source import Source
 from pinflex.description.tree_text import from_rpy, rpy
@@ -265,7 +266,7 @@ def test_equalities_springs_and_tendons_of_an_mjcf(tmp_path: Path) -> None:
     assert robot.actuated == ("lead",)
     assert robot.gravity == (0.0, -9.81, 0.0)
     # follow = 0.2 - 0.5 (lead - 0.1)
-    assert '<mimic joint="lead" multiplier="-0.5" offset="0.25"' in robot.urdf_text
+    assert robot.couplings == (Coupling("follow", "lead", -0.5, 0.25),)
     said = " ".join(robot.notes)
     curved = line(BARS, 'polycoef="0 1 2')
     assert f"line {curved}: the equality joint_3 of heel is not linear" in said

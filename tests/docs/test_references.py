@@ -1,0 +1,63 @@
+"""The references of the site are made from the code: every command, option and key is in them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import pytest
+
+from pinflex.__main__ import build_parser
+from tests.docs.blocks import ROOT
+
+sys.path.insert(0, str(ROOT / "docs/make"))
+import commands
+import sources_of_formulas
+import yaml_keys
+
+
+def test_every_command_and_option_is_in_the_reference() -> None:
+    text = commands.page()
+    choices = next(a.choices for a in build_parser()._actions if isinstance(a.choices, dict))
+    for name, parser in choices.items():
+        assert f"pinflex {name}" in text
+        for action in parser._actions:
+            if action.help != argparse.SUPPRESS:
+                assert all(f"`{option}`" in text for option in action.option_strings)
+
+
+def test_keys_say_what_their_readers_take() -> None:
+    text = yaml_keys.page()
+    table = [row.split("|") for row in text.splitlines() if row.startswith("| `")]
+    rows = {cells[1].strip(): cells[2] for cells in table}
+    assert rows["`tol`"].strip() == "number, 1e-09 to 0.1"
+    assert "`revolute`" in rows["`kind`"] or "`weld`" in text
+    assert "above 0" in rows["`dt`"]
+    assert rows["`inertia`"].strip() == "`urdf`, `beam`"
+
+
+def test_a_key_without_explanation_stops_the_build(monkeypatch: pytest.MonkeyPatch) -> None:
+    schema = yaml_keys.json_schema()
+    schema["properties"]["solve"]["anyOf"][0]["properties"]["brand_new"] = {}
+    monkeypatch.setattr(yaml_keys, "json_schema", lambda: schema)
+    with pytest.raises(yaml_keys.MissingKey, match="solve: not explained: brand_new"):
+        yaml_keys.page()
+
+
+@pytest.mark.parametrize(
+    ("form", "words"),
+    [
+        ({"type": "number", "exclusiveMinimum": 0}, "number, above 0"),
+        ({"anyOf": [{"type": "number"}, {"type": "string"}]}, "number (or with its unit)"),
+        ({"anyOf": [{"enum": ["a", True]}, {"type": "null"}]}, "`a`, `true`"),
+        ({"type": "integer", "minimum": 1, "maximum": 9}, "whole number, 1 to 9"),
+    ],
+)
+def test_a_form_in_words(form: dict, words: str) -> None:
+    assert yaml_keys.takes(form) == words
+
+
+def test_sources_are_those_of_the_docstrings() -> None:
+    text = sources_of_formulas.page()
+    assert "Craig, Kurdila (2006)" in text
+    assert text.count("\n| `") > 35

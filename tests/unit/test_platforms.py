@@ -1,0 +1,144 @@
+"""Other systems and smaller installations: locks, alarms and imports without what may be absent."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pinflex.__main__ import build_parser
+from pinflex.cli import checkpoint, completion
+from pinflex.errors import DescriptionError
+from pinflex.writing import lock
+
+# Modules that Windows has not, and packages that a run needs only for what it draws.
+_ABSENT = """
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {names}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Absent())
+"""
+_RUN = """
+import pinflex as pf
+from pinflex.__main__ import main
+
+for name in pf.__all__:
+    getattr(pf, name)
+run = pf.solve(pf.load("3rrr"), level="rigid", samples=5)
+assert main(["modes", "3rrr", "--count", "1"]) == 0
+print(run.torque.shape)
+"""
+
+
+def without(*names: str) -> subprocess.CompletedProcess[str]:
+    """What a process says that loads every public name, solves and asks for modes without these."""
+    code = _ABSENT.format(names=set(names)) + _RUN
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_it_runs_without_what_only_linux_has_and_without_what_only_draws() -> None:
+    linux = ("fcntl", "resource", "termios", "pwd", "grp", "pty", "posix_ipc")
+    drawing = ("matplotlib", "PIL", "meshcat", "IPython", "tornado", "zmq", "pandas", "shtab")
+    done = without(*linux, *drawing)
+    assert done.returncode == 0, done.stderr
+    assert "(5, 3)" in done.stdout
+
+
+def test_a_file_is_locked_against_a_second_user(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    with path.open("a+b") as first, path.open("a+b") as second:
+        assert lock(first)
+        assert not lock(second)
+    with path.open("a+b") as third:
+        assert lock(third)
+
+
+class Windows:
+    """`msvcrt` as far as `lock` calls it: one byte of a file, locked once."""
+
+    LK_NBLCK = 2
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[int, int]] = []
+
+    def locking(self, file: int, mode: int, size: int) -> None:
+        assert size == 1
+        if self.calls:
+            raise OSError(36, "deadlock")
+        self.calls.append((file, mode))
+
+
+def test_the_lock_of_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = Windows()
+    monkeypatch.setitem(sys.modules, "msvcrt", system)
+    monkeypatch.setattr("pinflex.writing.sys", SimpleNamespace(platform="win32"))
+    with (tmp_path / "journal").open("a+b") as stream:
+        stream.write(b"kept\n")
+        assert lock(stream)
+        assert stream.tell() > 1e9  # far behind what is written, so that all may read it
+        stream.write(b"more\n")  # at the end of the text, wherever the lock is
+        assert not lock(stream)
+        assert system.calls == [(stream.fileno(), Windows.LK_NBLCK)]
+    assert (tmp_path / "journal").read_bytes() == b"kept\nmore\n"
+
+
+@pytest.mark.parametrize("platform", ["linux", "win32"])
+def test_an_alarm_interrupts_once(platform: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checkpoint, "sys", SimpleNamespace(platform=platform))
+    rung = threading.Event()
+
+    def wait() -> None:
+        nonlocal rung
+        with checkpoint._alarm(0.05) as rung:
+            end = time.monotonic() + 30
+            while time.monotonic() < end:
+                time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        wait()
+    assert rung.is_set()
+    with checkpoint._alarm(0.05) as rung:
+        pass
+    time.sleep(0.1)  # it was put off when the work ended
+    assert not rung.is_set()
+
+
+def answers(script: Path, *words: str) -> list[str]:
+    """What bash offers for the last of these words."""
+    line = " ".join(f"'{word}'" for word in words)
+    code = f"""source {script}; COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}
+        _shtab_pinflex; printf '%s\\n' "${{COMPREPLY[@]}}" """
+    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+def test_bash_completes_commands_options_models_and_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("shtab")
+    script = tmp_path / "pinflex.bash"
+    script.write_text(completion.script(build_parser(), "bash"))
+    monkeypatch.chdir(tmp_path)
+    Path("own_robot.yaml").touch()
+    assert {"command", "compare", "completion"} <= {*answers(script, "pinflex", "com")}
+    assert "--until" in answers(script, "pinflex", "solve", "--u")
+    assert {"3rrr", "3rrs"} <= {*answers(script, "pinflex", "solve", "3rr")}
+    assert "own_robot.yaml" in answers(script, "pinflex", "solve", "own")
+    assert "_pinflex_models" in completion.script(build_parser(), "zsh")
+
+
+def test_without_its_package_completion_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    with pytest.raises(DescriptionError, match=r"pip install \"pinflex\[completion\]\""):
+        completion.script(build_parser(), "bash")
