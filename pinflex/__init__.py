@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism, load
     from pinflex.results.comparison import comparison
     from pinflex.results.result import Result
+    from pinflex.solver.recompute import recompute
     from pinflex.studies.check import Check, check
     from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
     from pinflex.studies.pose_map import pose_map
@@ -159,6 +160,7 @@ __all__ = [
     "platform_compliance",
     "pose_map",
     "quintic",
+    "recompute",
     "ringing",
     "sampled",
     "scatter",
@@ -228,6 +230,7 @@ _HOME = {
     "studies.frequency_response": ("FrequencyResponse", "frequency_response"),
     "studies.pose_map": ("pose_map",),
     "studies.stiffness": ("platform_compliance",),
+    "solver.recompute": ("recompute",),
     "studies.sweep": ("sweep",),
     "viewer.view": ("view",),
 }

@@ -40,6 +40,18 @@ def test_states_are_exact_and_fields_within_half_a_step(run: pf.Result, tmp_path
     assert "5e-7" in back.meta["rounded"] and "rounded" not in run.meta
 
 
+def test_recomputed_from_its_states_it_is_the_run_again(run: pf.Result, tmp_path: Path) -> None:
+    back = pf.Result.load(run.save(tmp_path / "run.npz", compact=True))
+    again = pf.recompute(pf.load("3rrr"), back)
+    assert again.arrays.keys() == run.arrays.keys() and "rounded" not in again.meta
+    for key, values in run.arrays.items():
+        if values.size:  # the same equations on the same states: round-off
+            scale = float(np.abs(values).max()) or 1.0
+            assert np.abs(again.arrays[key] - values).max() <= 1e-11 * scale, key
+    with pytest.raises(pf.DescriptionError, match="Give the mechanism that was solved"):
+        pf.recompute(pf.load("ur5"), back)
+
+
 def test_it_is_a_fraction_of_the_exact_file(run: pf.Result, tmp_path: Path) -> None:
     whole, small = run.save(tmp_path / "a.npz"), run.save(tmp_path / "b.npz", compact=True)
     assert small.stat().st_size < whole.stat().st_size / 4  # delta, 401 instants: a sixth
