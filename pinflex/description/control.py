@@ -21,6 +21,7 @@ from pinflex.description import schema
 from pinflex.description.digital import is_system
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 Law = Callable[[float, Array, Array, Array], Array]
 
@@ -79,6 +80,8 @@ class Control:
         forward: Feed-forward of a digital controller, (nu,), by time; taken in the middle of the
             time that it is held.
     """
+
+    __repr__ = brief
 
     measures: tuple[Deflection | Travel, ...]
     drives: tuple[Voltage | Effort, ...]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
 import pytest
 
 import pinflex as pf
 from pinflex.cards import card, grid, pairs, words
+from pinflex.results.columns import Columns
 
 MOVE = pf.quintic(platform={"x": 0.02, "y": 0.0, "rz": 0.0}, duration=0.1)
 LINE, CARD = 200, 20_000  # characters of a repr and of a card
@@ -52,8 +54,31 @@ def objects() -> list[Any]:
         pf.sweep(robot, {"flexible.*.section.thickness": [1e-3, 2e-3]}, level="rigid",
                  outputs=["torque"]),
         pf.pose_map(robot, {"x": [0.0, 0.01]}, count=2),
-        pf.frequency_response(robot), robot.description,
+        pf.frequency_response(robot), robot.description, *_others(robot, run),
     ]  # fmt: skip
+
+
+def _others(robot: pf.Mechanism, run: pf.Result) -> list[Any]:
+    """Objects whose making takes long, with numbers that nobody measured."""
+    one, name = np.ones(1), "flexible.*.section.thickness"
+    table = Columns({"stress.peak": one}, {"stress.peak": "Pa"})
+    control = pf.Control((pf.Travel("motor_1"),), (pf.Effort("motor_1"),), pf.pid(kp=1.0))
+    fit = pf.Fit(
+        (name,), one, one, np.ones((1, 2)), np.eye(1), np.zeros(2), True, 1, (), "", (), 3,
+        robot.description,
+    )  # fmt: skip
+    scatter = pf.Scatter(
+        table, (), ("stress.peak",), np.ones((1, 3)), one, one, *[np.ones((1, 0))] * 4
+    )
+    study = pf.Study(robot, {"coupled": run}, {}, {}, pf.comparison(None, {"coupled": run}))
+    sensor = pf.Deflection("distal_1", 0.1)
+    return [control, fit, scatter, study, sensor, pf.Travel("a"), pf.Effort("a"), pf.Voltage("p")]
+
+
+def test_every_public_class_is_among_them(objects: list[Any]) -> None:
+    every = [getattr(pf, name) for name in pf.__all__]
+    classes = {x for x in every if isinstance(x, type) and not issubclass(x, BaseException)}
+    assert classes <= {type(x) for x in objects}
 
 
 def test_every_repr_is_one_short_line(objects: list[Any]) -> None:
@@ -72,7 +97,7 @@ def test_every_repr_is_one_short_line(objects: list[Any]) -> None:
 CARDS = (
     *("Mechanism", "Result", "JointView", "FrameView", "LinkView", "LoopView", "Deviation"),
     *("Modes", "Columns", "Advice", "Command", "Comparison", "Check", "Design", "Sensitivities"),
-    *("Motion", "PoseMap"),
+    *("Fit", "Scatter", "Study", "Motion", "PoseMap"),
 )
 
 
