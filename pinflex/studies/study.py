@@ -162,7 +162,9 @@ def compare(
         done = study(mechanism, levels, each, keep, band, say, errors, motion)
         if folder is None:
             return done
-        return replace(done, files=(*write(done, Path(folder), say), *runs))
+        # the page is drawn from the file of its run, so that the file alone gives the same page
+        drawn = Result.load(best_file(done, folder)) if done.flexible else None
+        return replace(done, files=(*write(done, Path(folder), say, drawn), *runs))
     finally:
         if tell is not None:
             tell.close()
@@ -239,10 +241,28 @@ def study(
     return Study(mechanism, record.runs, record.partial, record.unsolved, table)
 
 
-def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: None) -> list[Path]:
+def best_file(done: Study, folder: str | Path) -> Path:
+    """File of the most faithful run.
+
+    Args:
+        done: Study with a flexible run.
+        folder: Of the runs.
+    """
+    return Path(folder) / file_name([*done.flexible.values()][-1])
+
+
+def write(
+    done: Study,
+    folder: Path,
+    tell: Callable[[str], None] = lambda text: None,
+    drawn: Result | None = None,
+) -> list[Path]:
     """Write table, figures and animation; returns the files. The runs are written by `keep`.
 
-    `tell` is called with what is done next.
+    Args:
+        done: Study. folder: Made if it is not there.
+        tell: Called with what is done next.
+        drawn: Run of the page; default: the most faithful one.
     """
     from pinflex.viewer.figures import save_all
     from pinflex.viewer.view import write_html
@@ -256,7 +276,7 @@ def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: 
         files += save_all(rigid, flexible, folder, done.table.frequencies, tell)
     if flexible:
         tell("writing the page")
-        best = list(flexible.values())[-1]
+        best = list(flexible.values())[-1] if drawn is None else drawn
         about = done.mechanism.description
         folders: list[str | Path] = [
             *about.package_dirs,
