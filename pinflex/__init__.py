@@ -15,6 +15,7 @@ Where the code is; each package imports only those above it:
     description   what the files say: URDF and YAML, checked and frozen
     results       what a run leaves behind, by name: arrays, views, comparison; no Pinocchio
     bodies        a flexible link as stations on few coordinates: beams, modes, reduced solids
+    kernel        the equations compiled: C code, its build, its tables; arrays only
     mechanics     the mechanism as equations: load, expanded model, closures, loads, dynamics
     actuation     what moves it: motors, the nominal motion, prescribed and controlled torques
     integrators   steps in time: schemes, Newton, Radau, error control; the raw states of a run

@@ -120,9 +120,10 @@ def build_parser() -> argparse.ArgumentParser:
 
 class _Version(argparse.Action):
     def __call__(self, parser: Any, *unused: Any) -> None:
+        from pinflex.kernel.library import kernel
         from pinflex.recovery.meta import version
 
-        print(f"pinflex {version()}")
+        print(f"pinflex {version()} (kernel: {kernel().said})")
         parser.exit()
 
 

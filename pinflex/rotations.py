@@ -56,8 +56,12 @@ def euler_rates(angles: Array) -> Array:
 
 def quaternion(vector: Array) -> Array:
     """Quaternions (..., 4) of rotation vectors (..., 3)."""
-    half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
-    return np.concatenate([0.5 * np.sinc(half / np.pi) * vector, np.cos(half)], axis=-1)
+    half = 0.5 * np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
+    out = np.empty((*vector.shape[:-1], 4))
+    safe = np.maximum(half, 1e-150)  # below that sine and angle are the same
+    out[..., :3] = (0.5 * np.sin(safe) / safe) * vector
+    out[..., 3:] = np.cos(half)
+    return out
 
 
 def quaternion_vector(q: Array) -> Array:

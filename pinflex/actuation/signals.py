@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Signals:
     u: Array
     measured: Array
 
-    def at(self, k: slice) -> Signals:
+    def at(self, k: slice | IntArray) -> Signals:
         """The same at some of the times."""
         return replace(self, u=self.u[k], measured=self.measured[k])
 

@@ -310,8 +310,8 @@ class _Study:
                     f"{key}: a coupled run of the first part differs from the estimate by "
                     f"{apart:.2g}, which is in the error bars"
                 )
-        # A run within a tolerance is two of them, the second some 1.6 times as long.
-        return 2.6 * _WINDOW * seconds
+        # A run within a tolerance corrects every step, which costs some six tenths of the run.
+        return 1.6 * _WINDOW * seconds
 
     def _choose(self, levels: dict[str, Errors], seconds: dict[str, float]) -> tuple[str, str]:
         """The cheapest level whose error bars fit, and why."""

@@ -200,9 +200,14 @@ def from_text(text: str, path: Path) -> Description:
     return _describe(text, path.stem, path, None)
 
 
-def assignments(values: Mapping[str, object]) -> list[str]:
-    """Values by key path as overrides: "key.path=value", numbers to the last digit."""
-    return [f"{key}={json.dumps(plain(value))}" for key, value in values.items()]
+def assignments(*changes: str | Mapping[str, object]) -> list[str]:
+    """Values by key path as overrides: "key.path=value", numbers to the last digit; texts stay."""
+    found: list[str] = []
+    for change in changes:
+        pairs = {} if isinstance(change, str) else change
+        found += [change] if isinstance(change, str) else []
+        found += [f"{key}={json.dumps(plain(value))}" for key, value in pairs.items()]
+    return found
 
 
 def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> Description:

@@ -44,17 +44,33 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     kinds = {name: kind for name, kind in types.items() if kind is not None}
     if kinds:
         blocks["joints"] = kinds
-    if "name_mot" in block:
-        place = schema.at(file, "name_mot")
-        blocks["actuated"] = list(
-            schema.names(block["name_mot"], place, tree.joints, f"joint in {robot.name}")
-        )
-    notes = tuple(
+    notes = [
         f"{file}, line {_line(text, key)}: `{key}` is not taken over."
         for key in block
         if key not in _KEYS
-    )
-    return replace(checked, loops=_loops(block, file, tree), blocks=blocks, notes=notes)
+    ]
+    if "name_mot" in block:
+        place = schema.at(file, "name_mot")
+        names = schema.names(block["name_mot"], place, tree.joints, f"joint in {robot.name}")
+        leaders = {name: _leader(name, checked) for name in names}
+        blocks["actuated"] = [*dict.fromkeys(leaders.values())]
+        notes += [
+            f"{file}, line {_line(text, 'name_mot')}: {name} follows {leader} (its mimic in "
+            f"{robot.name}), whose motor moves both."
+            for name, leader in leaders.items()
+            if leader != name
+        ]
+    return replace(checked, loops=_loops(block, file, tree), blocks=blocks, notes=tuple(notes))
+
+
+def _leader(name: str, tree: Source) -> str:
+    """The joint at the end of a chain of mimic tags; the joint itself where it has none."""
+    seen = [name]
+    while (mimic := tree.joints[seen[-1]].mimic) is not None:
+        if mimic[0] not in tree.joints or mimic[0] in seen:  # `couplings` tells about either
+            break
+        seen.append(mimic[0])
+    return seen[-1]
 
 
 def _beside(folder: Path, file: str) -> Path:

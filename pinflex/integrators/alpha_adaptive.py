@@ -16,16 +16,17 @@ second every change throws the multipliers by O(h), and some patterns of steps d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.integrators.alpha import NEWTON, March, NoConvergence
 from pinflex.integrators.newton import Step
 from pinflex.integrators.schemes import AlphaScheme
-from pinflex.integrators.steps import Path, StepFailed, largest
+from pinflex.integrators.steps import Path, States, StepFailed, largest
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
@@ -111,6 +112,10 @@ class AlphaSteps:
     def settings(self) -> dict[str, object]:
         """The method, for reports."""
         return {"integrator": self.scheme.name, "gamma": self.scheme.gamma}
+
+    def resolve(self, resolution: float) -> None:
+        """Let steps be solved for a resolution from now on."""
+        self.resolution = resolution
 
     def expire(self) -> None:
         """Let the next step begin with a new tangent."""
@@ -215,8 +220,13 @@ class AlphaSteps:
         """Work of the motors and of the damping in a step, J, shape (2,)."""
         return np.asarray(0.5 * step.h * (step.start.power + step.end.power))
 
-    def dense(self, step: AlphaStep, t: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """y, v, a, lam, torque and work since the start of the step, at times within it.
+    def dense(self, steps: Sequence[AlphaStep], t: Array, of: IntArray) -> States:
+        """States at times t (k,) in s, of (k,): the step that each lies in."""
+        within = [self._within(steps[k], t[of == k]) for k in np.unique(of)]
+        return States(*(np.concatenate(part) for part in zip(*within, strict=True)))
+
+    def _within(self, step: AlphaStep, t: Array) -> States:
+        """States at times within a step.
 
         Cubics through y and v, v and a (Hermite), of order 4; parabolas of order 3 through three
         states for what has no rate. On a manifold in exponential coordinates.
@@ -246,7 +256,7 @@ class AlphaSteps:
             self.march.axes.write(y, path.position)
             v[:, motors], a[:, motors] = path.velocity, path.acceleration
         work = h * x * (now.power + 0.5 * x * (end.power - now.power))
-        return y, v, a, lam, torque, work
+        return States(y, v, a, lam, torque, work)
 
 
 def _hermite(x: Array, y0: Array, d0: Array, y1: Array, d1: Array) -> Array:

@@ -61,18 +61,27 @@ class Collocation:
 @cache
 def _monomials(s: int, zero: bool) -> Array:
     """Values at the nodes (and at 0) to coefficients of the powers."""
-    c = radau(s).c
+    c = _tableau(s).c
     nodes = np.append(0.0, c) if zero else c
     return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True)))
 
 
-@cache
 def radau(s: int) -> Collocation:
     """The scheme with s stages (2 to 7: beyond that round-off shows in the eigenvectors)."""
-    from scipy.special import roots_jacobi
-
     if not 2 <= s <= 7:
         raise ValueError(f"radau: {s} stages. Take 2 to 7.")
+    return _tableau(s)
+
+
+def with_one_more(method: Collocation) -> Collocation:
+    """The scheme with one stage more, up to 8: good enough for a correction."""
+    return _tableau(method.s + 1)
+
+
+@cache
+def _tableau(s: int) -> Collocation:
+    from scipy.special import roots_jacobi
+
     inner, _ = roots_jacobi(s - 1, 1, 0)
     c: Array = np.append((inner + 1.0) / 2.0, 1.0)
     powers = np.arange(s)

@@ -1,13 +1,7 @@
-"""The coupled level by Radau IIA collocation, with steps that follow the motion.
-
-The same index-3 equations as `equal_steps`, at every stage i of a step, the loops
-closed there:
-
-    r(y_i, v_i, a_i, lam_i) = 0,  c(y_i) = 0,  v_i = v_0 + h A_ij a_j,  y_i = y_0 (+) h A_ij u_j
+"""The coupled level by Radau IIA collocation: steps whose Newton iteration decides for itself.
 
 Of high order where the motion is smooth, so steps are long; the stages of a step are evaluated
-together. Samples are read off the polynomials of the stages: they cost no steps. On a manifold,
-u is v seen in the exponential coordinates of the step (Munthe-Kaas 1999), else u = v.
+together. The equations of a step are in `pinflex.integrators.stages`.
 """
 
 from __future__ import annotations
@@ -17,16 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive
-from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.drive import TorqueDrive
 from pinflex.actuation.sampler import Sampler
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.consistent import consistent_acceleration
-from pinflex.integrators.stage_newton import StageNewton
+from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.integrators.steps import Path, StepFailed, largest
+from pinflex.kernel.stages import AGED, FAILED
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
 STAGES = 6
@@ -44,47 +36,54 @@ _ROUND_OFF, _SEEN = 1e-14, 1e-13
 
 
 @dataclass
-class Start:
-    """The state a step starts from."""
-
-    t: float
-    y: Array
-    v: Array
-    a: Array
-    lam: Array
-    torque: Array
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step: where it started, its length, and its stages.
+class _Contraction:
+    """Newton's iteration in a step so far.
 
     Attributes:
-        start: State before it. h: Length in s.
-        move: Exponential coordinates from the start, shape (s, nv). turn: u - v, likewise.
-        a: Shape (s, nv). lam: Shape (s, rows). torque: Shape (s, nm).
-        power: Of the motors and of the damping, shape (s, 2), W.
-        coarseness: Last Legendre coefficient of the displacement over the largest one so far. In a
-            vibration the error that a step adds is about half its square for each radian.
-        path: Motion of the motors at the stages.
+        reach: Largest displacement, of this step or before. goal: Correction to stop at.
+        size: Norm of the last correction. rate: By which it fell. fresh: Iteration that began
+            with a new tangent, or -1.
     """
 
-    start: Start
-    h: float
-    move: Array
-    turn: Array
-    a: Array
-    lam: Array
-    torque: Array
-    power: Array
-    coarseness: float
-    path: MotorPath
+    reach: float = 0.0
+    goal: float = 0.0
+    size: float = 0.0
+    rate: float = 1.0
+    fresh: int = -1
+
+    def follow(self, size: float, iteration: int) -> None:
+        """Take the norm of the next correction."""
+        if not math.isfinite(size):
+            raise StepFailed
+        self.rate = size / max(self.size, 1e-300) if iteration else 1.0
+        self.size = size
+
+    def small(self, iteration: int) -> bool:
+        """Whether what is left is below the goal."""
+        rate = self.rate
+        left = self.size * rate / (1.0 - rate) if rate < 0.9 else np.inf
+        # Round-off has no rate.
+        return left <= self.goal or (iteration > 0 and self.size < 0.1 * self.goal)
+
+    def aged(self, iteration: int) -> bool:
+        """Whether a new tangent is needed; raises StepFailed where it would not help."""
+        wild = self.size > 1e3 * max(self.reach, self.goal)
+        if not (wild or (iteration >= self.fresh + 2 and self.rate > 0.5)):
+            return False
+        if self.fresh >= 0 or self.size > max(self.reach, self.goal):
+            raise StepFailed
+        return True  # perhaps the tangent has only aged
 
 
-class Stages:
-    """Solves single steps of one run."""
+class Stages(StageEquations):
+    """Solves single steps of one run.
+
+    Attributes:
+        slow: Contraction of Newton's iteration above which the next step has a new tangent.
+    """
 
     idle, memory = (1.0, 1.2), 0.0  # a change of the step costs new factors
+    slow, loose = 0.1, False
 
     def __init__(
         self,
@@ -97,31 +96,17 @@ class Stages:
         forces: bool = True,
         sampler: Sampler | None = None,
     ) -> None:
-        system = dynamics.system
+        super().__init__(mechanism, dynamics, path, method, drive, sampler)
         self.by_energy = forces and dynamics.flexible
-        self.dynamics, self.path, self.drive = dynamics, path, drive
-        self.sampler = sampler
-        self.axes, self.motors = motor_axes(mechanism), system.motors
-        self.method, self.resolution = method, resolution
-        self.free = system.free if drive is None else system.unheld
-        self.newton = StageNewton(dynamics, method, self.free, drive)
         self.measured = slice(dynamics.n_rigid, None) if dynamics.flexible else self.free
-        self.manifold = Manifold(dynamics, () if drive is not None else self.motors)
+        self.measured_rows = np.arange(dynamics.system.nv)[self.measured]
         self.scale, self.iterations = 0.0, 0
-        self._open = min(_OPEN, max(_OPEN_PART * resolution, _CLOSED))
+        self.resolve(resolution)
 
-    def first(self, t: float, y: Array, v: Array) -> Start:
-        """Consistent accelerations, multipliers and torques at (y, v)."""
-        d, path, u = self.dynamics, self.path(np.array([t])), None
-        if self.sampler is not None:
-            self.sampler.reach(t, y, v)
-            u = self.sampler.force
-        if self.drive is None:
-            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t, u)
-            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t, u).r[self.motors])
-        torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
-        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t, u)
-        return Start(t, y, v, a, lam, torque)
+    def resolve(self, resolution: float) -> None:
+        """Let steps be solved for a resolution from now on."""
+        self.resolution = resolution
+        self._open = min(_OPEN, max(_OPEN_PART * resolution, _CLOSED))
 
     def step(self, start: Start, h: float, last: Step | None) -> Step:
         """The step of length h from a state.
@@ -132,70 +117,73 @@ class Stages:
         Raises:
             StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
         """
-        m, free, newton, y, v = self.method, self.free, self.newton, start.y, start.v
-        held = None if self.sampler is None else self.sampler.force
-        a, lam = self._predict(start, h, last)
-        t = start.t + h * m.c
-        path = self.path(t)
-        if self.drive is None:
-            a[:, self.motors] = path.acceleration
-        turn, change = np.zeros((m.s, len(v))), np.zeros((m.s, len(v)))
-        previous, drift, fresh = 0.0, (h * m.c)[:, None] * v, -1
+        x = self.begin(start, h, *self._predict(start, h, last))
+        so_far = self._compiled_iteration(x) if self.compiled is not None else self._iteration(x)
+        self.scale = self._reach(x.move + self._elastic(start.y))
+        seen = max(self.scale, self._floor(_SEEN) / self.resolution)
+        coarseness = self._size((self.method.last @ x.move)[None]) / seen
+        return self.solved(x, coarseness, so_far.rate)
+
+    def _iteration(self, x: Trial) -> _Contraction:
+        """Newton's iteration of a step."""
+        newton, so_far = self.newton, _Contraction()
         for iteration in range(_MAX_ITERATIONS):
-            v_s = v + h * (m.A @ a)
-            if self.drive is None:
-                v_s[:, self.motors] = path.velocity
-            move = drift + (h * h) * (m.A2 @ a)
-            if self.manifold.turning:
-                turn = self.manifold.turn(y, move + h * (m.A @ turn), v_s)
-                move += h * (m.A @ turn)
-            y_s = self.places(y, move, path)
-            if newton.stale:
-                k = m.s // 2
-                newton.refresh(y_s[k], v_s[k], a[k], lam[k], float(t[k]))
-                fresh = iteration
-            if newton.h != h:
-                newton.factor(h)
-            r, c = self.dynamics.residual(y_s, v_s, a, lam, t, held)
-            torque = r[:, self.motors]
-            if self.drive is not None:
-                torque = self.drive.pull(path, self.axes, y_s, v_s)
-                r[:, self.motors] -= torque
+            self.place(x)
+            self._factors(x, so_far, iteration)
+            self.correct(x)
             self.iterations += 1
-            dz, dlam = newton.step(r[:, free], c)
-            da = m.A2_inverse @ dz
-            a[:, free] += da
-            lam += dlam
-            # Displacements count: the accelerations of fast modes are noise.
-            change[:, free] = (h * h) * dz
             if not iteration:
-                reach = self._reach(move + change + self._elastic(y))
-            size = self._size(change)
-            if not math.isfinite(size):
-                raise StepFailed
-            rate = size / max(previous, 1e-300) if iteration else 1.0
-            left = size * rate / (1.0 - rate) if rate < 0.9 else np.inf
-            goal = max(_NEWTON * min(self.resolution, _COARSE) * reach, self._floor(_ROUND_OFF))
-            small = left <= goal or (iteration > 0 and size < 0.1 * goal)  # round-off has no rate
-            if small and np.abs(c).max(initial=0.0) < self._open:
+                self._set_goal(x, so_far)
+            so_far.follow(self._size(x.change), iteration)
+            if so_far.small(iteration) and self._shut(x):
                 break
-            if (iteration >= fresh + 2 and rate > 0.5) or size > 1e3 * max(reach, goal):
-                if fresh >= 0 or size > max(reach, goal):
-                    raise StepFailed
-                newton.stale = True  # perhaps the tangent has only aged
-            previous = size
+            newton.stale = so_far.aged(iteration)
         else:
             raise StepFailed
-        newton.stale = iteration > 0 and rate > 0.1
-        dv = h * (m.A @ da)
-        if self.drive is None:
-            torque = torque + newton.motor_forces(da, dv, change[:, free], dlam)
-        v_s[:, free] += dv
-        self.scale = self._reach(move + self._elastic(y))
-        seen = max(self.scale, self._floor(_SEEN) / self.resolution)
-        coarse = self._size((m.last @ move)[None]) / seen
-        power = self._power(v_s, torque)
-        return Step(start, h, move + change, turn, a, lam, torque, power, coarse, path)
+        newton.stale = iteration > 0 and so_far.rate > self.slow
+        return so_far
+
+    def _compiled_iteration(self, x: Trial) -> _Contraction:
+        """The same, compiled."""
+        assert self.compiled is not None
+        kernel, so_far = self.compiled.kernel, _Contraction()
+        kernel.place(x.h)
+        self._factors(x, so_far, 0)
+        now = self.compiled.newton(self._weight, self.measured_rows)
+        now.iteration, now.most, now.placed, now.fresh = 0, _MAX_ITERATIONS, 1, so_far.fresh
+        now.least = self._least
+        now.round_off, now.open, now.scale = self._floor(_ROUND_OFF), self._open, self.scale
+        while (end := kernel.iterate(now)) == AGED:
+            self.newton.stale = True
+            self._factors(x, so_far, now.iteration)
+            now = self.compiled.newton(self._weight, self.measured_rows)
+        self.iterations += min(now.iteration + 1, _MAX_ITERATIONS)
+        if end == FAILED:
+            raise StepFailed
+        x.torque = kernel.r[:, self.motors]
+        self.newton.stale = now.iteration > 0 and now.rate > self.slow
+        return _Contraction(now.reach, now.goal, now.size, now.rate, now.fresh)
+
+    def _factors(self, x: Trial, so_far: _Contraction, iteration: int) -> None:
+        """A new tangent where the last one has aged, new factors where h has changed."""
+        newton, k = self.newton, self.method.s // 2
+        if newton.stale:
+            newton.refresh(x.y[k], x.v[k], x.a[k], x.lam[k], float(x.t[k]))
+            so_far.fresh = iteration
+        if newton.h != x.h:
+            newton.factor(x.h)
+
+    def _set_goal(self, x: Trial, so_far: _Contraction) -> None:
+        so_far.reach = self._reach(x.move + x.change + self._elastic(x.start.y))
+        so_far.goal = max(self._least * so_far.reach, self._floor(_ROUND_OFF))
+
+    @property
+    def _least(self) -> float:
+        """Correction to stop at, relative to the reach; a loose iteration is corrected later."""
+        return (10.0 if self.loose else 1.0) * _NEWTON * min(self.resolution, _COARSE)
+
+    def _shut(self, x: Trial) -> bool:
+        return bool(np.abs(x.c).max(initial=0.0) < self._open)
 
     def _reach(self, moves: Array) -> float:
         """Largest displacement so far, moves (k, nv) included: what errors are relative to."""
@@ -211,13 +199,6 @@ class Stages:
             return np.tile(start.a, (m.s, 1)), np.tile(start.lam, (m.s, 1))
         W = m.at(1.0 + (h / last.h) * m.c)
         return W @ last.a, W @ last.lam
-
-    def places(self, y: Array, move: Array, path: MotorPath) -> Array:
-        """Poses y (+) move, shape (k, nq), prescribed motors where they are told to be."""
-        y_s = self.manifold.retract(y, move)
-        if self.drive is None:
-            self.axes.write(y_s, path.position)
-        return y_s
 
     def _elastic(self, y: Array) -> Array:
         """Elastic coordinates of a pose among the velocity rows, shape (nv,)."""
@@ -238,15 +219,7 @@ class Stages:
         if self.by_energy:
             return self.dynamics.stiffness
         k = len(self.free) - self.dynamics.system.n_eta if self.dynamics.flexible else 0
-        return self.newton.M[k:, k:]
-
-    def _power(self, v: Array, torque: Array) -> Array:
-        """Power of the motors and of the damping at states, shape (s, 2)."""
-        lost = self.dynamics.system.dissipation(v)
-        put_in = np.sum(torque * v[:, self.motors], axis=1)
-        if self.sampler is not None:
-            put_in = put_in + v @ self.sampler.force
-        return np.column_stack([put_in, lost])
+        return self.newton.tangent.M[k:, k:]
 
     @property
     def order(self) -> int:
@@ -267,35 +240,3 @@ class Stages:
     def expire(self) -> None:
         """Let the next step begin with a new tangent."""
         self.newton.stale = True
-
-    def work(self, step: Step) -> Array:
-        """Work of the motors and of the damping in a step, J, shape (2,)."""
-        return np.asarray(step.h * (self.method.A[-1] @ step.power))
-
-    def end(self, step: Step) -> Start:
-        """The state after a step."""
-        t = step.start.t + step.h
-        v = step.start.v + step.h * (self.method.A[-1] @ step.a)
-        if self.drive is None:
-            v[self.motors] = step.path.velocity[-1]
-        y = self.places(step.start.y, step.move, step.path)[-1]
-        return Start(t, y, v, step.a[-1], step.lam[-1], step.torque[-1])
-
-    def dense(self, step: Step, t: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """y, v, a, lam, torque and work since the start of the step, at times within it."""
-        m, h, start = self.method, step.h, step.start
-        x = (t - start.t) / h
-        B1, B2, W = m.at(x, 1), m.at(x, 2), m.through(x)
-
-        def between(first: Array, stages: Array) -> Array:
-            # Through the value at the start too: below the first node a polynomial runs wild.
-            return np.asarray(W @ np.concatenate([first[None], stages]))
-
-        v = start.v + h * (B1 @ step.a)
-        move = np.outer(h * x, start.v) + (h * h) * (B2 @ step.a) + h * (B1 @ step.turn)
-        path, a = self.path(t), between(start.a, step.a)
-        if self.drive is None:
-            v[:, self.motors], a[:, self.motors] = path.velocity, path.acceleration
-        y = self.places(start.y, move, path)
-        lam, torque = between(start.lam, step.lam), between(start.torque, step.torque)
-        return y, v, a, lam, torque, h * (B1 @ step.power)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pinflex.actuation.nominal import Nominal
 from pinflex.actuation.signals import Signals
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.system import System
 from pinflex.text import brief
 
@@ -51,7 +51,7 @@ class Run:
     path: Nominal | None = None
     s: Array | None = None
 
-    def at(self, k: slice) -> Run:
+    def at(self, k: slice | IntArray) -> Run:
         """Some of its instants."""
         return replace(
             self, t=self.t[k], y=self.y[k], v=self.v[k], a=self.a[k], lam=self.lam[k],

@@ -8,26 +8,63 @@ With dz = A^2 da the corrections of all stages obey, for each eigenvalue mu,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.compiled_stages import CompiledStages
 from pinflex.mechanics.equations import Equations
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The equations linearised in one state.
+
+    Attributes:
+        M, C, K: By acceleration, velocity and position, free rows and columns, shape (n, n).
+        J: Closure rows, free columns, shape (rows, n).
+        motor_rows: Rows of the motors in M, C and K, transposed, each of shape (n, nm).
+        J_motors: Closure rows, columns of the motors, shape (rows, nm).
+    """
+
+    M: Array
+    C: Array
+    K: Array
+    J: Array
+    motor_rows: tuple[Array, Array, Array]
+    J_motors: Array
+
+    def motor_forces(self, da: Array, dv: Array, dy: Array, dlam: Array) -> Array:
+        """Change of the forces in the rows of the motors by corrections of stages, (s, nm).
+
+        Args:
+            da, dv, dy: Corrections, shape (s, n). dlam: Shape (s, rows).
+        """
+        by_a, by_v, by_y = self.motor_rows
+        return np.asarray(da @ by_a + dv @ by_v + dy @ by_y - dlam @ self.J_motors)
 
 
 class StageNewton:
     """Tangent and factors of the stages, kept while they contract."""
 
+    tangent: Tangent
+
     def __init__(
-        self, dynamics: Equations, method: Collocation, free: IntArray, drive: TorqueDrive | None
+        self,
+        dynamics: Equations,
+        method: Collocation,
+        free: IntArray,
+        drive: TorqueDrive | None,
+        compiled: CompiledStages | None = None,
     ) -> None:
         from scipy.linalg import lapack  # slow to import: only runs pay for it
 
-        self._lapack = lapack
+        self._lapack, self._compiled = lapack, compiled
         self._dynamics, self._method, self._drive = dynamics, method, drive
         self.free, self.motors = free, dynamics.system.motors
-        self.n = len(free)
         self.h = 0.0
         self.stale = True
         self.tangents = self.factors = 0
@@ -38,23 +75,40 @@ class StageNewton:
         if self._drive is not None:
             for part, gain in zip(parts[1:], (self._drive.kd, self._drive.kp), strict=True):
                 part[self.motors, self.motors] += gain
-        at = np.ix_(self.free, self.free)
-        self.M, self.C, self.K = (np.asfortranarray(part[at]) for part in parts)
-        self._motor_rows = tuple(part[np.ix_(self.motors, self.free)].T for part in parts)
-        self.J, self._J_motors = J[:, self.free], J[:, self.motors]
+        at, rows = np.ix_(self.free, self.free), np.ix_(self.motors, self.free)
+        M, C, K = parts
+        self.adopt(
+            Tangent(
+                np.asfortranarray(M[at]),
+                np.asfortranarray(C[at]),
+                np.asfortranarray(K[at]),
+                J[:, self.free],
+                (M[rows].T, C[rows].T, K[rows].T),
+                J[:, self.motors],
+            )
+        )
         self.tangents += 1
-        self.h, self.stale = 0.0, False
+
+    def adopt(self, tangent: Tangent) -> None:
+        """Go on with a tangent, whoever found it."""
+        self.tangent, self.h, self.stale = tangent, 0.0, False
 
     def factor(self, h: float) -> None:
         """Factors for a step h; raises numpy's LinAlgError when one is singular."""
-        n, size = self.n, self.n + len(self.J)
+        of = self.tangent
+        if self._compiled is not None:
+            if not self._compiled.kernel.factor(of.M, of.C, of.K, of.J, h):
+                raise np.linalg.LinAlgError("singular iteration matrix")
+            self.factors, self.h = self.factors + 1, h
+            return
+        n, size = len(self.free), len(self.free) + len(of.J)
         self._lu = []
         for mu in self._method.values:
             real = abs(mu.imag) < 1e-9
             m = mu.real if real else mu
             S = np.zeros((size, size), order="F", dtype=float if real else complex)
-            S[:n, :n] = (m * m) * self.M + (h * m) * self.C + (h * h) * self.K
-            S[:n, n:], S[n:, :n] = self.J.T, self.J
+            S[:n, :n] = (m * m) * of.M + (h * m) * of.C + (h * h) * of.K
+            S[:n, n:], S[n:, :n] = of.J.T, of.J
             if size:
                 lu, pivots, info = (self._lapack.dgetrf if real else self._lapack.zgetrf)(
                     S, overwrite_a=True
@@ -67,6 +121,9 @@ class StageNewton:
 
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
         """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows)."""
+        n = len(self.free)
+        if self._compiled is not None:
+            return self._compiled.solve(r, c)
         parts = self._method.forward @ np.concatenate([-r, c / -(self.h**2)], axis=1)
         for k, (lu, pivots, real) in enumerate(self._lu):
             if real:
@@ -74,9 +131,4 @@ class StageNewton:
             else:
                 parts[k] = self._lapack.zgetrs(lu, pivots, parts[k])[0]
         x = (self._method.back @ parts).real
-        return x[:, : self.n], -x[:, self.n :]
-
-    def motor_forces(self, da: Array, dv: Array, dy: Array, dlam: Array) -> Array:
-        """What corrections of the stages change in the rows of the motors, shape (s, nm)."""
-        by_a, by_v, by_y = self._motor_rows
-        return np.asarray(da @ by_a + dv @ by_v + dy @ by_y - dlam @ self._J_motors)
+        return x[:, :n], -x[:, n:]

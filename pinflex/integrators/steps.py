@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
 from pinflex.actuation.drive import MotorPath
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.equations import Equations
 
 Path = Callable[[Array], MotorPath]
@@ -17,7 +17,35 @@ class StepFailed(Exception):
     """Newton did not converge in a step: a shorter one may."""
 
 
-class Steps(Protocol):
+class States(NamedTuple):
+    """States at k instants, as they are recorded.
+
+    Attributes:
+        y: Shape (k, nq). v, a: Shape (k, nv). lam: Shape (k, rows). torque: Shape (k, nm).
+        work: Of the motors and of the damping since the start of the step, J, shape (k, 2).
+    """
+
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    torque: Array
+    work: Array
+
+
+class Recorded(Protocol):
+    """What a record asks of the equations that steps were solved by."""
+
+    dynamics: Equations
+
+    def dense(self, steps: Sequence[Any], t: Array, of: IntArray) -> States:
+        """States at times t (k,) in s, of (k,): the step that each lies in."""
+
+    def work(self, step: Any) -> Array:
+        """Work of the motors and of the damping in a step, J, shape (2,)."""
+
+
+class Steps(Recorded, Protocol):
     """Single steps of one run, by one method.
 
     Its states have t, y, v, a, lam and torque; its steps start, h and coarseness, the error
@@ -30,7 +58,6 @@ class Steps(Protocol):
         scale: Largest displacement of the run so far.
     """
 
-    dynamics: Equations
     idle: tuple[float, float]
     memory: float
     scale: float
@@ -56,11 +83,8 @@ class Steps(Protocol):
     def end(self, step: Any) -> Any:
         """The state after a step."""
 
-    def dense(self, step: Any, t: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """y, v, a, lam, torque and work since the start of the step, at times within it."""
-
-    def work(self, step: Any) -> Array:
-        """Work of the motors and of the damping in a step, J, shape (2,)."""
+    def resolve(self, resolution: float) -> None:
+        """Let steps be solved for a resolution from now on."""
 
     def expire(self) -> None:
         """Let the next step begin with a new tangent."""

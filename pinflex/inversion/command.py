@@ -126,7 +126,9 @@ class Command:
         """The command as a motion of the joints, which `solve` takes."""
         names = tuple(self.motors)
         law = partial(_follow, self.curve, float(self.t[-1]))
-        return Motion("command", "joints", names, float(self.t[-1]), law, True)
+        end = float(self.t[-1])
+        corners = self.before, end - self.after  # where the platform starts and stops
+        return Motion("command", "joints", names, end, law, True, corners=corners)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write t, then position, velocity, acceleration and torque of every motor, SI units.

@@ -3,20 +3,20 @@
 The difference of an output is its largest one over the samples, relative to the largest value it
 takes; of the platform's pose, relative to its largest deviation from the rigid motion. Torques that
 dry friction makes jump differ by their root mean square: a jump an instant later is no error. An
-output
-that is zero throughout (the torque of no motor, a platform that does not turn) is left out: nothing
-can be said of it.
+output that is zero throughout (the torque of no motor, a platform that does not turn) is left out:
+nothing can be said of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.actuation.nominal import nominal
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import SceneError
@@ -29,8 +29,27 @@ _SAMPLES = 51  # instants at which poses are compared: the samples, or every k-t
 ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands of steps are not
 # m or rad: below, there is no deviation to speak of.
 STILL = 1e-9
-
 REST = 1e-12  # m or rad
+# Outputs that are nothing to speak of below this, m or rad.
+LEAST_SIZES = dict.fromkeys(("joint positions", "platform position", "platform rotation"), STILL)
+
+
+class History(NamedTuple):
+    """Distance of two runs in an output over time.
+
+    Attributes:
+        at: Samples, counted from the first of the runs, shape (k,).
+        apart: Distance there. size: Of the finer run.
+    """
+
+    at: IntArray
+    apart: Array
+    size: Array
+
+    def upto(self, sample: int) -> History:
+        """What lies before a sample."""
+        kept = self.at < sample
+        return History(self.at[kept], self.apart[kept], self.size[kept])
 
 
 class Outputs:
@@ -46,29 +65,54 @@ class Outputs:
     ) -> None:
         self._asked, self._dynamics = asked, dynamics  # a new workspace is dear in large models
         self._mechanism, self._motion, self._t = mechanism, motion, t
-        self._keep = slice(None, None, -(-len(t) // _SAMPLES))
+        self._every = -(-len(t) // _SAMPLES)
         self._rigid: tuple[Array, Array] | None = None
         self._before: tuple[Run, tuple[Array, Array]] | None = None
 
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:
         """Relative difference of two runs at the same samples, by output."""
-        found: dict[str, float | None] = {}
         if np.ptp(fine.y, axis=0).max(initial=0.0) < REST:
             return {}  # at rest: round-off is all that differs
+        found = {
+            key: relative_size(key, history.apart, history.size)
+            for key, history in self.histories(coarse, fine).items()
+        }
+        if "torque" in found and fine.system.sticks(fine.settings.get("drive") != "torque"):
+            found["torque"] = mean_square(coarse.torque, fine.torque)
+        if self._swings(fine) or not any(found.values()):
+            joints = self._joints(coarse, fine, fine.y[0])
+            found |= {key: relative_size(key, h.apart, h.size) for key, h in joints.items()}
+        return {key: error for key, error in found.items() if error is not None}
+
+    def histories(
+        self,
+        coarse: Run,
+        fine: Run,
+        from_sample: int | None = 0,
+        first: Array | None = None,
+    ) -> dict[str, History]:
+        """Distance of two runs and size of the finer one over time, by output that was asked for.
+
+        Args:
+            coarse, fine: Runs at the same samples, in one piece from `from_sample` on.
+            from_sample: Number of their first sample among all; None: at other instants than the
+                samples, where the size of a deviation from the rigid motion is not known (0).
+            first: First pose of all, shape (nq,), where joints are to be compared that motors and
+                motion do not determine.
+        """
+        found: dict[str, History] = {}
         system, elastic = fine.system, fine.system.n_eta
-        if "torque" in self._asked:
-            jumps = system.sticks(fine.settings.get("drive") != "torque")
-            measure = mean_square if jumps else relative_or_none
-            found["torque"] = measure(coarse.torque, fine.torque)
+        if "torque" in self._asked and fine.torque.shape[1]:
+            found["torque"] = _history(coarse.torque - fine.torque, fine.torque)
         n = int(system.rigid.nq)
         if elastic and "deflection" in self._asked:
-            found["deflection"] = relative_or_none(coarse.y[:, n:], fine.y[:, n:])
+            found["deflection"] = _history(coarse.y[:, n:] - fine.y[:, n:], fine.y[:, n:])
         gives_way = elastic or len(self._mechanism.rigid.held)
         if self._mechanism.description.platform and gives_way and "platform" in self._asked:
-            found |= self._platform(coarse, fine)
-        if self._swings(fine) or not any(found.values()):
-            found |= self._joints(coarse, fine)
-        return {key: error for key, error in found.items() if error is not None}
+            found |= self._platform(coarse, fine, from_sample)
+        if first is not None and (self._swings(fine) or not found):
+            found |= self._joints(coarse, fine, first)
+        return found
 
     def _swings(self, run: Run) -> bool:
         """Whether joints move that motors and motion do not determine."""
@@ -77,49 +121,56 @@ class Outputs:
             or run.settings.get("drive") == "torque"
         )
 
-    def _joints(self, coarse: Run, fine: Run) -> dict[str, float | None]:
+    def _joints(self, coarse: Run, fine: Run, first: Array) -> dict[str, History]:
         """Of the positions of all joints, over their largest way from the first, and speeds."""
         rigid = fine.system.rigid
         nq, nv = int(rigid.nq), int(rigid.nv)
         pairs = zip(coarse.y[:, :nq], fine.y[:, :nq], strict=True)
         apart = np.array([pin.difference(rigid, a, b) for a, b in pairs])
-        first = fine.y[0, :nq]
-        way = np.array([pin.difference(rigid, first, q) for q in fine.y[:, :nq]])
-        scale = float(np.max(np.abs(way), initial=0.0))
-        far = float(np.max(np.abs(apart), initial=0.0))
+        way = np.array([pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]])
         return {
-            "joint positions": far / scale if scale > STILL else None,
-            "joint speeds": relative_or_none(coarse.v[:, :nv], fine.v[:, :nv]),
+            "joint positions": _history(apart, way),
+            "joint speeds": _history(coarse.v[:, :nv] - fine.v[:, :nv], fine.v[:, :nv]),
         }
 
-    def _platform(self, coarse: Run, fine: Run) -> dict[str, float | None]:
-        p, R = self._poses(coarse)
-        p_fine, R_fine = self._poses(fine)
-        p_rigid, R_rigid = self._rigid_poses(fine)
-        scale = np.abs(p_fine - p_rigid).max(), np.abs(between(R_rigid, R_fine)).max()
-        apart = np.abs(p - p_fine).max(), np.abs(between(R, R_fine)).max()
-        names = "platform position", "platform rotation"
+    def _platform(self, coarse: Run, fine: Run, from_sample: int | None) -> dict[str, History]:
+        every = slice(None)
+        keep = (
+            every if from_sample is None else slice(-from_sample % self._every, None, self._every)
+        )
+        p, R = self._poses(coarse, keep)
+        p_fine, R_fine = self._poses(fine, keep)
+        if from_sample is None:
+            return {
+                "platform position": _history(p - p_fine, 0.0 * p, keep),
+                "platform rotation": _history(between(R, R_fine), 0.0 * p, keep),
+            }
+        at = slice(-(-from_sample // self._every), None)
+        p_rigid, R_rigid = (part[at][: len(p)] for part in self._rigid_poses(fine))
         return {
-            key: float(a / s) if s > STILL else None
-            for key, a, s in zip(names, apart, scale, strict=True)
+            "platform position": _history(p - p_fine, p_fine - p_rigid, keep),
+            "platform rotation": _history(between(R, R_fine), between(R_rigid, R_fine), keep),
         }
 
-    def _poses(self, run: Run) -> tuple[Array, Array]:
+    def _poses(self, run: Run, keep: slice) -> tuple[Array, Array]:
         if self._before is not None and self._before[0] is run:
             return self._before[1]
         dynamics = self._dynamics or Equations(run.system)
-        poses = platform_poses(self._mechanism, dynamics, run.y[self._keep])
+        y = run.y[keep]
+        poses = np.zeros((0, 3)), np.zeros((0, 3, 3))
+        if len(y):
+            poses = platform_poses(self._mechanism, dynamics, y)
         self._before = run, poses
         return poses
 
     def _rigid_poses(self, run: Run) -> tuple[Array, Array]:
         """Of the rigid motion; where it is not known, the first pose of the run."""
         if self._rigid is None:
-            dynamics, q = Equations(self._mechanism.rigid), None
+            dynamics, t = Equations(self._mechanism.rigid), self._t[:: self._every]
             try:
-                q = nominal(self._mechanism, self._motion, self._t).q[self._keep]
+                q = nominal(self._mechanism, self._motion, self._t).q[:: self._every]
             except SceneError:
-                q = np.tile(run.y[:1, : int(run.system.rigid.nq)], (len(self._t[self._keep]), 1))
+                q = np.tile(run.y[:1, : int(run.system.rigid.nq)], (len(t), 1))
             self._rigid = platform_poses(self._mechanism, dynamics, q)
         return self._rigid
 
@@ -131,16 +182,29 @@ def platform_poses(mechanism: Mechanism, dynamics: Equations, y: Array) -> tuple
     return p, R
 
 
+def relative_size(key: str, apart: Array, size: Array) -> float | None:
+    """Largest distance over the largest size of an output, or None where nothing can be said."""
+    scale = float(np.max(size, initial=0.0))
+    far = float(np.max(apart, initial=0.0))
+    if key in LEAST_SIZES:
+        return far / scale if scale > LEAST_SIZES[key] else None
+    if scale > 0.0:
+        return far / scale
+    return None if far == 0.0 else np.inf
+
+
+def _history(apart: Array, size: Array, keep: slice = slice(None)) -> History:
+    """Of distances and sizes (k, n), at every sample or at those of a slice."""
+    step = keep.step or 1
+    at = (keep.start or 0) + step * np.arange(len(apart))
+    return History(at, *(np.abs(x).max(axis=1, initial=0.0) for x in (apart, size)))
+
+
 def relative(a: Array, b: Array) -> float:
     """Largest difference of two histories over the largest value of the second."""
     scale = float(np.max(np.abs(b), initial=0.0))
     apart = float(np.max(np.abs(a - b), initial=0.0))
     return apart / scale if scale > 0 else np.inf if apart > 0 else 0.0
-
-
-def relative_or_none(a: Array, b: Array) -> float | None:
-    """`relative`, or None where both are zero throughout."""
-    return relative(a, b) if np.any(b) or np.any(a) else None
 
 
 def mean_square(a: Array, b: Array) -> float | None:

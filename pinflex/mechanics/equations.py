@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.mechanics.closure_state import ClosureState
+from pinflex.mechanics.compiled import Compiled, on_kernel
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import (
@@ -45,7 +46,8 @@ class Equations(Geometry):
             loads.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, often: bool = True) -> None:
+        """`often`: worth the millisecond or two that tables for the kernel take."""
         super().__init__(system)
         self.damped = bool(np.any(system.D))
         self.rubbed = system.friction.present
@@ -60,8 +62,14 @@ class Equations(Geometry):
         self._acted = sorted({*bodies.ravel().tolist(), *self._loads.support})
         at = np.array(self._acted, dtype=np.intp)[:, None]
         self._of_loops = (at == bodies[1]).astype(float) - (at == bodies[0])
+        self._often = often
         # Scratch of `joint_forces` and of the derivatives, which write whatever they then read.
         self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
+
+    @cached_property
+    def compiled(self) -> Compiled | None:
+        """The compiled equations, where they serve."""
+        return on_kernel(self.system) if self._often else None
 
     # Forces --------------------------------------------------------------------------------
 
@@ -97,6 +105,8 @@ class Equations(Geometry):
     def _residuals(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array | tuple[float | Array, ...]
     ) -> tuple[Array, Array]:
+        if (compiled := self.compiled) is not None:
+            return compiled.residual(Y, V, A, lam, t)
         here = self.map.at(Y, V, A, True)
         n, closed = len(Y), None
         g = np.empty((n, self._nV))
@@ -163,6 +173,8 @@ class Equations(Geometry):
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
         """Exact derivatives at t (s), y (nq,), v and a (nv,), lam (rows,)."""
+        if (compiled := self.compiled) is not None:
+            return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
         M, C, K = (found.weighted(weights, True) for weights in np.eye(3))
         return Tangent(M, C, K, J)
@@ -187,6 +199,10 @@ class Equations(Geometry):
             weights: Of M, C and K.
             rates: Exact, also where links accelerate wildly.
         """
+        if (compiled := self.compiled) is not None:
+            *parts, J = compiled.tangent(y, v, a, lam, t, rates)
+            S = sum(w * part for w, part in zip(weights, parts, strict=True) if w)
+            return IterationMatrix(np.asarray(S), J)
         found, J = self._derivatives(y, v, a, lam, t, weights[2] != 0.0)
         return IterationMatrix(found.weighted(weights, rates), J)
 

@@ -22,6 +22,8 @@ _TIMES = np.array(
     dtype=float,
 ).reshape(4, 16)
 
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # axes after x, y, z, and before them
+
 
 class Manifold:
     """Poses y (+) move of a mechanism: plain joints, circles and spheres each side by side.
@@ -43,9 +45,13 @@ class Manifold:
         self._q, self._v = _rows(plain)
         self._circle_q = np.array([j.idx_q for j in circles], dtype=np.intp)
         self._circle_v = np.array([j.idx_v for j in circles], dtype=np.intp)
-        self._spheres = [
-            (slice(j.idx_q, j.idx_q + 4), slice(j.idx_v, j.idx_v + 3)) for j in spheres
-        ]
+        self._sphere_q, self._sphere_v = (
+            np.array([first + np.arange(n) for first in at], dtype=np.intp).reshape(-1, n)
+            for n, at in (
+                (4, [j.idx_q for j in spheres]),
+                (3, [j.idx_v for j in spheres]),
+            )
+        )
 
     def retract(self, y: Array, moves: Array) -> Array:
         """Shape (k, nq), for moves (k, nv) from one pose y (nq,) or from each of (k, nq)."""
@@ -64,8 +70,9 @@ class Manifold:
             grown = 0.5 * (3.0 - c * c - s * s)  # keeps (cos, sin) on the circle
             c, s, cos, sin = grown * c, grown * s, np.cos(angle), np.sin(angle)
             out[:, at], out[:, at + 1] = c * cos - s * sin, s * cos + c * sin
-        for q, v in self._spheres:
-            out[:, q] = _normal(_product(y[..., q], quaternion(moves[:, v])))
+        if len(self._sphere_q):
+            turned = quaternion(moves[:, self._sphere_v])
+            out[:, self._sphere_q] = _normal(_product(y[..., self._sphere_q], turned))
         out[:, n:] = y[..., n:] + moves[:, m:]
         return out
 
@@ -82,14 +89,19 @@ class Manifold:
         if len(at):
             c, s, c1, s1 = y0[:, at], y0[:, at + 1], y1[:, at], y1[:, at + 1]
             moves[:, self._circle_v] = np.arctan2(c * s1 - s * c1, c * c1 + s * s1)
-        for q, v in self._spheres:
-            moves[:, v] = quaternion_vector(_product(y0[:, q] * [-1.0, -1.0, -1.0, 1.0], y1[:, q]))
+        if len(self._sphere_q):
+            q0, q1 = y0[:, self._sphere_q], y1[:, self._sphere_q]
+            moves[:, self._sphere_v] = quaternion_vector(_product(q0 * [-1.0, -1.0, -1.0, 1.0], q1))
         moves[:, d.n_rigid :] = y1[:, d.nq_rigid :] - y0[:, d.nq_rigid :]
         return moves
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
         """What the rates of the exponential coordinates of moves differ from v by, (k, nv)."""
         d, turn = self._dynamics, np.zeros_like(v)
+        if self._easy:
+            at = self._sphere_v
+            turn[:, at] = _turning(moves[:, at], v[:, at])
+            return turn
         n, model, q = d.n_rigid, d.system.rigid, y[: d.nq_rigid]
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
         turn[:, :n] = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
@@ -107,6 +119,29 @@ def _product(p: Array, q: Array) -> Array:
     """Quaternions p q, shape (..., 4), scalar last."""
     left = (p @ _TIMES).reshape(*p.shape[:-1], 4, 4)
     return np.asarray((left @ q[..., None])[..., 0])
+
+
+def _turning(angle: Array, v: Array) -> Array:
+    """Rates of rotation vectors (..., 3) less the velocities (..., 3) in the turned axes.
+
+    Source: Bullo and Murray 1995, Proportional derivative control on the Euclidean group: the
+    inverse of the right Jacobian of SO(3).
+    """
+    across = _cross(angle, v)
+    square = (angle * angle).sum(axis=-1, keepdims=True)
+    half = 0.5 * np.sqrt(square)
+    # 1/a^2 - 1/(2 a tan(a/2)), by its series where that loses digits.
+    small = half < 1e-2
+    safe = np.where(small, 1.0, half)
+    part = np.where(
+        small, 1.0 / 12.0 + square / 720.0, (1.0 - safe / np.tan(safe)) / (4.0 * safe * safe)
+    )
+    return np.asarray(0.5 * across + part * _cross(angle, across))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Products of vectors (..., 3), without what numpy's own costs for a few of them."""
+    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
 def _normal(q: Array) -> Array:

@@ -21,6 +21,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics import workspace
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
+from pinflex.mechanics.compiled import evaluated_by
 from pinflex.mechanics.cost import require_workspace
 from pinflex.mechanics.damping import with_damping
 from pinflex.mechanics.expanded import Attachment, Expansion
@@ -131,12 +132,7 @@ class Mechanism:
             *changes: Mappings from key path to value, or texts "key.path=value"; a segment may be
                 a glob, see `load`.
         """
-        texts = [
-            text
-            for change in changes
-            for text in ([change] if isinstance(change, str) else assignments(change))
-        ]
-        return load(self.description, texts, self.own)
+        return load(self.description, assignments(*changes), self.own)
 
     def _repr_html_(self) -> str:
         links = ", ".join(self.parts) or "none"
@@ -151,6 +147,11 @@ class Mechanism:
                 ("frames", ", ".join(self.frames) or "none"),
             ]),
         )  # fmt: skip
+
+    @property
+    def evaluated_by(self) -> str:
+        """The equations that serve the flexible mechanism: compiled, or why not."""
+        return evaluated_by(self.flexible)
 
     def undeformed(self, q: Array | None = None) -> Array:
         """y of the flexible mechanism at a rigid pose, eta = 0."""

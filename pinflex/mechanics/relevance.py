@@ -136,7 +136,7 @@ class _Look:
     """A system at home in linear statics, motors locked; what is free to move is held."""
 
     def __init__(self, system: System, home: Array) -> None:
-        self.dynamics = dynamics = Equations(system)
+        self.dynamics = dynamics = Equations(system, often=False)
         self.system, self.n = system, int(system.rigid.nv)
         self.y = np.concatenate([home, np.zeros(system.n_eta)])
         self.K = dynamics.structural_stiffness(self.y)

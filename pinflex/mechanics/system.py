@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.kernel.tables import Tables
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.friction import DryFriction
@@ -107,3 +108,17 @@ class System:
     def unheld(self) -> IntArray:
         """Velocity rows that move: those of motors among them."""
         return np.setdiff1d(np.arange(self.nv), self.held).astype(np.intp)
+
+    @cached_property
+    def uncovered(self) -> str | None:
+        """What of the system the compiled kernel does not cover; None: it covers the system."""
+        from pinflex.mechanics.kernel_tables import uncovered
+
+        return uncovered(self)
+
+    @cached_property
+    def tables(self) -> Tables:
+        """Tables of a covered system for the compiled kernel."""
+        from pinflex.mechanics.kernel_tables import tables
+
+        return tables(self)

@@ -194,8 +194,10 @@ def _energy_balance(arrays: Mapping[str, Array]) -> float:
     flow = arrays["energy/work"] - arrays["energy/dissipated"]
     drift = np.abs(np.asarray(stored) - np.asarray(stored)[0] - (flow - flow[0]))
     parts = [np.ptp(arrays[f"energy/{k}"]) for k in ("kinetic", "gravity", "elastic", "work")]
-    # Below 1e-15 J there is only the rounding of a run that does not move.
-    scale = max([float(p) for p in parts] + [1e-15])
+    # Below 1e-15 J, and far below the energies themselves, there is only the rounding of a run that
+    # does not move: an energy of 40 J is known to 7e-15 J.
+    rounding = 1e-12 * float(np.max(np.abs(np.asarray(stored)), initial=0.0))
+    scale = max([float(p) for p in parts] + [1e-15, rounding])
     return float(np.max(drift, initial=0.0)) / scale
 
 

@@ -51,7 +51,9 @@ def time_error(settings: Mapping[str, Any], level: str) -> tuple[dict[str, float
     """
     known = settings.get("error")
     if known:
-        return dict(known), f"by two runs, tol = {settings.get('tol', 0):g}"
+        return dict(
+            known
+        ), f"by {settings.get('judged', 'two runs')}, tol = {settings.get('tol', 0):g}"
     if level in ("rigid", "quasistatic"):
         return {}, "none: every instant is solved by itself"
     return {}, f"{NOT_MEASURED}: equal steps; solve with tol to have it"

@@ -22,6 +22,7 @@ from pinflex.integrators import march as adaptive
 from pinflex.integrators.alpha_adaptive import AlphaSteps
 from pinflex.integrators.collocation import Collocation, radau
 from pinflex.integrators.radau import STAGES, Stages
+from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.integrators.steps import Steps
@@ -173,27 +174,46 @@ class Scene:
             alpha: By the alpha family instead of collocation.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
-        start, drive = self._start, self._drive(t)
+        first = adaptive.SHORT if scale > 0.0 else adaptive.LONG
+        return self.kept(
+            t, resolution, lambda steps: Record(steps, t, resolution), first, scale, progress,
+            pilot, alpha,
+        )  # fmt: skip
+
+    def kept(
+        self,
+        t: Array,
+        resolution: float,
+        keeper: Callable[[Any], adaptive.Keeper],
+        first: float,
+        scale: float,
+        progress: Progress | None = None,
+        pilot: bool = False,
+        alpha: bool = False,
+    ) -> Run:
+        """The run at samples t as a keeper of its steps has it; see `adaptive.integrate`.
+
+        Args:
+            t: Samples in s.
+            resolution: Of the first steps.
+            keeper: From the steps, Stages or AlphaSteps, what they are kept by.
+            first, scale, progress, pilot: As `adaptive.integrate` has them.
+            alpha: By the alpha family, not by collocation.
+        """
+        start = self._start
         dynamics = Equations(self._system)  # takes the workspace that the start has given back
-        path, forces = self._path(t), not self.spec.asked or "torque" in self.spec.asked
-        sampler, stops = None, breaks(self.motion, dynamics.system.loads)
-        if self.sampled:
-            sampler, drive = self._sampler(dynamics, drive, float(t[-1]))
-            stops = (*stops, *sampler.instants(float(t[-1])))
+        stops, sampler = breaks(self.motion, dynamics.system.loads), None
         steps: Steps
         if alpha:
-            steps = AlphaSteps(
-                self.mechanism, dynamics, path, (t[0], t[-1]), self._scheme, resolution, drive,
-                forces, self.tolerance,
-            )  # fmt: skip
+            steps = self._alpha_steps(t, dynamics, resolution)
         else:
-            steps = Stages(
-                self.mechanism, dynamics, path, resolution, self._tableau, drive, forces, sampler
-            )
+            steps, sampler = self._stages(t, dynamics, resolution)
+        if sampler is not None:
+            stops = (*stops, *sampler.instants(float(t[-1])))
         try:
             run = adaptive.integrate(
-                self.mechanism.name, steps, (start.y, start.v), t,
-                stops, resolution, scale, pilot, progress,
+                self.mechanism.name, steps, (start.y, start.v), t, stops, keeper(steps), first,
+                scale, pilot, progress,
             )  # fmt: skip
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
@@ -201,6 +221,31 @@ class Scene:
         if sampler is not None:
             run = replace(run, signals=sampler.signals(run.t, run.y))
         return start.told(run)
+
+    def _stages(
+        self, t: Array, dynamics: Equations, resolution: float
+    ) -> tuple[Steps, Sampler | None]:
+        """The stages of a run, and the digital controller that acts in it."""
+        drive, sampler = self._drive(t), None
+        if self.sampled:
+            sampler, drive = self._sampler(dynamics, drive, float(t[-1]))
+        stages = Stages(
+            self.mechanism, dynamics, self._path(t), resolution, self._tableau, drive,
+            self.by_forces, sampler,
+        )  # fmt: skip
+        return stages, sampler
+
+    def _alpha_steps(self, t: Array, dynamics: Equations, resolution: float) -> Steps:
+        ends = float(t[0]), float(t[-1])
+        return AlphaSteps(
+            self.mechanism, dynamics, self._path(t), ends, self._scheme, resolution,
+            self._drive(t), self.by_forces, self.tolerance,
+        )  # fmt: skip
+
+    @property
+    def by_forces(self) -> bool:
+        """Whether forces are asked for."""
+        return not self.spec.asked or "torque" in self.spec.asked
 
     @property
     def sticks(self) -> bool:

@@ -1,9 +1,10 @@
-"""A run within a tolerance: refined until two runs in a row agree on what was asked.
+"""A run within a tolerance: by collocation in one run, else refined until two runs agree.
 
-Of time integration: what the model leaves out is another error (`pinflex.advice`). The
-finer run is answered; what its outputs differ from the coarser one's by (pinflex.levels.outputs),
-divided by what refining gains, is its estimated error. Two runs alike bit by bit tell nothing: both
-are at the floor that round-off sets, and the last run that differed tells how high that is.
+Of time integration: what the model leaves out is another error (`pinflex.advice`). Collocation
+corrects every step (`pinflex.solver.one_run`). Of other methods the finer of two runs is answered;
+what its outputs differ from the coarser one's by (pinflex.levels.outputs), divided by what refining
+gains, is its estimated error. Two runs alike bit by bit tell nothing: both are at the floor that
+round-off sets, and the last run that differed tells how high that is.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.solver.estimates import errors, floor
+from pinflex.solver.one_run import in_one_run
 from pinflex.solver.ringing import ringing
 from pinflex.solver.scene import Progress, Scene, default_step
 
@@ -35,9 +38,9 @@ _FAILURES = 2  # runs that may break off, or change more than the last, before i
 def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """The run at samples t (s) within a relative error tol.
 
-    Level coupled goes by Radau IIA collocation, a sixteenth of the resolution at a time, or by a
-    member of the alpha family that is asked for (`by_error_control`); level ked and a control in
-    equal steps (`by_step_halving`).
+    Level coupled goes by Radau IIA collocation (`in_one_run`; where joints stick or a digital
+    controller acts, `by_refinement`), or by a member of the alpha family that is asked for
+    (`by_error_control`); level ked and a continuous control in equal steps (`by_step_halving`).
 
     Args:
         scene: What is solved.
@@ -51,11 +54,25 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     given = scene.spec.method
     if not (given is None or given == "radau" or isinstance(given, Collocation)):
         return by_error_control(scene, t, tol, progress)
+    if scene.sticks or scene.sampled:
+        return by_refinement(scene, t, tol, progress)
+    return in_one_run(scene, t, tol, progress)
 
-    # The resolution falls with the power of the stages, 6, of the step: a sixteenth of it costs six
-    # tenths more steps, and two runs so far apart tell errors well. In a smooth motion it brings
-    # far more than threefold; a faint vibration that both leave unresolved makes them agree better
-    # than they should, so that less is trusted.
+
+def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+    """By collocation in several runs, each at a sixteenth of the resolution of the last.
+
+    A digital controller does not go back to an earlier step, and a joint that comes to rest an
+    instant later is no error of its torque: one run cannot judge itself then. The resolution falls
+    with the power of the stages, 6, of the step: a sixteenth of it costs six tenths more steps, and
+    two runs so far apart tell errors well. In a smooth motion it brings far more than threefold; a
+    faint vibration that both leave unresolved makes them agree better than they should, so that
+    less is trusted.
+
+    Args:
+        scene, t, tol, progress: As in `solve_to_tolerance`.
+    """
+
     def attempt(resolution: float, coarser: Run | None) -> Run:
         return scene.resolved(t, resolution, progress, coarser, pilot=coarser is None)
 
@@ -153,7 +170,7 @@ class _Refinement:
             # it is round-off that they meet.
             self.failures += 1
             if self.last is not None:
-                raise _floor(self.scene, self.tol, self.last) from None
+                raise floor(self.scene, self.tol, self.last) from None
             if self.failures > _FAILURES:
                 raise
             return None
@@ -164,7 +181,7 @@ class _Refinement:
     def _at_round_off(self, coarse: Run, fine: Run) -> Run:
         """The finer of two runs alike, if a longer step shows that the tolerance is met."""
         if self.last is not None:
-            raise _floor(self.scene, self.tol, self.last)
+            raise floor(self.scene, self.tol, self.last)
         longer = self.size * self.ratio
         while _alike(coarse, fine) and longer < _LONGEST:
             longer *= self.ratio
@@ -172,7 +189,7 @@ class _Refinement:
         last = self._judged(coarse, fine)
         if _worst(last) <= 0.5 * self.tol:
             return last
-        raise _floor(self.scene, self.tol, last)
+        raise floor(self.scene, self.tol, last)
 
     def _judged(self, coarse: Run, fine: Run) -> Run:
         """The finer run with its estimated error, all its cost and what it warns of."""
@@ -185,7 +202,7 @@ class _Refinement:
 
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None
-        key, change = max(_errors(self.last).items(), key=lambda item: item[1])
+        key, change = max(errors(self.last).items(), key=lambda item: item[1])
         failed = ConvergenceError(
             f"{self.scene.mechanism.name}: tol = {self.tol:g} not reached: {key} still changes by "
             f"{change:.2g} after {self.runs} runs. {_WAYS_OUT} error.result holds the last run. "
@@ -195,29 +212,10 @@ class _Refinement:
         return failed
 
 
-def _errors(run: Run) -> dict[str, float]:
-    found = run.settings["error"]
-    assert isinstance(found, dict)
-    return found
-
-
 def _worst(run: Run) -> float:
-    return max(_errors(run).values(), default=0.0)
+    return max(errors(run).values(), default=0.0)
 
 
 def _alike(a: Run, b: Run) -> bool:
     """Whether two runs are the same bit for bit, which tells nothing of their error."""
     return all(np.array_equal(x, y) for x, y in ((a.y, b.y), (a.v, b.v), (a.torque, b.torque)))
-
-
-def _floor(scene: Scene, tol: float, last: Run) -> ConvergenceError:
-    """The error of a tolerance below what round-off lets a run tell."""
-    told = 2.0 * _worst(last)
-    least = f"{10.0 ** (np.ceil(10.0 * np.log10(max(told, 1e-300))) / 10.0):.2g}"
-    failed = ConvergenceError(
-        f"{scene.mechanism.name}: tol = {tol:g} is below what can be told here: shorter steps show "
-        f"only round-off. The floor of this scene is about tol = {least}: give that or more. "
-        "error.result holds the best run."
-    )
-    failed.result = last
-    return failed

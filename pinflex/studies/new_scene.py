@@ -56,8 +56,10 @@ def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str
     except PinflexError as error:
         return _text(tree, name, blocks, [], [str(error)], flexible), None
     home = home_values(mechanism)
-    if home:
+    if home:  # the guesses need not search for it again
         blocks["home"] = home
+        plain = yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False)
+        mechanism = load(from_text(plain, out))
     guesses = candidates(mechanism, tuple(flexible))
     missing = sorted({*flexible} - {guess.link for guess in guesses})
     if missing:

@@ -116,6 +116,8 @@ def test_a_closed_loop_of_elastic_drives_follows_to_round_off() -> None:
     assert found.iterations == 0
     result = followed(robot, motion, found, tol=1e-5)
     assert max(result.during, result.after) < 1e-9  # [m], of some 1e-4 of the rigid command
+    # The platform does not turn: round-off of its rotation shortens no step (it did: 10 000).
+    assert result.run.meta["cost"]["steps"] < 400
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +149,8 @@ def test_a_delta_with_elastic_drives_follows_the_adept_cycle(delta: pf.Mechanism
     motion = pf.adept(duration=0.3)
     rest = {"before": 0.05, "after": 0.1, "instants": 240}
     commands = [pf.command(robot, motion, level, **rest) for level in ("rigid", "exact")]
-    rigid, exact = (followed(robot, motion, found) for found in commands)
+    # 1e-4 of the rigid swing is 2e-6 of the largest deviation that `tol` is relative to.
+    rigid, exact = (followed(robot, motion, found, tol=1e-6) for found in commands)
     assert rigid.during > 1e-3  # [m]: 3.4 mm
     assert exact.during < 1e-4 * rigid.during
     assert exact.swing < 1e-4 * rigid.swing

@@ -126,7 +126,10 @@ def test_loops_are_shut_at_the_ends_of_steps_and_between_to_the_order_of_the_sta
         ends = np.array([step.start.y for step in steps] + [now.y])
         # A pose at the end of a step is a stage: 1e-12 of the displacement.
         assert np.abs(np.hypot(*ends.T) - 1.0).max() < 1e-11
-        between = [march.dense(s, s.start.t + s.h * np.linspace(0, 1, 21))[0] for s in steps]
+        between = [
+            march.dense([s], s.start.t + s.h * np.linspace(0, 1, 21), np.zeros(21, int)).y
+            for s in steps
+        ]
         gaps.append(np.abs(np.hypot(*np.concatenate(between).T) - 1.0).max())
     # The polynomial through the stages is of degree s + 1, its error of order s + 1.
     assert -slope(counts, gaps) == pytest.approx(6.0, abs=0.6)

@@ -59,7 +59,7 @@ def test_the_error_against_generalized_alpha_is_what_was_allowed(name: str, tol:
     m = mechanism(name)
     outputs = Outputs(m, default_motion(m), found.t, asked)
     errors = outputs.differences(found, reference(name))
-    # The tolerance is judged by two runs; what both leave out is not seen.
+    # A run is judged by its correction; what both leave out is not seen.
     assert max(errors.values()) < 3 * tol, errors
     assert set(errors) == set(found.settings["error"])  # type: ignore[call-overload]
 

@@ -3,7 +3,8 @@ METHOD VALUE ASKED [KEY=VALUE ...]`.
 
 METHOD is tol, radau (VALUE: its resolution) or alpha (VALUE: its step in s); ASKED: what tol is
 about, such as torque,platform. Prints one JSON
-object: wall and CPU seconds of the march, its set-up included, but neither loading nor recovery.
+object: wall and CPU seconds of the march, its set-up included, but neither loading nor recovery,
+and the share of it that the compiled kernel takes.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +21,7 @@ import numpy as np
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
+from pinflex.kernel.library import FUNCTIONS, kernel
 from pinflex.levels.outputs import platform_poses
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
@@ -75,6 +78,39 @@ def _careful(scene: Scene, t: Array, resolution: float) -> Run:
     return scene.resolved(t, resolution, coarser=pilot)
 
 
+def kernel_share(scene: Scene, method: str, value: float) -> float:
+    """Share of the CPU time of a march that the functions of the kernel take."""
+    with _timed_kernel() as spent:
+        cpu = march(scene, method, value).cpu
+    return sum(spent) / cpu
+
+
+@contextmanager
+def _timed_kernel() -> Iterator[list[float]]:
+    """CPU seconds of each call of the kernel, while it lasts."""
+    spent: list[float] = []
+    functions = kernel().functions
+    plain = {name: getattr(functions, name) for name in FUNCTIONS} if functions else {}
+
+    def timed(function: Callable[..., object]) -> Callable[..., object]:
+        def call(*args: object) -> object:
+            start = time.thread_time()
+            try:
+                return function(*args)
+            finally:
+                spent.append(time.thread_time() - start)
+
+        return call
+
+    try:
+        for name, function in plain.items():
+            setattr(functions, name, timed(function))
+        yield spent
+    finally:
+        for name, function in plain.items():
+            setattr(functions, name, function)
+
+
 def outputs(scene: Scene, run: Run) -> Arrays:
     """Torques, platform pose and the rigid one; if asked for deflection, that of the links."""
     m = scene.mechanism
@@ -112,8 +148,9 @@ def main(argv: Sequence[str]) -> None:
     with one_blas_thread():
         first = march(given, method, float(value))
         best = march(given, method, float(value))
+        share = kernel_share(given, method, float(value))
     np.savez(out, **outputs(given, best.run))  # type: ignore[arg-type]
-    cost = {"wall": best.wall, "cpu": best.cpu, "steps": best.run.cost["steps"]}
+    cost = {"wall": best.wall, "cpu": best.cpu, "steps": best.run.cost["steps"], "kernel": share}
     print(json.dumps({**cost, "first_wall": first.wall, "first_cpu": first.cpu}))
 
 

@@ -8,6 +8,7 @@ cheapest setting of each is then timed in fresh processes, the two sides in turn
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SceneError
+from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import between, relative
 from pinflex.mechanics.mechanism import load
 from pinflex.solver.scene import Scene
@@ -32,6 +34,7 @@ from tests.benchmarks.race.scenes import RACES, Overrides, Peer, Race
 PEER = Path(__file__).with_name("peer.py")
 CASE = "tests.benchmarks.race.case"  # the module that makes one run of ours
 REPEATS = 3  # fresh processes of each
+PLAIN = " without the kernel"  # the same setting on numpy and Pinocchio
 RESOLUTIONS = tuple(0.1 * 10.0 ** (-k / 4) for k in range(25))  # 0.1 to 1e-7
 STEPS = (400, 800, 1600, 3200, 6400, 12800, 25600)  # of the alpha family; 400 samples each
 Say = Callable[[str], None]
@@ -45,7 +48,10 @@ class Entry:
     Attributes:
         label: As a person would say it. command: Its process, without the file it writes.
         errors: By output. wall, cpu: Best seconds of the solver call over the fresh processes.
+        every: CPU seconds in each of them.
         first: CPU seconds of pinflex's first call in a process, with the imports it needs.
+        environment: Variables of its process.
+        kernel: Share of its CPU time in the compiled kernel.
     """
 
     label: str
@@ -54,6 +60,9 @@ class Entry:
     cpu: float = float("nan")
     wall: float = float("nan")
     first: float = float("nan")
+    every: tuple[float, ...] = ()
+    environment: tuple[tuple[str, str], ...] = ()
+    kernel: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -64,7 +73,8 @@ class Outcome:
         race: The scene. limits: Error to reach by output: what is asked, or the floor above it.
         checks: The reference against other models and methods: errors by name and output.
         peer_floor: The refined peer against the reference; empty without a peer.
-        entries: Those that reach the error: tol, radau, alpha, peer.
+        entries: Those that reach the error: tol, radau, alpha, peer; tol and radau once more
+            without the compiled kernel.
         at_tol: Errors of solve(tol=...) with the error asked for, whether it reaches it or not.
     """
 
@@ -75,11 +85,21 @@ class Outcome:
     entries: dict[str, Entry]
     at_tol: dict[str, float] = field(default_factory=dict)
 
-    def ratio(self, ways: Sequence[str]) -> float:
-        """CPU time of the peer over that of pinflex's cheapest of `ways`; NaN if one is missing."""
-        ours = [self.entries[way].cpu for way in ways if way in self.entries]
-        peer = self.entries.get("peer")
-        return peer.cpu / min(ours) if peer is not None and ours else float("nan")
+    def ratio(self, ways: Sequence[str], of: str = "peer") -> tuple[float, float, float]:
+        """CPU time of an entry over that of pinflex's cheapest of `ways`; NaN if one is missing.
+
+        Args:
+            ways: Entries. of: The entry in the numerator.
+        Returns:
+            Of the best of the processes, and the least and the largest of processes in turn.
+        """
+        ours = [self.entries[way] for way in ways if way in self.entries]
+        other = self.entries.get(of)
+        if other is None or not ours:
+            return (float("nan"),) * 3
+        best = min(ours, key=lambda entry: entry.cpu)
+        turns = [a / b for a, b in zip(other.every, best.every, strict=True)]
+        return other.cpu / best.cpu, min(turns), max(turns)
 
 
 Attempt = Callable[[], Entry]  # one setting tried, or SceneError
@@ -141,6 +161,12 @@ def _race(race: Race, out: Path, say: Say, peer: bool) -> Outcome:
         say(f"{race.key}: settings of the peer")
         found["peer"] = _search_peer(race, limits, reference, out)
     entries = {key: entry for key, entry in found.items() if entry is not None}
+    if kernel().functions is not None:
+        entries |= {
+            key + PLAIN: replace(entry, environment=(("PINFLEX_KERNEL", "0"),))
+            for key, entry in entries.items()
+            if key in ("tol", "radau")
+        }
     say(f"{race.key}: timing in fresh processes")
     at_tol = _solve(race, race.models[-1], "tol", min(race.limits.values()))
     return Outcome(
@@ -238,11 +264,14 @@ def _peer(race: Race, settings: Mapping[str, object]) -> tuple[str, ...]:
     return (sys.executable, str(PEER), race.key.lower(), *options)
 
 
-def _process(command: Sequence[str], out: Path) -> tuple[Arrays, dict[str, Any]]:
+def _process(
+    command: Sequence[str], out: Path, environment: tuple[tuple[str, str], ...] = ()
+) -> tuple[Arrays, dict[str, Any]]:
     """What a process wrote and what it cost; its file is the argument after the scene."""
     at = command.index(CASE) + 2 if CASE in command else 3
     whole = [*command[:at], str(out), *command[at:]]
-    done = subprocess.run(whole, capture_output=True, text=True, check=False)
+    env = {**os.environ, **dict(environment)}
+    done = subprocess.run(whole, capture_output=True, text=True, check=False, env=env)
     if done.returncode:
         raise SceneError(f"{' '.join(whole)}: {done.stderr.strip()[-300:]}")
     with np.load(out) as stored:
@@ -257,14 +286,16 @@ def _timed(entries: dict[str, Entry], out: Path) -> dict[str, Entry]:
     costs: dict[str, list[dict[str, Any]]] = {key: [] for key in entries}
     for _ in range(REPEATS):
         for key, entry in entries.items():
-            costs[key].append(_process(entry.command, out)[1])
+            costs[key].append(_process(entry.command, out, entry.environment)[1])
     nan = float("nan")
     return {
         key: replace(
             entry,
             cpu=min(c["cpu"] for c in costs[key]),
+            every=tuple(c["cpu"] for c in costs[key]),
             wall=min(c["wall"] for c in costs[key]),
             first=min(c.get("first_cpu", nan) for c in costs[key]),
+            kernel=min(c.get("kernel", nan) for c in costs[key]),
         )
         for key, entry in entries.items()
     }

@@ -15,6 +15,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
+from pinflex.description import sources
 from pinflex.description.couplings import Coupling
 from pinflex.description.description import read
 from pinflex.description.source import Source
@@ -78,6 +79,20 @@ def test_gepettos_yaml_says_loops_motors_and_types(tmp_path: Path) -> None:
     pin.framesForwardKinematics(m.rigid.rigid, data, m.home)
     a, b = (data.oMf[m.rigid.rigid.getFrameId(name)].translation for name in ("end_a", "end_b"))
     assert np.abs(a - b).max() < 1e-12  # Newton's
+
+
+def test_a_motor_that_follows_another_is_left_out_and_named(tmp_path: Path) -> None:
+    """A robot.yaml lists each finger as a motor; by the URDF they move as one."""
+    path = gepetto(tmp_path, ROBOT_YAML.replace("[motor]", "[motor, ball]").replace(
+        "[ball, cross]", "[cross]").replace("[SPHERICAL, UJOINT_ZY]", "[UJOINT_ZY]"))  # fmt: skip
+    urdf = tmp_path / "robot.urdf"
+    tag = '<child link="coupler"/>'
+    urdf.write_text(GEPETTO.replace(tag, f'{tag}<mimic joint="motor" multiplier="-2"/>'), "utf-8")
+    robot = read(path)
+    assert robot.actuated == ("motor",)
+    assert [(c.joint, c.leader, c.ratio) for c in robot.couplings] == [("ball", "motor", -2.0)]
+    (note,) = sources.find("robot.yaml", tmp_path, "urdf").notes
+    assert "line 3: ball follows motor" in note
 
 
 def test_a_yaml_may_change_and_take_away_what_the_file_says(tmp_path: Path) -> None:

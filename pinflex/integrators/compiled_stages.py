@@ -1,0 +1,98 @@
+"""The stages of collocation steps on the compiled kernel, where it covers all that they need."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pinflex.actuation.motors import MotorAxes
+from pinflex.arrays import Array, IntArray
+from pinflex.integrators.collocation import Collocation
+from pinflex.kernel.stages import Newton, Rows, Scheme, StageKernel
+from pinflex.mechanics.compiled import Compiled
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.system import System
+
+_BALL = "JointModelSpherical"
+
+
+class CompiledStages:
+    """Poses, residuals and corrections of the stages of one step at a time.
+
+    Attributes:
+        kernel: The arrays of the step. compiled: Residual and tangent of the system.
+    """
+
+    def __init__(self, compiled: Compiled, method: Collocation, rows: Rows) -> None:
+        m = method
+        scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
+        self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
+        self._newton, self._weight = Newton(), np.zeros(0)
+        self._prescribed, self._free = len(rows.motor_v) > 0, rows.free
+
+    def begin(self, start: Any, t: Array, path: Any, a: Array, lam: Array, turn: Array) -> None:
+        """Take over a step: its start, the motors at the stages t (s), and a guess."""
+        k = self.kernel
+        k.y0[...], k.v0[...] = start.y, start.v
+        if self._prescribed:
+            k.position[...], k.velocity[...] = path.position, path.velocity
+        if k.scale.size:
+            k.scale[...] = self.compiled.scale(t)
+        k.a[...], k.lam[...], k.turn[...], k.change[...] = a, lam, turn, 0.0
+
+    def newton(self, weight: Array, measured: IntArray) -> Newton:
+        """Newton's iteration with norms in a weight (n, n) of velocity rows `measured` (n,)."""
+        if self._weight is not weight:
+            self._weight = weight
+            self._weights = np.ascontiguousarray(weight)
+            self._rows = np.ascontiguousarray(measured, dtype=np.int64)
+            self._newton.measured, self._newton.measured_at = len(measured), self._rows.ctypes.data
+            self._newton.weight = self._weights.ctypes.data
+        return self._newton
+
+    def solve(self, r: Array, c: Array) -> tuple[Array, Array]:
+        """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows)."""
+        k = self.kernel
+        k.r[:, self._free], k.open[...] = r, c
+        k.solve()
+        return k.change[:, self._free], k.dlam.copy()
+
+
+def compiled_stages(
+    equations: Equations, method: Collocation, free: IntArray, axes: MotorAxes | None
+) -> CompiledStages | None:
+    """The stages of a system on the kernel; None: those of numpy serve.
+
+    Args:
+        equations: Of what moves. method: The scheme. free: Velocity rows that are solved for.
+        axes: Prescribed motors; None where motors give torques.
+    """
+    if axes is None:
+        return None
+    system, compiled = equations.system, equations.compiled
+    sorts = _sorts(system)
+    if compiled is None or sorts is None or not compiled.complete:
+        return None
+    motors = system.motors
+    paired = np.isin(np.arange(len(motors)), axes.paired)
+    q_at = np.asarray(axes.q_at, dtype=np.intp)
+    rows = Rows(free, motors, q_at, paired.astype(np.intp), *sorts)
+    return CompiledStages(compiled, method, rows)
+
+
+def _sorts(system: System) -> tuple[IntArray, ...] | None:
+    """Coordinates and rows of plain joints, circles and balls; None where there are others."""
+    plain, circles, balls = [], [], []
+    for joint in system.rigid.joints[1:]:
+        first = joint.idx_q, joint.idx_v
+        if joint.nq == joint.nv:
+            plain += [(first[0] + k, first[1] + k) for k in range(joint.nv)]
+        elif joint.nv == 1:
+            circles.append(first)
+        elif joint.shortname() == _BALL:
+            balls.append(first)
+        else:
+            return None
+    found = (np.array(x, dtype=np.intp).reshape(-1, 2).T for x in (plain, circles, balls))
+    return tuple(column for both in found for column in both)

@@ -1,0 +1,277 @@
+"""The equations of one collocation step: its stages, their correction, and what is read off them.
+
+At every stage i of a step, the loops closed there:
+
+    r(y_i, v_i, a_i, lam_i) = 0,  c(y_i) = 0,  v_i = v_0 + h A_ij a_j,  y_i = y_0 (+) h A_ij u_j
+
+On a manifold, u is v seen in the exponential coordinates of the step (Munthe-Kaas 1999), else
+u = v. Samples are read off the polynomials of the stages: they cost no steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath, TorqueDrive
+from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.sampler import Sampler
+from pinflex.arrays import Array, IntArray
+from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.compiled_stages import compiled_stages
+from pinflex.integrators.consistent import consistent_acceleration
+from pinflex.integrators.stage_newton import StageNewton, Tangent
+from pinflex.integrators.steps import Path, States
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.manifold import Manifold
+from pinflex.mechanics.mechanism import Mechanism
+
+
+@dataclass
+class Start:
+    """The state a step starts from."""
+
+    t: float
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step: where it started, its length, and its stages.
+
+    Attributes:
+        start: State before it. h: Length in s.
+        move: Exponential coordinates from the start, shape (s, nv). turn: u - v, likewise.
+        a: Shape (s, nv). lam: Shape (s, rows). torque: Shape (s, nm).
+        power: Of the motors and of the damping, shape (s, 2), W.
+        coarseness: Last Legendre coefficient of the displacement over the largest one so far. In a
+            vibration the error that a step adds is about half its square for each radian.
+        path: Motion of the motors at the stages.
+        tangent: Linearised equations it was solved with. rate: Their last contraction.
+    """
+
+    start: Start
+    h: float
+    move: Array
+    turn: Array
+    a: Array
+    lam: Array
+    torque: Array
+    power: Array
+    coarseness: float
+    path: MotorPath
+    tangent: Tangent
+    rate: float
+
+
+class Trial:
+    """Stages of a step on their way to the solution.
+
+    Attributes:
+        start, h, t, path: As in a step, with the times of the stages.
+        a, lam, turn: Unknowns. v, move, y: What follows from them.
+        da, dlam, change: The last correction: of a, of lam, and of the displacement.
+        torque, c: Of the motors, and of the closures, before that correction.
+    """
+
+    y: Array
+    v: Array
+    move: Array
+    torque: Array
+    c: Array
+    da: Array
+    dlam: Array
+
+    def __init__(
+        self, start: Start, h: float, t: Array, path: MotorPath, a: Array, lam: Array, turn: Array
+    ) -> None:
+        self.start, self.h, self.t, self.path = start, h, t, path
+        self.a, self.lam, self.turn = a, lam, turn
+        self.change = np.zeros_like(a)
+
+
+class StageEquations:
+    """The stages of single steps of one run: residuals, corrections, states between."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        dynamics: Equations,
+        path: Path,
+        method: Collocation,
+        drive: TorqueDrive | None = None,
+        sampler: Sampler | None = None,
+    ) -> None:
+        system = dynamics.system
+        self.mechanism, self.dynamics, self.path, self.drive = mechanism, dynamics, path, drive
+        self.axes, self.motors = motor_axes(mechanism), system.motors
+        self.method, self.sampler = method, sampler
+        self.free = system.free if drive is None else system.unheld
+        prescribed = None if drive is not None or sampler is not None else self.axes
+        self.compiled = compiled_stages(dynamics, method, self.free, prescribed)
+        self.newton = StageNewton(dynamics, method, self.free, drive, self.compiled)
+        self.manifold = Manifold(dynamics, () if drive is not None else self.motors)
+
+    def first(self, t: float, y: Array, v: Array) -> Start:
+        """Consistent accelerations, multipliers and torques at (y, v)."""
+        d, path = self.dynamics, self.path(np.array([t]))
+        if self.sampler is not None:
+            self.sampler.reach(t, y, v)
+        u = self._control_force
+        if self.drive is None:
+            a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t, u)
+            return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t, u).r[self.motors])
+        torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
+        a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t, u)
+        return Start(t, y, v, a, lam, torque)
+
+    def begin(
+        self, start: Start, h: float, a: Array, lam: Array, turn: Array | None = None
+    ) -> Trial:
+        """Stages of a step of h (s) with a guess of a (s, nv), lam (s, rows) and turn (s, nv)."""
+        t = start.t + h * self.method.c
+        path = self.path(t)
+        if self.drive is None:
+            a[:, self.motors] = path.acceleration
+        x = Trial(start, h, t, path, a, lam, np.zeros_like(a) if turn is None else turn)
+        if self.compiled is not None:
+            self.compiled.begin(start, t, path, a, lam, x.turn)
+            k = self.compiled.kernel  # its arrays from now on
+            x.a, x.lam, x.turn, x.change, x.dlam = k.a, k.lam, k.turn, k.change, k.dlam
+            x.y, x.v, x.move, x.da = k.y, k.v, k.move, k.da
+        return x
+
+    def place(self, x: Trial) -> None:
+        """Poses and velocities of the stages from their accelerations."""
+        m, h, start = self.method, x.h, x.start
+        if self.compiled is not None:
+            self.compiled.kernel.place(h)
+            return
+        x.v = start.v + h * (m.A @ x.a)
+        if self.drive is None:
+            x.v[:, self.motors] = x.path.velocity
+        x.move = (h * m.c)[:, None] * start.v + (h * h) * (m.A2 @ x.a)
+        if self.manifold.turning:
+            x.turn = self.manifold.turn(start.y, x.move + h * (m.A @ x.turn), x.v)
+            x.move += h * (m.A @ x.turn)
+        x.y = self.places(start.y, x.move, x.path)
+
+    def correct(self, x: Trial) -> None:
+        """One Newton correction of the stages, by the factors at hand."""
+        if self.compiled is not None:
+            kernel = self.compiled.kernel
+            kernel.residual()
+            x.torque, x.c = kernel.r[:, self.motors], kernel.open
+            kernel.correct()
+            return
+        r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t, self._control_force)
+        x.torque = r[:, self.motors]
+        if self.drive is not None:
+            x.torque = self.drive.pull(x.path, self.axes, x.y, x.v)
+            r[:, self.motors] -= x.torque
+        dz, x.dlam = self.newton.step(r[:, self.free], x.c)
+        x.da = self.method.A2_inverse @ dz
+        x.a[:, self.free] += x.da
+        x.lam += x.dlam
+        # Displacements count: the accelerations of fast modes are noise.
+        x.change[:, self.free] = (x.h * x.h) * dz
+
+    def solved(self, x: Trial, coarseness: float, rate: float) -> Step:
+        """The step with its last correction in everything that follows from it."""
+        tangent, free = self.newton.tangent, self.free
+        dv, torque = x.h * (self.method.A @ x.da), x.torque
+        if self.drive is None:
+            torque = torque + tangent.motor_forces(x.da, dv, x.change[:, free], x.dlam)
+        x.v[:, free] += dv
+        return Step(
+            x.start, x.h, x.move + x.change, x.turn.copy(), x.a.copy(), x.lam.copy(), torque,
+            self._power(x.v, torque), coarseness, x.path, tangent, rate,
+        )  # fmt: skip
+
+    def places(self, y: Array, move: Array, path: MotorPath) -> Array:
+        """Poses y (+) move, shape (k, nq), prescribed motors where they are told to be.
+
+        Args:
+            y: One pose (nq,), or each of (k, nq). move: Shape (k, nv).
+            path: Motion of the motors at the k instants.
+        """
+        y_s = self.manifold.retract(y, move)
+        if self.drive is None:
+            self.axes.write(y_s, path.position)
+        return y_s
+
+    def _power(self, v: Array, torque: Array) -> Array:
+        """Power of the motors and of the damping at states, shape (s, 2)."""
+        lost = self.dynamics.system.dissipation(v)
+        put_in = np.sum(torque * v[:, self.motors], axis=1)
+        if (force := self._control_force) is not None:
+            put_in = put_in + v @ force
+        return np.column_stack([put_in, lost])
+
+    @property
+    def _control_force(self) -> Array | None:
+        """Generalised forces (nv,) that a digital controller holds now; None: none."""
+        return None if self.sampler is None else self.sampler.force
+
+    def work(self, step: Step) -> Array:
+        """Work of the motors and of the damping in a step, J, shape (2,)."""
+        return np.asarray(step.h * (self.method.A[-1] @ step.power))
+
+    def end(self, step: Step) -> Start:
+        """The state after a step."""
+        t = step.start.t + step.h
+        v = step.start.v + step.h * (self.method.A[-1] @ step.a)
+        last = MotorPath(*(part[-1:] for part in _parts(step.path)))
+        if self.drive is None:
+            v[self.motors] = last.velocity[0]
+        y = self.places(step.start.y, step.move[-1:], last)[0]
+        return Start(t, y, v, step.a[-1], step.lam[-1], step.torque[-1])
+
+    def dense(self, steps: Sequence[Step], t: Array, of: IntArray) -> States:
+        """States within steps.
+
+        Numpy is paid once for all of them.
+
+        Args:
+            steps: Steps. t: Times in s, shape (k,). of: The step that each lies in, shape (k,).
+        """
+        m, motors = self.method, self.motors
+        h = np.array([step.h for step in steps])[of]
+        x = (t - np.array([step.start.t for step in steps])[of]) / h
+        by_h, path = h[:, None], self.path(t)
+        B1, B2, W = m.at(x, 1), m.at(x, 2), m.through(x)
+
+        def on(weights: Array, values: Array) -> Array:
+            return np.asarray(np.matmul(weights[:, None], values[of])[:, 0])
+
+        def first(name: str) -> Array:
+            return np.array([getattr(step.start, name) for step in steps])[of]
+
+        def through(name: str) -> Array:
+            # Through the value at the start too: below the first node a polynomial runs wild.
+            return W[:, :1] * first(name) + on(W[:, 1:], _stacked(steps, name))
+
+        a, start_v = _stacked(steps, "a"), first("v")
+        v, acceleration = start_v + by_h * on(B1, a), through("a")
+        move = (by_h * x[:, None]) * start_v + by_h**2 * on(B2, a)
+        if self.manifold.turning:
+            move += by_h * on(B1, _stacked(steps, "turn"))
+        if self.drive is None:
+            v[:, motors], acceleration[:, motors] = path.velocity, path.acceleration
+        y = self.places(first("y"), move, path)
+        work = by_h * on(B1, _stacked(steps, "power"))
+        return States(y, v, acceleration, through("lam"), through("torque"), work)
+
+
+def _stacked(steps: Sequence[Step], name: str) -> Array:
+    return np.array([getattr(step, name) for step in steps])
+
+
+def _parts(path: MotorPath) -> tuple[Array, Array, Array, Array]:
+    return path.t, path.position, path.velocity, path.acceleration

@@ -1,0 +1,1 @@
+"""The equations compiled: plain C behind ctypes, for every system that it covers."""

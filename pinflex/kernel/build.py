@@ -1,0 +1,129 @@
+"""Compile the C code: `python -m pinflex.kernel.build`, and the hook of a wheel.
+
+Stands alone (the build environment of a wheel has neither numpy nor pinflex). The compiler that CC
+names comes first, then clang out of the pip package `ziglang`: it needs nothing on the machine, and
+compiles for others too. PINFLEX_KERNEL_FLAGS adds flags, such as those of sanitizers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+SOURCE = Path(__file__).parent / "source"
+# Sums are not reordered: numbers do not depend on the compiler's mood, and not-a-number stays one.
+FLAGS = (
+    *("-std=c11", "-O3", "-shared", "-fPIC", "-fvisibility=hidden", "-s"),
+    *("-ffp-contract=fast", "-fno-math-errno", "-Wno-psabi"),
+)
+# Names of builds by machine, best last, with the flags of zig and of other compilers.
+BUILDS = {
+    "x86_64": (("baseline", ("-mcpu=x86_64",), ("-march=x86-64",)),
+               ("v3", ("-mcpu=x86_64_v3",), ("-march=x86-64-v3",))),
+    "aarch64": (("baseline", (), ()),),
+}  # fmt: skip
+# What zig calls a target, the tag of its wheel, and the ending of a shared library there.
+TARGETS = {
+    "linux-x86_64": ("x86_64-linux-gnu.2.17", "manylinux_2_17_x86_64", ".so"),
+    "linux-aarch64": ("aarch64-linux-gnu.2.17", "manylinux_2_17_aarch64", ".so"),
+    "macos-x86_64": ("x86_64-macos.11.0", "macosx_11_0_x86_64", ".dylib"),
+    "macos-aarch64": ("aarch64-macos.11.0", "macosx_11_0_arm64", ".dylib"),
+}
+
+
+def fingerprint() -> str:
+    """Of the C code: a library of another one is not loaded."""
+    text = b"".join(path.read_bytes() for path in sorted(SOURCE.glob("*.[ch]")))
+    return hashlib.sha256(text.replace(b"\r\n", b"\n")).hexdigest()[:16]
+
+
+def here() -> str:
+    """The target of this machine, "system-machine"."""
+    machine = platform.machine().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    system = {"darwin": "macos"}.get(platform.system().lower(), platform.system().lower())
+    return f"{system}-{machine}"
+
+
+def name_of(target: str, build: str) -> str:
+    """File name of a library."""
+    return f"kernel-{target}-{build}{TARGETS[target][2]}"
+
+
+def compile_all(folder: Path, target: str | None = None) -> list[Path]:
+    """Compile every build of a target into a folder.
+
+    Args:
+        folder: Where the libraries go. target: One of `TARGETS`; None: this machine.
+    Returns:
+        The libraries.
+    Raises:
+        RuntimeError: The target is not known, or no compiler made it.
+    """
+    target = target or here()
+    if target not in TARGETS:
+        raise RuntimeError(f"no build for {target}. Known: {', '.join(TARGETS)}")
+    said = []
+    for compiler in _compilers(target):
+        try:
+            return [_compile(compiler, folder, target, *one) for one in BUILDS[_machine(target)]]
+        except (OSError, subprocess.SubprocessError) as error:
+            said.append(f"{compiler[0]}: {_in_short(error)}")
+    raise RuntimeError("; ".join(said) or "no compiler: pip install ziglang")
+
+
+def _in_short(error: Exception) -> str:
+    """The first line of a compiler's complaint that says error."""
+    lines = str(getattr(error, "stderr", None) or error).splitlines()
+    return next((line for line in lines if "error" in line), "".join(lines[:1]))[:300]
+
+
+def _machine(target: str) -> str:
+    return target.rpartition("-")[2]
+
+
+def _compilers(target: str) -> list[list[str]]:
+    """Commands to try, in order; compilers of the machine only for itself."""
+    chosen = shutil.which(os.environ.get("CC", "")) if target == here() else None
+    found = [[chosen]] if chosen else []
+    if _has_zig():
+        found.append([sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target][0]])
+    if target == here():
+        found += [[path] for name in ("clang", "gcc", "cc") if (path := shutil.which(name))]
+    return found
+
+
+def _has_zig() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("ziglang") is not None
+
+
+def _compile(
+    compiler: list[str], folder: Path, target: str, build: str, zig: tuple[str, ...],
+    other: tuple[str, ...],
+) -> Path:  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    out = folder / name_of(target, build)
+    # Written beside, then moved: whoever has the old library open keeps it.
+    fresh = out.with_name(f"{out.name}.{os.getpid()}")
+    sources = [str(path) for path in sorted(SOURCE.glob("*.c"))]
+    flags = (*FLAGS, *(zig if "ziglang" in compiler else other))
+    flags += tuple(os.environ.get("PINFLEX_KERNEL_FLAGS", "").split())
+    define = f'-DPINFLEX_FINGERPRINT="{fingerprint()}"'
+    command = [*compiler, *flags, define, *sources, "-lm", "-o", str(fresh)]
+    subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+    os.replace(fresh, out)
+    for left in folder.glob(f"{fresh.stem}*.pdb"):
+        left.unlink()
+    return out
+
+
+if __name__ == "__main__":
+    for library in compile_all(Path(__file__).parent, *sys.argv[1:2]):
+        print(library)

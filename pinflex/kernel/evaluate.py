@@ -1,0 +1,103 @@
+"""The compiled functions on numpy arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import PinflexError
+from pinflex.kernel.library import kernel
+from pinflex.kernel.tables import Tables
+
+_ALIGNED = 64  # bytes
+_SIZES = 64  # numbers of states whose buffers are kept
+
+
+class _Buffers:
+    """Arrays that the C code reads and writes, for n states: their addresses are found once.
+
+    Attributes:
+        given: Y, V, A, lam and the scales of the loads. found: R and C.
+        arguments: What the C function is called with.
+    """
+
+    def __init__(self, n: int, widths: tuple[int, ...], tables: int, work: int) -> None:
+        self.given = tuple(np.empty((n, width)) for width in widths)
+        self.found = tuple(np.empty((n, width)) for width in (widths[1], widths[3]))
+        pointers = (x.ctypes.data for x in (*self.given, *self.found))
+        self.arguments = (tables, work, n, *pointers)
+
+
+class Evaluator:
+    """One system on the kernel, with a workspace of its own (one for each thread).
+
+    Attributes:
+        tables: The system. functions: The C code. work: Address of the workspace.
+    """
+
+    def __init__(self, tables: Tables) -> None:
+        """Raises a PinflexError where there is no kernel."""
+        library = kernel()
+        if library.functions is None:
+            raise PinflexError(f"kernel: {library.said}.")
+        self.functions, self.tables = library.functions, tables
+        n = tables.counts
+        self._widths = (n["nq"], n["nv"], n["nv"], n["closures"], n["forces"])
+        self._work = aligned(self.functions.pinflex_work_size(tables.address))
+        self.work: int = self._work.ctypes.data
+        self._buffers: dict[int, _Buffers] = {}
+
+    def residuals(
+        self, Y: Array, V: Array, A: Array, lam: Array, scale: Array
+    ) -> tuple[Array, Array]:
+        """Residuals and what the loops are open by, of several states.
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows), N | N m.
+            scale: Shares of the loads that act, shape (n, forces).
+        Returns:
+            Generalised forces (n, nv), N | N m; closures c (n, rows), m.
+        """
+        here = self._buffers.get(len(Y)) or self._new(len(Y))
+        for buffer, array in zip(here.given, (Y, V, A, lam, scale), strict=True):
+            if array.shape != buffer.shape:
+                raise PinflexError(f"kernel: a state of {array.shape}, not {buffer.shape}.")
+            buffer[...] = array
+        self.functions.pinflex_residuals(*here.arguments)
+        R, C = here.found
+        return R.copy(), C.copy()
+
+    def tangent(
+        self, y: Array, v: Array, a: Array, lam: Array, scale: Array, rates: bool = True
+    ) -> tuple[Array, Array, Array, Array]:
+        """M, C, K, the derivatives of the residual by a, v and y, (nv, nv), and J (rows, nv).
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m.
+            scale: Shares of the loads that act, shape (forces,).
+            rates: With what the rates of the second-order rows bring.
+        """
+        nv, rows, given = self._widths[1], self._widths[3], []
+        for array, width in zip((y, v, a, lam, scale), self._widths, strict=True):
+            if array.shape != (width,):
+                raise PinflexError(f"kernel: a state of {array.shape}, not {(width,)}.")
+            given.append(np.ascontiguousarray(array, dtype=np.float64))
+        found = np.empty((3, nv, nv)), np.empty((rows, nv))
+        parts = (*found[0], found[1])
+        pointers = [x.ctypes.data for x in (*given, *parts)]
+        self.functions.pinflex_tangent(self.tables.address, self.work, int(rates), *pointers)
+        return parts
+
+    def _new(self, n: int) -> _Buffers:
+        if len(self._buffers) >= _SIZES:
+            self._buffers.clear()
+        found = _Buffers(n, self._widths, self.tables.address, self.work)
+        self._buffers[n] = found
+        return found
+
+
+def aligned(size: int) -> Array:
+    """Zeros of `size` bytes that start at a multiple of 64."""
+    raw = np.zeros(size // 8 + _ALIGNED // 8 + 1)
+    first = (-raw.ctypes.data % _ALIGNED) // 8
+    return raw[first : first + size // 8 + 1]

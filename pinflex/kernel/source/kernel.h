@@ -1,0 +1,93 @@
+/* Tables of one system, the workspace of one run, and what the files of the kernel do for it.
+
+   Equations and notation: pinflex/mechanics/equations.py and expansion.py. The system is
+
+     r(y, v, a, lam) = X' (rnea(Q, X v, X a + Xdot v) - J_Q' lam) + K y + D v + F(v),  c(y) = 0
+
+   Rigid joints and interfaces are the nodes of a tree. Stations that are mere mass points, and
+   twists, are no nodes: they are summed into the wrench of the node that carries them. */
+#ifndef PINFLEX_KERNEL_H
+#define PINFLEX_KERNEL_H
+
+#include "lanes.h"
+
+
+#define EXPORT __attribute__((visibility("default")))
+
+/* Kinds of nodes. A circle is a revolute joint whose coordinates are cosine and sine; velocities of
+   free and planar joints are those of the body in its own axes, as Pinocchio has them. */
+enum { REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR };
+/* Kinds of closure rows. */
+enum { POINT, DIRECTION, DISTANCE };
+
+/* Field by field that of pinflex/kernel/tables.py. */
+typedef struct {
+  Int nq, nv, nq_rigid, nv_rigid, nQ, nV; /* y, v, their rigid parts, the expanded Q and V */
+  Int nodes, points, twists, rows;        /* of the tree; elastic rows of the map */
+  Int loops, closures;                    /* closures: their rows */
+  Int forces, springs, dampers;           /* between frames */
+  Int joint_springs, rubs;
+  const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
+  const Int *parent, *kind, *node_q, *node_v;              /* nodes */
+  const Int *point_node, *point_q, *point_v;               /* mass points */
+  const Int *twist_node, *twist_q, *twist_v;               /* twists */
+  const Int *row_q, *row_v, *phi_at, *phi_i;               /* elastic rows: Phi by rows */
+  const Int *g_at, *g_i, *g_j;                             /* G, upper triangle by rows */
+  const Int *col_first, *x_at;                             /* of each row of X: where its block is */
+  const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
+  const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
+  const Int *force_node, *force_follows;                   /* loads */
+  const Int *spring_a, *spring_b;                          /* springs between frames */
+  const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
+  const Int *rub_v;                                        /* joints with dry friction */
+  const Int *k_at, *k_j, *d_at, *d_j;                      /* K of eta and D by rows */
+  const double *gravity;
+  const double *R0, *p0, *axis, *mass, *com, *inertia;     /* nodes */
+  const double *point_R, *point_p, *point_mass;
+  const double *twist_axis, *twist_inertia;
+  const double *phi, *g;
+  const double *frame_a, *frame_b, *row_length;            /* [R | p] of loops, (3, 4) */
+  const double *force_place, *force_load;                  /* place (3,), then R F, R M or F, M */
+  const double *spring_place_a, *spring_place_b, *spring_law; /* stiffness, damper, length */
+  const double *joint_spring_law;                          /* stiffness, rest */
+  const double *rub_law;                                   /* F_c, E, v_s, v_0 */
+  const double *k, *d, *armature;
+} Tables;
+
+/* A frame of the tree at one instant. In its own axes: w, alpha rates of turn, a the acceleration
+   of its origin less gravity, v its velocity (with dampers only), F and N the wrench about its
+   origin that its subtree needs. E, r: pose in the parent. R, p: pose in the world. */
+typedef struct {
+  Lane E[9], r[3], w[3], alpha[3], a[3], v[3], R[9], p[3], F[3], N[3];
+} Node;
+
+/* Arrays of one group of states. V becomes the expanded forces once the way back is done. */
+typedef struct {
+  Node base, *node;
+  Lane *Q, *V, *A;
+} Work;
+
+/* map.c: Q = T(y), V = X v, A = X a + Xdot v; and X' g with K, D, springs and friction of joints */
+void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a);
+void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane *r);
+
+/* tree.c */
+void outward(const Tables *t, Work *w, int placed);
+void inward(const Tables *t, Work *w);
+
+/* friction.c */
+void add_friction(const Tables *t, const Lane *v, Lane *r);
+void friction_tangent(const Tables *t, const Lane *v, double *C);
+
+/* closures.c, loads.c */
+void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
+void apply_loads(const Tables *t, Work *w, const Lane *scale);
+
+/* residual.c: the tree outward and inward with all forces; poses of nodes where `placed` */
+void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c);
+void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
+                    const Lane *lam, const Lane *scale, Lane *r, Lane *c);
+
+static inline Node *node_at(Work *w, Int number) { return number < 0 ? &w->base : w->node + number; }
+
+#endif

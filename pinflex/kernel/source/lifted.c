@@ -1,0 +1,31 @@
+/* Jacobians of nodes in minimal coordinates, and products with them. */
+#include "tangent.h"
+
+void lift(const Tables *t, const Tangent *w, Int node, double *out) {
+  memset(out, 0, 6 * t->nv * sizeof(double));
+  for (; node >= 0; node = t->parent[node])
+    for (Int j = t->node_v[node]; j < t->node_v[node] + width(t->kind[node]); j++)
+      for (Int k = t->x_at[j]; k < t->x_at[j + 1]; k++)
+        for (int d = 0; d < 6; d++)
+          out[d * t->nv + t->col_first[j] + k - t->x_at[j]] += w->column[j].S[d] * w->x[k];
+}
+
+void add_transposed(Int nv, const double *J, const double *P, double sign, double *K) {
+  for (int d = 0; d < 6; d++)
+    for (Int i = 0; i < nv; i++) {
+      double x = sign * J[d * nv + i];
+      if (x == 0.0) continue;
+      for (Int j = 0; j < nv; j++) K[i * nv + j] += x * P[d * nv + j];
+    }
+}
+
+void add_product(Int nv, const double *J, const double *S, const double *D, double sign,
+                 double *pushed, double *K) {
+  for (int d = 0; d < 6; d++)
+    for (Int j = 0; j < nv; j++) {
+      double sum = 0;
+      for (int e = 0; e < 6; e++) sum += S[6 * d + e] * D[e * nv + j];
+      pushed[d * nv + j] = sum;
+    }
+  add_transposed(nv, J, pushed, sign, K);
+}

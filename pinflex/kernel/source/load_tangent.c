@@ -1,0 +1,91 @@
+/* What dead loads and springs between frames add to C and K, beside what moves along with bodies.
+
+   A dead load F, M at p does not turn with its body: K -= J' [0, [F]; 0, [p][F] + [M]] J. Of a
+   spring that pulls by T along u from p_a to p_b, with e = p_b' - p_a' by the coordinates and
+   s = u . e the stretch, the force on a changes by
+
+     u (k s) + T ((e - u s) / |d| + u x w_a),   and by the rates: u (c s)
+
+   where w_a is the turn of the body, which carries the force along; on b likewise, and opposite.
+   The change of a damper's direction with its speed is left out (zero at rest). */
+#include "tangent.h"
+
+static const Frozen *body(const Tangent *w, Int node) {
+  return node < 0 ? &w->base : w->frozen + node;
+}
+
+static void point_at(const Frozen *n, const double *local, double *p) {
+  rotated(n->R, local, p);
+  for (int d = 0; d < 3; d++) p[d] += n->p[d];
+}
+
+static void dead_load(const Tables *t, Tangent *w, Int k, double scale, double *K) {
+  Int nv = t->nv, size = 6 * nv;
+  const double *load = t->force_load + 6 * k;
+  double *J = w->lifted, *pushed = J + size, p[3], F[3], M[3], S[36] = {0};
+  for (int d = 0; d < 3; d++) F[d] = scale * load[d], M[d] = scale * load[3 + d];
+  point_at(body(w, t->force_node[k]), t->force_place + 3 * k, p);
+  add_skew(F, 1.0, S + 3);
+  add_twice_skew(p, F, 1.0, S + 21);
+  add_skew(M, 1.0, S + 21);
+  lift(t, w, t->force_node[k], J);
+  add_product(nv, J, S, J, -1.0, pushed, K);
+}
+
+/* Column j of the motion of a point that moves with a body. */
+static void point_column(Int nv, const double *J, const double *p, Int j, double *out) {
+  double turn[3] = {J[3 * nv + j], J[4 * nv + j], J[5 * nv + j]}, swept[3];
+  crossed(turn, p, swept);
+  for (int d = 0; d < 3; d++) out[d] = J[d * nv + j] + swept[d];
+}
+
+/* K and C of one end, whose body has Jacobian J: sign is 1 for a, -1 for b. */
+static void spring_end(const Tables *t, const double *J, const double *p, const double *u,
+                       const double *e, double length, double tension, const double *law,
+                       double sign, double *pushed, double *C, double *K) {
+  Int nv = t->nv;
+  for (int rates = 0; rates < 2; rates++) {
+    for (Int j = 0; j < nv; j++) {
+      double turn[3] = {J[3 * nv + j], J[4 * nv + j], J[5 * nv + j]}, column[3], own[3], line[3];
+      for (int d = 0; d < 3; d++) column[d] = e[d * nv + j];
+      double stretch = times(u, column, 3);
+      crossed(u, turn, own);
+      for (int d = 0; d < 3; d++) {
+        line[d] = u[d] * law[rates] * stretch;
+        if (!rates) line[d] += tension * ((column[d] - u[d] * stretch) / length + own[d]);
+        pushed[d * nv + j] = line[d];
+      }
+      crossed(p, line, own);
+      for (int d = 0; d < 3; d++) pushed[(3 + d) * nv + j] = own[d];
+    }
+    add_transposed(nv, J, pushed, -sign, rates ? C : K);
+  }
+}
+
+static void spring(const Tables *t, Tangent *w, Int k, double *C, double *K) {
+  Int nv = t->nv, size = 6 * nv;
+  double *J_a = w->lifted, *J_b = J_a + size, *e = J_b + size, *pushed = e + size;
+  const double *law = t->spring_law + 3 * k;
+  double a[3], b[3], u[3], from[3], to[3];
+  point_at(body(w, t->spring_a[k]), t->spring_place_a + 3 * k, a);
+  point_at(body(w, t->spring_b[k]), t->spring_place_b + 3 * k, b);
+  lift(t, w, t->spring_a[k], J_a);
+  lift(t, w, t->spring_b[k], J_b);
+  for (int d = 0; d < 3; d++) u[d] = b[d] - a[d];
+  double length = sqrt(times(u, u, 3)), far = fmax(length, 1e-300);
+  for (int d = 0; d < 3; d++) u[d] /= far;
+  for (Int j = 0; j < nv; j++) {
+    point_column(nv, J_a, a, j, from);
+    point_column(nv, J_b, b, j, to);
+    for (int d = 0; d < 3; d++) e[d * nv + j] = to[d] - from[d];
+  }
+  double tension = law[0] * (length - law[2]);
+  spring_end(t, J_a, a, u, e, length, tension, law, 1.0, pushed, C, K);
+  spring_end(t, J_b, b, u, e, length, tension, law, -1.0, pushed, C, K);
+}
+
+void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, double *K) {
+  for (Int k = 0; k < t->forces; k++)
+    if (!t->force_follows[k]) dead_load(t, w, k, scale[k][0], K);
+  for (Int k = 0; k < t->springs; k++) spring(t, w, k, C, K);
+}

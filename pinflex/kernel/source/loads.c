@@ -1,0 +1,69 @@
+/* Forces at frames, and springs with dampers between two frames.
+
+   A dead load stays as it is in the world, a follower turns with its frame; both come times a scale
+   in time. A spring from p_a to p_b along u pulls by k (|d| - l) + c u . (v_b - v_a). */
+#include "kernel.h"
+
+static void apply_forces(const Tables *t, Work *w, const Lane *scale) {
+  for (Int k = 0; k < t->forces; k++) {
+    Node *n = node_at(w, t->force_node[k]);
+    const double *place = t->force_place + 3 * k, *load = t->force_load + 6 * k;
+    Lane p[3], F[3], M[3], arm[3], world[3];
+    for (int d = 0; d < 3; d++) p[d] = lane(place[d]);
+    for (int part = 0; part < 2; part++) {
+      Lane *own = part ? M : F;
+      for (int d = 0; d < 3; d++) world[d] = scale[k] * load[3 * part + d];
+      if (t->force_follows[k])
+        for (int d = 0; d < 3; d++) own[d] = world[d];
+      else
+        turn_back(n->R, world, own);
+    }
+    cross(p, F, arm);
+    for (int d = 0; d < 3; d++) n->F[d] -= F[d], n->N[d] -= M[d] + arm[d];
+  }
+}
+
+/* Place and, with dampers, velocity in the world of a point fixed in a node. */
+static void point_of(const Tables *t, const Node *n, const double *local, Lane *p, Lane *v) {
+  Lane own[3], at[3] = {lane(local[0]), lane(local[1]), lane(local[2])};
+  turn(n->R, at, p);
+  for (int d = 0; d < 3; d++) p[d] += n->p[d];
+  if (!t->dampers) return;
+  cross(n->w, at, own);
+  for (int d = 0; d < 3; d++) own[d] += n->v[d];
+  turn(n->R, own, v);
+}
+
+static void pull(Node *n, const double *local, const Lane *force, double sign) {
+  Lane own[3], arm[3], at[3] = {lane(local[0]), lane(local[1]), lane(local[2])};
+  turn_back(n->R, force, own);
+  cross(at, own, arm);
+  for (int d = 0; d < 3; d++) n->F[d] += sign * own[d], n->N[d] += sign * arm[d];
+}
+
+static void apply_springs(const Tables *t, Work *w) {
+  for (Int k = 0; k < t->springs; k++) {
+    Node *A = node_at(w, t->spring_a[k]), *B = node_at(w, t->spring_b[k]);
+    const double *law = t->spring_law + 3 * k;
+    const double *at_a = t->spring_place_a + 3 * k, *at_b = t->spring_place_b + 3 * k;
+    Lane a[3], b[3], v_a[3], v_b[3], d[3], length, tension;
+    point_of(t, A, at_a, a, v_a);
+    point_of(t, B, at_b, b, v_b);
+    for (int i = 0; i < 3; i++) d[i] = b[i] - a[i];
+    length = dot(d, d);
+    for (int l = 0; l < LANES; l++) length[l] = fmax(sqrt(length[l]), 1e-300);
+    tension = law[0] * (length - law[2]);
+    if (law[1] != 0.0) {
+      for (int i = 0; i < 3; i++) v_b[i] -= v_a[i];
+      tension += law[1] * dot(d, v_b) / length;
+    }
+    for (int i = 0; i < 3; i++) d[i] *= tension / length;
+    pull(A, at_a, d, -1.0);
+    pull(B, at_b, d, 1.0);
+  }
+}
+
+void apply_loads(const Tables *t, Work *w, const Lane *scale) {
+  apply_forces(t, w, scale);
+  apply_springs(t, w);
+}

@@ -1,0 +1,93 @@
+/* The residual of many states: r = X' (rnea - J_Q' lam) + K y + D v and c, a group at a time. */
+#include "tangent.h"
+
+static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
+
+/* Bytes of the workspace of one run: nodes, then Q, V, A, the group's inputs and outputs, and what
+   the tangent needs. */
+EXPORT Int pinflex_work_size(const Tables *t) {
+  Int lanes = t->nQ + 2 * t->nV + t->nq + 3 * t->nv + 2 * t->closures + t->forces;
+  return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
+         + tangent_size(t) * (Int)sizeof(double);
+}
+
+typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c; double *more; } Group;
+
+static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
+  w->node = (Node *)memory;
+  w->Q = (Lane *)(memory + padded(t->nodes * (Int)sizeof(Node)));
+  w->V = w->Q + t->nQ;
+  w->A = w->V + t->nV;
+  g->y = w->A + t->nV;
+  g->v = g->y + t->nq;
+  g->a = g->v + t->nv;
+  g->r = g->a + t->nv;
+  g->lam = g->r + t->nv;
+  g->c = g->lam + t->closures;
+  g->scale = g->c + t->closures;
+  g->more = (double *)(((uintptr_t)(g->scale + t->forces) + 63) / 64 * 64);
+}
+
+void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c) {
+  outward(t, w, placed);
+  close_loops(t, w, lam, c);
+  apply_loads(t, w, scale);
+  inward(t, w);
+  for (Int k = 0; k < t->nV; k++) w->V[k] += t->armature[k] * w->A[k];
+}
+
+void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
+                    const Lane *lam, const Lane *scale, Lane *r, Lane *c) {
+  expand(t, w, y, v, a);
+  balance(t, w, t->loops + t->forces + t->springs > 0, lam, scale, c);
+  project(t, w, y, v, r);
+}
+
+/* Rows of (count, width) from `first` on into lanes; past the end the last row is repeated. */
+static void gather(const double *from, Int count, Int width, Int first, Lane *to) {
+  for (int l = 0; l < LANES; l++) {
+    const double *row = from + (first + l < count ? first + l : count - 1) * width;
+    for (Int i = 0; i < width; i++) to[i][l] = row[i];
+  }
+}
+
+static void scatter(const Lane *from, Int count, Int width, Int first, double *to) {
+  for (int l = 0; l < LANES && first + l < count; l++)
+    for (Int i = 0; i < width; i++) to[(first + l) * width + i] = from[i][l];
+}
+
+/* Residuals of `count` states, arrays row by row: Y (count, nq), V, A, R (count, nv), lam and C
+   (count, closures), scales of the loads (count, forces). */
+EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y,
+                              const double *V, const double *A, const double *lam,
+                              const double *scale, double *R, double *C) {
+  Work w;
+  Group g;
+  lay_out(t, memory, &w, &g);
+  for (Int first = 0; first < count; first += LANES) {
+    gather(Y, count, t->nq, first, g.y);
+    gather(V, count, t->nv, first, g.v);
+    gather(A, count, t->nv, first, g.a);
+    gather(lam, count, t->closures, first, g.lam);
+    gather(scale, count, t->forces, first, g.scale);
+    residual_group(t, &w, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c);
+    scatter(g.r, count, t->nv, first, R);
+    scatter(g.c, count, t->closures, first, C);
+  }
+}
+
+/* Derivatives of the residual at one state: M, C, K (nv, nv) by a, v, y and J (closures, nv).
+   Without `rates` those of the map's rows are left out. */
+EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
+                            const double *a, const double *lam, const double *scale, double *M,
+                            double *C, double *K, double *J) {
+  Work w;
+  Group g;
+  lay_out(t, memory, &w, &g);
+  gather(y, 1, t->nq, 0, g.y);
+  gather(v, 1, t->nv, 0, g.v);
+  gather(a, 1, t->nv, 0, g.a);
+  gather(lam, 1, t->closures, 0, g.lam);
+  gather(scale, 1, t->forces, 0, g.scale);
+  tangent(t, &w, g.more, rates, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c, M, C, K, J);
+}

@@ -1,0 +1,27 @@
+/* The stages of a collocation step: the scheme, the run's own lists, and one step's arrays. */
+#ifndef PINFLEX_STAGES_H
+#define PINFLEX_STAGES_H
+
+#include "kernel.h"
+
+/* Field by field that of pinflex/kernel/stages.py. Arrays of stages are row by row, (s, .). */
+typedef struct {
+  Int s, values;                                     /* stages, eigenvalues of A^-1 kept */
+  Int free, motors, prescribed;                      /* free rows; whether motors are prescribed */
+  Int plain, circles, balls;                         /* joints by how their coordinates move */
+  const Int *free_at, *motor_v, *motor_q, *motor_paired;
+  const Int *plain_q, *plain_v, *circle_q, *circle_v, *ball_q, *ball_v;
+  const double *c, *A, *A2, *A2_inverse;             /* (s,), (s, s) */
+  const double *value, *forward, *back;              /* complex: (values,), (values, s), (s, values) */
+  const double *M, *C, *K, *J;                       /* free rows and columns, (n, n), (rows, n) */
+  double *lu, *part;                                 /* complex factors and right side */
+  Int *pivot;
+  const double *y0, *v0, *position, *velocity, *scale; /* the start, the motors, the loads */
+  double *a, *lam, *turn;                            /* unknowns */
+  double *y, *v, *move;                              /* what follows from them */
+  double *r, *open;                                  /* residuals and closures before ... */
+  double *da, *dlam, *change;                        /* ... the last correction */
+  double h;
+} Stages;
+
+#endif

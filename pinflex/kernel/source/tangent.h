@@ -1,0 +1,42 @@
+/* What the tangent of one state needs, in plain numbers and in the world. */
+#ifndef PINFLEX_TANGENT_H
+#define PINFLEX_TANGENT_H
+
+#include "kernel.h"
+#include "moments.h"
+
+/* A node: pose, motion, acceleration, wrench of its subtree; I of the subtree when it is its turn. */
+typedef struct { double R[9], p[3], v[6], a[6], f[6]; Moments I; } Frozen;
+
+/* A velocity of the expanded model. */
+typedef struct { double S[6], Y[6], Z[6], U[6]; } Column;
+
+/* T: rows of dg/da, dg/dv, dg/dq by the coordinates y, for each expanded velocity. u: places of the
+   mass points in their joints. lifted: room for four (6, nv). */
+typedef struct {
+  Frozen base, *frozen;
+  Column *column;
+  double *x, *dx, *ddx, *rate, *growth, *u, *T, *lifted;
+} Tangent;
+
+Int tangent_size(const Tables *t);
+void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
+             const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
+             double *C, double *K, double *J);
+
+/* Velocities that a node has: width of its joint. */
+static inline Int width(Int kind) { return (Int[]){1, 1, 1, 3, 3, 6, 3}[kind]; }
+
+/* lifted.c: columns of a node's support times the map, (6, nv); and K += sign J' S D, J' P */
+void lift(const Tables *t, const Tangent *w, Int node, double *out);
+void add_product(Int nv, const double *J, const double *S, const double *D, double sign,
+                 double *pushed, double *K);
+void add_transposed(Int nv, const double *J, const double *P, double sign, double *K);
+
+/* load_tangent.c */
+void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, double *K);
+
+/* closure_tangent.c */
+void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
+
+#endif

@@ -1,0 +1,153 @@
+"""Flat tables of one system, as the C code reads them: sizes and types checked here, once.
+
+The fields follow those of `Tables` in source/kernel.h, which says what they hold.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinflex.errors import PinflexError
+
+COUNTS = (
+    *("nq", "nv", "nq_rigid", "nv_rigid", "nQ", "nV"),
+    *("nodes", "points", "twists", "rows", "loops", "closures"),
+    *("forces", "springs", "dampers", "joint_springs", "rubs"),
+)
+# Each array with its shape; "name+1" starts of rows, whose last entry counts what "*name" holds.
+INTEGERS = {
+    "q_at": ("nq_rigid",),
+    "v_at": ("nv_rigid",),
+    **dict.fromkeys(("parent", "kind", "node_q", "node_v"), ("nodes",)),
+    **dict.fromkeys(("point_node", "point_q", "point_v"), ("points",)),
+    **dict.fromkeys(("twist_node", "twist_q", "twist_v"), ("twists",)),
+    **dict.fromkeys(("row_q", "row_v"), ("rows",)),
+    "phi_at": ("rows+1",),
+    "phi_i": ("*phi_at",),
+    "g_at": ("rows+1",),
+    **dict.fromkeys(("g_i", "g_j"), ("*g_at",)),
+    "col_first": ("nV",),
+    "x_at": ("nV+1",),
+    **dict.fromkeys(("node_a", "node_b"), ("loops",)),
+    "loop_at": ("loops+1",),
+    **dict.fromkeys(("row_kind", "row_number", "row_a", "row_b"), ("*loop_at",)),
+    **dict.fromkeys(("force_node", "force_follows"), ("forces",)),
+    **dict.fromkeys(("spring_a", "spring_b"), ("springs",)),
+    **dict.fromkeys(
+        ("joint_spring_v", "joint_spring_q", "joint_spring_paired"), ("joint_springs",)
+    ),
+    "rub_v": ("rubs",),
+    "k_at": ("n_eta+1",),
+    "k_j": ("*k_at",),
+    "d_at": ("nv+1",),
+    "d_j": ("*d_at",),
+}
+NUMBERS = {
+    "gravity": (3,),
+    "R0": ("nodes", 9),
+    **dict.fromkeys(("p0", "axis"), ("nodes", 3)),
+    "mass": ("nodes",),
+    "com": ("nodes", 3),
+    "inertia": ("nodes", 9),
+    "point_R": ("points", 9),
+    "point_p": ("points", 3),
+    "point_mass": ("points",),
+    "twist_axis": ("twists", 3),
+    "twist_inertia": ("twists",),
+    "phi": ("*phi_at",),
+    "g": ("*g_at",),
+    **dict.fromkeys(("frame_a", "frame_b"), ("loops", 12)),
+    "row_length": ("*loop_at",),
+    "force_place": ("forces", 3),
+    "force_load": ("forces", 6),
+    **dict.fromkeys(("spring_place_a", "spring_place_b", "spring_law"), ("springs", 3)),
+    "joint_spring_law": ("joint_springs", 2),
+    "rub_law": ("rubs", 4),
+    "k": ("*k_at",),
+    "d": ("*d_at",),
+    "armature": ("nV",),
+}
+# Arrays of indices, and what they point into.
+_INTO: dict[str, str | int] = {
+    "q_at": "nQ", "v_at": "nV", "parent": "nodes", "node_q": "nQ", "node_v": "nV",
+    "point_node": "nodes", "point_q": "nQ", "point_v": "nV", "twist_node": "nodes",
+    "twist_q": "nQ", "twist_v": "nV", "row_q": "nQ", "row_v": "nV", "phi_i": "n_eta",
+    "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
+    "row_number": "closures", "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
+    "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
+    "col_first": "nv", "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
+}  # fmt: skip
+_BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "spring_a",
+         "spring_b"}  # fmt: skip  # may be -1: the base
+_AHEAD = {  # coordinates that a node has by its kind: of Q and of V
+    "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)
+}  # fmt: skip
+
+
+class _Tables(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in COUNTS),
+        *((name, ctypes.c_void_p) for name in (*INTEGERS, *NUMBERS)),
+    ]
+
+
+class Tables:
+    """Checked tables of one system; the C code may read every entry that they point to.
+
+    Attributes:
+        counts: Sizes by name. address: Of the C structure.
+    """
+
+    def __init__(self, counts: Mapping[str, int], arrays: Mapping[str, npt.ArrayLike]) -> None:
+        self.counts = {name: int(counts[name]) for name in COUNTS}
+        sizes = self.counts | {"n_eta": counts["nv"] - counts["nv_rigid"]}
+        self._arrays: dict[str, npt.NDArray[Any]] = {}
+        for group, dtype in ((INTEGERS, np.int64), (NUMBERS, np.float64)):
+            for name, shape in group.items():
+                array = np.ascontiguousarray(arrays[name], dtype=dtype)
+                self._arrays[name] = array
+                wanted = int(np.prod([self._size(part, sizes) for part in shape]))
+                if array.size != wanted:
+                    raise PinflexError(f"kernel: {name}: {array.size} entries, not {wanted}.")
+        self._check_indices(sizes)
+        pointers = {name: array.ctypes.data for name, array in self._arrays.items()}
+        self._structure = _Tables(**self.counts, **pointers)
+        self.address = ctypes.addressof(self._structure)
+
+    def __reduce__(self) -> tuple[type[Tables], tuple[Any, ...]]:
+        """Addresses do not travel to another process: it makes its own."""
+        return Tables, (self.counts, self._arrays)
+
+    def _size(self, part: str | int, sizes: Mapping[str, int]) -> int:
+        if isinstance(part, int):
+            return part
+        if part.startswith("*"):
+            return int(self._arrays[part[1:]][-1])
+        return sizes[part[:-2]] + 1 if part.endswith("+1") else sizes[part]
+
+    def _check_indices(self, sizes: Mapping[str, int]) -> None:
+        """Every index within what it points into; parents before children."""
+        for name, into in _INTO.items():
+            array = self._arrays[name]
+            limit = sizes[into] if isinstance(into, str) else into
+            top = array
+            if name == "col_first":
+                top = array + np.maximum(np.diff(self._arrays["x_at"]), 1) - 1
+            elif name in _AHEAD:
+                top = array + np.array(_AHEAD[name])[self._arrays["kind"]] - 1
+            elif name in ("point_q", "point_v"):
+                top = array + 2
+            if np.any(array < (-1 if name in _BASE else 0)) or np.any(top >= limit):
+                raise PinflexError(f"kernel: {name}: an index outside 0 ... {limit - 1}.")
+        if np.any(self._arrays["parent"] >= np.arange(sizes["nodes"])):
+            raise PinflexError("kernel: parent: a node before its parent.")
+        for name in (*INTEGERS, *NUMBERS):
+            if name.endswith("_at") and name not in ("q_at", "v_at"):
+                array = self._arrays[name]
+                if array[0] != 0 or np.any(np.diff(array) < 0):
+                    raise PinflexError(f"kernel: {name}: rows that overlap.")

@@ -1,0 +1,90 @@
+"""The equations of a system on the compiled kernel, where there is one and it covers the system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.kernel.evaluate import Evaluator
+from pinflex.kernel.library import kernel
+from pinflex.mechanics.system import System
+
+
+def on_kernel(system: System) -> Compiled | None:
+    """The compiled equations of a system; None: those of numpy and Pinocchio serve.
+
+    Where nothing gives way the equations are Pinocchio itself, to the last bit.
+    """
+    if kernel().functions is None or _stiff(system) or system.uncovered is not None:
+        return None
+    return Compiled(system)
+
+
+def evaluated_by(system: System) -> str:
+    """Which equations serve a system: the build of the kernel, or why it is not used."""
+    library = kernel()
+    if library.functions is None:
+        return f"numpy and Pinocchio (kernel: {library.said})"
+    if _stiff(system):
+        return "Pinocchio (nothing gives way)"
+    if system.uncovered is not None:
+        return f"numpy and Pinocchio (the kernel has no {system.uncovered})"
+    return f"kernel ({library.said})"
+
+
+def _stiff(system: System) -> bool:
+    return system.n_eta == 0 and not len(system.springs.v_at)
+
+
+class Compiled:
+    """Residual, closures and their derivatives of one system (make one per run, and per thread).
+
+    Attributes:
+        evaluator: The compiled functions. complete: Whether nothing is left to numpy.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.evaluator = Evaluator(system.tables)
+        self._nq, self._nv = int(system.rigid.nq), int(system.rigid.nv)
+        self._forces = [force for force, _ in system.loads.forces]
+        bodies = [(slot.eta, slot.body.curvature) for slot in system.expansion.slots]
+        self._curved = [(at, bent) for at, bent in bodies if bent is not None]
+        self.complete = not self._curved
+
+    def residual(
+        self, Y: Array, V: Array, A: Array, lam: Array, t: Array | Sequence[float | Array]
+    ) -> tuple[Array, Array]:
+        """Residuals (n, nv) and closures (n, rows) of several states.
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows), N | N m.
+            t: Times in s, at which the loads are taken, shape (n,).
+        """
+        R, C = self.evaluator.residuals(Y, V, A, lam, self.scale(t))
+        for at, bent in self._curved:
+            R[:, self._nv :][:, at] += bent.force(Y[:, self._nq :][:, at])
+        return R, C
+
+    def tangent(
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
+    ) -> tuple[Array, Array, Array, Array]:
+        """M, C, K (nv, nv) and J (rows, nv) at a state.
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,). t: Time in s.
+            rates: With what the rates of the second-order rows bring.
+        """
+        M, C, K, J = self.evaluator.tangent(y, v, a, lam, self.scale((t,))[0], rates)
+        for at, bent in self._curved:
+            rows = slice(self._nv + at.start, self._nv + at.stop)
+            K[rows, rows] += bent.stiffness(y[self._nq :][at])
+        return M, C, K, J
+
+    def scale(self, t: Array | Sequence[float | Array]) -> Array:
+        """Shares of the loads that act at times t (n,), shape (n, forces)."""
+        scale = np.empty((len(t), len(self._forces)))
+        for k, force in enumerate(self._forces):
+            scale[:, k] = [force.scale(float(time)) for time in t]
+        return scale

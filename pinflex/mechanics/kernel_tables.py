@@ -1,0 +1,292 @@
+"""A system as the flat tables of the compiled kernel; whatever it does not cover is named here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.kernel.tables import Tables
+from pinflex.mechanics.closure import Closures
+from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.friction import DryFriction
+from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.system import Springs, System
+
+REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
+_POINT, _DIRECTION, _DISTANCE = range(3)
+_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+_NONE = (0.0, 0.0, 0.0)
+_JOINTS = {
+    **{f"R{x}": (REVOLUTE, axis) for x, axis in _AXES.items()},
+    **{f"RUB{x}": (CIRCLE, axis) for x, axis in _AXES.items()},
+    **{f"P{x}": (SLIDE, axis) for x, axis in _AXES.items()},
+    "Translation": (TRANSLATION, _NONE),
+    "Spherical": (BALL, _NONE),
+    "FreeFlyer": (FREE, _NONE),
+    "Planar": (PLANAR, _NONE),
+}
+_ALONG = {
+    "RevoluteUnaligned": REVOLUTE,
+    "RevoluteUnboundedUnaligned": CIRCLE,
+    "PrismaticUnaligned": SLIDE,
+}
+_PREFIX = "JointModel"
+# What the tables are made of. A field beyond these may be a term that the kernel lacks.
+KNOWN: dict[type, frozenset[str]] = {
+    System: frozenset(
+        (
+            *("rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held"),
+            "friction",
+        )
+    ),
+    Springs: frozenset(("v_at", "q_at", "paired", "stiffness", "rest")),
+    Loads: frozenset(("forces", "springs")),
+    DryFriction: frozenset(("rows", "coulomb", "excess", "stribeck", "speed")),
+    # Gears that give way are joints and rows of the map like those of links.
+    Expansion: frozenset(("model", "q_at", "v_at", "blocks", "frames", "slots", "n_eta", "drives")),
+    Closures: frozenset(
+        (
+            *("names", "kinds", "labels", "loop_of", "bodies", "local", "point_rows"),
+            *("point_axes", "dot_rows", "dot_a", "dot_b", "distance_rows", "lengths"),
+            *("support_a", "support_b", "row_mask", "contacts", "coupled"),
+        )
+    ),
+}
+
+
+def uncovered(system: System) -> str | None:
+    """What of a system the kernel does not cover; None: it covers the system."""
+    for record, known in KNOWN.items():
+        if new := {field.name for field in fields(record)} - known:
+            return f"{record.__name__}.{min(new)}"
+    if system.closed.contacts:
+        return "sleeve on a flexible beam"
+    if len(system.closed.coupled.rows):
+        return "coupling of joints"
+    closed = system.closed
+    if len(closed.point_rows) + len(closed.dot_rows) + len(closed.distance_rows) != closed.n:
+        return "closure row of another sort"
+    for joint in system.expansion.model.joints[1:]:
+        name = joint.shortname().removeprefix(_PREFIX)
+        if name not in _JOINTS and name not in _ALONG:
+            return f"joint of Pinocchio's kind {name}"
+    for block in system.expansion.blocks:
+        if not np.array_equal(block.G, block.G.swapaxes(2, 3)):
+            return "map with second-order rows that are not symmetric"
+    return None
+
+
+def tables(system: System) -> Tables:
+    """Tables of a covered system."""
+    model, expansion, closed = system.expansion.model, system.expansion, system.closed
+    used = {int(b) for b in closed.bodies} | set(_loaded(system.loads))
+    nodes, points, twists = _sorted(model, used)
+    node_of = np.full(int(model.njoints), -1)
+    node_of[nodes] = np.arange(len(nodes))
+    nv_rigid = int(system.rigid.nv)
+    arrays: dict[str, Any] = {
+        "q_at": expansion.q_at, "v_at": expansion.v_at, "gravity": model.gravity.linear,
+        "armature": model.armature,
+        **_nodes(model, nodes, node_of), **_points(model, points, node_of),
+        **_twists(model, twists, node_of), **_map(expansion), **_loops(closed, node_of),
+        **_loads(system.loads, node_of), **_joint_springs(system), **_friction(system.friction),
+        **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
+    }  # fmt: skip
+    dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
+    counts = {
+        "nq": system.nq, "nv": system.nv, "nq_rigid": int(system.rigid.nq), "nv_rigid": nv_rigid,
+        "nQ": int(model.nq), "nV": int(model.nv), "nodes": len(nodes), "points": len(points),
+        "twists": len(twists), "rows": len(arrays["row_q"]), "loops": len(closed.names),
+        "closures": closed.n, "forces": len(system.loads.forces),
+        "springs": len(system.loads.springs), "dampers": dampers,
+        "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
+    }  # fmt: skip
+    return Tables(counts, arrays)
+
+
+def _loaded(loads: Loads) -> list[int]:
+    """Joints that carry a load or the end of a spring."""
+    ends = [place for _, place in loads.forces]
+    ends += [end for _, a, b in loads.springs for end in (a, b)]
+    return [int(end.joint) for end in ends]
+
+
+def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], list[int]]:
+    """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
+    nodes, points, twists = [], [], []
+    for j in range(1, int(model.njoints)):
+        if len(model.children[j]) or j in used:
+            nodes.append(j)
+            continue
+        name, inertia = model.joints[j].shortname().removeprefix(_PREFIX), model.inertias[j]
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
+        rest = xy, xz, yy, yz, zz
+        if name == "Translation" and not any((xx, *rest, *inertia.lever.tolist())):
+            points.append(j)
+        elif name == "RX" and not any((inertia.mass, *rest, model.armature[_row(model, j)])):
+            twists.append(j)
+        else:
+            nodes.append(j)
+    return nodes, points, twists
+
+
+def _row(model: pin.Model, joint: int) -> int:
+    return int(model.joints[joint].idx_v)
+
+
+def _kind(joint: Any) -> tuple[int, Sequence[float]]:
+    name = joint.shortname().removeprefix(_PREFIX)
+    if name in _JOINTS:
+        return _JOINTS[name]
+    # Not every kind of joint tells its axis: its column of the Jacobian does, at any position.
+    data, start = joint.createData(), np.zeros(joint.nq)
+    start[:1] = joint.nq > joint.nv  # cos, sin
+    joint.calc(data, start)
+    twist = np.asarray(data.S, dtype=float).ravel()
+    axis = twist[:3] if _ALONG[name] == SLIDE else twist[3:]
+    return _ALONG[name], axis.tolist()
+
+
+def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]:
+    return {
+        f"{prefix}_q": [int(model.joints[j].idx_q) for j in joints],
+        f"{prefix}_v": [_row(model, j) for j in joints],
+    }
+
+
+def _nodes(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    kinds = [_kind(model.joints[j]) for j in joints]
+    places, bodies = [model.jointPlacements[j] for j in joints], [model.inertias[j] for j in joints]
+    return {
+        "parent": [node_of[model.parents[j]] for j in joints],
+        "kind": [kind for kind, _ in kinds],
+        "axis": [axis for _, axis in kinds],
+        "R0": [place.rotation for place in places],
+        "p0": [place.translation for place in places],
+        "mass": [body.mass for body in bodies],
+        "com": [body.lever for body in bodies],
+        "inertia": [body.inertia for body in bodies],
+        **_rows_of(model, joints, "node"),
+    }
+
+
+def _points(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    return {
+        "point_node": [node_of[model.parents[j]] for j in joints],
+        "point_R": [model.jointPlacements[j].rotation for j in joints],
+        "point_p": [model.jointPlacements[j].translation for j in joints],
+        "point_mass": [model.inertias[j].mass for j in joints],
+        **_rows_of(model, joints, "point"),
+    }
+
+
+def _twists(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    return {
+        "twist_node": [node_of[model.parents[j]] for j in joints],
+        "twist_axis": [model.jointPlacements[j].rotation[:, 0] for j in joints],
+        "twist_inertia": [model.inertias[j].inertia[0, 0] for j in joints],
+        **_rows_of(model, joints, "twist"),
+    }
+
+
+def _map(expansion: Expansion) -> dict[str, Any]:
+    """Phi and the upper triangles of G, row by row; their diagonal is halved."""
+    rows: dict[str, list[Any]] = {"row_q": [], "row_v": [], "phi": [], "phi_i": []}
+    rows |= {"phi_n": [], "g": [], "g_i": [], "g_j": [], "g_n": []}  # n: entries of each row
+    for block in expansion.blocks:
+        (bodies, count, n), curved = block.Phi.shape, block.G.shape[1]
+        first = block.eta.start + n * np.arange(bodies)
+        rows["row_q"].append(block.q_rows)
+        rows["row_v"].append(block.rows.ravel())
+        k, r, i = np.nonzero(block.Phi)
+        rows["phi"].append(block.Phi[k, r, i])
+        rows["phi_i"].append(first[k] + i)
+        rows["phi_n"].append(np.bincount(k * count + r, minlength=bodies * count))
+        half = np.triu(block.G) * (1.0 - 0.5 * np.eye(n))
+        k, r, i, j = np.nonzero(half)
+        rows["g"].append(half[k, r, i, j])
+        rows["g_i"].append(first[k] + i)
+        rows["g_j"].append(first[k] + j)
+        lengths = np.zeros((bodies, count), dtype=np.intp)
+        lengths[:, :curved] = np.count_nonzero(half, axis=(2, 3))
+        rows["g_n"].append(lengths.ravel())
+    rows |= _columns(expansion)
+    whole = {name: np.concatenate([np.zeros(0), *parts]) for name, parts in rows.items()}
+    for name in ("phi", "g"):
+        whole[f"{name}_at"] = np.concatenate([[0], np.cumsum(whole.pop(f"{name}_n"))])
+    return whole
+
+
+def _columns(expansion: Expansion) -> dict[str, list[Any]]:
+    """Where each row of X has its block of columns, and where that is kept."""
+    nv, nV = len(expansion.v_at), int(expansion.model.nv)
+    first, width = np.zeros(nV, dtype=np.intp), np.zeros(nV, dtype=np.intp)
+    first[expansion.v_at], width[expansion.v_at] = np.arange(nv), 1
+    for block in expansion.blocks:
+        bodies, _, n = block.Phi.shape
+        first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
+        width[block.rows] = n
+    return {"col_first": [first], "x_at": [np.concatenate([[0], np.cumsum(width)])]}
+
+
+def _sparse(matrix: Array, name: str) -> dict[str, Any]:
+    """The entries of a matrix row by row."""
+    i, j = np.nonzero(matrix)
+    at = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=len(matrix)))])
+    return {f"{name}_at": at, f"{name}_j": j, name: matrix[i, j]}
+
+
+def _loops(closed: Closures, node_of: IntArray) -> dict[str, Any]:
+    """Frames and rows of the loops, the rows of one loop side by side."""
+    loops = len(closed.names)
+    points = zip(closed.point_rows, closed.point_axes, strict=True)
+    distances = zip(closed.distance_rows, closed.lengths, strict=True)
+    rows = [(closed.loop_of[r], _POINT, r, x, 0, 1.0) for r, x in points]
+    dots = zip(closed.dot_rows, closed.dot_a, closed.dot_b, strict=True)
+    rows += [(closed.loop_of[r], _DIRECTION, r, a, b, 1.0) for r, a, b in dots]
+    rows += [(closed.loop_of[r], _DISTANCE, r, 0, 0, length) for r, length in distances]
+    rows.sort()
+    of, kind, number, a, b, length = np.array(rows, dtype=float).reshape(-1, 6).T
+    at = np.concatenate([[0], np.cumsum(np.bincount(of.astype(int), minlength=loops))])
+    return {
+        "node_a": node_of[closed.bodies[:loops]], "node_b": node_of[closed.bodies[loops:]],
+        "frame_a": closed.local[:loops], "frame_b": closed.local[loops:],
+        "loop_at": at, "row_kind": kind, "row_number": number, "row_a": a, "row_b": b,
+        "row_length": length,
+    }  # fmt: skip
+
+
+def _loads(loads: Loads, node_of: IntArray) -> dict[str, Any]:
+    turned = []
+    for force, place in loads.forces:
+        R = place.placement.rotation if force.follower else np.eye(3)
+        turned.append(np.concatenate([R @ np.array(force.force), R @ np.array(force.moment)]))
+    return {
+        "force_node": [node_of[place.joint] for _, place in loads.forces],
+        "force_follows": [force.follower for force, _ in loads.forces],
+        "force_place": [place.placement.translation for _, place in loads.forces],
+        "force_load": turned,
+        "spring_a": [node_of[a.joint] for _, a, _ in loads.springs],
+        "spring_b": [node_of[b.joint] for _, _, b in loads.springs],
+        "spring_place_a": [a.placement.translation for _, a, _ in loads.springs],
+        "spring_place_b": [b.placement.translation for _, _, b in loads.springs],
+        "spring_law": [(s.stiffness, s.damper, s.length) for s, _, _ in loads.springs],
+    }
+
+
+def _joint_springs(system: System) -> dict[str, Any]:
+    s = system.springs
+    return {
+        "joint_spring_v": s.v_at, "joint_spring_q": s.q_at, "joint_spring_paired": s.paired,
+        "joint_spring_law": np.column_stack([s.stiffness, s.rest]),
+    }  # fmt: skip
+
+
+def _friction(rub: DryFriction) -> dict[str, Any]:
+    law = np.column_stack([rub.coulomb, rub.excess, rub.stribeck, rub.speed])
+    return {"rub_v": rub.rows, "rub_law": law}

@@ -1,0 +1,292 @@
+"""The judge of a run within a tolerance: it corrects the steps, and sends the run back.
+
+What a correction (`pinflex.integrators.corrector`) changes in the outputs asked for is the error of
+the run so far. It sets the resolution of the steps to come; where it exceeds what is allowed, the
+run goes back to the step before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import ConvergenceError
+from pinflex.integrators.corrector import Corrector
+from pinflex.integrators.radau import Stages
+from pinflex.integrators.record import Record
+from pinflex.integrators.run import Run
+from pinflex.integrators.stages import Start, Step
+from pinflex.integrators.steps import States
+from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
+from pinflex.solver.expected import Expected
+
+PART = 0.5  # of the tolerance: what the estimate may be at the end
+_SAFE = 0.95  # of that: what it may be on the way
+# Resolution to go on with over the last one, at most and at least; at least after a step back.
+RISE, FALL, LEAST = 2.0, 0.3, 0.02
+# Of what the estimate may be: what is aimed at; what is too much to go on with.
+AIM, FULL = 0.7, 0.8
+_IDLE = 0.3  # of the room that is left: a growth below it lets the steps get longer
+_SPARE = 0.05  # of what the estimate may be: the least room
+# No coarser than that, nor than so many tolerances: there steps fail, and cost more than they save.
+_COARSEST, _TOLERANCES, _FINEST = 1e-3, 2.0, 1e-13
+_HALF = 0.5  # of what is expected of an output: the least that its error is relative to
+# An error that is still so much of what it was, at a resolution so much finer, shows round-off.
+_NO_BETTER, _IN_VAIN = 0.7, 1e-2
+_MORE = 1.5  # such errors that are borne, of it
+_AGAIN = 4  # times that a run may begin anew
+
+
+class Judge:
+    """Keeps the steps of one run and their corrections, and sends the run back where they differ.
+
+    Attributes:
+        resolution: Of the steps to come. lowest: The least one so far.
+        stuck: Whether it goes on whatever the error.
+        begun: How often the run has begun.
+    """
+
+    def __init__(
+        self,
+        stages: Stages,
+        t: Array,
+        compare: Outputs,
+        foreseen: Expected,
+        tol: float,
+        resolution: float,
+        stuck: bool,
+        again: bool,
+    ) -> None:
+        """`again`: the resolution is not to rise, for it did in a run whose error was too large."""
+        self._stages, self._corrector, self._t = stages, Corrector(stages), t
+        stages.loose = True
+        self._compare, self._foreseen = compare, foreseen
+        self._allowed, self._most = _SAFE * PART * tol, PART * tol
+        self.resolution, self.lowest, self.stuck, self.begun = resolution, resolution, stuck, 1
+        self._coarsest = max(_TOLERANCES * tol, min(_COARSEST, 10.0 * tol))
+        if again:
+            self._coarsest = resolution
+        # Time (s), resolution and error of a sample that the run was sent back for.
+        self._seen: tuple[float, float, float] | None = None
+
+    @property
+    def count(self) -> int:
+        """Samples recorded so far."""
+        return self._coarse.count
+
+    def start(self, now: Start) -> None:
+        """Take the first state, or begin anew."""
+        self._now = now
+        self._coarse = Record(self._stages, self._t, self.resolution)
+        self._fine = Record(self._corrector, self._t, self.resolution)
+        self._coarse.start(now)
+        self._fine.start(now)
+        self._before: tuple[Step, Step] | None = None
+        self._sizes: dict[str, float] = {}
+        self._moved, self._borne = False, 0.0
+        self._histories: list[dict[str, History]] = []
+        self._error = 0.0
+        self._error_at = float(self._t[0])
+
+    def take(self, steps: Sequence[Step]) -> int:
+        """Correct steps and record both; the number of them that may stay, or -1."""
+        if not steps:
+            return 0
+        self._stages.slow = self._slowest(steps[-1])
+        try:
+            corrected = self._corrector.correct_all(steps, self._before)
+        except np.linalg.LinAlgError:
+            return self._shorter()
+        coarse, fine = self._coarse.ahead(steps), self._fine.ahead(corrected)
+        histories = self._compared(coarse, fine)
+        errors = self._errors(steps, corrected, histories)
+        bad = np.flatnonzero(~(errors <= max(self._allowed, self._borne)))
+        good = len(steps)
+        if len(bad) and not self.stuck:
+            good = self._send_back(steps, errors, int(bad[0]))
+            if good < 0:
+                self.begun += 1
+                self.start(self._now)
+            if good <= 0:
+                return good
+        self._borne = min(self._borne, _MORE * float(np.max(errors)))
+        end = steps[good - 1].start.t + steps[good - 1].h
+        if good == len(steps) and not len(bad) and not self.stuck:
+            self._adapt(errors, end)
+        self._error, self._error_at = max(self._error, float(np.max(errors[:good]))), end
+        kept = self._samples(steps[:good])
+        self._coarse.take(steps[:good], States(*(part[:kept] for part in coarse)))
+        self._fine.take(corrected[:good], States(*(part[:kept] for part in fine)))
+        self._before = steps[good - 1], corrected[good - 1]
+        self._histories.append({key: h.upto(kept) for key, h in histories.items()})
+        return good
+
+    def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
+        """The run and the corrected one.
+
+        Args:
+            cost, settings: As of a `Run`.
+        """
+        return self._coarse.run(cost, settings, ""), self._fine.run(cost, settings, "")
+
+    def finish(self, steps: Sequence[Step]) -> None:
+        """Record the last steps of a run that has broken off."""
+        self.stuck = True
+        self.take(steps)
+
+    def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
+        """The corrected run so far.
+
+        Args:
+            cost, settings, stopped: As of a `Run`.
+        """
+        steps = cost["steps"]
+        cost = {
+            **cost,
+            "corrections": float(self._corrector.iterations),
+            "last_steps": steps,
+            "steps": steps + cost["repeated"],
+            "runs": float(self.begun),
+        }
+        return self._fine.run(cost, settings, stopped)
+
+    def differences(self) -> dict[str, float]:
+        """Relative difference of the run and the corrected one, by output."""
+        if not self._moved:
+            return {}
+        found = {
+            key: relative_size(
+                key,
+                np.concatenate([h[key].apart for h in self._histories]),
+                np.concatenate([h[key].size for h in self._histories]),
+            )
+            for key in (self._histories[0] if self._histories else {})
+        }
+        if not any(found.values()):
+            return self._compare.differences(*self.runs({}, {}))  # at rest, or joints alone move
+        return {key: error for key, error in found.items() if error is not None}
+
+    def _samples(self, steps: Sequence[Step]) -> int:
+        """Number of samples in steps to come."""
+        end = steps[-1].start.t + (1.0 + 1e-9) * steps[-1].h
+        return int(np.searchsorted(self._t, end, side="right")) - self._coarse.count
+
+    def _slowest(self, step: Step) -> float:
+        """Contraction that a correction may have, where so many follow on each other."""
+        number = float(self._t[-1] - self._t[0]) / step.h
+        return min(0.1, float(np.sqrt(0.3 / number)))
+
+    def _compared(self, coarse: States, fine: States) -> dict[str, History]:
+        """Errors of the outputs at the samples of states, and how large they are."""
+        n, first = self._coarse.count, self._now.y
+        self._moved |= bool(np.abs(fine.y - first).max(initial=0.0) > REST)
+        found = self._compare.histories(self._run(coarse), self._run(fine), n, first)
+        for key, history in found.items():
+            size = float(np.max(history.size, initial=0.0))
+            self._sizes[key] = max(self._sizes.get(key, 0.0), size)
+        return found
+
+    def _run(self, states: States) -> Run:
+        y, v, a, lam, torque, _ = states
+        return Run(self._coarse.system, np.zeros(len(y)), y, v, a, lam, torque, {})
+
+    def _at_ends(self, steps: Sequence[Step], corrected: Sequence[Step]) -> dict[str, History]:
+        """Errors of the outputs at the ends of steps."""
+        before, after = (
+            self._run(_joined([step.start for step in some[1:]] + [of.end(some[-1])]))
+            for of, some in ((self._stages, steps), (self._corrector, corrected))
+        )
+        return self._compare.histories(before, after, None, self._now.y)
+
+    def _errors(
+        self, steps: Sequence[Step], corrected: Sequence[Step], histories: dict[str, History]
+    ) -> Array:
+        """Largest error of all outputs in each step, relative to the largest value so far."""
+        worst = np.zeros(len(steps))
+        if not self._moved:
+            return worst  # at rest: round-off is all that differs
+        ends = np.array([step.start.t + (1.0 + 1e-9) * step.h for step in steps])
+        looked_at = self._t[self._coarse.count :]
+        for key, (at, apart, _) in histories.items():
+            np.maximum.at(worst, np.searchsorted(ends, looked_at[at]), apart / self._scale(key))
+        fewest = min((len(history.at) for history in histories.values()), default=0)
+        if fewest < len(steps):  # between few samples an error would be found too late
+            for key, (_, apart, _) in self._at_ends(steps, corrected).items():
+                worst = np.maximum(worst, apart / self._scale(key))
+        return worst
+
+    def _scale(self, key: str) -> float:
+        """Size of an output that its error is relative to: so far, or as it is expected to be.
+
+        Infinite while that is round-off.
+        """
+        size = max(self._sizes.get(key, 0.0), _HALF * self._foreseen.sizes.get(key, 0.0))
+        return size if size > LEAST_SIZES.get(key, 0.0) else np.inf
+
+    def _send_back(self, steps: Sequence[Step], errors: Array, bad: int) -> int:
+        """The number of good steps before a bad one; resolution for those that replace it."""
+        error = float(np.max(errors))
+        error = error if np.isfinite(error) else 1.0
+        if self._in_vain(steps[bad].start.t + steps[bad].h, error):
+            return len(steps)
+        before = max(self._error, float(np.max(errors[:bad], initial=0.0)))
+        anew = before > FULL * self._allowed  # what is carried along is too much already
+        if anew and error < self._most:
+            self._borne, self.resolution = self._most, FALL * self.resolution
+            return len(steps)
+        if self.resolution < _FINEST or (anew and self.begun > _AGAIN):
+            self._borne = _MORE * error
+            return len(steps)
+        room = AIM * (self._allowed - before)
+        self.resolution *= min(max(room / (error - before), LEAST), FALL)
+        self.lowest = min(self.lowest, self.resolution)
+        return -1 if anew else bad
+
+    def _in_vain(self, t: float, error: float) -> bool:
+        """Whether shorter steps have brought nothing at a time where the run was sent back.
+
+        Then the run goes on with what it has: its outputs may yet grow, and the end decides.
+        """
+        seen = self._seen
+        if seen is None or t > seen[0] + 1e-9 * abs(t) or error < _NO_BETTER * seen[2]:
+            self._seen = t, self.resolution, error
+        elif self.resolution < _IN_VAIN * seen[1]:
+            self._borne, self.resolution = _MORE * error, seen[1]
+            return True
+        return False
+
+    def _shorter(self) -> int:
+        """Take no step of some that cannot be corrected."""
+        self.resolution *= FALL
+        if self.resolution < _FINEST:
+            raise ConvergenceError(
+                "steps cannot be corrected: their equations are singular with one stage more. Give "
+                "a larger tol, or dt."
+            )
+        return 0
+
+    def _adapt(self, errors: Array, end: float) -> None:
+        """The resolution by what the error may still grow, and by what it grows.
+
+        What has grown so far is taken to grow once more in the same time, at the most.
+        """
+        begin, until = float(self._t[0]), float(self._t[-1])
+        now = max(self._error, float(np.max(errors)))
+        slope = (now - self._error) / max(end - self._error_at, 1e-300)
+        growth = slope * min(until - end, end - begin)
+        # Some is always left: steps do not stay short where the error does not grow.
+        room = max(AIM * self._allowed - now, _SPARE * self._allowed)
+        if growth > room:
+            self.resolution *= max(room / growth, FALL)
+        elif growth < _IDLE * room:
+            self.resolution *= min(room / max(growth, 1e-300), RISE)
+        self.resolution = min(max(self.resolution, _FINEST), self._coarsest)
+
+
+def _joined(ends: Sequence[Start]) -> States:
+    y, v, a, lam, torque = (
+        np.array([getattr(end, name) for end in ends]) for name in ("y", "v", "a", "lam", "torque")
+    )
+    return States(y, v, a, lam, torque, np.zeros((len(ends), 2)))

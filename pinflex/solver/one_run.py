@@ -1,0 +1,100 @@
+"""A tolerance kept by one run that judges itself while it goes.
+
+Steps are taken once more with one stage more, and judged by that (`pinflex.solver.judge`). The
+corrected samples are answered: their own error is smaller than what is told, but for what rings so
+fast that neither follows it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.solve import ASKED
+from pinflex.errors import ConvergenceError
+from pinflex.integrators.march import SHORT
+from pinflex.integrators.radau import Stages
+from pinflex.integrators.run import Run
+from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.solver.estimates import errors, floor
+from pinflex.solver.expected import expected
+from pinflex.solver.judge import AIM, LEAST, PART, Judge
+from pinflex.solver.ringing import ringing
+from pinflex.solver.scene import Progress, Scene
+
+_FIRST = 0.5  # resolution of the first steps, of the tolerance
+_INSTANTS = 51  # at which errors are looked at, at the least
+# Runs whose error at the end may be too large after all; resolution of the next one, at the most.
+_TRIES, _NEXT = 8, 0.1
+# An error that is still so much of what it was, at a resolution so much finer, shows round-off.
+_NO_BETTER, _IN_VAIN = 0.7, 3e-3
+_FINER = 16.0  # where steps that are too long break off, shorter ones may pass
+
+
+def in_one_run(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+    """The run at samples t (s) within a relative error tol, by Radau IIA collocation.
+
+    Args:
+        scene, t, tol, progress: As in `solve_to_tolerance`.
+    """
+    return _OneRun(scene, t, tol, progress).run()
+
+
+class _OneRun:
+    def __init__(self, scene: Scene, t: Array, tol: float, progress: Progress | None) -> None:
+        self.scene, self.asked_for, self.tol, self.progress = scene, t, tol, progress
+        grid = t if len(t) >= _INSTANTS else np.linspace(t[0], t[-1], _INSTANTS)
+        self.t = np.union1d(t, grid)
+        self.foreseen = expected(scene, float(t[-1]))
+        self._judge: Judge | None = None
+
+    def run(self) -> Run:
+        """The first run whose estimate is half of the tolerance."""
+        resolution, best, at = _FIRST * self.tol, np.inf, np.inf
+        for _ in range(_TRIES):
+            run, judge = self._passed(resolution)
+            worst = max(errors(run).values(), default=0.0)
+            if worst <= PART * self.tol:
+                return run
+            if worst < _NO_BETTER * best:
+                best, at = worst, resolution
+            elif judge.stuck or resolution < _IN_VAIN * at:
+                break
+            resolution *= min(max(AIM * PART * self.tol / worst, LEAST), _NEXT)
+        raise floor(self.scene, self.tol, run)
+
+    def _passed(self, resolution: float) -> tuple[Run, Judge]:
+        """A run that comes to its end, and its judge."""
+        try:
+            judge, run = self._attempt(resolution, False)
+        except ConvergenceError:
+            if self._judge is not None and self._judge.lowest < resolution:
+                # Sent back to ever shorter steps: without that it passes, or breaks off for good.
+                judge, run = self._attempt(resolution, True)
+            else:
+                judge, run = self._attempt(resolution / _FINER, False)
+        return self._judged(judge, run), judge
+
+    def _attempt(self, resolution: float, stuck: bool) -> tuple[Judge, Run]:
+        scene, t, scale = self.scene, self.t, self.foreseen.scale
+
+        def keeper(stages: Stages) -> Judge:
+            asked = scene.spec.asked or ASKED
+            compare = Outputs(scene.mechanism, scene.motion, t, asked, stages.dynamics)
+            given = (self.foreseen, self.tol, resolution, stuck, resolution < _FIRST * self.tol)
+            self._judge = Judge(stages, t, compare, *given)
+            return self._judge
+
+        first = 0.02 * self.tol**0.25 if scale > 0.0 else SHORT
+        run = scene.kept(t, resolution, keeper, first, scale, self.progress)
+        assert self._judge is not None
+        return self._judge, run
+
+    def _judged(self, judge: Judge, run: Run) -> Run:
+        error = {key: max(e, ROUND_OFF) for key, e in judge.differences().items()}
+        told = {"tol": self.tol, "error": error, "judged": "a correction of every step"}
+        settings = {**run.settings, **told}
+        run = replace(run, settings=settings, warnings=(*run.warnings, *ringing(self.scene, run)))
+        return run.at(np.searchsorted(self.t, self.asked_for))

@@ -1,0 +1,330 @@
+"""The compiled kernel says what Pinocchio says, on every system that it covers."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinflex as pf
+from pinflex.arrays import Array
+from pinflex.description.couplings import Coupling
+from pinflex.description.loops import LOOP_KINDS, Loop
+from pinflex.errors import PinflexError
+from pinflex.kernel import build
+from pinflex.kernel.evaluate import Evaluator
+from pinflex.kernel.library import kernel
+from pinflex.kernel.tables import Tables
+from pinflex.mechanics.closure import Closures, closures
+from pinflex.mechanics.compiled import Compiled, evaluated_by, on_kernel
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.kernel_tables import KNOWN, uncovered
+from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.system import Springs, System
+from pinflex.solver.tolerance import solve_to_tolerance
+from tests.benchmarks.race.case import scene
+from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
+from tests.property.trees import tree
+
+# The same sums in another order, up to a few thousand terms; seen: 2e-15 of the largest force.
+SAME = 1e-11
+SAME_TANGENT = 1e-9  # of the largest entry of each matrix; seen: 5e-14
+STATES = 24
+
+FOLLOWER = "forces: {pull: {at: hand, force: [1.0, 2.0, 3.0], follower: true, ramp: 2.0}}"
+LOADS = """
+forces:
+  pull: {at: hand, force: [1.0, 2.0, 3.0], follower: true, ramp: 2.0}
+  push: {at: foot, force: [3.0, 2.0, 1.0], moment: [1.0, 2.0, 3.0]}
+springs: {rope: {between: [grip, foot], stiffness: 30, damper: 4, length: 0.2}}
+"""
+
+needs_kernel = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
+
+
+def states(system: System, home: Array, count: int, seed: int = 1) -> tuple[Array, ...]:
+    """y, v, a, lam of size one; links bend by a few per cent of a metre-size span."""
+    rng, d = np.random.default_rng(seed), Equations(system)
+    size = np.ones(system.nv)
+    size[d.n_rigid :] = 0.02
+    Y = np.array(
+        [d.integrate(home, 0.5 * size * m) for m in rng.uniform(-1, 1, (count, len(size)))]
+    )
+    V, A = (size * rng.uniform(-1, 1, (count, len(size))) for _ in range(2))
+    return Y, V, A, rng.uniform(-1, 1, (count, system.closed.n)), rng.uniform(0, 3, count)
+
+
+def apart(found: Array, expected: Array) -> float:
+    """Largest difference over the largest entry of each state."""
+    scale = np.max(np.abs(expected), axis=1, initial=1e-300)
+    return float(np.max(np.max(np.abs(found - expected), axis=1, initial=0.0) / scale, initial=0.0))
+
+
+def agrees(system: System, home: Array, count: int = STATES, seed: int = 1) -> None:
+    given = states(system, home, count, seed)
+    R, C = Compiled(system).residual(*given)
+    r, c = without_kernel(system).residual(*given)
+    assert apart(R, r) < SAME
+    assert np.max(np.abs(C - c), initial=0.0) < SAME  # m, of metre-size mechanisms
+    # Stiffness and damping, which both take from the same tables, would hide the rest.
+    zero = np.zeros_like(system.K)
+    same_tangent(dataclasses.replace(system, K=zero, D=zero), [x[0] for x in given])
+
+
+def without_kernel(system: System) -> Equations:
+    """The equations of numpy and Pinocchio."""
+    return Equations(system, often=False)
+
+
+def same_tangent(system: System, state: list[Array]) -> None:
+    *state, t = state
+    compiled, reference = Compiled(system), without_kernel(system)
+    expected = reference.tangent(*state, float(t))
+    same_matrices(compiled.tangent(*state, float(t)), expected)
+    weights = (0.7, 1.1, 0.9)
+    S = sum(w * X for w, X in zip(weights, compiled.tangent(*state, float(t), False), strict=False))
+    same_matrices([S], reference.iteration_matrix(*state, float(t), weights)[:1])
+
+
+def same_matrices(found: Sequence[Array], expected: Sequence[Array]) -> None:
+    for one, other in zip(found, expected, strict=True):
+        scale = np.max(np.abs(other), initial=1e-300)
+        assert np.max(np.abs(one - other), initial=0.0) < SAME_TANGENT * scale
+
+
+@needs_kernel
+@pytest.mark.parametrize("which", WHICH)
+@pytest.mark.parametrize("name", NAMES)
+def test_the_kernel_is_pinocchio_on_every_shipped_model(name: str, which: str) -> None:
+    system, home = at_home(mechanism(name), which)
+    if name == "prprp":  # the one with a sleeve
+        assert on_kernel(system) is None
+        assert uncovered(system) == "sleeve on a flexible beam"
+        return
+    served = evaluated_by(system)
+    assert served == f"kernel ({kernel().said})" or system.n_eta == 0
+    agrees(system, home)
+
+
+@needs_kernel
+@pytest.mark.parametrize("which", WHICH)
+@pytest.mark.parametrize("loads", ["", FOLLOWER, LOADS])
+def test_and_on_a_free_robot_with_springs_and_loads(loads: str, which: str, tmp_path: Path) -> None:
+    agrees(*at_home(manifold(tmp_path, loads), which))
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", range(12))
+def test_and_on_random_trees_with_every_kind_of_closure(seed: int) -> None:
+    m, rng = tree(seed).build(), np.random.default_rng(seed)
+    links = [link.name for link in m.links]
+    loops = []
+    for kind in LOOP_KINDS:
+        a, b = rng.choice(links, 2, replace=False)
+        axes = rng.normal(size=(2, 3))
+        z, x = (tuple(axis / np.linalg.norm(axis)) for axis in axes)
+        if kind != "slider":
+            loops.append(Loop(kind, kind, a, b, z, x, 0.7))
+    expansion = m.flexible.expansion
+    closed = closures(loops, expansion.frames, expansion.model)
+    agrees(dataclasses.replace(m.flexible, closed=closed), m.undeformed(), STATES, seed)
+
+
+def bare(model: pin.Model) -> System:
+    """A model of Pinocchio's as a system, with nothing added."""
+    none, nv = np.zeros(0, dtype=np.intp), int(model.nv)
+    expansion = Expansion(model, np.arange(model.nq), np.arange(nv), (), {}, (), 0)
+    springs = Springs(none, none, none, np.zeros(0), np.zeros(0))
+    free: Closures = closures((), {}, model)
+    zero = np.zeros((nv, nv))
+    return System(model, expansion, free, zero, zero, springs, none, Loads((), ()))
+
+
+def turning_without_end(axis: Array) -> pin.JointModel:
+    """A continuous joint about any axis, which only a URDF can make."""
+    xyz = " ".join(f"{x:.17g}" for x in axis)
+    return pin.buildModelFromXML(
+        f'<robot name="one"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        f'<parent link="a"/><child link="b"/><axis xyz="{xyz}"/></joint></robot>'
+    ).joints[1]
+
+
+def random_model(seed: int) -> pin.Model:
+    """A tree of every joint of Pinocchio's that the kernel has, in random order."""
+    rng = np.random.default_rng(seed)
+    model = pin.Model()
+    model.gravity.linear = rng.normal(size=3)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    straight = ("RX", "RY", "RZ", "RUBX", "RUBY", "RUBZ", "PX", "PY", "PZ")
+    joints = [getattr(pin, f"JointModel{name}")() for name in straight]
+    joints += [pin.JointModelRevoluteUnaligned(axis), pin.JointModelPrismaticUnaligned(axis)]
+    joints += [pin.JointModelSpherical(), pin.JointModelFreeFlyer(), pin.JointModelPlanar()]
+    joints += [pin.JointModelTranslation(), pin.JointModelRX(), turning_without_end(axis)]
+    for k in rng.permutation(len(joints)):
+        # Depth first: Pinocchio's derivatives take a subtree for neighbouring rows.
+        chain = list(model.supports[model.njoints - 1])
+        parent = int(chain[-int(rng.integers(1, min(3, len(chain)) + 1))])
+        joint = model.addJoint(parent, joints[k], pin.SE3.Random(), f"joint {k}")
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Random())
+    model.armature = rng.uniform(0, 1, model.nv)
+    return model
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", range(12))
+def test_and_is_rnea_on_random_trees_with_every_joint(seed: int) -> None:
+    model = random_model(seed)
+    Y, V, A, lam, t = states(bare(model), pin.neutral(model), STATES, seed)
+    R, _ = Compiled(bare(model)).residual(Y, V, A, lam, t)
+    data = pin.Data(model)
+    assert apart(R, np.array([pin.rnea(model, data, *x) for x in zip(Y, V, A)])) < SAME  # noqa: B905
+    same_tangent(bare(model), [Y[0], V[0], A[0], lam[0], t[0]])
+
+
+@needs_kernel
+def test_sines_hold_far_from_zero() -> None:
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "joint")
+    body = pin.Inertia(1.0, np.array([1.0, 0.0, 0.0]), np.eye(3))
+    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    model.gravity.linear = np.array([0.0, -1.0, 0.0])
+    angle = np.concatenate([np.linspace(-10, 10, 997), np.logspace(-9, 7, 100), [1e300]])[:, None]
+    none = np.zeros_like(angle)
+    R, _ = Compiled(bare(model)).residual(angle, none, none, none[:, :0], none[:, 0])
+    # cos(x) is the moment of gravity; k pi / 2 in three parts loses 1e-16 k 1e-11 of the angle.
+    np.testing.assert_allclose(R[:, 0], np.cos(angle[:, 0]), rtol=0, atol=4e-16)
+
+
+@needs_kernel
+def test_a_number_that_is_none_stays_one() -> None:
+    system, home = at_home(mechanism("3rrr"), "flexible")
+    Y, V, A, lam, t = states(system, home, 8)
+    Y[3, 0] = np.nan
+    R, _ = Compiled(system).residual(Y, V, A, lam, t)
+    assert np.isnan(R[3]).any()
+    assert np.isfinite(np.delete(R, 3, axis=0)).all()
+
+
+@needs_kernel
+def test_sizes_and_indices_are_checked_at_the_boundary() -> None:
+    system, home = at_home(mechanism("3rrr"), "flexible")
+    Y, V, A, lam, _ = states(system, home, 3)
+    evaluator = Evaluator(system.tables)
+    with pytest.raises(PinflexError, match="a state of"):
+        evaluator.residuals(Y[:, 1:], V, A, lam, np.zeros((3, 0)))
+    counts, arrays = system.tables.__reduce__()[1]
+    for name, wrong in (("node_v", 1_000_000), ("parent", 1_000_000), ("kind", 7), ("phi_at", -1)):
+        bad = {**arrays, name: np.full_like(arrays[name], wrong)}
+        with pytest.raises((PinflexError, ValueError, IndexError)):
+            Tables(counts, bad)
+    with pytest.raises(PinflexError, match="entries, not"):
+        Tables(counts, {**arrays, "mass": arrays["mass"][1:]})
+
+
+@needs_kernel
+def test_tables_travel_to_other_processes() -> None:
+    system, home = at_home(mechanism("race_r1"), "flexible")
+    Y, V, A, lam, _ = states(system, home, 2)
+    none = np.zeros((2, 0))
+    there = pickle.loads(pickle.dumps(system.tables))
+    found = Evaluator(there).residuals(Y, V, A, lam, none)
+    np.testing.assert_array_equal(
+        found[0], Evaluator(system.tables).residuals(Y, V, A, lam, none)[0]
+    )
+
+
+def test_what_the_kernel_does_not_know_it_does_not_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A new field of these records may be a new term: teach it to the kernel, then to KNOWN."""
+    for record, known in KNOWN.items():
+        assert {field.name for field in dataclasses.fields(record)} == known, record
+    with monkeypatch.context() as patch:
+        patch.setitem(KNOWN, Loads, KNOWN[Loads] - {"springs"})
+        assert uncovered(pf.load("3rrr").flexible) == "Loads.springs"
+    robot = pf.load("3rrr")
+    on = robot.flexible.expansion
+    follower, leader = robot.coordinates[1:3]
+    coupled = closures((), on.frames, on.model, couplings=(Coupling(follower, leader, 2.0, 0.0),))
+    assert uncovered(dataclasses.replace(robot.flexible, closed=coupled)) == "coupling of joints"
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelHZ(), pin.SE3.Identity(), "screw")
+    assert uncovered(bare(model)) == "joint of Pinocchio's kind HZ"
+
+
+def test_the_kernel_is_switched_off_by_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    m = pf.load("3rrr")
+    assert on_kernel(m.flexible) is None
+    assert m.evaluated_by == "numpy and Pinocchio (kernel: switched off by PINFLEX_KERNEL=0)"
+    with pytest.raises(PinflexError, match="switched off"):
+        Evaluator(m.flexible.tables)
+
+
+@needs_kernel
+@pytest.mark.parametrize("name", [name for name, _, _ in build.BUILDS["x86_64"]])
+def test_every_build_that_runs_here_gives_the_same_numbers(name: str, tmp_path: Path) -> None:
+    if build.here() != "linux-x86_64" or (name == "v3" and not kernel().said.endswith("v3")):
+        pytest.skip("this processor does not run it")
+    program = (
+        "import numpy as np, tests.unit.kernel.test_kernel as here\n"
+        "system, home = here.at_home(here.mechanism('race_r1'), 'flexible')\n"
+        "print(here.kernel().said)\n"
+        "here.agrees(system, home)\n"
+    )
+    env = {**os.environ, "PINFLEX_KERNEL": name}
+    run = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.split() == ["linux-x86_64", name]
+
+
+def test_a_build_without_a_compiler_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(build, "_compilers", lambda target: [])
+    with pytest.raises(RuntimeError, match="no compiler"):
+        build.compile_all(tmp_path, "linux-x86_64")
+    with pytest.raises(RuntimeError, match="no build for plan9-vax"):
+        build.compile_all(tmp_path, "plan9-vax")
+
+
+@needs_kernel
+@pytest.mark.parametrize("name", ["race_r2", "3rrs", "ur5"])  # with circles and balls; no loop
+def test_a_radau_run_on_the_kernel_takes_the_steps_of_numpy(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = scene(pf.load(name), ())
+    t = np.linspace(0.0, 0.1 * (run.motion.duration or 1.0), 21)
+    compiled = run.resolved(t, 1e-2)
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    plain = run.resolved(t, 1e-2)
+    assert {k: compiled.cost[k] for k in ("steps", "newton")} == {
+        k: plain.cost[k] for k in ("steps", "newton")
+    }
+    # What Newton may leave; the steps are chosen by what it leaves. Seen: 3rrs 3e-6, else 2e-8.
+    for name in ("y", "lam", "torque"):
+        found, expected = getattr(compiled, name), getattr(plain, name)
+        scale = np.max(np.abs(expected), initial=1e-300)
+        assert np.max(np.abs(found - expected), initial=0.0) < 1e-5 * scale
+
+
+@needs_kernel
+def test_a_run_within_a_tolerance_takes_the_steps_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = scene(pf.load("race_r2"), ())
+    t = np.linspace(0.0, run.motion.duration, 21)
+    compiled = solve_to_tolerance(run, t, 1e-2)
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    plain = solve_to_tolerance(run, t, 1e-2)
+    # Factors and tangents differ by round-off, which may shift an iteration.
+    for key in ("steps", "newton", "corrections"):
+        assert compiled.cost[key] == pytest.approx(plain.cost[key], rel=0.03)
+    errors = [of.settings["error"]["torque"] for of in (compiled, plain)]  # type: ignore[index]
+    assert errors[0] == pytest.approx(errors[1], rel=0.1)
