@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.__main__ import _COMMANDS, build_parser
+from pinflex import boundary
+from pinflex.__main__ import _COMMANDS, build_parser, main
 from pinflex.advice import text as advice_text
 from pinflex.advice.proposal import Advice
 from pinflex.advice.reduced_models import LeftOut
+from pinflex.errors import PinflexError
 from tests.cli.small import call, write_model
 
 SCREEN = 45  # lines
@@ -76,6 +78,14 @@ def test_every_command_that_takes_a_model_takes_json_and_set():
         places = {action.dest for action in command._actions if not action.option_strings}
         assert "--json" in options, name
         assert "model" not in places or "--set" in options, name
+
+
+def test_debug_shows_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(boundary.VARIABLE, "")
+    with pytest.raises(PinflexError) as caught:
+        main(["check", "no-such-model", "--debug"])
+    frames = [entry.name for entry in caught.traceback]
+    assert {"load", "find_file"} <= set(frames)
 
 
 def test_pinflex_alone_prints_its_help():
