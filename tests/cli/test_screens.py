@@ -97,7 +97,7 @@ def test_pinflex_alone_prints_its_help():
 
 def test_verify_says_each_case_as_it_ends(tmp_path: Path):
     """Two cases through a pipe: the first table is there before the second case has ended."""
-    command = [sys.executable, "-m", "pinflex", "verify", "A01", "rotating"]
+    command = [sys.executable, "-m", "pinflex", "verify", "A hub", "A05"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         first = process.stdout.readline()

@@ -168,13 +168,13 @@ def test_a_library_that_is_not_there_is_named(
 
 def test_compare_gives_runs_table_and_figures(robot: pf.Mechanism, plt: Any, tmp_path: Any) -> None:
     short = robot.with_("solve.until=0.02", "solve.samples=21", "solve.dt=1e-3")
-    done = pf.compare(short, levels=["quasistatic", "coupled"], folder=tmp_path)
-    assert [*done.runs] == ["rigid", "quasistatic", "coupled"]
-    assert done["coupled"].level == "coupled" and "coupled" in done._repr_html_()
+    done = pf.compare(short, levels=["ked"], folder=tmp_path)
+    assert [*done.runs] == ["rigid", "ked"]
+    assert done["ked"].level == "ked" and "ked" in done._repr_html_()
     assert len(done._repr_html_()) < 20_000 and len(repr(done)) < 200
-    assert {"torques", "deviation_coupled"} <= done.figures.keys()
+    assert {"torques", "deviation_ked"} <= done.figures.keys()
     assert len(done.plot("deviation")) == 2
-    assert {path.name for path in done.files} >= {"comparison.json", "3rrr-coupled.npz"}
+    assert {path.name for path in done.files} >= {"comparison.json", "3rrr-ked.npz"}
     assert all(path.is_file() and path.parent == tmp_path for path in done.files)
     with pytest.raises(DescriptionError, match="no such figure"):
         done.plot("wrong")
