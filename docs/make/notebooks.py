@@ -17,12 +17,13 @@ from nbclient import NotebookClient
 from nbconvert import MarkdownExporter
 from traitlets.config import Config
 
-TUTORIALS = Path(__file__).parents[1] / "tutorials"
+ROOT = Path(__file__).parents[2]
+TUTORIALS = ROOT / "docs" / "tutorials"
 _LIMIT = 600  # [s] of one cell: far above any of them, below a build that hangs
 
 
 def run_all(made: Path) -> Path:
-    """Execute the tutorials that changed; the folder with their pages and all that they wrote.
+    """Execute the tutorials that changed, or all if pinflex did; the folder with what they wrote.
 
     With DOCS_NOTEBOOKS=0 they are converted without being executed, for a quick look at the text.
     """
@@ -30,13 +31,19 @@ def run_all(made: Path) -> Path:
     for script in sorted(TUTORIALS.glob("*.py")):
         execute = os.environ.get("DOCS_NOTEBOOKS") != "0"
         out = folder / script.stem
-        stamp = hashlib.sha256(script.read_bytes() + bytes([execute])).hexdigest()
+        stamp = _stamp(script) + ("" if execute else " not executed")
         if not (out / "stamp").is_file() or (out / "stamp").read_text() != stamp:
             shutil.rmtree(out, ignore_errors=True)
             out.mkdir(parents=True)
             (folder / f"{script.stem}.md").write_text(page(script, out, execute), "utf-8")
             (out / "stamp").write_text(stamp)
     return folder
+
+
+def _stamp(script: Path) -> str:
+    """Hash of all that a tutorial's outputs follow from."""
+    sources = [script, *sorted((ROOT / "pinflex").rglob("*.py")), *sorted(ROOT.glob("models/*/*"))]
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
 def page(script: Path, out: Path, execute: bool = True) -> str:

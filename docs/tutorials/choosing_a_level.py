@@ -50,7 +50,9 @@ axes.legend(frameon=False);
 # level, which links bend, in which planes, with how many modes.
 
 # %%
-print(pf.advise(robot, tol=0.05))
+from pinflex.__main__ import main
+
+main(["advise", "race_r2", "--tol", "0.05"]);  # in Python: pf.advise(robot, tol=0.05)
 
 # %% [markdown]
 # ## Two errors
@@ -60,9 +62,9 @@ print(pf.advise(robot, tol=0.05))
 
 # %%
 run = pf.solve(pf.load("cantilever"), tol=1e-3)
-print(run.errors)
+print("\n".join(run.errors.lines()))
 
 # %% [markdown]
-# From a terminal: `pinflex compare MODEL` makes the table above with a verdict, `pinflex advise
-# MODEL --tol 0.05` the proposal, and `--level auto` takes it. The equations of each level are in
+# From a terminal: `pinflex compare MODEL` makes the table above with a verdict, and
+# `pinflex solve MODEL --level auto` takes the proposal. The equations of each level are in
 # [theory](../theory.md#levels).

@@ -37,7 +37,7 @@ for level, found in commands.items():
     off = np.linalg.norm(run.frame("platform").position[:, :2] - path, axis=1)
     worst[level] = off.max()
     axes.semilogy(run.t, 1e3 * off + 1e-7, label=f"{level} command")
-    print(f"{level:6} command: platform off by {1e6 * off.max():.3g} um")
+    print(f"{level:6} command: platform off by {1e3 * off.max():.2g} mm")
 axes.set(xlabel="t [s]", ylabel="off its path [mm]")
 axes.legend(frameon=False)
 assert worst["exact"] < 0.01 * worst["rigid"]

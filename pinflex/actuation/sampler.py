@@ -15,8 +15,8 @@ from pinflex.actuation.feedback import Feedback
 from pinflex.actuation.signals import Signals
 from pinflex.arrays import Array
 from pinflex.description.control import Control, Effort
+from pinflex.description.control_block import effort_limits
 from pinflex.description.digital import is_system, linear_law
-from pinflex.description.urdf import Limits, limits
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
@@ -140,9 +140,4 @@ def _limit(mechanism: Mechanism, control: Control) -> Array:
     """Largest |u| of each drive: as given, else the effort limits of the URDF."""
     if control.limit:
         return np.array(control.limit, dtype=np.float64)
-    known = limits(mechanism.description.urdf_text)
-    efforts = [
-        known.get(d.joint, Limits()).effort if isinstance(d, Effort) else 0.0
-        for d in control.drives
-    ]
-    return np.array([x if x > 0.0 else np.inf for x in efforts])
+    return np.array(effort_limits(mechanism.description.urdf_text, control.drives))

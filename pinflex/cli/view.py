@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,11 +25,16 @@ def add(commands: parser.Commands) -> None:
         "view",
         "an animation of a saved run",
         """
-Writes one page that plays in any browser, offline, and opens it.""",
-        "pinflex view run.npz --field bending --scale 20\n  pinflex view run.npz --png worst --gif",
+Writes one page that plays in any browser, offline, and opens it. Several runs of one robot share
+the page, which switches, overlays and subtracts them; the last is shown first.""",
+        "pinflex view run.npz --field bending --scale 20\n"
+        "  pinflex view run.npz --png worst --gif\n"
+        "  pinflex view delta-compare/*.npz",
         model=False,
     )
-    p.add_argument("run", metavar="RUN.npz", help="from `pinflex solve -o` or `pinflex compare`")
+    p.add_argument(
+        "runs", metavar="RUN.npz", nargs="+", help="from `pinflex solve -o` or `pinflex compare`"
+    )
     p.add_argument("-o", "--output", metavar="FILE.html", help="default: beside the run")
     p.add_argument(
         "--field",
@@ -67,8 +73,9 @@ def run(args: argparse.Namespace) -> int:
         if args.debug:
             raise
         raise DescriptionError(
-            f"{args.run}: what it holds does not fit together ({type(error).__name__}: {error}). "
-            "The file was changed, or an older pinflex wrote it: repeat the run."
+            f"{', '.join(args.runs)}: what it holds does not fit together "
+            f"({type(error).__name__}: {error}). The file was changed, or an older pinflex wrote "
+            "it: repeat the run."
         ) from error
 
 
@@ -79,13 +86,14 @@ def _run(args: argparse.Namespace) -> int:
     from pinflex.viewer.view import view
 
     most = checked.MOST * (args.limit or 1.0)
-    result = Result.load(args.run, most)
+    runs = [Result.load(file, most) for file in args.runs]
+    result = runs[-1]
     rigid = None if args.rigid is None else Result.load(args.rigid, most)
-    path = Path(args.output) if args.output is not None else Path(args.run).with_suffix(".html")
+    path = Path(args.output or Path(args.runs[-1]).with_suffix(".html"))
     instant = None if args.png is None else pictures.instant(result, args.png)
     with working("writing the page"):
         page = view(
-            result,
+            result if len(runs) == 1 else _named(runs, args.runs),
             path,
             open_browser=_opens(args),
             field=args.field,
@@ -105,6 +113,19 @@ def _run(args: argparse.Namespace) -> int:
     elif args.live:
         serve.live_until_interrupted(result, args.field, args.scale, args.meshes)
     return 0
+
+
+def _named(runs: Sequence[Result], files: Sequence[str]) -> dict[str, Result]:
+    """Runs by level, or by file where two have the same one, least to most faithful."""
+    from pinflex.description.solve import LEVELS
+
+    levels = [run.level for run in runs]
+    if len({*levels}) < len(levels):
+        stems = [Path(file).stem for file in files]
+        names = stems if len({*stems}) == len(stems) else [str(file) for file in files]
+        return dict(zip(names, runs, strict=True))
+    found = dict(zip(levels, runs, strict=True))
+    return {k: found[k] for k in sorted(found, key=lambda k: LEVELS.index(k) if k in LEVELS else 9)}
 
 
 def _opens(args: argparse.Namespace) -> bool:

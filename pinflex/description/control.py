@@ -1,4 +1,4 @@
-"""Feedback: what is measured, what is driven, and the law between them. The block `control`.
+"""Feedback: what is measured, what is driven, and the law between them.
 
     u(t) = law(t, m, dm/dt, int m dt)      m: measured outputs,  u: voltages of patches, torques
 
@@ -17,9 +17,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.description import schema
 from pinflex.description.digital import is_system
-from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
@@ -79,6 +77,9 @@ class Control:
         reference: Values that m should have, (nm,), by time: what a system is compared with.
         forward: Feed-forward of a digital controller, (nu,), by time; taken in the middle of the
             time that it is held.
+        follow: Of each measure whether its reference is the motion's, which moves that motor.
+        rigid_torque: Of each drive whether the torque that the motion asks of that motor, links
+            rigid, is fed forward.
     """
 
     __repr__ = brief
@@ -92,6 +93,8 @@ class Control:
     limit: tuple[float, ...] = ()
     reference: Callable[[float], Array] | None = None
     forward: Callable[[float], Array] | None = None
+    follow: tuple[bool, ...] = ()
+    rigid_torque: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         period, sampled = self.period, (self.delay, self.limit, self.reference, self.forward)
@@ -104,11 +107,20 @@ class Control:
                 "control: delay, limit, reference, forward, a system as law and a law with a state "
                 "are those of a digital controller. Give its period [s]."
             )
+        self._require_followed()
         if len(self.limit) not in (0, len(self.drives)) or any(not x > 0 for x in self.limit):
             raise DescriptionError(
                 f"control.limit: {list(self.limit)} for {len(self.drives)} drives. Give a number "
                 "above 0 for each, or none."
             )
+
+    def _require_followed(self) -> None:
+        for what, flags, kind in (
+            ("follow", zip(self.follow, self.measures, strict=False), Travel),
+            ("rigid_torque", zip(self.rigid_torque, self.drives, strict=False), Effort),
+        ):
+            if any(on and not isinstance(one, kind) for on, one in flags):
+                raise DescriptionError(f"control.{what}: the motion tells what motors do only.")
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -161,51 +173,3 @@ def pid(
         *(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (kp, ki, kd, target))
     )
     return Pid(kp_, ki_, kd_, target_)
-
-
-KEYS = ("measure", "drive", "kp", "ki", "kd", "target")
-
-
-def read_control(value: object, where: str, urdf: Source) -> Control | None:
-    """The block `control`: {NAME: {measure, drive, kp, ki, kd, target}}.
-
-    Args:
-        value: The parsed block. where: Its place. urdf: Links and joints there are.
-    """
-    names, measures, drives, rows = [], [], [], []
-    for name, item in schema.mapping(value, where).items():
-        here = schema.at(where, name)
-        block = schema.mapping(item, here, KEYS, ("measure", "drive"))
-        names.append(name)
-        measures.append(_measure(block["measure"], schema.at(here, "measure"), urdf))
-        drives.append(_drive(block["drive"], schema.at(here, "drive"), urdf))
-        rows.append(
-            [schema.number(block.get(k, 0.0), schema.at(here, k), of="gain") for k in KEYS[2:]]
-        )
-        if not any(rows[-1][:3]):
-            raise DescriptionError(f"{here}: it does nothing. Give kp, ki or kd.")
-    if not names:
-        return None
-    return Control(tuple(measures), tuple(drives), pid(*np.array(rows).T), tuple(names))
-
-
-def _measure(value: object, where: str, urdf: Source) -> Deflection | Travel:
-    block = schema.mapping(value, where, ("link", "at", "direction", "joint"))
-    if "joint" in block:
-        return Travel(schema.known(block["joint"], where, urdf.joints, "joint"))
-    schema.mapping(value, where, None, ("link", "at"))
-    link = schema.known(block["link"], schema.at(where, "link"), urdf.links, "link")
-    x = schema.number(block["at"], schema.at(where, "at"), low=0, of="place")
-    direction = schema.choice(
-        block.get("direction", "y"), schema.at(where, "direction"), ("y", "z")
-    )
-    return Deflection(link, x, direction)
-
-
-def _drive(value: object, where: str, urdf: Source) -> Voltage | Effort:
-    block = schema.mapping(value, where, ("patch", "joint"))
-    if len(block) != 1:
-        raise DescriptionError(f"{where}: name one drive: {{patch: NAME}} or {{joint: NAME}}.")
-    if "patch" in block:
-        return Voltage(schema.text(block["patch"], schema.at(where, "patch")))
-    return Effort(schema.known(block["joint"], schema.at(where, "joint"), urdf.joints, "joint"))

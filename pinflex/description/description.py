@@ -13,7 +13,8 @@ from typing import Any
 import yaml
 
 from pinflex.description import curved, fields, flexible, ranges, schema, sources
-from pinflex.description.control import Control, read_control
+from pinflex.description.control import Control
+from pinflex.description.control_block import read_control
 from pinflex.description.couplings import SINGLE, Coupling, couplings, read_actuated
 from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
 from pinflex.description.finding import find_file, model_names
@@ -259,7 +260,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         couplings=coupled,
         actuated=actuated,
         loops=loops,
-        control=read_control(block.get("control", {}), place["control"], tree),
+        control=read_control(block.get("control", {}), place["control"], tree, actuated),
         forces=read_forces(block.get("forces", {}), place["forces"], tree),
         springs=read_springs(block.get("springs", {}), place["springs"], tree),
         home=read_home(block.get("home", {}), place["home"], types),

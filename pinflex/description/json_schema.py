@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from pinflex.description import (
-    control,
+    control_block,
     drives,
     external,
     flexible,
@@ -55,7 +55,7 @@ def json_schema() -> Form:
         "springs": _named(_block(
             {key: _measure(of) for key, of in external.SPRING_KEYS.items()} | {"between": _PAIR},
             ["between", "stiffness"])),
-        "control": _named(_block(_any(control.KEYS), ["measure", "drive"])),
+        "control": _control(),
         "motion": _motion(),
         "solve": _block(_of_record(SolveSpec)),
     }  # fmt: skip
@@ -113,6 +113,17 @@ def _of_record(record: type) -> dict[str, Form]:
                 form["enum"] = [*form["enum"]]
             found[one.name] = form
     return found
+
+
+def _control() -> Form:
+    """Entries of the user's names, and the times of a digital controller."""
+    entry = _block(
+        _any(control_block.KEYS) | {"forward": {"enum": [*control_block.FORWARD]},
+                                    "limit": _NUMBER},
+        ["measure", "drive"],
+    )  # fmt: skip
+    times = {key: _empty({"anyOf": [_NUMBER, entry]}) for key in control_block.DIGITAL}
+    return _named(entry) | {"properties": times}
 
 
 def _joint() -> Form:

@@ -83,8 +83,9 @@ def _matches(
         yield from _within(raw, segments, "", ("",))
         return
     for group, links in groups.items():
-        wanted = segments[1]
-        chosen = list(links) if wanted == group else [x for x in links if fnmatchcase(x, wanted)]
+        wanted = [one.strip() for one in segments[1].split(",")]  # a part of a block is a list
+        some = [x for x in links if any(fnmatchcase(x, one) for one in wanted)]
+        chosen = list(links) if segments[1] == group else some
         if not chosen:
             continue
         name = group if len(chosen) == len(links) else ", ".join(chosen)

@@ -129,7 +129,7 @@ class AlphaSteps:
             self._origin = y
             self.march.set_scale(now, 0)
             d, rows = self.dynamics, self.measured
-            self._weight = d.stiffness if self.by_energy else d.mass(y)[rows][:, rows]
+            self._weight = d.strain.stiffness if self.by_energy else d.mass(y)[rows][:, rows]
             # Positions are known to 1e-15 m or rad: no error is looked for below that.
             least = 1e-14 * float(np.sqrt(self._weight.trace())) / self.resolution
             self.scale = max(self.scale, least, 1e-300)

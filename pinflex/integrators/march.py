@@ -201,7 +201,8 @@ class _March:
         ceiling = at.ceiling * _GROWTH
         h = min(h, ceiling)
         if now.t >= stops[0] - _SHORTEST * self._span:
-            now.t, stops = stops[0], stops[1:]
+            now.t = stops[0]  # two that differ by round-off are one: no step fits between them
+            stops = tuple(stop for stop in stops if stop > now.t + _SHORTEST * self._span)
             if stops:
                 now, last = stages.first(now.t, now.y, now.v), None
                 h = min(h, self._first_length)

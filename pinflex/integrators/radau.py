@@ -217,7 +217,7 @@ class Stages(StageEquations):
     @property
     def _weight(self) -> Array:
         if self.by_energy:
-            return self.dynamics.stiffness
+            return self.dynamics.strain.stiffness
         k = len(self.free) - self.dynamics.system.n_eta if self.dynamics.flexible else 0
         return self.newton.tangent.M[k:, k:]
 

@@ -19,9 +19,10 @@ from pinflex.description.motion import Motion
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, MotionError, nearest
 from pinflex.integrators.run import Run
-from pinflex.inversion.differences import EIGHTH, padded, rates
+from pinflex.inversion.differences import EIGHTH, padded, rates, spline
 from pinflex.inversion.exact import invert
 from pinflex.inversion.flat import flat
+from pinflex.inversion.grid import instants_over
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import rest_needed
 from pinflex.inversion.limits import require_within_curves, require_within_limits
@@ -55,8 +56,9 @@ class Command:
         before, after: Rest ahead of the platform's motion and after it [s].
         coordinates: Platform coordinates that follow the path.
         reference: Their values [m | rad], shape (nt, k).
-        error: Estimated largest error of each coordinate [m | rad], shape (k,); of level rigid,
-            what the quasistatic command corrects.
+        error: Bar on the largest error of each coordinate in t [m | rad], shape (k,): of level
+            quasistatic in a forward run, vibration included; of level rigid what the quasistatic
+            command corrects.
         changes: Level quasistatic: largest change of a motor position from pass to pass.
         iterations: Level exact: linear systems solved; 0 where elastic drives alone give way.
         drives: Of each drive both sides of the gear, by key as in a Result: motor_position,
@@ -184,7 +186,8 @@ def command(
             motion, or as many independent ones as there are motors.
         before, after: Rest ahead of the motion and after it, s; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
-        instants: Number of grid points; default: 150 over the motion.
+        instants: Number of grid points; default: 150 over the motion, of level exact more where
+            fast modes ring after it (`pinflex.inversion.grid`).
         limited: Refuse a command beyond the URDF's effort and velocity limits, or beyond the
             limit curve of a drive.
     Returns:
@@ -207,7 +210,8 @@ def command(
     _require_smooth(mechanism, motion)
     ahead, behind = _rests(mechanism, before, after)
     span = ahead + motion.duration + behind
-    n = instants or int(np.clip(_INSTANTS * span / motion.duration, _LEAST, _MOST))
+    over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
+    n = instants or int(np.clip(over * span / motion.duration, _LEAST, _MOST))
     while True:
         found, rigid = _on_grid(mechanism, motion, level, coordinates, ahead, behind, n)
         missed = float(np.max(found.error / np.maximum(rigid, 1e-300)))
@@ -241,26 +245,28 @@ def _on_grid(
     t = np.arange(n + _TAIL, dtype=float) * ((ahead + motion.duration + behind) / (n - 1))
     wanted = target(mechanism, motion, t, ahead, coordinates)
     instant = Instant(mechanism, wanted)
-    slow = series(instant)
-    answer, open_, iterations = slow.found, slow.error, 0
+    kept = slice(n)
+    slow = series(instant, kept)
+    answer, iterations = slow.found, 0
     apart = instant.axes.read(slow.found.y) - wanted.motors
+    missed = _at_platform(wanted.gain[kept], apart[kept])
+    error = slow.error
     smooth = flat(mechanism, motion, wanted) if level == "exact" else None
     if smooth is not None:
         none = np.zeros((len(t), instant.rows))
-        answer, open_ = (
-            Balanced(smooth.poses(t), none, smooth.torque(t)),
-            smooth.error + 0.0 * apart,
-        )
+        answer = Balanced(smooth.poses(t), none, smooth.torque(t))
+        error = _at_platform(wanted.gain[kept], np.tile(smooth.error, (n, 1)))
     elif level == "exact":
         exact = invert(instant, slow.found)
-        answer, open_, iterations = exact.found, exact.error, exact.iterations
+        answer, iterations = exact.found, exact.iterations
+        error = _at_platform(wanted.gain[kept], exact.error[kept])
     elif level == "rigid":
         torque = solve_rigid(mechanism, delayed(motion, ahead), t).torque
-        answer, open_ = replace(rigid_guess(instant)[0], torque=torque), apart
+        answer, error = replace(rigid_guess(instant)[0], torque=torque), missed
     position = instant.axes.read(answer.y)
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
-    curve, kept = smooth.position if smooth is not None else _spline(t, position), slice(n)
+    curve = smooth.position if smooth is not None else spline(t, position)
     found = Command(
         name=mechanism.name,
         level=level,
@@ -275,7 +281,7 @@ def _on_grid(
         after=behind,
         coordinates=wanted.names,
         reference=wanted.position[kept],
-        error=_at_platform(wanted.gain[kept], open_[kept]),
+        error=error,
         changes=slow.changes if level == "quasistatic" else (),
         iterations=iterations,
         drives=_both_sides(instant, answer, curve, kept),
@@ -286,7 +292,7 @@ def _on_grid(
         },
         curve=curve,
     )
-    return found, _at_platform(wanted.gain[kept], apart[kept])
+    return found, missed
 
 
 def _at_platform(gain: Array, moves: Array) -> Array:
@@ -317,15 +323,6 @@ def _units(mechanism: Mechanism) -> tuple[str, ...]:
     model = mechanism.rigid.rigid
     joints = (model.joints[model.getJointId(name)] for name in mechanism.description.actuated)
     return tuple("N" if j.shortname().startswith("JointModelP") else "N m" for j in joints)
-
-
-def _spline(t: Array, position: Array) -> Callable[..., Array]:
-    """Quintic through the positions, from rest; the end is as the data have it."""
-    from scipy.interpolate import make_interp_spline
-
-    still = np.zeros(position.shape[1])
-    begin, end = ([(order, still) for order in orders] for orders in ((1, 2), (3, 4)))
-    return make_interp_spline(t, position, k=5, bc_type=(begin, end))  # type: ignore[no-any-return]
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

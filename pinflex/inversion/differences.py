@@ -7,6 +7,7 @@ vanishes at the origin. The differences of order 4 and 8 are the usual ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,3 +56,12 @@ def rates(dynamics: Equations, y: Array, h: float, stencil: Stencil) -> tuple[Ar
 def padded(y: Array, n: int) -> Array:
     """Poses with n equal ones before the first and after the last: rest."""
     return np.concatenate([np.repeat(y[:1], n, 0), y, np.repeat(y[-1:], n, 0)])
+
+
+def spline(t: Array, position: Array) -> Callable[..., Array]:
+    """Quintic through positions (nt, n), from rest; the end is as the data have it."""
+    from scipy.interpolate import make_interp_spline
+
+    still = np.zeros(position.shape[1])
+    begin, end = ([(order, still) for order in orders] for orders in ((1, 2), (3, 4)))
+    return make_interp_spline(t, position, k=5, bc_type=(begin, end))  # type: ignore[no-any-return]

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import inv
 
 from pinflex.actuation.motors import motor_axes
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError
 from pinflex.inversion.target import Target
 from pinflex.mechanics.equations import Equations
@@ -30,6 +30,8 @@ _LONGEST = 0.3  # m or rad of one Newton step
 _ROUND_OFF = 1e-8  # m or rad: corrections that no longer shrink below this are round-off
 _MOST, _FEW = 40, 8  # iterations of one instant, of several
 _TOGETHER = 16  # instants
+
+Instants = slice | IntArray  # numbers of the grid
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,9 @@ class Instant:
         platform = mechanism.frame(str(mechanism.description.platform))
         self.platform = PlatformCoordinates(self.dynamics, platform, target.names)
 
-    def residuals(self, at: slice, y: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
+    def residuals(
+        self, at: Instants, y: Array, v: Array, a: Array, lam: Array
+    ) -> tuple[Array, Array]:
         """Rows that have to vanish, shape (n, nv + rows), and motor torques (n, nm).
 
         Args:
@@ -78,6 +82,15 @@ class Instant:
         held = np.zeros((len(y), len(self.system.held)))  # never moved: nothing is ever open there
         rows = np.concatenate([r[:, self.free], c, error, idle[:, :, 0], held], axis=1)
         return rows, r[:, self.system.motors]
+
+    def changing(self, *rates: Array) -> IntArray:
+        """Instants at which the path, given rates (nt, nv) or the loads are not as just before."""
+        target = self.target
+        parts = (target.position, target.motors, *rates)
+        new = np.any([np.any(x[1:] != x[:-1], axis=1) for x in parts], axis=0)
+        if any(force.timed for force, _ in self.system.loads.forces):
+            new[:] = True
+        return np.flatnonzero(np.append(True, new))
 
     def tangents(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> Tangents:
         """Derivatives of the rows at instant k."""
@@ -103,7 +116,8 @@ class Balanced:
 def balanced(instant: Instant, guess: Balanced, v: Array, a: Array) -> Balanced:
     """Solve the square system at every instant with given v and a, each (nt, nv).
 
-    Some instants at a time by one tangent; where that does not contract, half as many.
+    Some instants at a time by one tangent; where that does not contract, half as many. Those of a
+    rest are one.
 
     Raises:
         ConvergenceError: No pose found at an instant: the platform cannot be there.
@@ -119,16 +133,18 @@ class _Balance:
         self.y, self.lam, self.torque = (np.array(x) for x in (guess.y, guess.lam, guess.torque))
         self._inverse: Array | None = None
         self._lacked = np.zeros(instant.system.nv + instant.rows)  # by the guess, at the last one
+        self._own = instant.changing(v, a)
 
     def solve(self) -> Balanced:
         """All instants."""
-        todo = [(k, min(k + _TOGETHER, len(self.y))) for k in range(0, len(self.y), _TOGETHER)]
+        n = len(self._own)
+        todo = [(k, min(k + _TOGETHER, n)) for k in range(0, n, _TOGETHER)]
         while todo:
             first, last = todo.pop(0)
-            if self._settles(slice(first, last)):
+            if self._settles(self._own[first:last]):
                 continue
             if last - first == 1:
-                t = float(self.instant.target.t[first])
+                t = float(self.instant.target.t[self._own[first]])
                 raise ConvergenceError(
                     f"t = {t:.6g} s: no balanced pose with the platform on its path. Slow the "
                     "motion down, or stiffen the links.",
@@ -136,18 +152,19 @@ class _Balance:
                 )
             middle = (first + last) // 2
             todo[:0] = [(first, middle), (middle, last)]
-        return Balanced(self.y, self.lam, self.torque)
+        kept = np.searchsorted(self._own, np.arange(len(self.y)), side="right") - 1
+        return Balanced(*(x[self._own[kept]] for x in (self.y, self.lam, self.torque)))
 
-    def _settles(self, at: slice) -> bool:
+    def _settles(self, at: IntArray) -> bool:
         """Whether a span of instants is balanced; then it is kept."""
         guess, n = self.guess, self.instant.system.nv
-        y = self._moved(guess.y[at], np.tile(self._lacked[:n], (at.stop - at.start, 1)))
+        y = self._moved(guess.y[at], np.tile(self._lacked[:n], (len(at), 1)))
         lam = guess.lam[at] + self._lacked[n:]
         v, a, last, rate, middle = self.v[at], self.a[at], np.inf, 0.0, len(y) // 2
         e, torque = self.instant.residuals(at, y, v, a, lam)
         for _ in range(_MOST if len(y) == 1 else _FEW):
             if self._inverse is None:
-                k = at.start + middle
+                k = int(at[middle])
                 found = self.instant.tangents(k, y[middle], v[middle], a[middle], lam[middle])
                 self._inverse = inv(_square(found))  # a product each is cheaper than solving
             step = -(e @ self._inverse.T)
@@ -168,9 +185,9 @@ class _Balance:
         self._inverse = None
         return False
 
-    def _keep(self, at: slice, y: Array, lam: Array, torque: Array) -> None:
+    def _keep(self, at: IntArray, y: Array, lam: Array, torque: Array) -> None:
         self.y[at], self.lam[at], self.torque[at] = y, lam, torque
-        n, last = self.instant.system.nv, at.stop - 1
+        n, last = self.instant.system.nv, at[-1]
         self._lacked[:n] = self.instant.dynamics.difference(self.guess.y[last], y[-1])
         self._lacked[n:] = lam[-1] - self.guess.lam[last]
 

@@ -52,7 +52,8 @@ def delayed(motion: Motion, before: float) -> Motion:
         moving = (t >= before)[:, None]
         return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
 
-    return replace(motion, law=later, duration=motion.duration + before, spec={})
+    corners = (before, *(before + t for t in motion.switches))
+    return replace(motion, law=later, duration=motion.duration + before, spec={}, corners=corners)
 
 
 def target(

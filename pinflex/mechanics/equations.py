@@ -34,6 +34,7 @@ from pinflex.mechanics.geometry import Geometry, spans
 from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
+from pinflex.mechanics.strain import Strain
 from pinflex.mechanics.system import System
 
 
@@ -41,7 +42,7 @@ class Equations(Geometry):
     """The equations of a system (make one per run).
 
     Attributes:
-        stiffness: Of the links by eta, shape (n_eta, n_eta).
+        strain: Elastic potential of the links.
         damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, joint springs,
             loads.
     """
@@ -53,9 +54,7 @@ class Equations(Geometry):
         self.rubbed = system.friction.present
         self.sprung = len(system.springs.v_at) > 0
         self.loaded = system.loads.present
-        self.stiffness = np.ascontiguousarray(system.K[self.n_rigid :, self.n_rigid :])
-        links = [(slot.eta, slot.body.curvature) for slot in system.expansion.slots]
-        self._curved = [(at, bent) for at, bent in links if bent is not None]
+        self.strain = Strain(system)
         self._loads = LoadRows(system.loads, self.model)
         # Joints that closures and loads act on, and by which loops: +1 on B, -1 on A.
         bodies = system.closed.bodies.reshape(2, -1)
@@ -137,7 +136,7 @@ class Equations(Geometry):
         """X' g with the forces of stiffness, damping, springs and sleeves, shape (n, nv)."""
         r, m = here.project(g), self.n_rigid
         if self.flexible:
-            r[:, m:] += self.elastic_forces(Y[:, self.nq_rigid :])
+            r[:, m:] += self.strain.force(Y[:, self.nq_rigid :])
         if self.damped:
             r += V @ self.system.D
         if self.rubbed:
@@ -148,13 +147,6 @@ class Equations(Geometry):
         if self.slides and closed is not None:
             r[:, m:] -= (lam[:, None] @ closed.by_eta(self.system.n_eta))[:, 0]
         return r
-
-    def elastic_forces(self, eta: Array) -> Array:
-        """What deformed links resist with, for elastic coordinates (..., n_eta), the same shape."""
-        force = eta @ self.stiffness
-        for at, bent in self._curved:
-            force[..., at] += bent.force(eta[..., at])
-        return np.asarray(force)
 
     def spring_angles(self, y: Array) -> Array:
         """Positions (rad | m) of the joints with springs, shape (..., springs)."""
@@ -227,7 +219,7 @@ class Equations(Geometry):
         dQ, dV, M = pin.computeRNEADerivatives(model, data, here.Q[0], here.V[0], here.A[0], pushed)
         found = Derivatives(
             self.system, here, dQ, dV, M, np.array(data.tau), v, a[self.n_rigid :],
-            [(at, bent.stiffness(y[self.nq_rigid :][at])) for at, bent in self._curved],
+            self.strain.bent(y[self.nq_rigid :]),
             follow, load, t,
         )  # fmt: skip
         return found, J_c
@@ -324,7 +316,7 @@ class Equations(Geometry):
         for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
             found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + self._rotors @ rate**2
             found[1, k] = pin.computePotentialEnergy(model, data)
-        found[2] = self.elastic_energy(Y[:, self.nq_rigid :])
+        found[2] = self.strain.energy(Y[:, self.nq_rigid :])
         if self.sprung:
             s = self.system.springs
             found[3] = 0.5 * (self.spring_angles(Y) - s.rest) ** 2 @ s.stiffness
@@ -332,13 +324,6 @@ class Equations(Geometry):
             poses, J, _ = self._placed(here)
             found[3] += [self._loads.at(*at).energy(float(when))
                          for *at, when in zip(poses, J, t, strict=True)]  # fmt: skip
-
-    def elastic_energy(self, eta: Array) -> Array:
-        """Strain energy of the links (J) for elastic coordinates (..., n_eta), shape (...)."""
-        energy = 0.5 * np.sum(eta @ self.stiffness * eta, axis=-1)
-        for at, bent in self._curved:
-            energy = energy + bent.energy(eta[..., at])
-        return np.asarray(energy)
 
     def losses(self, y: Array, v: Array) -> float:
         """Power that damping and friction take at y (nq,) and v (nv,), W."""

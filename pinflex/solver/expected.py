@@ -55,8 +55,8 @@ def expected(scene: Scene, end: float) -> Expected:
         for x in (rigid.y, rigid.v, rigid.a)
     )
     force = dynamics.residual(y, v, a, rigid.lam, t).r[:, dynamics.n_rigid :]
-    eta = np.asarray(-np.linalg.solve(dynamics.stiffness, force.T).T, dtype=float)
-    weight = dynamics.stiffness if scene.by_forces else _mass(dynamics, y[0])
+    eta = np.asarray(-np.linalg.solve(dynamics.strain.stiffness, force.T).T, dtype=float)
+    weight = dynamics.strain.stiffness if scene.by_forces else _mass(dynamics, y[0])
     sizes = {"torque": _largest(rigid.torque), "deflection": _largest(eta)}
     # Loops that are left open would let the platform go much farther.
     if scene.mechanism.description.platform and not system.closed.n:

@@ -14,7 +14,8 @@ from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import independent_rows
 from pinflex.mechanics.assembly import RANK
 from pinflex.mechanics.equations import Equations
-from pinflex.solver.scene import Progress, Scene, default_step
+from pinflex.solver.scene import Progress, Scene
+from pinflex.solver.step_length import default_step
 from pinflex.solver.tolerance import solve_to_tolerance
 
 _STICTION = 1e-3  # tolerance of runs that stick, where none is given

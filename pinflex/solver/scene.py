@@ -16,7 +16,7 @@ from pinflex.arrays import Array
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.description.solve import SolveSpec
-from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
+from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as adaptive
 from pinflex.integrators.alpha_adaptive import AlphaSteps
@@ -28,12 +28,12 @@ from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.integrators.steps import Steps
 from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.modes import modes
-from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.speeds import with_speeds
 from pinflex.levels.start import Start, start_from, start_of
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.following import following, rigid_torques
 from pinflex.solver.resume import state
 
 Progress = Callable[[int, int], None]
@@ -41,7 +41,6 @@ _FEW = 400  # steps below which a run may be too coarse for its first mode
 _PER_PERIOD = 10.0  # steps that a vibration needs at the least
 _SHORT = 1e-6  # of the run: shorter steps are looked at for round-off
 _NO_SPEEDS = "start speeds are those of level coupled; level ked starts with those of the motion."
-_FORWARD = 401  # instants between which the torques of the rigid motion are interpolated
 
 
 @dataclass(frozen=True)
@@ -301,6 +300,7 @@ class Scene:
         control = self.control
         assert control is not None
         require_instants(self.mechanism, control, end)
+        control = following(self.mechanism, self.motion, control, end)
         feedback = place(self.mechanism, control, prescribed=drive is None)
         sampler = Sampler(self.mechanism, feedback, dynamics, drive is not None)
         if drive is not None and drives_motors(self.mechanism, control):
@@ -315,16 +315,8 @@ class Scene:
     def _drive(self, t: Array) -> TorqueDrive | None:
         if self.spec.drive != "torque":
             return None
-        from scipy.interpolate import PchipInterpolator
-
         count = len(self.mechanism.rigid.motors)
-        # On a grid of its own: how often a run is sampled must not change what drives it.
-        coarse = np.linspace(t[0], t[-1], _FORWARD)
-        try:
-            rigid = solve_rigid(self.mechanism, self.motion, coarse).torque
-        except MotionError:
-            rigid = np.zeros((len(coarse), count))
-        forward = PchipInterpolator(coarse, rigid)
+        forward = rigid_torques(self.mechanism, self.motion, float(t[0]), float(t[-1]))
         kp, kd = np.full(count, self.spec.kp), np.full(count, self.spec.kd)
         return TorqueDrive(kp, kd, forward(t), forward)
 
@@ -332,24 +324,6 @@ class Scene:
 def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
     if isinstance(stop.result, Run):
         stop.result = start.told(stop.result)
-
-
-def default_step(mechanism: Mechanism, end: float) -> float:
-    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run.
-
-    Args:
-        mechanism: Mechanism.
-        end: Length of the run [s].
-    """
-    step = end / 400.0
-    if not mechanism.compliant:
-        return step
-    found = modes(mechanism, count=9, preload="none").frequencies
-    alive = found[found > 0]
-    if not len(alive):
-        return step
-    third = float(alive[min(2, len(alive) - 1)])
-    return min(step, 1.0 / (40.0 * third))
 
 
 def thin(run: Run, every: int) -> Run:

@@ -171,7 +171,8 @@ def _sampled(
     mechanism: Mechanism, spec: SolveSpec, control: Control, dt: float | None
 ) -> SolveSpec:
     """What to compute under a digital controller: steps that end at its instants."""
-    if dt is not None or not (spec.integrator is None or _collocates(spec)):
+    written = control is mechanism.description.control and spec.dt is not None
+    if dt is not None or written or not (spec.integrator is None or _collocates(spec)):
         raise DescriptionError(
             f"{mechanism.name}: a digital controller (control.period) acts at instants of its own, "
             "where steps end. Give a tol instead of dt, and no integrator."

@@ -23,7 +23,8 @@ from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.estimates import errors, floor
 from pinflex.solver.one_run import in_one_run
 from pinflex.solver.ringing import ringing
-from pinflex.solver.scene import Progress, Scene, default_step
+from pinflex.solver.scene import Progress, Scene
+from pinflex.solver.step_length import default_step
 
 _PILOT = 0.1  # resolution of a run that tells how far the mechanism moves, to a hundredth
 _LOCAL = 2.0  # resolution of the first run over tol^1.5: where it serves, the next one is the last

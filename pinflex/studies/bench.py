@@ -23,8 +23,9 @@ from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.recovery import stress
-from pinflex.solver.scene import Scene, default_step
+from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
+from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
 
 SAMPLES = 201

@@ -142,14 +142,14 @@ def compare(
     """
     tell = progress if isinstance(progress, Stages) else Stages() if progress is True else None
     steps = None if isinstance(progress, Stages | bool) else progress
-    runs: list[Path] = []
+    runs: dict[str, Path] = {}
 
     def keep(level: str, run: Result, complete: bool) -> None:
         if folder is None:
             return
         if tell is not None:
             tell(f"saving {level}")
-        runs.append(run.save(Path(folder) / file_name(run, complete), compact=True))
+        runs[level] = run.save(Path(folder) / file_name(run, complete), compact=True)
         # what an earlier comparison left of this level would contradict the table
         (Path(folder) / file_name(run, not complete)).unlink(missing_ok=True)
 
@@ -162,9 +162,9 @@ def compare(
         done = study(mechanism, levels, each, keep, band, say, errors, motion)
         if folder is None:
             return done
-        # the page is drawn from the file of its run, so that the file alone gives the same page
-        drawn = Result.load(best_file(done, folder)) if done.flexible else None
-        return replace(done, files=(*write(done, Path(folder), say, drawn), *runs))
+        # the page is drawn from the files of its runs, so that they alone give the same page
+        drawn = {level: Result.load(path) for level, path in runs.items()}
+        return replace(done, files=(*write(done, Path(folder), say, drawn), *runs.values()))
     finally:
         if tell is not None:
             tell.close()
@@ -241,31 +241,21 @@ def study(
     return Study(mechanism, record.runs, record.partial, record.unsolved, table)
 
 
-def best_file(done: Study, folder: str | Path) -> Path:
-    """File of the most faithful run.
-
-    Args:
-        done: Study with a flexible run.
-        folder: Of the runs.
-    """
-    return Path(folder) / file_name([*done.flexible.values()][-1])
-
-
 def write(
     done: Study,
     folder: Path,
     tell: Callable[[str], None] = lambda text: None,
-    drawn: Result | None = None,
+    drawn: Mapping[str, Result] | None = None,
 ) -> list[Path]:
     """Write table, figures and animation; returns the files. The runs are written by `keep`.
 
     Args:
         done: Study. folder: Made if it is not there.
         tell: Called with what is done next.
-        drawn: Run of the page; default: the most faithful one.
+        drawn: Runs of the page, by level; default: those of the study.
     """
     from pinflex.viewer.figures import save_all
-    from pinflex.viewer.view import write_html
+    from pinflex.viewer.view import write_runs_html
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "comparison.txt", folder / "comparison.json"]
@@ -276,13 +266,22 @@ def write(
         files += save_all(rigid, flexible, folder, done.table.frequencies, tell)
     if flexible:
         tell("writing the page")
-        best = list(flexible.values())[-1] if drawn is None else drawn
         about = done.mechanism.description
         folders: list[str | Path] = [
             *about.package_dirs,
             *([about.path.parent] if about.path else []),
         ]
-        files.append(write_html(best, folder / "animation.html", meshes=folders))
+        shown = {**done.runs, **done.partial} if drawn is None else drawn
+        levels = {level: shown[level] for level in LEVELS if level in shown}
+        files.append(
+            write_runs_html(
+                levels,
+                folder / "animation.html",
+                rigid=None if rigid is None else shown["rigid"],
+                meshes=folders,
+                first=list(flexible)[-1],
+            )
+        )
     return files
 
 

@@ -32,7 +32,7 @@ from pinflex.errors import (
 )
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
-from pinflex.solver.scene import default_step
+from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
 from pinflex.variation.comparison import Comparison, differences
 from pinflex.variation.fitted import Fit

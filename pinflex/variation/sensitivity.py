@@ -18,8 +18,8 @@ from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import ConvergenceError, DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
-from pinflex.solver.scene import default_step
 from pinflex.solver.solve import default_motion
+from pinflex.solver.step_length import default_step
 from pinflex.text import brief, number, table
 from pinflex.threads import one_blas_thread
 from pinflex.variation.derivatives import extrapolated, of_frequencies

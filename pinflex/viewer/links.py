@@ -14,6 +14,8 @@ from pinflex.viewer.surfaces import Surface, packed
 STATIONS = 25  # of a link, besides those where a field peaks
 TRIANGLES = 9_000  # of all surfaces with stress of a page together
 MOST, FEWEST = 3_000, 300  # of one of them
+SECTION_FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
+_NOTHING = 1e-3  # of the largest force (or moment) of a link: its diagram would tell nothing
 FIELDS = {  # key: label, unit, shown = SI * factor
     "von_mises": ("von Mises stress", "MPa", 1e-6),
     "bending": ("bending stress", "MPa", 1e-6),
@@ -23,26 +25,37 @@ FIELDS = {  # key: label, unit, shown = SI * factor
 }
 
 
-def link_geometry(result: Result, name: str, skin: Surface | None) -> dict[str, Any]:
-    """One flexible link at every instant, with the stations worth keeping.
+def stations(result: Result, name: str) -> IntArray:
+    """Stations of a link worth keeping: spread evenly, and those where a field peaks.
+
+    Args:
+        result: The run.
+        name: The link.
+    """
+    get = _arrays(result, name)
+    count = len(get["x"])
+    even = np.linspace(0, count - 1, min(STATIONS, count)).round().astype(np.intp)
+    fields = [get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get]
+    peaks = [np.abs(f).max(axis=0).argmax() for f in fields]
+    return np.union1d(even, np.array(peaks, dtype=np.intp))
+
+
+def link_geometry(
+    result: Result, name: str, skin: Surface | None, station: IntArray
+) -> dict[str, Any]:
+    """One flexible link at every instant, at the stations worth keeping.
 
     Args:
         result: The run.
         name: The link.
         skin: What the URDF draws of it. A link with stress on its own surface is drawn by that.
+        station: Numbers of the stations to keep, shape (n,).
     """
-    get = {
-        k[len(f"link/{name}/") :]: v
-        for k, v in result.arrays.items()
-        if k.startswith(f"link/{name}/")
-    }
+    get = _arrays(result, name)
     about = result.meta.get("links", {}).get(name, {})
     centre, x = get["centreline"], get["x"]
     rigid = get.get("centreline_rigid", centre)
     fields = {k: get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get}
-    station = np.unique(np.linspace(0, len(x) - 1, min(STATIONS, len(x))).round().astype(np.intp))
-    peaks = [np.abs(f).max(axis=0).argmax() for f in fields.values()]
-    station = np.union1d(station, np.array(peaks, dtype=np.intp))
     section_y = get["section_y"] if "section_y" in get else _any_normal(rigid)
     y_rigid = _rigid_normal(rigid, section_y)
     mesh = _on_beam(skin, about)
@@ -62,7 +75,33 @@ def link_geometry(result: Result, name: str, skin: Surface | None) -> dict[str, 
         "y_disp": section_y[:, station] - y_rigid[:, None],
         "fields": {k: f[:, station] for k, f in fields.items()},
         "surface": surface,
+        "sections": _sections(get["resultant"][:, station]) if "resultant" in get else {},
     }
+
+
+def undeformed(link: dict[str, Any]) -> dict[str, Any]:
+    """The link in the rigid mechanism, which has neither displacements nor stresses.
+
+    Args:
+        link: From `link_geometry`.
+    """
+    still = {k: np.zeros_like(link[k]) for k in ("disp", "y_disp")}
+    return {**link, **still, "fields": {}, "surface": {}, "sections": {}}
+
+
+def _sections(resultant: Array) -> dict[str, Array]:
+    """Section forces by name, (nt, n) each, but for those that are nothing beside the others.
+
+    Args:
+        resultant: N Vy Vz [N] and T My Mz [N m], shape (nt, n, 6).
+    """
+    found = {}
+    for kind in (range(3), range(3, 6)):
+        most = float(np.abs(resultant[:, :, kind]).max(initial=0.0))
+        for i in kind:
+            if np.abs(resultant[:, :, i]).max(initial=0.0) > _NOTHING * most:
+                found[SECTION_FORCES[i]] = resultant[:, :, i]
+    return found
 
 
 def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
@@ -73,7 +112,7 @@ def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
         keep: Instants, shape (n,).
     """
     out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid", "y_disp")}}
-    for kind in ("fields", "surface"):
+    for kind in ("fields", "surface", "sections"):
         out[kind] = {k: f[keep] for k, f in link[kind].items()}
     ends = out["rigid"][:, [0, -1]]
     share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
@@ -84,7 +123,7 @@ def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
 
 
 def time_arrays(link: dict[str, Any]) -> list[Array]:
-    """Arrays of a link that have a row for every instant."""
+    """Arrays of a link that have a row for every instant, but for section forces: kept coarsely."""
     own = [link[k] for k in ("rigid", "disp", "y_rigid", "y_disp")]
     return [*own, *link["fields"].values(), *link["surface"].values()]
 
@@ -98,6 +137,11 @@ def largest(link: dict[str, Any], field: str) -> Array | None:
     """
     values = link["surface"].get(field, link["fields"].get(field))
     return None if values is None else np.abs(values).max(axis=1)
+
+
+def _arrays(result: Result, name: str) -> dict[str, Array]:
+    start = f"link/{name}/"
+    return {k[len(start) :]: v for k, v in result.arrays.items() if k.startswith(start)}
 
 
 def _solid(get: dict[str, Array], most: int) -> tuple[dict[str, Any] | None, dict[str, Array]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.errors import PinflexError
 from pinflex.results.result import Result
 from pinflex.viewer.lines import magnified
 from pinflex.viewer.live_server import Bridge, Window
@@ -46,6 +48,11 @@ class Live:
             scale: Magnification of displacements about the rigid pose, or "auto".
             meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
         """
+        if find_spec("meshcat") is None:
+            raise PinflexError(
+                "live: meshcat is not installed. Install it (pip install meshcat), or write a page "
+                "with pinflex.view: it needs nothing else."
+            )
         self.scene = build_scene(result, scale=scale, meshes=meshes)
         self.field = field if any(f["key"] == field for f in self.scene["fields"]) else ""
         least = 0.008 * self.scene["size"]

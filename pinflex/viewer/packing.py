@@ -1,7 +1,8 @@
 """Data with many arrays as one short text, which a page unpacks (page/load.js).
 
-A number is kept to a millionth of the largest one of its array, as an integer. Motion is smooth, so
-second differences in time are small: their high bytes, gathered, deflate to almost nothing.
+A number is kept to a millionth of the largest one of its array, or as coarsely as `Coarse` says, as
+an integer. Motion is smooth in time and along a link, so second differences are small: their high
+bytes, gathered, deflate to almost nothing. Equal arrays are kept once.
 """
 
 from __future__ import annotations
@@ -10,29 +11,49 @@ import base64
 import json
 import math
 import zlib
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from pinflex.arrays import Array
 
 STEPS = 2**20  # of the largest magnitude of an array
+Steps = npt.NDArray[np.int32]
 _LEVEL = 6  # of zlib: more takes twice the time for one percent
+_ALONG = 2  # differences along the second axis, at most
+_ENOUGH = 8  # entries of a second axis that may be smooth: fewer are components of a vector
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """An array kept to `1 / steps` of its largest number."""
+
+    values: Array
+    steps: int
 
 
 def pack(data: Any) -> str:
     """Lists, mappings, numbers, texts and arrays (time first) as base64 of deflated bytes."""
     pieces: list[bytes] = []
+    places: dict[bytes, dict[str, Any]] = {}
 
     def placed(value: Any) -> Any:
         if isinstance(value, np.generic):
             return value.item()
+        steps = STEPS
+        if isinstance(value, Coarse):
+            value, steps = value.values, value.steps
         if not isinstance(value, np.ndarray):
             raise TypeError(f"{type(value).__name__} has no place in a page")
-        step, coded = _coded(value)
-        at = sum(map(len, pieces))
-        pieces.append(coded)
-        return {"packed": at, "shape": list(value.shape), "step": step}
+        step, along, coded = _coded(value, steps)
+        head = {"shape": list(value.shape), "step": step, "along": along}
+        key = json.dumps(head).encode() + coded
+        if key not in places:
+            places[key] = {"packed": sum(map(len, pieces)), **head}
+            pieces.append(coded)
+        return places[key]
 
     head = json.dumps(data, default=placed, allow_nan=False).encode()
     return deflated(len(head).to_bytes(4, "little") + head + b"".join(pieces))
@@ -43,17 +64,34 @@ def deflated(raw: bytes) -> str:
     return base64.b64encode(zlib.compress(raw, _LEVEL)).decode()
 
 
-def _coded(values: Array) -> tuple[float, bytes]:
-    """Size of a step, and the steps: second differences in time, byte by byte of significance."""
+def _coded(values: Array, count: int) -> tuple[float, int, bytes]:
+    """Size of a step, differences along the second axis, and bytes by significance."""
     values = np.nan_to_num(values)
     if values.dtype.kind == "f":
-        step = float(np.abs(values).max(initial=0.0)) / STEPS or 1.0
+        step = float(np.abs(values).max(initial=0.0)) / count or 1.0
         steps = np.round(values / step).astype(np.int32)
     else:
         step, steps = 1.0, values.astype(np.int32)
-    steps = steps.reshape(len(steps), math.prod(values.shape[1:]))
     for _ in range(2):
         steps = np.diff(steps, axis=0, prepend=np.zeros_like(steps[:1]))
+    along, steps = _along(steps)
+    steps = steps.reshape(len(steps), math.prod(values.shape[1:]))
     folded = ((steps << 1) ^ (steps >> 31)).astype("<u4")  # 0, -1, 1, -2, ... as 0, 1, 2, 3, ...
     series = np.ascontiguousarray(folded.T).reshape(-1)
-    return step, series.view(np.uint8).reshape(-1, 4).T.tobytes()
+    return step, along, series.view(np.uint8).reshape(-1, 4).T.tobytes()
+
+
+def _along(steps: Steps) -> tuple[int, Steps]:
+    """Differences along the second axis as often as makes the numbers shorter."""
+    best, times, shortest = steps, 0, _bits(steps)
+    if steps.ndim < 2 or steps.shape[1] < _ENOUGH:
+        return times, best
+    for n in range(1, _ALONG + 1):
+        steps = np.diff(steps, axis=1, prepend=np.zeros_like(steps[:, :1]))
+        if (bits := _bits(steps)) < shortest:
+            best, times, shortest = steps, n, bits
+    return times, best
+
+
+def _bits(steps: Steps) -> float:
+    return float(np.log2(1.0 + np.abs(steps)).sum())

@@ -7,7 +7,8 @@ points shared by two bodies stay shared, and no joint opens at any magnification
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,26 @@ from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
 from pinflex.viewer.curves import plots, track
 from pinflex.viewer.frames import FrameLocator
-from pinflex.viewer.links import FIELDS, largest, link_geometry, thinned, time_arrays
+from pinflex.viewer.links import (
+    FIELDS,
+    largest,
+    link_geometry,
+    stations,
+    thinned,
+    time_arrays,
+    undeformed,
+)
 from pinflex.viewer.skeleton import Skeleton, body_shapes, skeletons
 from pinflex.viewer.surfaces import surfaces
+from pinflex.viewer.verdicts import verdicts
 
 FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
+_UNSEEN = 1e-6  # [m], and of a direction: nobody sees it
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
 LEVELS = {
+    "rigid": "rigid mechanism",
     "quasistatic": "quasistatic: no vibration",
     "ked": "kineto-elastodynamic: linear vibration about the rigid motion",
     "coupled": "coupled rigid-flexible",
@@ -46,13 +58,95 @@ def build_scene(
         scale: Magnification of displacements, or "auto" (1, 2 or 5 times a power of ten).
         meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
     """
+    return build_scenes([result], rigid, scale, meshes)[0]
+
+
+def build_scenes(
+    results: Sequence[Result],
+    rigid: Result | None = None,
+    scale: float | str = "auto",
+    meshes: Sequence[str | Path] | None = (),
+) -> list[dict[str, Any]]:
+    """Scenes of runs of one mechanism, alike in instants, stations and magnification.
+
+    Args:
+        results: The runs to draw.
+        rigid: As in `build_scene`.
+        scale: As in `build_scene`.
+        meshes: As in `build_scene`.
+    """
+    drawn = [_drawn(result, rigid, meshes, _stations(results)) for result in results]
+    drawn = [_with_links(d, drawn) for d in drawn]
+    keep = _instants(drawn)
+    scenes = [_scene(d, rigid, k) for d, k in zip(drawn, keep, strict=True)]
+    flexible = [s for s in scenes if s["fields"]] or scenes
+    least = min(automatic_scale(s["largest"], s["size"]) for s in flexible)
+    return [s | {"scale": least if scale == "auto" else float(scale)} for s in scenes]
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A run with what is drawn of it at every instant."""
+
+    result: Result
+    links: dict[str, dict[str, Any]]
+    bodies: list[Skeleton]
+    path: dict[str, Any] | None
+    locator: FrameLocator
+    missing: list[str]
+
+
+def _drawn(
+    result: Result,
+    rigid: Result | None,
+    meshes: Sequence[str | Path] | None,
+    at: Mapping[tuple[str, int], IntArray],
+) -> _Drawn:
     skins, missing = ({}, []) if meshes is None else surfaces(result, meshes)
-    links = {name: link_geometry(result, name, skins.get(name)) for name in result.links}
-    path = track(result, rigid)
+    count = {name: len(result.arrays[f"link/{name}/x"]) for name in result.links}
+    links = {n: link_geometry(result, n, skins.get(n), at[n, count[n]]) for n in result.links}
     locator = FrameLocator(result)
     bodies = skeletons(result, locator, skins)
-    keep = _instants(result, links, len(bodies), path)
-    size = _size(bodies, links, keep)
+    return _Drawn(result, links, bodies, track(result, rigid), locator, missing)
+
+
+def _with_links(drawn: _Drawn, others: Sequence[_Drawn]) -> _Drawn:
+    """A rigid run with the flexible links of another one where that has the same rigid motion.
+
+    A rigid run alone does not have their poses.
+    """
+    if drawn.links:
+        return drawn
+    for other in others:
+        if other.links and _same_motion(drawn, other):
+            links = {name: undeformed(link) for name, link in other.links.items()}
+            return replace(drawn, links=links)
+    return drawn
+
+
+def _same_motion(rigid: _Drawn, flexible: _Drawn) -> bool:
+    if not np.array_equal(rigid.result.t, flexible.result.t):
+        return False
+    theirs = {body.name: body.rigid for body in flexible.bodies}
+    return all(
+        body.name in theirs and np.abs(body.pose - theirs[body.name]).max() < _UNSEEN
+        for body in rigid.bodies
+    )
+
+
+def _stations(results: Sequence[Result]) -> dict[tuple[str, int], IntArray]:
+    """Stations to keep, by link and the number that it has: the same in every run."""
+    found: dict[tuple[str, int], IntArray] = {}
+    for result in results:
+        for name in result.links:
+            key = name, len(result.arrays[f"link/{name}/x"])
+            found[key] = np.union1d(found.get(key, np.empty(0, np.intp)), stations(result, name))
+    return found
+
+
+def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any]:
+    result, links, path = drawn.result, drawn.links, drawn.path
+    size = _size(drawn.bodies, links, keep)
     most = max(
         [float(np.linalg.norm(link["disp"], axis=2).max()) for link in links.values()]
         + ([float(path["deviation"].max())] if path else [])
@@ -62,25 +156,25 @@ def build_scene(
     stress = {name: p for name, p in peaks.items() if p is not None}
     return {
         "name": str(result.meta.get("name", "result")),
+        "key": result.level,
         "level": LEVELS.get(result.level, result.level),
         "mode": None,
-        "remark": _remark(result),
+        "verdicts": verdicts(result),
         "t": result.t[keep],
         "opens": _opens(result, path, stress),
         "size": size,
-        "scale": automatic_scale(most, size) if scale == "auto" else float(scale),
         "largest": most,
         "links": [
             {**thinned(link, keep), "strength": _strength(result, name)}
             for name, link in links.items()
         ],
-        "bodies": [body_shapes(body, keep, size) for body in bodies],
+        "bodies": [body_shapes(body, keep, size) for body in drawn.bodies],
         "track": path and _rows(path, keep),
-        "forces": [_rows(arrow, keep) for arrow in locator.forces()],
-        "torques": [_rows(arrow, keep) for arrow in locator.torques()],
-        "plots": plots(result, rigid, stress, path, keep),
-        "fields": _fields(links),
-        "notes": _notes(result, len(keep)) + missing,
+        "forces": [_rows(arrow, keep) for arrow in drawn.locator.forces()],
+        "torques": [_rows(arrow, keep) for arrow in drawn.locator.torques()],
+        "plots": plots(result, None if result is rigid else rigid, stress, path, keep),
+        "fields": _fields(links) if result.links else [],
+        "notes": _notes(result, len(keep)) + drawn.missing,
     }
 
 
@@ -92,15 +186,6 @@ def _notes(result: Result, kept: int) -> list[str]:
     if result.meta.get("status", "complete") != "complete":
         notes.insert(0, f"{result.meta['status']}: {result.meta.get('message', '')}")
     return notes
-
-
-def _remark(result: Result) -> str:
-    """Caution for a viewer of the picture, in one line; "" for none."""
-    if result.meta.get("status", "complete") != "complete":
-        return f"{result.meta['status']} at {result.t[-1]:.4g} s"
-    remarks = [*filter(None, [result.meta.get("remark")]), *result.meta.get("warnings", ())]
-    more = f" (and {len(remarks) - 1} more)" if len(remarks) > 1 else ""
-    return f"{remarks[0]}{more}" if remarks else ""
 
 
 def _strength(result: Result, link: str) -> float | None:
@@ -135,27 +220,52 @@ def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
     return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
 
 
-def _instants(
-    result: Result, links: dict[str, dict[str, Any]], bodies: int, path: dict[str, Any] | None
-) -> IntArray:
-    """Instants to keep: evenly spread, and every one where something is largest or smallest."""
-    n = len(result.t)
-    each = sum(a[0].size for link in links.values() for a in time_arrays(link)) + BODY * bodies
+def _instants(drawn: Sequence[_Drawn]) -> list[IntArray]:
+    """Instants to keep of each run: evenly spread, and where something is largest or smallest.
+
+    Runs at the same instants, or at the first of them, keep the same ones.
+    """
+    longest = max((d.result.t for d in drawn), key=len)
+    alike = [np.array_equal(d.result.t, longest[: len(d.result.t)]) for d in drawn]
+    together = [d for d, same in zip(drawn, alike, strict=True) if same]
+    shared = _kept(together, len(longest))
+    keep = []
+    for d, same in zip(drawn, alike, strict=True):
+        last = len(d.result.t) - 1
+        own = np.union1d(shared[shared <= last], [last]) if same else _kept([d], last + 1)
+        keep.append(own.astype(np.intp))
+    return keep
+
+
+def _kept(drawn: Sequence[_Drawn], n: int) -> IntArray:
+    each = sum(_numbers(d) for d in drawn)
     most = max(min(FRAMES, NUMBERS // max(each, 1)), 2)
     if n <= most:
         return np.arange(n)
-    torque = result.arrays.get("torque", np.empty((n, 0)))
-    rows = [torque, -torque, path["deviation"][:, None] if path else np.empty((n, 0))]
-    for link in links.values():
-        peaks = [largest(link, k) for k in link["fields"]]
-        peaks.append(np.linalg.norm(link["disp"], axis=2).max(axis=1))
-        rows += [p[:, None] for p in peaks if p is not None]
-    extremes = np.unique([0, n - 1, *(int(i) for r in rows for i in r.argmax(axis=0))])
+    extremes = np.unique([0, n - 1, *(i for d in drawn for i in _extremes(d))])
     spread = np.linspace(0, n - 1, max(most - len(extremes), 2)).round().astype(np.intp)
     keep = np.union1d(spread, extremes.astype(np.intp))
     if len(keep) > most:  # a robot with hundreds of links: the ends and an even choice
         keep = keep[np.linspace(0, len(keep) - 1, most).round().astype(np.intp)]
     return keep
+
+
+def _numbers(drawn: _Drawn) -> int:
+    """Numbers that an instant takes."""
+    links = sum(a[0].size for link in drawn.links.values() for a in time_arrays(link))
+    return int(links) + BODY * len(drawn.bodies)
+
+
+def _extremes(drawn: _Drawn) -> list[int]:
+    """Instants at which a torque, the deviation or a field of a link is largest or smallest."""
+    n, path = len(drawn.result.t), drawn.path
+    torque = drawn.result.arrays.get("torque", np.empty((n, 0)))
+    rows = [torque, -torque, path["deviation"][:, None] if path else np.empty((n, 0))]
+    for link in drawn.links.values():
+        peaks = [largest(link, k) for k in link["fields"]]
+        peaks.append(np.linalg.norm(link["disp"], axis=2).max(axis=1))
+        rows += [p[:, None] for p in peaks if p is not None]
+    return [int(i) for r in rows for i in r.argmax(axis=0)]
 
 
 def _fields(links: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:

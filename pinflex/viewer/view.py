@@ -1,8 +1,9 @@
 """One self-contained page that plays a run in a browser: offline, from file://, no server.
 
-The page holds meshcat's own bundle, the player (the folder page) and the arrays of the run, the
-first and the last deflated. Its content security policy names the two scripts by their hash and
-allows no network at all; every name of the user's reaches the page as data, never as markup.
+The page holds three.js (the folder vendor), the player (the folder page) and the arrays of the
+runs, the first and the last deflated. Its content security policy names the two scripts by their
+hash and allows no network at all; every name of the user's reaches the page as data, never as
+markup.
 """
 
 from __future__ import annotations
@@ -18,34 +19,42 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from pinflex.boundary import public
-from pinflex.errors import DescriptionError, PinflexError, nearest
+from pinflex.errors import DescriptionError, nearest
 from pinflex.results.result import Result
 from pinflex.text import brief
 from pinflex.viewer.links import FIELDS
-from pinflex.viewer.packing import deflated, pack
-from pinflex.viewer.scene import build_scene
+from pinflex.viewer.packing import Coarse, deflated, pack
+from pinflex.viewer.scene import build_scene, build_scenes
 from pinflex.writing import write_text
 
 FRAME = 640  # [px] height of a page in a notebook
 MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
-# Files of the folder page, in this order one script.
-PLAYER = ("load", "state", "meshes", "shapes", "stage", "readings", "player")
+# Files of the folder page, in this order one script and one style sheet.
+PLAYER = (
+    *("load", "state", "layout", "theme", "viewer", "meshes", "sweep", "base", "bodies", "links"),
+    *("arrows", "paths", "scene", "motion", "ghost", "camera", "compass", "colours", "legend"),
+    *("labels", "hover", "chart", "plots", "beam", "export", "controls", "player"),
+)
+STYLE = ("theme", "layout", "stage", "dock", "beam", "small")
+# Steps of the largest number of an array of a link, where a millionth is more than can be seen:
+# positions and stresses to 8e-6 of it, section forces and directions of sections to 1.3e-4.
+COARSE = {"disp": 2**16, "y_disp": 2**12, "fields": 2**16, "sections": 2**12}
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}; \
 style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; base-uri 'none'; \
 form-action 'none'">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
 <meta name="generator" content="pinflex"><title>{title}</title>
 <style>{css}</style></head><body><div id="app"></div>
 <noscript>This page plays a motion and needs JavaScript.</noscript>
 <script type="text/plain" id="pinflex-data">{data}</script>
-<!-- meshcat and three.js, MIT licence; see https://github.com/meshcat-dev/meshcat -->
+<!-- three.js, copyright 2010-2026 three.js authors, MIT licence; see https://threejs.org -->
 <script type="text/plain" id="pinflex-viewer">{viewer}</script>
 <script>{player}</script>
 </body></html>
@@ -80,14 +89,8 @@ def write_html(
     Returns:
         The file written.
     """
+    page = _settings([result], field, limit)
     scene = build_scene(result, rigid, _scale(scale), meshes)
-    if field not in FIELDS:
-        raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
-    if limit is None:
-        materials = [about.get("material", {}) for about in result.meta.get("links", {}).values()]
-        known = [m["yield_strength"] for m in materials if m.get("yield_strength")]
-        limit = min(known, default=None)
-    page = {"field": field, "limit": None if limit is None else 1e-6 * limit}
     return _write([scene], path, title or scene["name"], page)
 
 
@@ -113,8 +116,6 @@ def write_modes_html(
             "plots": [],
             "track": None,
         }
-        for part in [*scene["links"], *scene["bodies"]] if scenes else []:
-            part["mesh"] = bool(part["mesh"])  # that of the first mode: all show one robot
         scenes.append(scene)
     if not scenes:
         raise DescriptionError("view: no mode shape was given. Compute at least one mode.")
@@ -126,31 +127,45 @@ def write_runs_html(
     runs: Mapping[str, Result],
     path: str | Path,
     *,
-    rigid: Result | None = None,
+    field: str = "von_mises",
+    scale: float | str = "auto",
     title: str | None = None,
+    rigid: Result | None = None,
+    limit: float | None = None,
     meshes: Sequence[str | Path] | None = (),
+    first: str | None = None,
 ) -> Path:
-    """Write one page with a picker of runs of one mechanism, which share magnification.
+    """Write one page on which runs of one mechanism are switched, overlaid and subtracted.
 
     Args:
-        runs: By the words that the picker shows; the first is shown first.
+        runs: By the words that the page shows; they share magnification.
         path: The .html file to write.
-        rigid: The same motion without elasticity, to compare all of them with.
+        field: As in `write_html`.
+        scale: As in `write_html`.
         title: Heading; default the mechanism's name.
+        rigid: The same motion without elasticity, to compare all of them with; default the rigid
+            run among them.
+        limit: As in `write_html`.
         meshes: As in `write_html`.
+        first: Words of the run shown at first; default the first.
     """
     if not runs:
         raise DescriptionError("view: no run was given. Give at least one.")
-    scenes: list[dict[str, Any]] = []
-    for words, run in runs.items():
-        scene = build_scene(run, rigid, "auto", meshes) | {"level": words}
-        for part in [*scene["links"], *scene["bodies"]] if scenes else []:
-            part["mesh"] = bool(part["mesh"])  # that of the first run: all show one robot
-        scenes.append(scene)
-    least = min(scene["scale"] for scene in scenes)  # pictures that can be compared
-    scenes = [scene | {"scale": least} for scene in scenes]
-    page = {"field": "von_mises", "limit": None}
+    results = list(runs.values())
+    if rigid is None:
+        rigid = next((run for run in results if run.level == "rigid"), None)
+    page = _settings(results, field, limit)
+    page["first"] = 0 if first is None else list(runs).index(first)
+    scenes = build_scenes(results, rigid, _scale(scale), meshes)
+    scenes = [s | {"label": words} for s, words in zip(scenes, runs, strict=True)]
     return _write(scenes, path, title or scenes[0]["name"], page)
+
+
+def _settings(results: Sequence[Result], field: str, limit: float | None) -> dict[str, Any]:
+    """Field shown at first, and the stress above which the colour changes [MPa]."""
+    if field not in FIELDS:
+        raise DescriptionError(f"view: field: {field!r} is not drawn." + nearest(field, FIELDS))
+    return {"field": field, "limit": _lowest_strength(results) if limit is None else 1e-6 * limit}
 
 
 @dataclass(frozen=True)
@@ -179,23 +194,31 @@ class Page:
 
 @public
 def view(
-    result: Result, path: str | Path | None = None, open_browser: bool = False, **options: Any
+    result: Result | Mapping[str, Result],
+    path: str | Path | None = None,
+    open_browser: bool = False,
+    **options: Any,
 ) -> Page:
     """Write the page of a run and, on a desktop, open it; a notebook shows it in place.
 
     Args:
-        result: The run.
+        result: The run, or several of one mechanism by the words that the page shows; of several
+            the last is shown first.
         path: Where to write; default a file in a temporary folder.
         open_browser: Open the page; left out where nobody could see it (CI, ssh, no display).
-        **options: As in `write_html`.
+        **options: As in `write_html`, or `write_runs_html`.
 
     Returns:
         The page; it can be used as a path.
     """
+    runs = {"": result} if isinstance(result, Result) else dict(result)
     if path is None:
-        name = _slug(str(result.meta.get("name", "result")))
-        path = Path(tempfile.mkdtemp(prefix="pinflex-")) / f"{name}.html"
-    written = write_html(result, path, **options)
+        names = (_slug(str(run.meta.get("name", "result"))) for run in runs.values())
+        path = Path(tempfile.mkdtemp(prefix="pinflex-")) / f"{next(names, 'result')}.html"
+    if isinstance(result, Result):
+        written = write_html(result, path, **options)
+    else:
+        written = write_runs_html(runs, path, **{"first": next(reversed(runs), None), **options})
     if open_browser and has_desktop():
         import webbrowser
 
@@ -219,18 +242,40 @@ def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) ->
         title: Of the page.
         page: What the page shows besides.
     """
-    parts = "\n".join(_asset(f"{name}.js") for name in PLAYER)
-    player = f'"use strict";\n(async () => {{\n{parts}\n}})();'
+    player = f'"use strict";\n(async () => {{\n{_joined(PLAYER, "js")}\n}})();'
     hash_, viewer = _viewer()
-    runs = [{**scene, "t": scene["t"].tolist()} for scene in scenes]
+    runs = [_coarse(scene) | {"t": scene["t"].tolist()} for scene in scenes]
     return _PAGE.format(
         hashes=f"'sha256-{hash_}' 'sha256-{_sha256(player)}'",
         title=html.escape(title),
-        css=_asset("player.css"),
-        data=pack({"title": title, "file": _slug(title), **page, "runs": runs}),
+        css=_joined(STYLE, "css"),
+        data=pack({"title": title, "file": _slug(title), "first": 0, **page, "runs": runs}),
         viewer=viewer,
         player=player,
     )
+
+
+def _coarse(scene: dict[str, Any]) -> dict[str, Any]:
+    """The scene with arrays of links marked to be kept as coarsely as a picture may have them."""
+
+    def marked(value: Any, steps: int) -> Any:
+        if isinstance(value, dict):
+            return {k: marked(v, steps) for k, v in value.items()}
+        return Coarse(value, steps)
+
+    links = [
+        {k: marked(v, COARSE[k]) if k in COARSE else v for k, v in link.items()}
+        for link in scene["links"]
+    ]
+    return {**scene, "links": links}
+
+
+def _lowest_strength(results: Sequence[Result]) -> float | None:
+    """Lowest yield strength [MPa] among the flexible links, where known."""
+    links = [about for result in results for about in result.meta.get("links", {}).values()]
+    materials = [about.get("material", {}) for about in links]
+    known = [m["yield_strength"] for m in materials if m.get("yield_strength")]
+    return 1e-6 * min(known) if known else None
 
 
 def _write(
@@ -258,21 +303,17 @@ def _scale(scale: float | str) -> float | str:
 
 @cache
 def _viewer() -> tuple[str, str]:
-    """Hash and deflated text of meshcat's viewer; importing meshcat would pull in its server."""
-    spec = find_spec("meshcat")
-    for place in (spec.submodule_search_locations or []) if spec else []:
-        file = Path(place) / "viewer" / "dist" / "main.min.js"
-        if file.is_file():
-            text = file.read_text("utf-8").replace("\r\n", "\n")
-            return _sha256(text), deflated(text.encode())
-    raise PinflexError(
-        "view: meshcat's viewer was not found. It draws the page. Install it: pip install meshcat"
-    )
+    """Hash and deflated text of three.js."""
+    text = (files("pinflex.viewer") / "vendor" / "three.min.js").read_text("utf-8")
+    text = text.replace("\r\n", "\n")
+    return _sha256(text), deflated(text.encode())
 
 
 @cache
-def _asset(name: str) -> str:
-    return (files("pinflex.viewer") / "page" / name).read_text("utf-8").replace("\r\n", "\n")
+def _joined(names: tuple[str, ...], kind: str) -> str:
+    folder = files("pinflex.viewer") / "page"
+    texts = ((folder / f"{name}.{kind}").read_text("utf-8") for name in names)
+    return "\n".join(texts).replace("\r\n", "\n")
 
 
 def _sha256(script: str) -> str:

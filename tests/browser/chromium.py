@@ -65,7 +65,7 @@ class Browser:
         from PIL import Image
 
         url = self.run(
-            script + "; pinflex.frame(); return document.querySelector('#meshcat-pane canvas')"
+            script + "; pinflex.frame(); return document.querySelector('#pane canvas')"
             ".toDataURL('image/png')"
         )
         return np.asarray(Image.open(io.BytesIO(b64decode(url.split(",")[1]))).convert("RGB"), int)

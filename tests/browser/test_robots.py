@@ -40,6 +40,27 @@ def test_a_page_with_meshes_stays_small(arm: Result, arm_page: Path) -> None:
     assert not any(x["mesh"] for x in plain["links"] + plain["bodies"])
 
 
+def test_the_page_of_all_levels_of_the_delta_is_under_three_megabytes(
+    browser: Browser, tmp_path: Path
+) -> None:
+    robot = pf.load("delta")
+    runs = {level: pf.solve(robot, level=level) for level in pf.LEVELS}
+    page = pf.view(runs, tmp_path / "delta.html").path
+    assert page.stat().st_size < 3e6  # 2.5e6 of 401 instants, nine links and 21 forces
+    browser.open(page)
+    assert browser.run("return pinflex.state.run") == 3
+    opened = browser.run("return pinflex.legend.max")
+    worst = max(runs["coupled"].link(name).von_mises.max() for name in runs["coupled"].links)
+    assert opened == pytest.approx(1e-6 * worst, rel=1e-5)
+    arm, k = runs["coupled"].link("arm_1"), 60
+    away = arm.centreline - arm.centreline_rigid
+    browser.run("pinflex.show(0); pinflex.seek(arguments[0])", runs["coupled"].t[k])
+    browser.run("pinflex.set({other: '3'})")
+    shown = browser.run("pinflex.set({field: 'difference'}); return pinflex.values('arm_1')")
+    assert max(shown) == pytest.approx(1e3 * np.linalg.norm(away[k], axis=1).max(), rel=1e-3)
+    assert browser.errors() == []
+
+
 def test_a_saved_arm_gives_the_same_page_with_its_meshes(
     arm: Result, arm_page: Path, tmp_path: Path
 ) -> None:

@@ -274,10 +274,12 @@ def test_view_writes_the_page_beside_the_run_or_where_it_is_told(capsys, compare
     assert run.with_suffix(".html").is_file()
 
 
-def test_a_user_with_only_the_file_of_a_run_and_pinflex_gets_the_same_page(compared, tmp_path):
-    """Byte by byte, in another process and folder: rigid torques and yield strength with it."""
-    shutil.copy(compared[0] / "fourbar-coupled.npz", tmp_path / "sent.npz")
-    command = [sys.executable, "-m", "pinflex", "view", "sent.npz", "--no-open"]
+def test_a_user_with_only_the_files_of_the_runs_and_pinflex_gets_the_same_page(compared, tmp_path):
+    """Byte by byte, in another process and folder: every level and yield strengths with them."""
+    files = [f"fourbar-{level}.npz" for level in ("coupled", "rigid", "ked", "quasistatic")]
+    for file in files:
+        shutil.copy(compared[0] / file, tmp_path / file)
+    command = [sys.executable, "-m", "pinflex", "view", *files, "-o", "sent.html", "--no-open"]
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.run(command, cwd=tmp_path, env=env, check=True, capture_output=True)
     page = (tmp_path / "sent.html").read_bytes()

@@ -158,8 +158,12 @@ def test_the_shipped_models_are_what_the_schema_says() -> None:
         if "urdf" in raw:
             assert [error.message for error in validator.iter_errors(raw)] == []
     raw = schema.load((ROOT / "models/delta/delta.yaml").read_text("utf-8"), "delta")
+    joint = {"joint": "motor_1"}
+    entry = {"measure": joint, "drive": joint, "kp": -1.0, "target": "motion", "limit": 3.0}
+    assert validator.is_valid(raw | {"control": {"period": 0.001, "delay": 0, "hub": entry}})
     for path, value in (
         (("gravty",), [0, 0, 0]), (("base",), "fixd"), (("limit",), -1), (("solve", "dt"), "soon"),
+        (("control",), {"period": "x"}), (("control",), {"hub": {"measure": {"joint": "motor_1"}}}),
         (("motion", "kind"), "cycliod"), (("loops", "new"), {"kind": "pin", "between": ["a", "b"]}),
     ):  # fmt: skip
         broken = json.loads(json.dumps(raw))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 
 import pytest
@@ -61,3 +62,10 @@ def test_sources_are_those_of_the_docstrings() -> None:
     text = sources_of_formulas.page()
     assert "Craig, Kurdila (2006)" in text
     assert text.count("\n| `") > 35
+
+
+def test_the_version_is_one_and_has_its_changes() -> None:
+    found = re.findall(r'(?m)^version\W+"?([\d.]+)', (ROOT / "pyproject.toml").read_text("utf-8"))
+    cited = re.findall(r"(?m)^version: ([\d.]+)", (ROOT / "CITATION.cff").read_text("utf-8"))
+    assert found == cited
+    assert f"## {found[0]}" in (ROOT / "CHANGELOG.md").read_text("utf-8")

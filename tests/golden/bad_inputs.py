@@ -273,6 +273,12 @@ damping: {modal: 0.1, scope: all}
 forces: {push: {at: nowhere}}
 springs: {coil: {between: [crank, crank]}}
 control: 3
+control: {period: 0.1}
+control: {delay: 0.1, hub: {measure: {joint: crank}, drive: {joint: crank}, kp: 1}}
+control: {period: fast, hub: {measure: {joint: crank}, drive: {joint: crank}, kp: 1}}
+control: {hub: {measure: {joint: crank}, drive: {joint: crank}, kp: 1, limit: 3}}
+control: {period: 0.1, hub: {measure: {joint: motor}, drive: {joint: motor}, limit: 3}}
+control: {period: 0.1, hub: {measure: {joint: elbow}, drive: {joint: motor}, kp: 1, target: motion}}
 motion: {kind: cycloid, platform: {z: 1}, duration: 1}
 motion: {kind: cycloid, joints: {cross: 1}, duration: 1}
 motion: {kind: sampled, file: no.csv}

@@ -65,6 +65,86 @@ def test_a_sampled_pd_on_a_mass_is_its_exact_discrete_system(
     assert found.meta["energy_balance"] < 1e-12
 
 
+def with_block(robot: pf.Mechanism, block: str, *more: str) -> pf.Mechanism:
+    return pf.load(robot.description.path, [f"control={block}", *more])
+
+
+def test_the_yaml_has_the_exact_discrete_loop_with_a_delay_and_a_limit(free: pf.Mechanism) -> None:
+    """PI with a limit, a delay of two and a half samples: the law as a loop, parabolas between."""
+    kp, ki, kd, delay, limit, target = 40.0, 30.0, 3.0, 0.025, 15.0, 0.7
+    robot = with_block(
+        free,
+        f"{{period: {PERIOD}, delay: {delay}, hub: {{measure: {{joint: arm_joint}}, "
+        f"drive: {{joint: arm_joint}}, kp: {-kp}, ki: {-ki}, kd: {-kd}, target: {target}, "
+        f"limit: {limit}}}}}",
+    )
+    found = pf.solve(robot, level="coupled", samples=1001)
+    q, v, u, integral, waiting, exact, h = 0.0, 0.0, 0.0, 0.0, list[tuple[float, float]](), [], 1e-3
+    for k in range(1001):
+        exact.append(q)
+        if k % 10 == 0:
+            error = target - q
+            asked = kp * error + ki * integral - kd * v
+            given = min(max(asked, -limit), limit)
+            integral += PERIOD * error * ((asked - given) * error <= 0.0)
+            waiting.append((k * h + delay, given))
+        while waiting and waiting[0][0] <= k * h + 1e-9:
+            u = waiting.pop(0)[1]
+        q, v = q + h * v + h * h * u / J / 2, v + h * u / J
+    # round-off: Radau is exact on parabolas
+    np.testing.assert_allclose(found.joint("arm_joint").position, exact, atol=1e-12)
+    assert np.max(np.abs(found.arrays["control/hub"])) == limit  # it did saturate
+
+
+def test_the_yaml_follows_the_motion_as_a_controller_made_in_python_does(
+    free: pf.Mechanism,
+) -> None:
+    """Reference, speed and rigid torque of the motion, those of Python from its formula."""
+    kp, kd, T, size = 5.0, 0.4, 0.5, 0.8
+    entry = "measure: {joint: arm_joint}, drive: {joint: arm_joint}"
+    motion = f"motion={{kind: cycloid, joints: {{arm_joint: {size}}}, duration: {T}}}"
+    block = f"{{period: 0.02, delay: 0.01, hub: {{{entry}, kp: {-kp}, kd: {-kd}, target: motion}}}}"
+    robot = with_block(free, block, motion)
+
+    def cycloid(t: float) -> tuple[Array, Array, Array]:
+        u, w = min(t / T, 1.0), 2.0 * np.pi
+        u = max(u, 0.0)
+        return (np.array([size * (u - np.sin(w * u) / w)]),
+                np.array([size / T * (1.0 - np.cos(w * u))]),
+                np.array([size / T**2 * w * np.sin(w * u)]))  # fmt: skip
+
+    law = pf.digital_pid(kp, 0.0, kd, period=0.02, reference=lambda t: cycloid(t)[0],
+                         rate=lambda t: cycloid(t)[1])  # fmt: skip
+    control = pf.Control(
+        ARM, HUB, law, period=0.02, delay=0.01, forward=lambda t: J * cycloid(t)[2]
+    )
+    same = pf.solve(free, control=control, level="coupled", until=0.8, samples=81)
+    found = pf.solve(robot, level="coupled", until=0.8, samples=81)
+    position = found.joint("arm_joint").position
+    # torques are interpolated between 401 instants, one of them at the end of the motion
+    assert np.max(np.abs(position - same.joint("arm_joint").position)) < 1e-6
+    assert abs(position[-1] - size) < 1e-2 * size
+    blind = pf.solve(with_block(free, block.replace("motion}", "motion, forward: none}"), motion),
+                     level="coupled", until=0.8, samples=81)  # fmt: skip
+    late = np.abs(blind.joint("arm_joint").position - same.joint("arm_joint").position)
+    assert np.max(late) > 0.01 * size  # without the rigid torque it lags
+
+
+def test_a_digital_block_that_cannot_be_is_refused(free: pf.Mechanism) -> None:
+    ends = "measure: {joint: arm_joint}, drive: {joint: arm_joint}"
+    for block, words in (
+        (f"{{delay: 0.1, hub: {{{ends}, kp: 1}}}}", "control.delay: only a digital"),
+        (f"{{hub: {{{ends}, kp: 1, limit: 3}}}}", "limit: only a digital"),
+        (f"{{hub: {{{ends}, kp: 1, target: motion}}}}", "target: motion: only a digital"),
+        ("{period: 0.1}", "nothing that is measured"),
+        (f"{{period: 0.1, hub: {{{ends}}}}}", "it does nothing"),
+        (f"{{period: 0, hub: {{{ends}, kp: 1}}}}", "control.period: 0"),
+        (f"{{period: 0.1, hub: {{{ends}, kp: 1, forward: rigit}}}}", "rigid"),
+    ):
+        with pytest.raises(pf.DescriptionError, match=words):
+            with_block(free, block)
+
+
 def test_a_system_as_law_is_the_closed_loop_of_python_control(free: pf.Mechanism) -> None:
     """A lead filter with a delay of one sample, which is one more pole at zero."""
     control = pytest.importorskip("control")

@@ -83,11 +83,41 @@ def test_the_platform_follows_where_the_rigid_command_misses_by_millimetres(
     assert missed(planar, motion, rigid, ("x", "y")) == pytest.approx(
         (22.25e-3, 21.04e-3), rel=0.01
     )
-    during, after = missed(planar, motion, slow, ("x", "y"))
-    assert 1e-6 < max(during, after) < np.hypot(*slow.error[:2])  # the bar covers
+    assert max(missed(planar, motion, slow, ("x", "y"))) < 0.3e-6  # the prototype's third pass
     during, after = missed(planar, motion, exact, ("x", "y"))
     assert max(during, after) < 0.05e-6  # 22 mm over 4e5: what a sensor could tell
     assert max(during, after) < np.hypot(*exact.error[:2])
+
+
+SLOW = {  # mechanism, duration: rests, instants, passes, and of which coordinates the prototype
+    # told what error [m]: the largest of "during" and "after" of its best pass
+    ("planar", 0.08): ((0.04, 0.06, 250), ("x", "y"), 0.3e-6),
+    ("planar", 0.05): ((0.04, 0.06, 250), ("x", "y"), 2.3e-6),
+    ("race_r2", 0.3): ((0.1, 0.2, 300), ("z",), 4.5e-6),
+    ("race_r2", 0.15): ((0.1, 0.2, 300), ("z",), 74e-6),
+    ("race_r2", 0.1): ((0.1, 0.2, 300), ("z",), 120e-6),
+}
+
+
+@pytest.mark.parametrize(("model", "duration"), SLOW)
+def test_the_error_bar_of_the_series_covers_what_the_robot_does(
+    model: str, duration: float, planar: pf.Mechanism
+) -> None:
+    """The quasistatic rows of the design study, one bar a coordinate, vibration included."""
+    rest, names, published_error = SLOW[model, duration]
+    robot = planar if model == "planar" else pf.load(model)
+    moves = {"z": 0.03, "rx": 0.1, "ry": 0.05}
+    if model == "planar":
+        moves = {"x": 0.06, "y": 0.03, "rz": 0.3}
+    motion = nonic_motion(duration, **moves)
+    given = dict(zip(("before", "after", "instants"), rest, strict=True))
+    slow = pf.command(robot, motion, "quasistatic", **given)
+    bars = [slow.error[slow.coordinates.index(name)] for name in names]
+    for name, bar in zip(names, bars, strict=True):
+        true = max(missed(robot, motion, slow, (name,)))
+        # not twice the error: what two marches find, and what the second one changes
+        assert true < bar < 2.0 * true, name
+    assert max(missed(robot, motion, slow, names)) < published_error
 
 
 def test_a_move_within_half_a_period_has_no_series_but_an_exact_command(

@@ -120,6 +120,21 @@ def test_a_closed_loop_of_elastic_drives_follows_to_round_off() -> None:
     assert result.run.meta["cost"]["steps"] < 400
 
 
+def test_the_bar_of_a_quasistatic_command_covers_with_flexible_links_and_elastic_drives() -> None:
+    """The ur5 by 141 mm in 0.2 s, six drives: 18 nm of error, which a forward run resolves."""
+    stiff = dict.fromkeys(("shoulder_pan", "shoulder_lift", "elbow"), 2e4)
+    stiff |= dict.fromkeys(("wrist_1", "wrist_2", "wrist_3"), 5e3)
+    drive = "{{gear: 100, stiffness: {:g}, damping: 5, motor_inertia: 1.0e-4}}"
+    robot = pf.load("ur5", [f"joints.{n}_joint.drive={drive.format(k)}" for n, k in stiff.items()])
+    moves = {"x": 0.1, "y": 0.1, "z": -0.05, "rz": 0.1, "ry": 0.0, "rx": 0.0}
+    motion = pf.nonic(platform=moves, duration=0.2)
+    slow = pf.command(robot, motion, "quasistatic", limited=False)
+    result = followed(robot, motion, slow)
+    along = np.linalg.norm(slow.error[:3])
+    assert max(result.during, result.after) < along < 2.0 * max(result.during, result.after)
+    assert max(result.turned_during, result.turned_after) < np.linalg.norm(slow.error[3:])
+
+
 @pytest.fixture(scope="module")
 def delta() -> pf.Mechanism:
     """The shipped delta with a gear of 20 kN m/rad between each motor and its arm."""
@@ -134,12 +149,12 @@ def test_a_delta_swings_at_most_a_ten_thousandth_of_what_it_did(
     """305 mm in 0.3 s along a line: error and residual swing, beside the rigid command's."""
     robot = delta if drives != "links alone" else pf.load("delta")
     motion = pf.nonic(platform={"x": 0.305, "y": 0.0, "z": 0.0}, duration=0.3)
-    rest = {"before": 0.05, "after": 0.1, "instants": 150}
+    rest = {"before": 0.05, "after": 0.1}  # instants as the command chooses them
     rigid = followed(robot, motion, pf.command(robot, motion, "rigid", **rest))
     exact = followed(robot, motion, pf.command(robot, motion, "exact", **rest))
     assert rigid.during > 1e-4  # [m]: there is something to gain
     assert exact.during < 1e-4 * rigid.during
-    assert exact.swing < 1e-4 * max(rigid.swing, rigid.after)
+    assert exact.swing < 1e-4 * max(rigid.swing, rigid.after)  # the run's own error is 1 nm
 
 
 def test_a_delta_with_elastic_drives_follows_the_adept_cycle(delta: pf.Mechanism) -> None:
@@ -147,7 +162,7 @@ def test_a_delta_with_elastic_drives_follows_the_adept_cycle(delta: pf.Mechanism
     coarse = {"basis": "{kind: craig_bampton, internal: 0}"}
     robot = pf.load(delta.description.path, [f"flexible.*.basis={coarse['basis']}"])
     motion = pf.adept(duration=0.3)
-    rest = {"before": 0.05, "after": 0.1, "instants": 240}
+    rest = {"before": 0.05, "after": 0.1}
     commands = [pf.command(robot, motion, level, **rest) for level in ("rigid", "exact")]
     # 1e-4 of the rigid swing is 2e-6 of the largest deviation that `tol` is relative to.
     rigid, exact = (followed(robot, motion, found, tol=1e-6) for found in commands)

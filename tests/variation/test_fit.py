@@ -62,7 +62,6 @@ def test_moduli_are_found_from_the_lowest_frequencies_though_two_modes_were_miss
 
 
 def test_four_drives_and_two_moduli_of_the_ur5_from_six_frequencies_with_shapes():
-    pytest.importorskip("pinflex.description.drives")
     stiffness = {"shoulder_pan_joint": 2.0e4, "shoulder_lift_joint": 1.6e4, "elbow_joint": 1.0e4,
                  "wrist_1_joint": 4.0e3}  # fmt: skip
     drives = [f"joints.{joint}.drive={{stiffness: {k}, gear: 101, motor_inertia: 1.0e-4}}"

@@ -118,6 +118,8 @@ def test_keys_keep_the_blocks_of_the_yaml_and_refuse_what_is_no_number():
         "flexible.arm_1.material.E",
     ]  # fmt: skip
     assert len(found[1].paths) == 6 and found[2].value == 6.89e10
+    (part,) = parameters(description, ["flexible.rod_1?.section.wall"])[1]  # of a block of six
+    assert parameters(description, [part.key])[1] == (part,)  # a key is a pattern of itself
     for key, said in (
         ("flexible.arm_?.section.diametre", 'Did you mean "diameter"'),
         ("flexible.arm_?.section.shape", "no number there"),

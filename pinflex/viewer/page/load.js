@@ -1,4 +1,4 @@
-/* load.js: unpacks the run and the viewer, which the page holds deflated (packing.py). */
+/* load.js: unpacks the runs and three.js, which the page holds deflated (packing.py). */
 function fail(text) { document.getElementById("app").textContent = text; throw new Error(text); }
 if (!window.DecompressionStream) fail("This browser is too old to unpack the page. Firefox 113, Safari 16.4, Chrome 80 and all later ones can.");
 
@@ -9,25 +9,31 @@ async function inflated(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/* Second differences along the first axis, one series after the other, four bytes apart. */
-function unpacked(bytes, {packed, shape, step}) {
-  const rows = shape[0], total = shape.reduce((a, b) => a * b, 1), series = rows ? total / rows : 0, out = new Float32Array(total);
+/* Second differences along the first axis, one series after the other, four bytes apart; then up to
+   two along the second axis. Sums are of whole numbers, so nothing is lost. */
+function unpacked(bytes, {packed, shape, step, along}) {
+  const rows = shape[0], total = shape.reduce((a, b) => a * b, 1), series = rows ? total / rows : 0;
+  const whole = new Int32Array(total), out = new Float32Array(total);
   for (let j = 0, p = packed; j < series; j++) for (let i = 0, x = 0, d = 0; i < rows; i++, p++) {
     const z = bytes[p] | bytes[p + total] << 8 | bytes[p + 2 * total] << 16 | bytes[p + 3 * total] << 24;
     d += (z >>> 1) ^ -(z & 1);
     x += d;
-    out[i * series + j] = x * step;
+    whole[i * series + j] = x;
   }
+  const apart = along ? series / shape[1] : 0;
+  for (let n = 0; n < along; n++) for (let i = 0; i < rows; i++)
+    for (let j = i * series + apart; j < (i + 1) * series; j++) whole[j] += whole[j - apart];
+  for (let i = 0; i < total; i++) out[i] = whole[i] * step;
   out.shape = shape;
+  out.id = packed;                                 // equal arrays have the same
   return out;
 }
 
 async function loaded() {
   const all = await inflated("pinflex-data"), start = 4 + new DataView(all.buffer).getUint32(0, true), arrays = all.subarray(start);
-  const data = JSON.parse(new TextDecoder().decode(all.subarray(4, start)), (key, v) => v && v.packed !== undefined ? unpacked(arrays, v) : v);
-  for (const run of data.runs.slice(1)) for (const kind of ["links", "bodies"])   // mode shapes share the meshes of the first
-    run[kind].forEach((part, i) => { if (part.mesh === true) part.mesh = data.runs[0][kind][i].mesh; });
-  return data;
+  const known = new Map();                         // equal arrays of several runs are one
+  const array = (v) => { if (!known.has(v.packed)) known.set(v.packed, unpacked(arrays, v)); return known.get(v.packed); };
+  return JSON.parse(new TextDecoder().decode(all.subarray(4, start)), (key, v) => v && v.packed !== undefined ? array(v) : v);
 }
 
 const DATA = await loaded(), code = document.createElement("script");

@@ -2,7 +2,7 @@
 
 /* Corners of a packed mesh with normals that keep edges sharp: faces that meet at more than 40
    degrees do not share one. Equal corners are merged. */
-function corners(mesh) {
+function sharpened(mesh) {
   const n = mesh.points.length / 3, f = mesh.faces, m = f.length / 3, p = new Float32Array(3 * n);
   for (let i = 0; i < 3 * n; i++) p[i] = mesh.centre[i % 3] + mesh.half / 32767 * mesh.points[i];
   const normal = new Float32Array(3 * m), unit = new Float32Array(3 * m), first = new Int32Array(n + 1), around = new Int32Array(3 * m);
@@ -35,8 +35,15 @@ function corners(mesh) {
   return {position: Float32Array.from(position), normal: Float32Array.from(normals), of, index};
 }
 
-function meshGeometry(mesh) {
-  const c = corners(mesh), g = new THREE.BufferGeometry();
+const made = {};                                   // several runs of a robot share their meshes
+function once(kind, mesh, make) {
+  const key = [kind, mesh.points.id, mesh.faces.id, mesh.centre, mesh.half].join();
+  return made[key] || (made[key] = make());
+}
+const corners = (mesh) => once("corners", mesh, () => sharpened(mesh));
+const meshGeometry = (mesh) => once("geometry", mesh, () => geometryOf(corners(mesh)));
+function geometryOf(c) {
+  const g = new THREE.BufferGeometry();
   g.setIndex(new THREE.BufferAttribute(c.index, 1));
   g.setAttribute("position", new THREE.BufferAttribute(c.position, 3));
   g.setAttribute("normal", new THREE.BufferAttribute(c.normal, 3));

@@ -71,5 +71,5 @@ def test_equations_with_it_are_consistent():
     assert np.allclose(K @ along, change, rtol=1e-6, atol=1e-6 * np.max(np.abs(change)))
     together = d.residual(Y, V, A, none, np.zeros(2)).r
     assert np.allclose(together, [d.residual(*s, 0.0).r for s in zip(Y, V, A, none, strict=True)])
-    rise = [float(d.elastic_energy(Y[0] + s * h * along)) for s in (1.0, -1.0)]
-    assert d.elastic_forces(Y[0]) @ along == pytest.approx((rise[0] - rise[1]) / (2 * h), rel=1e-7)
+    rise = [float(d.strain.energy(Y[0] + s * h * along)) for s in (1.0, -1.0)]
+    assert d.strain.force(Y[0]) @ along == pytest.approx((rise[0] - rise[1]) / (2 * h), rel=1e-7)

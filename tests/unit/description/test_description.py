@@ -392,6 +392,8 @@ def test_a_bad_value_is_named_with_its_place(tmp_path: Path, old: str, new: str,
         ("urdf: !!python/object/apply:os.getcwd []\n", "scene.yaml, line 1: could not determine"),
         ("urdf: a\n3: b\n", "the key 3 is not text. Put it in quotes."),
         ("urdf: a\nhome: " + "[" * 5000, "scene.yaml: nested too deeply"),
+        ("urdf: a\nhome: " + "{a: " * 50_000, "scene.yaml: nested too deeply"),  # libyaml crashes
+        ("- " * 50_000, "scene.yaml: nested too deeply"),
         ("urdf: 2020-99-99\n", "scene.yaml: cannot be read as YAML: month must be in"),
         ("urdf: \x01\n", "scene.yaml: cannot be read as YAML"),
     ],

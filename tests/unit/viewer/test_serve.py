@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.errors import DescriptionError
+from pinflex.errors import DescriptionError, PinflexError
 from pinflex.viewer.live import Live
 from pinflex.viewer.serve import Server
 from pinflex.viewer.skin import triangles
@@ -181,3 +181,14 @@ def _children(pid: int | str = "self") -> list[str]:
     tasks = Path(f"/proc/{pid}/task")
     found = tasks.glob("*/children") if tasks.is_dir() else []
     return sorted(pid for path in found for pid in path.read_text().split())
+
+
+def test_without_meshcat_live_says_so_and_a_page_is_written_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "meshcat", None)  # any import of it fails
+    monkeypatch.setattr("pinflex.viewer.live.find_spec", lambda name: None)
+    run = synthetic_result(samples=5)
+    with pytest.raises(PinflexError, match="meshcat is not installed"):
+        Live(run)
+    assert pf.view(run, tmp_path / "page.html").path.stat().st_size > 1e5

@@ -1,0 +1,25 @@
+/* theme.js: light or dark as the system has it, or as asked; colours of the drawing follow the style sheet. */
+const system = matchMedia("(prefers-color-scheme: dark)");
+const isDark = () => S.theme === "dark" || (S.theme === "auto" && system.matches);
+const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const SERIES = 8;                                  // colours of curves in the style sheet
+const series = (i) => `var(--c${i % SERIES})`;
+
+let shown = null;
+function applyTheme() {
+  const name = isDark() ? "dark" : "light";
+  if (shown === name) return;
+  shown = name;
+  document.documentElement.dataset.theme = name;
+  const canvas = document.createElement("canvas"), g = canvas.getContext("2d");
+  canvas.width = 2; canvas.height = 256;
+  const fill = g.createLinearGradient(0, 0, 0, 256);
+  fill.addColorStop(0, style("--sky")); fill.addColorStop(1, style("--haze"));
+  g.fillStyle = fill; g.fillRect(0, 0, 2, 256);
+  if (viewer.scene.background) viewer.scene.background.dispose();
+  viewer.scene.background = new THREE.CanvasTexture(canvas);
+  viewer.scene.fog.color.set(style("--fog"));
+  if (R) { relight(); chooseGhost(); setColours(); }
+  viewer.dirty();
+}
+system.addEventListener("change", applyTheme);

@@ -1,0 +1,171 @@
+"""Desktop and phone, upright and sideways, light and dark: everything in its place, with a name."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pinflex.results.result import Result
+from pinflex.viewer.view import write_runs_html
+from tests.browser.chromium import Browser
+
+AXE = Path(__file__).with_name("axe") / "axe.min.js"
+SIZES = [(1440, 900), (390, 844), (844, 390)]
+THEMES = ("light", "dark")
+BOX = """const r = document.getElementById(arguments[0]).getBoundingClientRect();
+return [r.left, r.top, r.right, r.bottom]"""
+
+
+@pytest.fixture(scope="module")
+def two(run: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    warned = Result(run.t, run.arrays, {**run.meta, "warnings": ["deflections are not small."]})
+    path = tmp_path_factory.mktemp("two") / "two.html"
+    return write_runs_html({"ked": run, "coupled": warned}, path, first="coupled")
+
+
+@pytest.fixture
+def themed(browser: Browser) -> Iterator[Browser]:
+    yield browser
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
+def _theme(browser: Browser, theme: str) -> None:
+    feature = {"name": "prefers-color-scheme", "value": theme}
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+
+
+@pytest.mark.parametrize("size, theme", list(itertools.product(SIZES, THEMES)))
+def test_every_window_shows_a_plot_and_has_no_violation_of_accessibility(
+    themed: Browser, two: Path, size: tuple[int, int], theme: str
+) -> None:
+    _theme(themed, theme)
+    themed.open(two, "t=0.03&force=1", size=size)
+    for name in ("levels", "readout", "legend", "compass", "controls", "plots", "tools", "chips"):
+        left, top, right, bottom = themed.run(BOX, name)
+        assert left >= -0.5 and top >= -0.5 and right > left and bottom > top, name
+        assert right <= size[0] + 0.5 and bottom <= size[1] + 0.5, name
+    assert themed.run("return document.documentElement.scrollWidth") <= size[0]
+    plot = themed.run(
+        "const r = document.querySelector('#plots svg').getBoundingClientRect();"
+        "return [r.width, r.height, r.right, r.bottom]"
+    )
+    assert plot[0] > 150 and plot[1] > 50 and plot[2] <= size[0] and plot[3] <= size[1]
+    assert themed.errors() == []
+    themed.run(AXE.read_text("utf-8"))
+    for state in ("", "pinflex.set({link: 'distal_1', names: true})", "options.open = true"):
+        themed.run(state)
+        assert _violations(themed) == []
+
+
+def _violations(browser: Browser) -> list[str]:
+    return list(
+        browser.driver.execute_async_script(
+            "const done = arguments[0]; axe.run({resultTypes: ['violations']}).then(found =>"
+            " done(found.violations.map(v => v.id + ': ' + v.nodes.map(n => n.target).join())))"
+        )
+    )
+
+
+def test_dark_follows_the_system_or_the_wish(themed: Browser, two: Path) -> None:
+    shades = {}
+    for theme in THEMES:
+        _theme(themed, theme)
+        themed.open(two, "t=0.03&peak=0")
+        shades[theme] = themed.pixels()[:20].mean()
+    assert shades["light"] > 230
+    assert shades["dark"] < 90
+    themed.run("pinflex.set({theme: 'light'})")
+    assert themed.pixels()[:20].mean() == pytest.approx(shades["light"], abs=1)
+    assert "theme=light" in themed.run("pinflex.copyLink(); return location.hash")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_an_opened_link_leaves_the_robot_in_sight(
+    browser: Browser, two: Path, size: tuple[int, int]
+) -> None:
+    browser.open(two, "t=0.03&link=distal_2", size=size)
+    stage, beam = browser.run(BOX, "stage"), browser.run(BOX, "beam")
+    apart = beam[0] >= stage[2] - 0.5 or beam[1] >= stage[3] - 0.5
+    assert apart
+    assert (stage[2] - stage[0]) * (stage[3] - stage[1]) > 0.3 * size[0] * size[1]
+    for i in (0, 20):
+        x, y = browser.run("return pinflex.pixel('distal_2', arguments[0])", i)
+        assert 0 <= x <= stage[2] - stage[0] and 0 <= y <= stage[3] - stage[1]
+    assert browser.run("return document.querySelectorAll('#diagrams .curve').length") == 4
+
+
+def test_views_scale_bar_and_axes(browser: Browser, page: Path) -> None:
+    browser.open(page, "t=0.03", size=(1440, 900))
+    seen = {}
+    for name in ("front", "side", "top", "iso", "fit"):
+        browser.run("document.getElementById('view-' + arguments[0]).click()", name)
+        a, b = (browser.run("return pinflex.pixel('distal_1', arguments[0])", i) for i in (0, 20))
+        seen[name] = np.subtract(b, a)
+    browser.run("pinflex.look('top')")
+    line = browser.centreline("distal_1")
+    chord, pixels = np.linalg.norm(line[20] - line[0]), np.linalg.norm(seen["top"])
+    bar = browser.run(
+        "const r = document.getElementById('ruler');"
+        "return [r.getBoundingClientRect().width, r.innerText]"
+    )
+    length = float(bar[1].split()[0]) * (1e-3 if bar[1].endswith("mm") else 1.0)
+    assert length / bar[0] == pytest.approx(chord / pixels, rel=0.03)  # in perspective
+    assert abs(seen["front"][1]) < 2  # px: the robot is flat
+    texts = browser.run(
+        "return [...document.querySelectorAll('#triad text')].map(t => t.textContent)"
+    )
+    assert sorted(texts) == ["x", "y", "z"]
+
+
+def test_forces_have_their_values_at_the_arrows(browser: Browser, page: Path, run: Result) -> None:
+    browser.open(page, f"t={run.t[18]}&force=1&torque=1&peak=0")
+    told = browser.run(
+        "return [...document.querySelectorAll('.mark.force:not([hidden])')].map(m => m.innerText)"
+    )
+    forces = [np.linalg.norm(run.joint(m).reaction[18, :3]) for m in run.motors]
+    assert f"{max(forces):.1f} N" in told
+    torques = browser.run(
+        "return [...document.querySelectorAll('.mark.torque:not([hidden])')].map(m => m.innerText)"
+    )
+    assert f"{run.torque[18, 0]:.2f} N m" in [text.replace("\u2212", "-") for text in torques]
+    titles = browser.run(
+        "return [...document.querySelectorAll('#plots b')].map(b => b.textContent)"
+    )
+    assert any("joint force" in title for title in titles)
+
+
+def test_the_path_is_at_true_scale_unless_it_is_magnified(browser: Browser, page: Path) -> None:
+    shown = {}
+    for path in ("true", "magnified", "off"):
+        browser.open(page, f"t=0.03&mag=60&path={path}&peak=0&ghost=off")
+        shown[path] = browser.pixels()
+    for one, other in (("true", "off"), ("magnified", "true")):
+        assert 20 < np.any(shown[one] != shown[other], axis=2).sum() < 0.03 * 700 * 1000
+    orange = np.abs(shown["true"] - (213, 94, 0)).max(axis=2) < 30
+    assert orange.sum(axis=1).max() < 200  # a line, not a brush
+
+
+def test_curves_and_links_are_saved_as_csv_and_the_link_is_copied(
+    browser: Browser, page: Path, run: Result
+) -> None:
+    browser.open(page, f"t={run.t[9]}&mag=30")
+    text = browser.run("return pinflex.saveCurves()")
+    lines = text.splitlines()
+    assert len(lines) == 1 + len(run.t)
+    heads = lines[0].split(",")
+    k = heads.index("motor torque motor_2 [N m]")
+    column = [float(line.split(",")[k]) for line in lines[1:]]
+    assert column == pytest.approx(run.torque[:, 1], abs=1e-5)
+    link = browser.driver.execute_async_script("pinflex.copyLink().then(arguments[0])")
+    time.sleep(0.1)
+    browser.driver.get("about:blank")
+    browser.driver.get(link)
+    browser.wait()
+    state = browser.run("return pinflex.state")
+    assert (state["t"], state["mag"]) == (pytest.approx(run.t[9], rel=1e-5), 30)
+    assert browser.errors() == []
