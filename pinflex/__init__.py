@@ -30,9 +30,10 @@ Where the code is; each package imports only those above it:
     lab           published cases that `pinflex verify` measures
     cli           the commands: one module each, its arguments and what it does
 
-Beside them stand errors, arrays, linalg, registered, rotations, text, threads and writing, which
-import none of these. Names are imported when first used, so that a page from a saved run needs no
-Pinocchio.
+Beside them stand arrays, boundary, cards, doors, errors, linalg, names, progress, registered,
+rotations, text, threads and writing, which import none of these; `doors` calls by name what a
+package further down does, such as the figure of a result. Names are imported when first used, so
+that a page from a saved run needs no Pinocchio.
 """
 
 from __future__ import annotations
@@ -85,8 +86,12 @@ if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism, load
     from pinflex.results.comparison import comparison
     from pinflex.results.result import Result
+    from pinflex.solver.recompute import recompute
+    from pinflex.studies.check import Check, check
+    from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
     from pinflex.studies.pose_map import pose_map
     from pinflex.studies.stiffness import platform_compliance
+    from pinflex.studies.study import Study, compare
     from pinflex.studies.sweep import sweep
     from pinflex.variation.design import Design
     from pinflex.variation.fit import fit
@@ -100,6 +105,7 @@ __all__ = [
     "LEVELS",
     "Advice",
     "AssemblyError",
+    "Check",
     "Command",
     "Control",
     "ConvergenceError",
@@ -109,6 +115,7 @@ __all__ = [
     "Effort",
     "Equilibrium",
     "Fit",
+    "FrequencyResponse",
     "LinearModel",
     "Mechanism",
     "Modes",
@@ -120,19 +127,23 @@ __all__ = [
     "SceneError",
     "Sensitivities",
     "SingularityError",
+    "Study",
     "Travel",
     "UnstableWarning",
     "Voltage",
     "adept",
     "advise",
+    "check",
     "circle",
     "command",
+    "compare",
     "comparison",
     "cycloid",
     "design",
     "digital_pid",
     "fit",
     "formula",
+    "frequency_response",
     "generalized_alpha",
     "harmonic",
     "hht",
@@ -150,6 +161,7 @@ __all__ = [
     "platform_compliance",
     "pose_map",
     "quintic",
+    "recompute",
     "ringing",
     "sampled",
     "scatter",
@@ -214,8 +226,12 @@ _HOME = {
     "variation.optimise": ("design", "pareto"),
     "variation.scatter": ("Scatter", "scatter"),
     "variation.sensitivity": ("Sensitivities", "sensitivities"),
+    "studies.check": ("Check", "check"),
+    "studies.study": ("Study", "compare"),
+    "studies.frequency_response": ("FrequencyResponse", "frequency_response"),
     "studies.pose_map": ("pose_map",),
     "studies.stiffness": ("platform_compliance",),
+    "solver.recompute": ("recompute",),
     "studies.sweep": ("sweep",),
     "viewer.view": ("view",),
 }

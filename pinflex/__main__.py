@@ -7,12 +7,14 @@ Exit codes: 0 done, 1 the scene cannot be solved, 2 bad input, 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
+from pinflex import boundary
 from pinflex.cli import process
 from pinflex.cli.parser import Layout, Parser
 from pinflex.errors import PinflexError, quoted
@@ -76,7 +78,9 @@ def _run(arguments: list[str]) -> int:
         return 2
     args = parser.parse_args(arguments)
     args.parser = parser  # `completion` describes it
-    if not args.debug:
+    if args.debug:
+        os.environ[boundary.VARIABLE] = "full"
+    else:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")
     if getattr(args, "limit", None) is not None and hasattr(args, "set"):

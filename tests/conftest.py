@@ -12,6 +12,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes that tests start
+os.environ.setdefault("PINFLEX_TRACEBACK", "full")  # a failing test shows where
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -24,6 +24,7 @@ from pinflex.advice import reduced_models as fewer
 from pinflex.advice.probe import Probe
 from pinflex.advice.proposal import Advice
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut, worst
+from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
@@ -32,6 +33,7 @@ from pinflex.levels.outputs import Outputs
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 from pinflex.text import percent
@@ -49,6 +51,8 @@ _LOOKS = 5  # stages that are told
 _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
 
 
+@public
+@barred
 def advise(
     mechanism: Mechanism,
     motion: Motion | None = None,
@@ -57,7 +61,7 @@ def advise(
     asked: Sequence[str] = (),
     until: float | None = None,
     fixed: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Advice:
     """Propose level, links, planes, modes and tolerance for a scene.
 
@@ -68,7 +72,7 @@ def advise(
         asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or all.
         until: End in s; default: the YAML's, or the motion's duration.
         fixed: Take the flexible links as they are: propose level and tolerance only.
-        progress: Called with (step, steps) between the looks.
+        progress: True: a bar; or a function called with (step, steps) between the looks.
     Returns:
         The advice.
     Raises:
@@ -95,7 +99,7 @@ def advise(
     end = until or spec.until or motion.duration
     rich, note = (mechanism, "") if fixed else fewer.richer(mechanism)
     with one_blas_thread():
-        tell = progress or (lambda step, steps: None)
+        tell = callback(progress) or (lambda step, steps: None)
         found = _Study(rich, motion, end, plain, tell).advice(mechanism, fixed)
     notes = (note, *found.notes) if note else found.notes
     if found.run_tol is not None:
@@ -313,7 +317,8 @@ class _Study:
         """The cheapest level whose error bars fit, and why."""
         rigid, still, ked = (worst(levels[x]) for x in ("rigid", "quasistatic", "ked"))
         bars = (("rigid", rigid), ("quasistatic", still), ("ked", ked))
-        why = "error bars: " + ", ".join(f"{name} {percent(e)}" for name, e in bars)
+        known = [f"{name} {percent(e)}" for name, e in bars if np.isfinite(e)]
+        why = f"error bars: {', '.join(known)}" if known else "no lower level could be measured"
         if rigid <= self.tol:
             return "rigid", why
         if still <= self.tol:

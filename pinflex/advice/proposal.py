@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pinflex.advice.reduced_models import Errors, LeftOut
+from pinflex.cards import Worded
 from pinflex.text import brief
 
 
 @dataclass(frozen=True)
-class Advice:
+class Advice(Worded):
     """A proposal and what it rests on.
 
     Attributes:
@@ -42,3 +43,9 @@ class Advice:
     why: str = ""
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
+
+    def text(self) -> str:
+        """Proposal, how to follow it, its error bars, and the price of what is left out."""
+        from pinflex.advice.text import write
+
+        return write(self)

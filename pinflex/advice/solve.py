@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -9,19 +10,22 @@ from typing import Any
 
 from pinflex.advice.advise import advise
 from pinflex.advice.error_bars import error_bars
+from pinflex.boundary import public
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.description.solve import LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, RunInterrupted
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.progress import Progress, shown
 from pinflex.results.error_bars import ErrorBars
 from pinflex.results.result import Result
-from pinflex.solver.solve import Progress, default_motion, solve_level
+from pinflex.solver.solve import default_motion, solve_level
 from pinflex.writing import plain
 
 __all__ = ["LEVELS", "solve"]
 
 
+@public
 def solve(
     mechanism: Mechanism,
     motion: Motion | None = None,
@@ -29,13 +33,32 @@ def solve(
     *,
     until: float | None = None,
     dt: float | None = None,
+    tol: float | None = None,
     samples: int | None = None,
+    asked: Sequence[str] | None = None,
+    start: str | Result | tuple[Result, float] | None = None,
+    start_speeds: Mapping[str, Any] | None = None,
+    integrator: Any = None,
+    rho_inf: float | None = None,
+    newmark: Sequence[float] | None = None,
+    theta: float | None = None,
+    ked: str | None = None,
+    modes: int | None = None,
+    drive: str | None = None,
+    kp: float | None = None,
+    kd: float | None = None,
+    tolerance: float | None = None,
     control: Control | bool | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     resume: Result | str | Path | None = None,
-    **options: Any,
 ) -> Result:
     """Solve a scene at one level.
+
+        robot = pf.load("3rrr")
+        run = pf.solve(robot, level="coupled", tol=1e-3, progress=True)
+        run.torque                          # (nt, motors) [N m]
+        run.frames["platform"].position     # (nt, 3) [m]
+        run.plot("torque")
 
     Args:
         mechanism: From `load`.
@@ -43,36 +66,59 @@ def solve(
         level: rigid, quasistatic, ked or coupled; default: the YAML's. auto: the one that
             `advise` proposes for `tol` (default 1e-2), with the links as they are; the result's
             meta["advice"] says why.
-        until: End time in s; default: the YAML's, or the motion's duration.
-        dt: Step in s for ked and coupled; default: from the first frequencies and the motion.
-        samples: Number of output times; default 401.
+        until: End time [s]; default: the YAML's, or the motion's duration.
+        dt: Step [s] for ked and coupled; default: from the first frequencies and the motion.
+        tol: Relative error wanted of time integration, instead of dt.
+        samples: Number of output times nt; default 401.
+        asked: Outputs that `tol` is about: torque, deflection, platform; default: the YAML's.
+        start: straight (undeformed), static (in equilibrium) or auto; at level coupled also a run,
+            or (run, t), from whose state at t [s] it goes on.
+        start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
+            velocities of links' origins in the world [m/s] (level coupled).
+        integrator: A name (generalized_alpha, hht, newmark, radau, ...), an `AlphaScheme`, or of
+            level ked a function, see CONTRIBUTING.
+        rho_inf: Spectral radius of generalized_alpha and hht at infinite frequency, 0 to 1.
+        newmark: Its (gamma, beta) [-].
+        theta: Of the integrator wilson_theta [-].
+        ked: Terms of level ked: full or structural.
+        modes: Number of modes of mode_superposition.
+        drive: prescribed (the motors follow the motion) or torque (they push).
+        kp: Position gain of the torque drive [N m/rad | N/m].
+        kd: Speed gain of the torque drive [N m s/rad | N s/m].
+        tolerance: Newton's, of the alpha family; default: its own.
         control: Feedback (level coupled); default: the YAML's, False: none.
-        progress: Called with (step, steps) on long work.
+        progress: True: a bar; or a function called with (step, steps) on long work.
         resume: A stopped or shorter run (or its file) of level coupled to go on with, to `until`,
             in its own steps unless dt is given; the motion must be the same.
-        **options: Other keys of the YAML block `solve`: integrator, rho_inf, newmark, drive,
-            theta, modes, ked, kp, kd, start, start_speeds, tol; and `tolerance` (Newton's).
     Returns:
-        The result. If a run stops early, the error carries `.result` up to the last good step.
+        The result: t (nt,) [s], torque (nt, motors) [N m | N], and by name `joints`, `frames`,
+        `links`, `loops`. If a run stops early, the error carries `.result` up to the last good
+        step.
     Raises:
         DescriptionError: An unknown level or option.
         MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
     """
     given: dict[str, Any] = {"until": until, "dt": dt, "samples": samples, "control": control}
-    if level == "auto":
-        return _solve_advised(mechanism, motion, progress=progress, **given, **options)
-    start = options.get("start", mechanism.description.solve.start)
-    moved = motion if motion is not None else default_motion(mechanism)
-    look = partial(_look, mechanism, moved, isinstance(start, str) and start == "static")
-    try:
-        found = solve_level(
-            mechanism, motion, level, progress=progress, resume=resume, **given, **options
-        )
-    except (ConvergenceError, MotionError, RunInterrupted) as error:
-        if isinstance(error.result, Result):
-            error.result = replace(error.result, look=look)
-        raise
-    return replace(found, look=look)
+    options = {
+        "tol": tol, "asked": asked, "start": start, "integrator": integrator, "rho_inf": rho_inf,
+        "newmark": newmark, "theta": theta, "ked": ked, "modes": modes, "drive": drive, "kp": kp,
+        "kd": kd, "start_speeds": start_speeds, "tolerance": tolerance,
+    }  # fmt: skip
+    given |= {key: value for key, value in options.items() if value is not None}
+    with shown(progress, level or mechanism.description.solve.level) as tell:
+        if level == "auto":
+            return _solve_advised(mechanism, motion, progress=tell, **given)
+        moved = motion if motion is not None else default_motion(mechanism)
+        begun = mechanism.description.solve.start if start is None else start
+        static = isinstance(begun, str) and begun == "static"
+        look = partial(_look, mechanism, moved, static)
+        try:
+            found = solve_level(mechanism, motion, level, progress=tell, resume=resume, **given)
+        except (ConvergenceError, MotionError, RunInterrupted) as error:
+            if isinstance(error.result, Result):
+                error.result = replace(error.result, look=look)
+            raise
+        return replace(found, look=look)
 
 
 def _solve_advised(

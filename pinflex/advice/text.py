@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from math import isfinite
 
 from pinflex.advice.proposal import Advice
 from pinflex.text import bullets, paragraph, percent, report, table
@@ -15,20 +15,26 @@ _DOES = {
 }
 
 
-def write(a: Advice, model: str | None = None) -> str:
-    """Proposal, how to follow it for a MODEL, its error bars, and the price of what is out."""
+def write(a: Advice, model: str | None = None, whole: bool = True) -> str:
+    """Proposal, error bars, how to follow it; and the price of what is out.
+
+    Args:
+        a: Advice.
+        model: What the command names; default: its name.
+        whole: With the price of each thing that was tried, not only what is left out.
+    """
     n, rich, kept = a.coordinates
     far = max(a.error.values(), default=0.0)
     short = f"; NOT REACHED: error bars up to {percent(far)}" if far > a.tol else ""
+    of = f" (levels: model of {rich} coordinates)" if a.levels else ""
     return report(
         f"{a.name}: {', '.join(a.asked)} within {percent(a.tol)} of the largest value{short}",
         f"Proposal: level {a.level} ({_DOES[a.level]})"
         + (f", {kept} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
         paragraph(_command(a, model or a.name), "      ", "  "),
         paragraph(a.why, "     ", "why: ") if a.why else "",
-        _bars("Error bars if it is followed, of time integration and model", {a.level: a.error}),
-        _bars(f"Error bars by level (model of {rich} coordinates)", a.levels) if a.levels else "",
-        _left_out(a),
+        _bars(f"Error bars, of time integration and model{of}", a),
+        _left_out(a) if whole else _sentence(a),
         bullets(a.notes),
     )
 
@@ -38,10 +44,25 @@ def _command(a: Advice, model: str) -> str:
     return f"pinflex solve {model} --level {a.level}" + "".join(f" --set {x}" for x in changes)
 
 
-def _bars(title: str, rows: Mapping[str, Mapping[str, float]]) -> str:
+def _bars(title: str, a: Advice) -> str:
+    """Levels that were measured, and the proposal."""
+    known = {name: e for name, e in a.levels.items() if all(map(isfinite, e.values()))}
+    rows = known | ({"the proposal": a.error} if all(map(isfinite, a.error.values())) else {})
+    if not rows:
+        return ""
     outputs = list(next(iter(rows.values())))
     cells = [[name, *(percent(error[k]) for k in outputs)] for name, error in rows.items()]
-    return table(title, "|".join(["level", *outputs]), cells, (18,))
+    missing = [name for name in a.levels if name not in known]
+    rest = f"\nNot measured: {', '.join(missing)}." if missing else ""
+    return table(title, "|".join(["level", *outputs]), cells, (18,)) + rest
+
+
+def _sentence(a: Advice) -> str:
+    """What is left out, in words."""
+    out = [x.what for x in a.left_out if x.out]
+    if not a.left_out:
+        return ""
+    return paragraph(f"Left out: {', '.join(out) or 'nothing'}. -v says what each costs.")
 
 
 def _left_out(a: Advice) -> str:

@@ -6,7 +6,8 @@ import argparse
 from dataclasses import asdict
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import load_model, print_json
+from pinflex.progress import Bar
 
 
 def add(commands: parser.Commands) -> None:
@@ -33,6 +34,7 @@ level and the step.""",
         "--asked", type=parser.names, default=(), metavar="A,B,...",
         help="torque, deflection, platform (default: the YAML's solve.asked, or all)",
     )  # fmt: skip
+    parser.verbose(p)
     p.add_argument("--until", type=parser.positive, metavar="S", help="end time in s")
 
 
@@ -41,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.advice import text as advise_text
     from pinflex.advice.advise import advise
 
-    mechanism, bar = load_model(args), Progress("looking")
+    mechanism, bar = load_model(args), Bar("looking")
     bar.say()
     try:
         advice = advise(mechanism, tol=args.tol, asked=args.asked, until=args.until, progress=bar)
@@ -50,5 +52,5 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(asdict(advice))
     else:
-        print(advise_text.write(advice, args.model), end="")
+        print(advise_text.write(advice, args.model, args.verbose), end="")
     return 0

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from pinflex.cli.cases_text import ranges
 from pinflex.cli.console import print_json
 from pinflex.errors import SceneError
 from pinflex.results.columns import Columns, check_suffix
-from pinflex.text import number, paragraph, plural, table
+from pinflex.text import paragraph, plural
 from pinflex.writing import writable
 
 _SHOWN = 5  # failures in the answer for people; the table has them all
@@ -27,7 +28,7 @@ def options(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
     return out, {
         "jobs": cpu_count() if args.jobs is None else args.jobs,
         "scheduler": args.scheduler,
-        "journal": None if out is None else out.with_name(f"{out.name}.journal"),
+        "journal": None if out is None else journal(out),
         "fresh": args.fresh,
     }
 
@@ -37,25 +38,33 @@ def answer(
     cases_table: Columns,
     out: Path | None,
     figures: list[Path],
+    screen: str,
     notes: Sequence[str] = (),
 ) -> int:
     """Write the table and say what is in it; an error where no case has an answer.
+
+    The journal has done its work where every case has an answer, and goes.
 
     Args:
         args: Of the command.
         cases_table: Table of all cases.
         out: File of the table, or None.
         figures: Files written besides.
-        notes: Paragraphs below the table.
+        screen: Table and sentence for people; with -v the range of every number is added.
+        notes: Paragraphs below it.
     """
     files = [*([] if out is None else [cases_table.save(out)]), *figures]
     failed = np.flatnonzero(cases_table["status"] == "failed")
     errors = {int(k) + 1: str(cases_table["error"][k]) for k in failed}
+    if out is not None and not errors:
+        journal(out).unlink(missing_ok=True)
     if args.json:
         columns = {name: values.tolist() for name, values in cases_table.arrays.items()}
         print_json({"columns": columns, "units": cases_table.units, "files": files, "notes": notes})
     else:
-        print(_ranges(cases_table))
+        print(screen)
+        if args.verbose:
+            print("\n" + ranges(cases_table))
         for note in notes:
             print(paragraph(note, "  ", "\n  "))
         done = len(cases_table) - len(failed)
@@ -70,14 +79,6 @@ def answer(
     return 0
 
 
-def _ranges(cases_table: Columns) -> str:
-    """Least and largest value of every column that has any but zero, and their rows."""
-    rows = []
-    for name, values in cases_table.arrays.items():
-        if values.dtype.kind != "f" or not np.any(values[~np.isnan(values)]):
-            continue
-        low, high = int(np.nanargmin(values)), int(np.nanargmax(values))
-        ends = ["rigid" if np.isinf(x) else number(float(x)) for x in values[[low, high]]]
-        unit = cases_table.units.get(name, "")
-        rows.append([name, unit, ends[0], str(low + 1), ends[1], str(high + 1)])
-    return table("Range of every number", "column|unit|least|in row|largest|in row", rows, (44, 8))
+def journal(out: Path) -> Path:
+    """File that keeps the cases of a table as they end."""
+    return out.with_name(f"{out.name}.journal")

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import load_model, print_json
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 from pinflex.text import number, paragraph, table
 from pinflex.writing import plain, writable, write_text
 
@@ -35,6 +36,7 @@ and compares time and error with a converged solution that it refines until two 
     p.add_argument("model", nargs="?", metavar="MODEL", help="YAML file, its folder, or a name")
     parser.repeated(p, "--set", "KEY=VALUE", "change the YAML; may be repeated")
     p.add_argument("-o", "--output", metavar="DIR", help="write table, numbers and figure there")
+    parser.verbose(p)
     p.add_argument("--race", nargs="?", const="", help=argparse.SUPPRESS)
 
 
@@ -53,31 +55,39 @@ def run(args: argparse.Namespace) -> int:
     folder = None if args.output is None else Path(args.output)
     if folder is not None:
         writable(folder / "bench.png")
-    bar = Progress("bench")
+    bar = Bar("bench")
     try:
         study = bench(mechanism, bar)
     finally:
         bar.close()
     data = _json(study)
-    text = write(study)
+    text = write(study, whole=True)
     files = [] if folder is None else _save(study, folder, text, data)
     if args.json:
         print_json(data)
     else:
-        print(text, end="")
+        print(write(study, args.verbose), end="")
         print("".join(f"wrote {path}\n" for path in files), end="")
     return 0
 
 
-def write(study: Bench) -> str:
-    """Table, reference and advice."""
+def write(study: Bench, whole: bool = False) -> str:
+    """Table, fastest first, and advice; points that others beat in everything are counted.
+
+    Args:
+        study: Points and reference.
+        whole: All points, and why some failed.
+    """
     best = {id(p) for p in study.pareto()}
+    points = sorted((p for p in study.points if not p.failed), key=lambda p: p.cpu)
+    shown = points if whole else [p for p in points if id(p) in best]
+    failures = [p for p in study.points if p.failed]
     outputs = list(study.own_error)
     rows = [
         [p.case.method, p.case.setting, str(p.case.modes if p.case.modes is not None else "-"),
          number(p.wall), number(p.cpu), *(f"{p.errors[name]:.1e}" for name in outputs),
          "*" if id(p) in best else ""]
-        for p in study.points if not p.failed
+        for p in shown
     ]  # fmt: skip
     header = "|".join(
         ["method", "setting", study.key or "modes", "wall s", "CPU s"]
@@ -86,16 +96,23 @@ def write(study: Bench) -> str:
     )
     own = ", ".join(f"{name} {error:.1e}" for name, error in study.own_error.items())
     failed = [paragraph(f"{p.case.method}, {p.case.setting}: {p.failed}", indent="  ") + "\n"
-              for p in study.points if p.failed]  # fmt: skip
+              for p in failures if whole]  # fmt: skip
+    left = [] if whole else [
+        f"{n} {what}" for n, what in (
+            (len(points) - len(shown), "slower and worse than one of these"),
+            (len(failures), "failed"),
+        ) if n
+    ]  # fmt: skip
+    more = paragraph(f"{'; '.join(left)}: -v shows them.") + "\n" if left else ""
     return (
         table(f"{study.name}: time and relative error", header, rows, (12, 20))
         + "\n\n"
+        + paragraph(advice(study))
+        + "\n\n"
         + paragraph(f"Reference: {study.reference}. Its own error: {own}.")
         + "\n"
+        + more
         + "".join(failed)
-        + "\n"
-        + paragraph(advice(study))
-        + "\n"
     )
 
 

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import load_model, print_json, working
 
 
 def add(commands: parser.Commands) -> None:
@@ -33,7 +33,6 @@ and warnings.""",
 
 def run(args: argparse.Namespace) -> int:
     """Say what was understood of a model."""
-    from pinflex.studies import check_text
     from pinflex.studies.check import check
     from pinflex.studies.home import write_home
 
@@ -41,11 +40,12 @@ def run(args: argparse.Namespace) -> int:
     if args.write_home:
         path = write_home(mechanism)
         mechanism = load_model(args)
-    report = check(mechanism, args.count)
+    with working("checking"):
+        report = check(mechanism, args.count)
     if args.json:
         print_json(asdict(report))
     else:
-        print(check_text.write(report), end="")
+        print(report.text(), end="")
         if args.write_home:
             print(f"\nhome written to {path}")
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import load_model, print_json, working
 from pinflex.errors import DescriptionError
 from pinflex.text import length, number, paragraph, table
 from pinflex.writing import writable
@@ -70,18 +70,26 @@ def run(args: argparse.Namespace) -> int:
         writable(path)
     motion = default_motion(mechanism)
     given = {"limited": not args.beyond_limits, "instants": args.instants}
-    found = command(
-        mechanism, motion, args.level, tol=args.tol, before=args.before, after=args.after, **given
-    )
+    with working("finding the motor motion"):
+        found = command(
+            mechanism,
+            motion,
+            args.level,
+            tol=args.tol,
+            before=args.before,
+            after=args.after,
+            **given,
+        )
     runs, commands = {}, {args.level: found}
     if args.verify:
-        runs[args.level] = followed(mechanism, motion, found)
-        if args.level != "rigid":
-            rigid = command(
-                mechanism, motion, "rigid", before=found.before, after=found.after,
-                coordinates=found.coordinates, instants=len(found.t), limited=False,
-            )  # fmt: skip
-            runs["rigid"], commands["rigid"] = followed(mechanism, motion, rigid), rigid
+        with working("verifying by a forward run"):
+            runs[args.level] = followed(mechanism, motion, found)
+            if args.level != "rigid":
+                rigid = command(
+                    mechanism, motion, "rigid", before=found.before, after=found.after,
+                    coordinates=found.coordinates, instants=len(found.t), limited=False,
+                )  # fmt: skip
+                runs["rigid"], commands["rigid"] = followed(mechanism, motion, rigid), rigid
     files = [] if args.output is None else [found.to_csv(args.output)]
     files += _shown(args, commands, runs)
     rows = [

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import load_model, print_json
 from pinflex.errors import SceneError
-from pinflex.results.result import Result
+from pinflex.progress import Bar, Stages
 from pinflex.text import COLUMNS
 from pinflex.writing import writable
 
@@ -45,51 +46,25 @@ level that cannot be solved does not stop the others.""",
     p.add_argument(
         "--errors", action="store_true", help="error bars also of large models (some seconds)"
     )
-    p.add_argument("-v", "--verbose", action="store_true", help="print the long tables too")
+    parser.verbose(p)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compare rigid and flexible; write tables, figures, runs and the page."""
     from pinflex.description.solve import LEVELS
-    from pinflex.studies.study import file_name, study, write
+    from pinflex.studies.study import compare
 
-    bars: list[Progress] = []
-
-    def tell(text: str) -> None:
-        _close(bars)
-        bars.append(Progress(text))
-        bars[-1].say()
-
-    tell(f"loading {args.model}")
-    try:
-        mechanism = load_model(args)
-    finally:
-        _close(bars)
+    mechanism = load_model(args)
     folder = Path(args.output or f"{mechanism.name}-compare")
     writable(folder / "comparison.txt")
-    runs: list[Path] = []
-
-    def progress(level: str) -> Progress:
-        tell(level)
-        return bars[-1]
-
-    def keep(level: str, run: Result, complete: bool) -> None:
-        tell(f"saving {level}")
-        runs.append(run.save(folder / file_name(run, complete)))
-        # what an earlier comparison left of this level would contradict the table
-        (folder / file_name(run, not complete)).unlink(missing_ok=True)
-
-    try:
-        done = study(mechanism, args.levels or LEVELS, progress, keep, args.band, tell, args.errors)
-        files = write(done, folder, tell)
-    finally:
-        _close(bars)
+    given = {"band": args.band, "errors": args.errors, "folder": folder}
+    done = compare(mechanism, None, args.levels or LEVELS, **given, progress=Stages(Bar))
     if args.json:
-        written = {"folder": folder, "files": [path.name for path in (*files, *runs)]}
+        written = {"folder": folder, "files": [path.name for path in done.files]}
         print_json(json.loads(done.table.to_json()) | written)
     else:
         print(done.table.text() if args.verbose else done.table.brief())
-        _list(folder, files, runs)
+        _list(folder, done.files)
     if not done.flexible:
         sys.stdout.flush()
         raise SceneError(
@@ -99,16 +74,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _close(bars: list[Progress]) -> None:
-    for bar in bars:
-        bar.close()
-
-
-def _list(folder: Path, files: list[Path], runs: list[Path]) -> None:
+def _list(folder: Path, files: Sequence[Path]) -> None:
     """Print the address of the page and the files written."""
     for page in (path for path in files if path.suffix == ".html"):
         print(f"Watch it in a browser: {page.resolve().as_uri()}")
-    names = ", ".join(path.name for path in (*files, *runs))
+    names = ", ".join(path.name for path in files)
     text = f"In {folder}{'' if str(folder).endswith('/') else '/'}: {names}"
     print(fill(text, COLUMNS, subsequent_indent="  ", break_on_hyphens=False))
     if any(path.name == "comparison.txt" for path in files):

@@ -1,4 +1,4 @@
-"""Console of the commands: progress bar, loading a model, JSON."""
+"""Console of the commands: loading a model, files written, JSON."""
 
 from __future__ import annotations
 
@@ -7,55 +7,18 @@ import json
 import os
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any
 
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 from pinflex.writing import plain
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.variation.design import Design
     from pinflex.variation.fitted import Fit
-
-_WIDTH = 30  # [characters]
-_PAUSE = 0.1  # [s] between drawings
-
-
-class Progress:
-    """A bar on stderr, only where a person sees it: call it with (step, steps), then `close` it."""
-
-    def __init__(self, label: str, shown: bool | None = None) -> None:
-        self.label, self.drawn = label, False
-        self.shown = sys.stderr.isatty() if shown is None else shown
-        self.began = self.last = time.monotonic()
-
-    def __call__(self, step: int, steps: int) -> None:
-        """Draw, at most ten times a second."""
-        now = time.monotonic()
-        if not self.shown or now - self.last < _PAUSE or steps < 1:
-            return
-        self.last, self.drawn = now, True
-        part = min(max(step / steps, 0.0), 1.0)
-        bar = ("#" * round(part * _WIDTH)).ljust(_WIDTH)
-        left = f"{(now - self.began) * (1 - part) / part:4.0f} s left" if part > 0.01 else ""
-        sys.stderr.write(f"\r{self.label:<12.12} [{bar}] {100 * part:3.0f} % {left}\x1b[K")
-        sys.stderr.flush()
-
-    def say(self) -> None:
-        """Show the label alone, at once, for work that counts no steps."""
-        if self.shown:
-            self.drawn = True
-            sys.stderr.write(f"\r{self.label} ...\x1b[K")
-            sys.stderr.flush()
-
-    def close(self) -> None:
-        """Leave a clean line."""
-        if self.drawn:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()
 
 
 def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
@@ -69,11 +32,22 @@ def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
     return files
 
 
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Say what is being done, where a person sees it, until it is."""
+    bar = Bar(text)
+    bar.say()
+    try:
+        yield
+    finally:
+        bar.close()
+
+
 def load_model(args: argparse.Namespace) -> Mechanism:
     """Load the model; what the C++ parser of URDFs prints by itself becomes part of the error."""
     from pinflex.mechanics.mechanism import load
 
-    with _parser_noise(args.debug) as noise:
+    with working(f"loading {args.model}"), _parser_noise(args.debug) as noise:
         try:
             return load(args.model, args.set)
         except DescriptionError as error:

@@ -7,8 +7,9 @@ import csv
 from pathlib import Path
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json, written
+from pinflex.cli.console import load_model, print_json, written
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 
 
 def add(commands: parser.Commands) -> None:
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     choose = dict(_choice(text) for text in args.choose)
     if not vary and not choose:
         raise DescriptionError("design: nothing varies. Give --vary KEY=LOW:HIGH, or --choose.")
-    bar = Progress("design")
+    bar = Bar("design")
     options = {
         "choose": choose, "level": args.level, "starts": args.starts, "jobs": args.jobs,
         "journal": f"{args.output}.journal" if args.output else None, "progress": bar,

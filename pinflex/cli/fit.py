@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json, written
+from pinflex.cli.console import load_model, print_json, written
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 
 
 def add(commands: parser.Commands) -> None:
@@ -53,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     vary = dict(_vary(text) for text in args.vary)
     priors = dict(_prior(text) for text in args.prior)
     nodes = dict(_node(text) for text in args.node)
-    bar = Progress("fit")
+    bar = Bar("fit")
     try:
         found = fit(
             load_model(args), args.measured, vary, priors, shape_std=args.shape_std,

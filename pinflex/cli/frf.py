@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import load_model, print_json, working
 from pinflex.text import number, paragraph, table
 from pinflex.writing import writable
 
@@ -76,15 +76,16 @@ def run(args: argparse.Namespace) -> int:
 
     mechanism = load_model(args)
     writable(args.output)
-    study = frequency_response(
-        mechanism,
-        pose(mechanism, args.pose),
-        source=args.input,
-        outputs=args.outputs,
-        motors=args.motors,
-        span=(args.first_frequency, args.last_frequency),
-        measured=args.measured,
-    )
+    with working("finding the response"):
+        study = frequency_response(
+            mechanism,
+            pose(mechanism, args.pose),
+            source=args.input,
+            outputs=args.outputs,
+            motors=args.motors,
+            span=(args.first_frequency, args.last_frequency),
+            measured=args.measured,
+        )
     written = None if args.output is None else _write(study, Path(args.output))
     if args.json:
         print_json(_data(study) | {"files": [] if written is None else [written]})

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model
+from pinflex.cli.cases_text import ranges
+from pinflex.cli.console import load_model
+from pinflex.progress import Bar
+from pinflex.results.columns import Columns
+from pinflex.results.pose_map import AXES, free, held
+from pinflex.text import number, paragraph
 from pinflex.writing import writable
 
 if TYPE_CHECKING:
@@ -60,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     where: dict[str, Any] = {"grid": grid}
     if args.instants is not None:
         where |= {"along": default_motion(mechanism), "instants": args.instants}
-    bar = Progress("map")
+    bar = Bar("map")
     try:
         poses = pose_map(
             mechanism, **where, count=args.count, preload=args.preload,
@@ -69,7 +74,36 @@ def run(args: argparse.Namespace) -> int:
     finally:
         bar.close()
     figures = [] if args.plot is None else [save_map(poses, args.plot)]
-    return batch.answer(args, poses.table, out, figures, _notes(poses))
+    notes = _notes(poses)
+    if not grid and args.instants is None:
+        notes.append(
+            "No --grid and no --instants were given: this is home alone. Add, for instance, "
+            "--grid x=-.05:.05:9, or --instants 41 for poses of the motion."
+        )
+    return batch.answer(args, poses.table, out, figures, _screen(poses), notes)
+
+
+def _screen(poses: PoseMap) -> str:
+    """Ranges of frequencies and of the stiffness along each axis, and a sentence on both."""
+    table, compliance = poses.table, np.diagonal(poses.compliance, axis1=-2, axis2=-1)
+    kept = [name for name in table if name.startswith("frequency.")]
+    kept += [name for i, axis in enumerate(AXES) if axis not in poses.rigid
+             for name in (free(i), held(i, i)) if name in table]  # fmt: skip
+    shown = Columns({name: table[name] for name in (*poses.grid, *kept)}, table.units)
+    said = []
+    first = table["frequency.1"] if "frequency.1" in table else np.zeros(0)
+    if np.isfinite(first).any():
+        ends = number(float(np.nanmin(first))), number(float(np.nanmax(first)))
+        span = ends[0] if ends[0] == ends[1] else " to ".join(ends)
+        said.append(f"The first frequency is {span} Hz.")
+    soft = compliance.reshape(-1, 6)[:, :3]
+    if np.isfinite(soft).any() and np.nanmax(soft) > 0:
+        pose, axis = np.unravel_index(int(np.nanargmax(soft)), soft.shape)
+        said.append(
+            f"The platform gives way most along {AXES[axis]} at pose {int(pose) + 1}: "
+            f"{number(1.0 / float(soft[pose, axis]))} N/m."
+        )
+    return "\n\n".join(filter(None, [ranges(shown), paragraph(" ".join(said))]))
 
 
 def _notes(poses: PoseMap) -> list[str]:
@@ -83,6 +117,6 @@ def _notes(poses: PoseMap) -> list[str]:
     if poses.rigid:
         notes.append(
             f"The platform is rigid along {', '.join(poses.rigid)}: no flexible link or spring "
-            "gives way there, so there is no number (null in JSON, inf in tables)."
+            "gives way there, so there is no number."
         )
     return notes

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import load_model, print_json, working
 from pinflex.errors import DescriptionError
 from pinflex.text import number, table
 
@@ -76,15 +76,16 @@ def run(args: argparse.Namespace) -> int:
     if args.spin or args.at is not None:
         return _moving(args, mechanism)
     preload = args.preload if is_loaded(mechanism) else "none"
-    every = modes(
-        mechanism,
-        pose(mechanism, args.pose),
-        count=mechanism.flexible.nv,
-        preload=preload,
-        free_motors=args.free_motors,
-    )
-    first = first_modes(every, args.count)
-    page, figure = _write(args, mechanism, first, preload)
+    with working("finding the modes"):
+        every = modes(
+            mechanism,
+            pose(mechanism, args.pose),
+            count=mechanism.flexible.nv,
+            preload=preload,
+            free_motors=args.free_motors,
+        )
+        first = first_modes(every, args.count)
+        page, figure = _write(args, mechanism, first, preload)
     if args.json:
         print_json(_json(mechanism.name, first, args.pose) | {"view": page, "map": figure})
         return 0

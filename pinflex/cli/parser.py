@@ -101,6 +101,11 @@ def pose_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def verbose(parser: argparse.ArgumentParser) -> None:
+    """Add -v: the long tables too."""
+    parser.add_argument("-v", "--verbose", action="store_true", help="print the long tables too")
+
+
 def table(parser: argparse.ArgumentParser) -> None:
     """Add the options of a batch of cases that ends in a table."""
     parser.add_argument(
@@ -108,6 +113,7 @@ def table(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--jobs", type=count, metavar="N", help="processes (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="work on this Dask cluster instead")
+    verbose(parser)
     parser.add_argument("--fresh", action="store_true", help="forget FILE.journal and begin anew")
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import load_model, print_json
+from pinflex.progress import Bar
 
 
 def add(commands: parser.Commands) -> None:
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.writing import writable
 
     writable(args.plot)
-    bar = Progress("sensitivity")
+    bar = Bar("sensitivity")
     try:
         found = sensitivities(load_model(args), args.by, args.of, args.level, bar)
     finally:

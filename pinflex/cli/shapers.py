@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import load_model, print_json, working
 from pinflex.text import number, paragraph, table
 
 
@@ -31,7 +31,8 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.studies.shapers import ERRORS, shapers
 
     mechanism = load_model(args)
-    found, rows = shapers(mechanism, modes=args.modes)
+    with working("finding what rings"):
+        found, rows = shapers(mechanism, modes=args.modes)
     data: dict[str, Any] = {
         "name": mechanism.name,
         "modes": [

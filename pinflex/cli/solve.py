@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, load_model, print_json
+from pinflex.cli.console import load_model, print_json
 from pinflex.errors import RunInterrupted, SceneError
+from pinflex.progress import Bar
 from pinflex.text import length, number, table
 from pinflex.writing import writable
 
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     mechanism = load_model(args)
     for path in (args.output, args.csv):
         writable(path)
-    bar = Progress(args.level or mechanism.description.solve.level)
+    bar = Bar(args.level or mechanism.description.solve.level)
     try:
         result = _solve(args, mechanism, bar)
     except RunInterrupted as stop:
@@ -84,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _solve(args: argparse.Namespace, mechanism: Mechanism, bar: Progress) -> Result:
+def _solve(args: argparse.Namespace, mechanism: Mechanism, bar: Bar) -> Result:
     from pinflex.advice.solve import solve
 
     level = args.level or mechanism.description.solve.level
@@ -123,7 +124,7 @@ def _interrupted(args: argparse.Namespace, stop: RunInterrupted) -> NoReturn:
 def _stopped(args: argparse.Namespace, error: SceneError) -> NoReturn:
     """Save the run up to its last good step and say where it is."""
     from pinflex.results.result import Result
-    from pinflex.studies.study import reason
+    from pinflex.studies.study_notes import reason
 
     if not isinstance(error.result, Result):
         raise error

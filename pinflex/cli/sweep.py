@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
+from pinflex.text import paragraph
+
+if TYPE_CHECKING:
+    from pinflex.results.columns import Columns
 
 _KINDS = ("normal", "uniform")
 
@@ -20,7 +27,8 @@ def add(commands: parser.Commands) -> None:
         """
 Solves the scene for every combination of the values given. Values are a:b:n (n from a to b),
 a:b:n:log (by equal factors) or v,w,... A case that fails gets a row that says why. Each case is
-kept as it ends, in FILE.journal: stopped or killed, the same command goes on from there.""",
+kept as it ends, in FILE.journal: stopped or killed, the same command goes on from there; when all
+have an answer the journal goes.""",
         "pinflex sweep ur5 --set flexible.*.section.wall=2e-3:5e-3:7 \\\n"
         "      --set motion.duration=0.4,0.6 --level quasistatic --out sweep.csv",
         model=False,
@@ -67,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
             raise DescriptionError(f"--{option} belongs to random designs. Add --random N.")
     out, options = batch.options(args)
     outputs = OUTPUTS if args.outputs is None else parser.names(args.outputs)
-    bar = Progress("sweep")
+    bar = Bar("sweep")
     try:
         columns = sweep(
             args.model, parsed(args.set, "--set"), level=args.level, outputs=outputs,
@@ -79,7 +87,26 @@ def run(args: argparse.Namespace) -> int:
         raise
     finally:
         bar.close()
-    return batch.answer(args, columns, out, [])
+    return batch.answer(args, columns, out, [], _screen(columns, args.set), _notes(args.set))
+
+
+def _screen(columns: Columns, given: list[str]) -> str:
+    """The table of cases, and a sentence on what varies."""
+    from pinflex.cli.cases_text import case_table, main_columns, sentence
+
+    parameters = [x for x in (text.partition("=")[0].strip() for text in given) if x in columns]
+    names = main_columns(columns, list(dict.fromkeys(parameters)))
+    said = sentence(columns, names[len(set(parameters)) :])
+    return "\n\n".join(filter(None, [case_table(columns, names), paragraph(said)]))
+
+
+def _notes(given: list[str]) -> list[str]:
+    if given:
+        return []
+    return [
+        "No --set was given: this is the one case that the YAML has. Give values of a key, such as "
+        "--set flexible.*.section.thickness=1e-3:3e-3:5."
+    ]
 
 
 def _random(args: argparse.Namespace) -> int:
@@ -93,7 +120,7 @@ def _random(args: argparse.Namespace) -> int:
     out, options = batch.options(args)
     writable(args.plot)
     normal, uniform = (dict(_pair(x, kind) for x in getattr(args, kind)) for kind in _KINDS)
-    bar = Progress("sweep")
+    bar = Bar("sweep")
     try:
         found = scatter(
             read(args.model).with_overrides(args.set), args.random, seed=args.seed,
@@ -103,6 +130,8 @@ def _random(args: argparse.Namespace) -> int:
     finally:
         bar.close()
     files = [] if out is None else [found.table.save(out)]
+    if out is not None and not np.any(found.table["status"] == "failed"):
+        batch.journal(out).unlink(missing_ok=True)
     if args.plot is not None:
         found.plot(args.plot)
         files.append(args.plot)

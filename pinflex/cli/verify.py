@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from pinflex.cli import parser
-from pinflex.cli.console import Progress, print_json
+from pinflex.cli.console import print_json
+from pinflex.progress import Bar, Stages
 from pinflex.writing import writable
 
 
@@ -31,18 +32,19 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.lab.verify import verdict, verify, write_page
 
     writable(args.output)
-    bar = Progress("verify")
+    stages = Stages(Bar)
 
     def show(table: str) -> None:  # case by case: all of them take minutes
-        bar.close()
+        stages.close()
         print(f"{table}\n", flush=True)
 
+    def next_case(name: str, k: int, n: int) -> None:
+        stages(f"{name} ({k + 1} of {n})")
+
     try:
-        outcome = verify(
-            args.cases, lambda _, k, n: bar(k, n), args.long, None if args.json else show
-        )
+        outcome = verify(args.cases, next_case, args.long, None if args.json else show)
     finally:
-        bar.close()
+        stages.close()
     page = None if args.output is None else write_page(outcome, args.output)
     if args.json:
         print_json({"passed": outcome.passed, "records": outcome.to_json(), "page": page})

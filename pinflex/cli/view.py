@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pinflex.cli import parser
-from pinflex.cli.console import print_json
+from pinflex.cli.console import print_json, working
 from pinflex.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -91,15 +91,16 @@ def _run(args: argparse.Namespace) -> int:
     rigid = None if args.rigid is None else Result.load(args.rigid, most)
     path = Path(args.output or Path(args.runs[-1]).with_suffix(".html"))
     instant = None if args.png is None else pictures.instant(result, args.png)
-    page = view(
-        result if len(runs) == 1 else _named(runs, args.runs),
-        path,
-        open_browser=_opens(args),
-        field=args.field,
-        scale=args.scale,
-        rigid=rigid,
-        meshes=args.meshes,
-    ).path
+    with working("writing the page"):
+        page = view(
+            result if len(runs) == 1 else _named(runs, args.runs),
+            path,
+            open_browser=_opens(args),
+            field=args.field,
+            scale=args.scale,
+            rigid=rigid,
+            meshes=args.meshes,
+        ).path
     written = _pictures(args, result, page, instant)
     if args.json:
         files = {"file": page, "pictures": [p.path for p in written]}

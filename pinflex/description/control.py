@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.digital import is_system
 from pinflex.errors import DescriptionError
+from pinflex.text import brief
 
 Law = Callable[[float, Array, Array, Array], Array]
 
@@ -79,6 +81,8 @@ class Control:
         rigid_torque: Of each drive whether the torque that the motion asks of that motor, links
             rigid, is fed forward.
     """
+
+    __repr__ = brief
 
     measures: tuple[Deflection | Travel, ...]
     drives: tuple[Voltage | Effort, ...]
@@ -150,6 +154,7 @@ class Pid:
         return np.asarray(self.kp * error + self.ki * (total - self.target * t) + self.kd * rate)
 
 
+@public
 def pid(
     kp: float | Sequence[float] = 0.0,
     ki: float | Sequence[float] = 0.0,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError
 
 _SAME = 1e-6  # relative: two sample times
@@ -65,6 +66,7 @@ class DigitalPid:
         self.integral = self.integral + np.where(winding, 0.0, self.period * self._error)
 
 
+@public
 def digital_pid(
     kp: float | Sequence[float] = 0.0,
     ki: float | Sequence[float] = 0.0,

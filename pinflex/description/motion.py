@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description import formula as formulas
 from pinflex.description import laws, shaping
 from pinflex.description import motion_keys as keys
@@ -34,6 +35,7 @@ __all__ = [
 
 
 # Constructors: joints or platform maps names to displacements from home (rad | m).
+@public
 def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Displacements along s(u) = u - sin(2 pi u)/(2 pi), u = t/duration [s]; then rest.
 
@@ -47,6 +49,7 @@ def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) ->
     return of_moves("cycloid", moves, partial(laws.move, laws.cycloid, moves[2], n["duration"]), n)
 
 
+@public
 def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Displacements along s(u) = 10 u^3 - 15 u^4 + 6 u^5, u = t/duration [s]; then rest.
 
@@ -57,6 +60,7 @@ def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) ->
     return of_moves("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
 
 
+@public
 def nonic(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Displacements along a polynomial of ninth degree in t/duration [s]; then rest.
 
@@ -69,6 +73,7 @@ def nonic(*, joints: Moves = None, platform: Moves = None, duration: float) -> M
     return of_moves("nonic", moves, partial(laws.move, laws.nonic, moves[2], n["duration"]), n)
 
 
+@public
 def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
     """Speeds [rad/s | m/s] reached in `duration` [s] along u - sin(2 pi u)/(2 pi), then kept.
 
@@ -83,6 +88,7 @@ def spin_up(*, joints: Moves = None, platform: Moves = None, duration: float) ->
     return of_moves("spin_up", moves, partial(laws.spin_up, moves[2], n["duration"]), n)
 
 
+@public
 def hold(*, duration: float) -> Motion:
     """Every motor rests at home; duration [s]."""
     n = keys.options("hold", duration=duration)
@@ -90,6 +96,7 @@ def hold(*, duration: float) -> Motion:
     return of_moves("hold", ("joints", {}, None), law, n)
 
 
+@public
 def trapezoid(
     *,
     joints: Moves = None,
@@ -120,6 +127,7 @@ def trapezoid(
     return of_moves("trapezoid", moves, partial(laws.move, shape, moves[2], end), n)
 
 
+@public
 def harmonic(
     *,
     joints: Moves = None,
@@ -147,6 +155,7 @@ def harmonic(
     )
 
 
+@public
 def circle(
     *,
     center: Sequence[float],
@@ -193,6 +202,7 @@ def circle(
     return Motion("circle", "platform", (*axes, *held), n["duration"], law, True, spec)
 
 
+@public
 def sampled(
     file: str | Path | None = None,
     *,
@@ -224,6 +234,7 @@ def sampled(
     return Motion("sampled", target, names, times[-1], law, absolute, spec)
 
 
+@public
 def formula(
     *,
     joints: Mapping[str, Any] | None = None,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description import laws
 from pinflex.description import motion_keys as keys
 from pinflex.description.laws import Kinematics
@@ -25,6 +26,7 @@ _KEYS = ("joints", "platform", "start", "duration")
 _ACROSS, _LIFT = 0.2, 0.4  # of the time of one way: when the move across begins; a move up or down
 
 
+@public
 def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) -> Motion:
     """Moves that add up, each {platform | joints: {name: displacement}, start [s], duration [s]}.
 
@@ -59,6 +61,7 @@ def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) 
     return Motion("moves", target, names, n["duration"], law, False, spec, corners)
 
 
+@public
 def adept(
     *,
     duration: float,

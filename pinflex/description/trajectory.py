@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.cards import card, grid
 from pinflex.description.laws import Kinematics
+from pinflex.doors import door
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,30 @@ class Motion:
         p, v, a = self.law(np.maximum(t, 0.0))
         moving = (t >= 0.0)[:, None]
         return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
+
+    def __call__(self, t: Array | float) -> Array:
+        """Positions [rad | m] at times t [s], (nt, n) for the n `names`; (n,) for a single time."""
+        p = self.evaluate(np.asarray(t, dtype=np.float64).reshape(-1))[0]
+        return p if np.ndim(t) else p[0]
+
+    def plot(self, until: float | None = None) -> Any:
+        """Draw position, velocity and acceleration over time; returns the matplotlib axes.
+
+        Args:
+            until: End [s]; default: the duration.
+        """
+        return door("viewer.plot_motion", "plot_motion")(self, until)
+
+    def _repr_html_(self) -> str:
+        p, v, a = self.evaluate(np.linspace(0.0, self.duration, 401))
+        rows = [
+            [name, *(f"{np.abs(x[:, k]).max():.4g}" for x in (p, v, a))]
+            for k, name in enumerate(self.names)
+        ]
+        heads = (self.target, "position", "velocity", "acceleration")
+        return card(
+            f"{self.kind} motion, {self.duration:g} s; largest, SI units", grid(heads, rows)
+        )
 
     def shaped(
         self,

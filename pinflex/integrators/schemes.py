@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
 
 
@@ -36,6 +37,7 @@ class AlphaScheme:
         return (1.0 - self.alpha_m) / (1.0 - self.alpha_f)
 
 
+@public
 def generalized_alpha(rho_inf: float = 0.8) -> AlphaScheme:
     """Second order, spectral radius rho_inf at infinite frequency (Chung and Hulbert 1993).
 
@@ -50,6 +52,7 @@ def generalized_alpha(rho_inf: float = 0.8) -> AlphaScheme:
     return AlphaScheme("generalized_alpha", alpha_m, alpha_f, 0.25 * (gamma + 0.5) ** 2, gamma)
 
 
+@public
 def hht(rho_inf: float = 0.8) -> AlphaScheme:
     """Hilber, Hughes and Taylor 1977 with alpha = (1 - rho_inf)/(1 + rho_inf), at most 1/3."""
     alpha = (1.0 - rho_inf) / (1.0 + rho_inf)
@@ -60,6 +63,7 @@ def hht(rho_inf: float = 0.8) -> AlphaScheme:
     return AlphaScheme("hht", 0.0, alpha, 0.25 * (1.0 + alpha) ** 2, 0.5 + alpha)
 
 
+@public
 def newmark(gamma: float = 0.5, beta: float = 0.25) -> AlphaScheme:
     """Newmark 1959: gamma = 1/2, beta = 1/4 is the average-acceleration (trapezoidal) rule.
 

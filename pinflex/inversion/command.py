@@ -7,12 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.cards import card, grid, pairs
 from pinflex.description.laws import Kinematics
 from pinflex.description.motion import Motion
+from pinflex.doors import door
 from pinflex.errors import DescriptionError, MotionError, nearest
 from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
@@ -92,6 +96,19 @@ class Command:
         )
         return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}>"
 
+    def plot(self) -> Any:
+        """Draw what the motors do beyond the rigid start, and torques; returns the axes."""
+        return door("studies.plot_command", "plot_command")(self)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [name, f"{error:.3g}", "m" if len(name) == 1 else "rad"]
+            for name, error in zip(self.coordinates, self.error.tolist(), strict=True)
+        ]
+        heading = f"{self.name}: {self.level} command, {self.t[-1]:.4g} s"
+        motors = pairs([("motors", ", ".join(self.motors)), ("instants", len(self.t))])
+        return card(heading, motors, grid(("coordinate", "within", "unit"), rows))
+
     @property
     def actuation(self) -> tuple[float, float]:
         """How long the motors move before the platform does, and after it [s].
@@ -141,6 +158,7 @@ def _follow(curve: Callable[..., Array], end: float, t: Array) -> Kinematics:
     return p, np.where(rest, 0.0, v), np.where(rest, 0.0, a)
 
 
+@public
 @one_blas_thread()
 def command(
     mechanism: Mechanism,

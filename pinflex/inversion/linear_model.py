@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import eig
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.modes import condensed
 from pinflex.levels.quasistatic import rest
@@ -115,6 +116,7 @@ class LinearModel:
         return control.ss(self.A, self.B, self.C, self.D, inputs=plain[0], outputs=plain[1])
 
 
+@public
 @one_blas_thread()
 def linearise(
     mechanism: Mechanism,

@@ -8,6 +8,7 @@ import numpy as np
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.control import Control, Effort, Travel
 from pinflex.description.digital import digital_pid
 from pinflex.inversion.command import Command
@@ -16,6 +17,7 @@ from pinflex.mechanics.mechanism import Mechanism
 Gains = float | Sequence[float]
 
 
+@public
 def track(
     mechanism: Mechanism,
     found: Command,

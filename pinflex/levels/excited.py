@@ -9,6 +9,7 @@ import numpy as np
 from pinflex.actuation.motors import plain_motion
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.motion import Motion, hold
 from pinflex.description.shaping import MODES, shaped
 from pinflex.description.shaping import read as read_shaper
@@ -45,6 +46,7 @@ class Ringing:
     energy: Array
 
 
+@public
 def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
     """The vibrations that a motion excites: of largest elastic energy under its inertia forces.
 

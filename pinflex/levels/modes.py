@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.boundary import public
+from pinflex.cards import card, grid
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.moving_modes import At, Moving, state_at, whirl
@@ -55,7 +57,24 @@ class Modes:
     growth: Array | None = None
     about: str = ""
 
+    def _repr_html_(self) -> str:
+        rows = [
+            [k, f"{f:.4g}", self._most(k - 1)] for k, f in enumerate(self.frequencies.tolist(), 1)
+        ]
+        state = "under gravity" if self.preload == "gravity" else "undeformed"
+        motors = "free" if self.free_motors else "locked"
+        heading = f"modes, {state}, motors {motors}"
+        return card(heading, grid(("mode", "frequency [Hz]", "deforms"), rows))
 
+    def _most(self, k: int) -> str:
+        """What holds most of the elastic energy of a mode, largest first."""
+        if not self.share.size:
+            return ""
+        largest = np.argsort(-self.share[k])[:3]
+        return ", ".join(f"{self.links[i]} {100 * self.share[k, i]:.0f} %" for i in largest)
+
+
+@public
 @one_blas_thread()
 def modes(
     mechanism: Mechanism,

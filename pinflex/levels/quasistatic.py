@@ -10,6 +10,7 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
+from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
@@ -139,6 +140,7 @@ def _newton(
     return None
 
 
+@public
 @one_blas_thread()
 def static_equilibrium(
     mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
@@ -192,6 +194,7 @@ def unstable_directions(
     return negative_directions(K[np.ix_(free, free)], J[:, free])
 
 
+@public
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness.
 

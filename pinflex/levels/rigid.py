@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
@@ -18,6 +19,7 @@ from pinflex.mechanics.system import System
 _RANK = 1e-14  # more closure rows than passive coordinates: any split of the forces balances
 
 
+@public
 def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     """Rigid torques of a loop-free robot along a motion: one Pinocchio call an instant.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 
@@ -9,6 +11,45 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.system import Springs
+from pinflex.text import brief
+
+_HEADS = {"RU": "continuous", "R": "revolute", "P": "prismatic", "S": "spherical"}
+_KINDS = {"Planar": "planar", "FreeFlyer": "free_flyer", "Translation": "translation"}
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A moving joint of a mechanism.
+
+    Attributes:
+        name: Of the joint.
+        kind: Revolute, continuous, prismatic, spherical, free-flyer ... as Pinocchio has it.
+        motor: Whether a motor drives it.
+        home: Its coordinates at home [rad | m], shape (n,).
+    """
+
+    __repr__ = brief
+
+    name: str
+    kind: str
+    motor: bool
+    home: Array
+
+
+def joint_of(model: pin.Model, home: Array, motors: tuple[str, ...], name: str) -> Joint:
+    """A moving joint by its name.
+
+    Args:
+        model: Rigid model. home: Closed pose, shape (nq,).
+        motors: Names of those that are driven. name: Of the joint.
+    """
+    names = list(model.names)[1:]
+    if name not in names:
+        raise DescriptionError(f"joints: {name}: no such moving joint.{nearest(name, names)}")
+    joint = model.joints[model.getJointId(name)]
+    short = joint.shortname().removeprefix("JointModel")
+    kind = _KINDS.get(short, next((w for k, w in _HEADS.items() if short.startswith(k)), short))
+    return Joint(name, kind, name in motors, home[joint.idx_q : joint.idx_q + joint.nq].copy())
 
 
 def coordinate_names(model: pin.Model) -> tuple[str, ...]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.description.description import Description, read
+from pinflex.boundary import public
+from pinflex.cards import card, pairs
+from pinflex.description.description import Description, assignments, read
 from pinflex.description.drives import elastic
 from pinflex.description.flexible import FlexibleLink
 from pinflex.description.schema import shown
@@ -26,7 +27,7 @@ from pinflex.mechanics.damping import with_damping
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
 from pinflex.mechanics.freedoms import Idle
-from pinflex.mechanics.joints import add_rotors, coordinate_names, motor_rows
+from pinflex.mechanics.joints import Joint, add_rotors, coordinate_names, joint_of, motor_rows
 from pinflex.mechanics.parts import FlexiblePart, resolve
 from pinflex.mechanics.planes import LeftOut, any_undecided
 from pinflex.mechanics.plausible import require_size
@@ -34,7 +35,8 @@ from pinflex.mechanics.relevance import left_out
 from pinflex.mechanics.ride import end_riders
 from pinflex.mechanics.system import System
 from pinflex.mechanics.systems import Assembled, flexible_system, rigid_system
-from pinflex.mechanics.tree import Link, link_tree
+from pinflex.mechanics.tree import Link, link_tree, model_of
+from pinflex.names import Names, Records
 from pinflex.text import short
 
 # Elastic coordinates above which `auto` is decided with a coarse model: it need not be exact.
@@ -47,7 +49,7 @@ class Mechanism:
 
     Attributes:
         description: What was read.
-        links: Link tree.
+        links: Link tree; links["crank_1"] is one.
         parts: Flexible links by name.
         rigid: The rigid mechanism (flexible links undeformed).
         flexible: The flexible mechanism: links bend, elastic joints give way; the same object as
@@ -57,10 +59,11 @@ class Mechanism:
         report: Ranks, redundant rows, mobility of the rigid mechanism with elastic joints held.
         flexible_report: The same of the flexible one.
         idle: Freedoms that need no motor (see `pinflex.mechanics.freedoms`).
+        own: Bodies of flexible links that `load` was given.
     """
 
     description: Description
-    links: tuple[Link, ...]
+    links: Records[Link]
     parts: Mapping[str, FlexiblePart]
     rigid: System
     flexible: System
@@ -69,6 +72,7 @@ class Mechanism:
     report: LoopReport
     flexible_report: LoopReport
     idle: Idle = field(default_factory=Idle)
+    own: Mapping[str, FlexibleBody] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -108,6 +112,43 @@ class Mechanism:
         )
 
     @property
+    def joints(self) -> Names[Joint]:
+        """Names of the moving joints; robot.joints["motor_1"] is one, with its kind and place."""
+        model = self.rigid.rigid
+        return Names(list(model.names)[1:], partial(joint_of, model, self.home, self.motors))
+
+    @property
+    def frames(self) -> Names[Attachment]:
+        """Names of the frames that runs report; robot.frames["tool"] is where one sits."""
+        return Names(self.description.reported, self.frame)
+
+    @public
+    def with_(self, *changes: str | Mapping[str, object]) -> Mechanism:
+        """The mechanism of the same files with other values in the YAML, loaded anew.
+
+            stiffer = robot.with_({"flexible.*.section.thickness": 3e-3}, "solve.dt=1e-4")
+
+        Args:
+            *changes: Mappings from key path to value, or texts "key.path=value"; a segment may be
+                a glob, see `load`.
+        """
+        return load(self.description, assignments(*changes), self.own)
+
+    def _repr_html_(self) -> str:
+        links = ", ".join(self.parts) or "none"
+        return card(
+            f"{self.name}: mechanism",
+            pairs([
+                ("mobility", self.report.mobility),
+                ("joint coordinates", self.rigid.nv),
+                ("motors", ", ".join(self.motors) or "none"),
+                ("flexible links", f"{links} ({self.flexible.n_eta} elastic coordinates)"),
+                ("loops", ", ".join(p.name for p in self.description.loops) or "none"),
+                ("frames", ", ".join(self.frames) or "none"),
+            ]),
+        )  # fmt: skip
+
+    @property
     def evaluated_by(self) -> str:
         """The equations that serve the flexible mechanism: compiled, or why not."""
         return evaluated_by(self.flexible)
@@ -141,6 +182,7 @@ class Mechanism:
         return frames[name]
 
 
+@public
 def load(
     source: str | Path | Description,
     overrides: Sequence[str] = (),
@@ -176,7 +218,7 @@ class _Loading:
 
     def __init__(self, description: Description, own: Mapping[str, FlexibleBody]) -> None:
         self.description, self.own = description, own
-        self.model = _pinocchio_model(description)
+        self.model = model_of(description)
         pairs = [(one.joint, one.leader) for one in description.couplings]
         self.coupled = {name for pair in pairs for name in pair if name is not None}
         self.links = link_tree(self.model, description.joints, self.coupled)
@@ -277,8 +319,8 @@ class _Loading:
     ) -> Mechanism:
         names = coordinate_names(rigid.system.rigid)
         return Mechanism(
-            self.description, self.links, parts, rigid.system, flexible, rigid.home, names,
-            rigid.report, report, rigid.idle,
+            self.description, Records(self.links), parts, rigid.system, flexible, rigid.home, names,
+            rigid.report, report, rigid.idle, self.own,
         )  # fmt: skip
 
 
@@ -294,22 +336,6 @@ def _size(spec: FlexibleLink) -> int:
     basis = spec.basis
     most = {"craig_bampton": basis.internal + 2, "finite_element": 2 * basis.elements}
     return 4 * spec.segments * most.get(basis.kind, basis.modes)
-
-
-def _pinocchio_model(description: Description) -> pin.Model:
-    where = description.urdf_name
-    try:
-        if description.base == "free_flyer":
-            model = pin.buildModelFromXML(description.urdf_text, pin.JointModelFreeFlyer())
-        else:
-            model = pin.buildModelFromXML(description.urdf_text)
-    except Exception as error:
-        raise DescriptionError(
-            f"{where}: Pinocchio cannot read this URDF: {str(error).strip()}. "
-            "Check it with a URDF checker; the names of links and joints must be unique."
-        ) from error
-    model.gravity.linear = np.array(description.gravity, float)
-    return model
 
 
 def _needed_frames(description: Description) -> frozenset[str]:

@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from pinflex.description.description import Description
 from pinflex.description.joints import JointExtra
+from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
 
@@ -53,6 +55,23 @@ class Link:
     def weighs(self) -> bool:
         """Whether it has mass, or moments of inertia alone."""
         return _weighs(self.inertia)
+
+
+def model_of(description: Description) -> pin.Model:
+    """The URDF as Pinocchio reads it, with the gravity and the base of the YAML."""
+    where = description.urdf_name
+    try:
+        if description.base == "free_flyer":
+            model = pin.buildModelFromXML(description.urdf_text, pin.JointModelFreeFlyer())
+        else:
+            model = pin.buildModelFromXML(description.urdf_text)
+    except Exception as error:
+        raise DescriptionError(
+            f"{where}: Pinocchio cannot read this URDF: {str(error).strip()}. "
+            "Check it with a URDF checker; the names of links and joints must be unique."
+        ) from error
+    model.gravity.linear = np.array(description.gravity, float)
+    return model
 
 
 def link_tree(

@@ -19,8 +19,9 @@ from pinflex.recovery.links import links
 from pinflex.recovery.meta import ASSESSED, assess, describe
 from pinflex.recovery.reactions import shaking_of, world_reactions
 from pinflex.recovery.samples import Samples
+from pinflex.results.given import plain_meta
 from pinflex.results.lazy import Late
-from pinflex.results.result import Result, plain_meta
+from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
 
 

@@ -16,8 +16,9 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results import checked
+from pinflex.results.compact import ROUNDED, decoded, encode
 
-FORMAT = 1  # raised when an older pinflex could no longer read the file
+FORMAT = 2  # that this pinflex reads: 1 has plain arrays, 2 those of `compact`
 HEADER = "pinflex"  # the npz member that says whose file it is, and holds meta
 _DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json raise
     zipfile.BadZipFile,
@@ -51,9 +52,29 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
     """
     with zipfile.ZipFile(stream, "w", compresslevel=1) as archive:
         for name, array in arrays.items():
-            archive.compression = zipfile.ZIP_DEFLATED if _shrinks(array) else zipfile.ZIP_STORED
+            coded = array.dtype == np.uint8  # of `compact`: made to shrink
+            kind = zipfile.ZIP_DEFLATED if coded or _shrinks(array) else zipfile.ZIP_STORED
+            archive.compression, archive.compresslevel = kind, 6 if coded else 1
             with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
                 np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
+
+
+def contents(
+    t: Array, arrays: Mapping[str, Array], meta: Mapping[str, Any], compact: bool
+) -> dict[str, Any]:
+    """Members of the file of a run.
+
+    Args:
+        t: Instants [s]. arrays: By key. meta: Names and settings.
+        compact: Fields of links and bodies rounded, see `pinflex.results.compact`.
+    """
+    header: dict[str, Any] = {"program": "pinflex", "format": 1, "meta": dict(meta)}
+    members: Mapping[str, Any] = arrays
+    if compact:
+        members, coded = encode(arrays)
+        header |= {"format": FORMAT, "coded": coded}
+        header["meta"] |= {"rounded": ROUNDED}
+    return {HEADER: np.array(json.dumps(header)), "t": t, **members}
 
 
 def _shrinks(array: Array) -> bool:
@@ -96,7 +117,8 @@ def read(path: str | Path, most: float) -> tuple[Array, dict[str, Array], dict[s
                     f"{FORMAT}. Update pinflex, or solve again with this version.",
                     path=path,
                 )
-            arrays = {key: npz[key] for key in npz.files if key != HEADER}
+            coded = header.get("coded", {})
+            arrays = decoded({key: npz[key] for key in npz.files if key != HEADER}, coded)
         t = arrays.pop("t")
         checked.check(header["meta"], arrays, np.atleast_1d(t))
         return t, arrays, header["meta"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinflex.cards import card, grid
+from pinflex.doors import library
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 from pinflex.writing import replaced
@@ -40,7 +42,32 @@ class Columns:
         return self.arrays[name]
 
     def __len__(self) -> int:
+        """Rows."""
         return len(next(iter(self.arrays.values()), ()))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.arrays)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.arrays
+
+    def keys(self) -> list[str]:
+        """Names of the columns; dict(table) is a plain dictionary of them."""
+        return list(self.arrays)
+
+    def to_pandas(self) -> Any:
+        """The table as a pandas DataFrame, units in `attrs`."""
+        frame = library("pandas", "to_pandas").DataFrame(dict(self.arrays))
+        frame.attrs["units"] = dict(self.units)
+        return frame
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.arrays)
+
+    def _repr_html_(self) -> str:
+        heads = [f"{n} [{self.units[n]}]" if self.units.get(n) else n for n in self.arrays]
+        cells = [[_shown(x) for x in row] for row in zip(*self.arrays.values(), strict=True)]
+        return card(f"table of {len(self)} rows", grid(heads, cells))
 
     def save(self, path: str | Path) -> Path:
         """Write .csv or .parquet; a file already there is replaced only by a complete one."""
@@ -77,6 +104,10 @@ def column(values: Sequence[Any]) -> Column:
         array = np.array(["" if value is None else str(value) for value in values])
     array.setflags(write=False)
     return array
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def _csv(headings: Mapping[str, Column], path: Path) -> None:

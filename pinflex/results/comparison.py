@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pinflex.boundary import public
+from pinflex.cards import Worded, card, words
 from pinflex.errors import DescriptionError
 from pinflex.results import comparison_text, verdict
 from pinflex.results.drives import DriveRow, drive_row
@@ -104,7 +106,7 @@ class CostRow:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Worded):
     """The table of one scene; `text` for people, `to_json` for machines (SI units).
 
     Attributes:
@@ -149,9 +151,11 @@ class Comparison:
         """The answer on one screen: in words, one table of levels, notes."""
         return comparison_text.brief(self)
 
-    __str__ = text
+    def _repr_html_(self) -> str:
+        return card(f"{self.name}: rigid against flexible", words(self.brief()))
 
 
+@public
 def comparison(
     rigid: Result | None,
     others: Mapping[str, Result],

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.results.views import peak, rms
+from pinflex.doors import door
+from pinflex.results.views import View, peak, rms
 from pinflex.text import brief, number, table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from pinflex.results.result import Result
 
 
@@ -24,7 +27,7 @@ _BEYOND = 1e9  # of a limit: a motor faster than its curve goes
 
 
 @dataclass(frozen=True)
-class DriveView:
+class DriveView(View):
     """One drive of a result, on the motor's side of the gear and on the joint's.
 
     Of an elastic drive the coordinate of the joint is the motor's over the gear ratio; `position`
@@ -32,6 +35,19 @@ class DriveView:
     """
 
     __repr__ = brief
+    kind = "drive"
+    shows = (
+        ("motor_torque", "N m"), ("motor_speed", "rad/s"), ("motor_power", "W"),
+        ("torque", "N m | N"), ("speed", "rad/s | m/s"), ("power", "W"),
+    )  # fmt: skip
+
+    def plot(self, ax: Axes | None = None) -> Any:
+        """Draw motor torque over motor speed, with the limit curve; returns the axes.
+
+        Args:
+            ax: Not taken: the figure is one of its own.
+        """
+        return door("viewer.axes", "plot_drive")(self.result, self.name)
 
     result: Result
     name: str

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.doors import door
 from pinflex.results.columns import Columns, column
 from pinflex.text import brief
 
@@ -76,6 +77,13 @@ class PoseMap:
                 name = held(i, j) if what == "stiffness" else f"compliance.{AXES[i]}.{AXES[j]}"
                 arrays[name], units[name] = column(values[:, i, j].tolist()), _unit(what, i, j)
         return Columns(arrays, units)
+
+    def plot(self) -> Any:
+        """Draw frequencies and stiffness over the poses; returns the matplotlib axes."""
+        return door("viewer.plot_map", "axes_of_map")(self)
+
+    def _repr_html_(self) -> str:
+        return self.table._repr_html_()
 
     @property
     def along_motion(self) -> bool:

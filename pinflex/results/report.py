@@ -63,6 +63,7 @@ def summary(result: Result) -> str:
     rows.append(("worst closure", f"{result.worst_closure:.2e}{graded.get('closure', '')}"))
     known = "not computed" if balance is None else f"{balance:.2e}{graded.get('energy', '')}"
     rows.append(("energy balance", known))
+    rows += [("file", str(result.meta["rounded"]))] if "rounded" in result.meta else []
     rows += [("warning", text) for text in result.meta.get("warnings", ())]
     return "\n".join([_first_line(result)] + [f"  {a:<18}{b}" for a, b in rows])
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,12 +12,16 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
+from pinflex.names import Names
 from pinflex.results import archive, checked, report
 from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
+from pinflex.results.given import plain_meta, read_only, timed
 from pinflex.results.lazy import Late
 from pinflex.results.quantities import QUANTITIES
+from pinflex.results.shown import Shown
 from pinflex.results.strength import Worst, worst_section
 from pinflex.results.views import (
     Deviation,
@@ -31,11 +34,10 @@ from pinflex.results.views import (
 )
 from pinflex.rotations import rotation_vector
 from pinflex.text import short
-from pinflex.writing import plain, replaced
+from pinflex.writing import replaced
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
-_WITHOUT_TIME = ("/x", "/mesh/nodes", "/mesh/triangles")
 UNITS = {
     "torque": "N m",
     "joint/q": "rad",
@@ -49,7 +51,7 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Shown):
     """One run at one level of fidelity.
 
     Attributes:
@@ -68,7 +70,7 @@ class Result:
     look: Callable[[Result], ErrorBars] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        t = _read_only(self.t, "t")
+        t = read_only(self.t, "t")
         if t.ndim != 1 or len(t) == 0 or not np.all(np.diff(t) > 0):
             raise DescriptionError(
                 f"result: t: shape {t.shape} is not a list of increasing instants. "
@@ -76,7 +78,7 @@ class Result:
             )
         object.__setattr__(self, "t", t)
         if not isinstance(self.arrays, Late):
-            object.__setattr__(self, "arrays", {k: _timed(k, x, t) for k, x in self.arrays.items()})
+            object.__setattr__(self, "arrays", {k: timed(k, x, t) for k, x in self.arrays.items()})
         if not isinstance(self.meta, Late):
             object.__setattr__(self, "meta", plain_meta(self.meta))
 
@@ -98,6 +100,13 @@ class Result:
     def with_errors(self) -> Result:
         """The result with `errors` in its meta, so that a file of it has them too."""
         return replace(self, meta={**self.meta, "errors": self.errors.plain()})
+
+    def __getitem__(self, key: str) -> Array:
+        """The read-only array of a flat key: run["torque"], run["frame/platform/position"]."""
+        return self.array(key)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self.arrays, *QUANTITIES]
 
     def array(self, key: str) -> Array:
         """The read-only array of a flat key; an unknown key leads to the nearest one."""
@@ -132,14 +141,29 @@ class Result:
         return tuple(self.meta.get("actuated", ()))
 
     @property
-    def links(self) -> tuple[str, ...]:
-        """Flexible links that this result has fields for; none at the rigid level."""
-        return tuple(self.meta.get("links", ()))
+    def joints(self) -> Names[JointView]:
+        """Moving joints; run.joints["motor_1"].torque is an array over time."""
+        return Names(self.meta.get("joints", ()), self.joint)
 
     @property
-    def drives(self) -> tuple[str, ...]:
+    def frames(self) -> Names[FrameView]:
+        """Output frames; run.frames["platform"].position is an array over time."""
+        return Names(self.meta.get("frames", ()), self.frame)
+
+    @property
+    def links(self) -> Names[LinkView]:
+        """Flexible links that this result has fields for; none at the rigid level."""
+        return Names(self.meta.get("links", ()), self.link)
+
+    @property
+    def loops(self) -> Names[LoopView]:
+        """Loop joints; run.loops["pin_1"].force is an array over time."""
+        return Names([x["name"] for x in self.meta.get("loops", ())], self.loop)
+
+    @property
+    def drives(self) -> Names[DriveView]:
         """Joints with a drive of which this result has both sides."""
-        return tuple(self.meta.get("drives", ()))
+        return Names(self.meta.get("drives", ()), self.drive)
 
     @property
     def torque(self) -> Array:
@@ -159,10 +183,12 @@ class Result:
         known = [p for p in units if key == p or key.startswith(p + "/")]
         return str(units[max(known, key=len)]) if known else ""
 
+    @public
     def joint(self, name: str) -> JointView:
         """Coordinates, motor torque and reaction of one joint."""
         return JointView(self, _known("joint", name, self.meta.get("joints", ())))
 
+    @public
     def frame(self, name: str) -> FrameView:
         """Motion of one output frame; "platform" also names the frame of meta["platform"]."""
         frames = self.meta.get("frames", ())
@@ -170,18 +196,22 @@ class Result:
             name = self.meta.get("platform") or name
         return FrameView(self, _known("frame", name, frames))
 
+    @public
     def link(self, name: str) -> LinkView:
         """Deflection, section forces and stresses along one flexible link."""
         return LinkView(self, _known("flexible link", name, self.links))
 
+    @public
     def drive(self, name: str) -> DriveView:
         """Torque, speed and power of one drive on the motor's side and on the joint's."""
         return DriveView(self, _known("drive", name, self.drives))
 
+    @public
     def loop(self, name: str) -> LoopView:
         """Force and moment that one loop joint carries."""
-        return LoopView(self, _known("loop", name, [x["name"] for x in self.meta.get("loops", ())]))
+        return LoopView(self, _known("loop", name, self.loops))
 
+    @public
     def deviation_from(self, other: Result, frame: str = "platform") -> Deviation:
         """Deviation of a frame from its pose in another run, at the same instants.
 
@@ -216,16 +246,22 @@ class Result:
             len(part)  # of a lazy mapping it takes all of them
         return self
 
-    def save(self, path: str | Path) -> Path:
-        """Write one .npz; a file already there is replaced only by a complete one."""
+    def save(self, path: str | Path, compact: bool = False) -> Path:
+        """Write one .npz; a file already there is replaced only by a complete one.
+
+        Args:
+            path: The file.
+            compact: A sixth of the size: states, torques and forces to the last digit, fields of
+                links and bodies to 5e-7 of their largest value.
+        """
         path = Path(path)
-        header = {"program": "pinflex", "format": archive.FORMAT, "meta": dict(self.meta)}
-        contents = {archive.HEADER: np.array(json.dumps(header)), "t": self.t, **self.arrays}
+        contents = archive.contents(self.t, self.arrays, self.meta, compact)
         with replaced(path) as part, part.open("wb") as stream:
             archive.write_arrays(stream, contents)
         return path
 
     @classmethod
+    @public
     def load(cls, path: str | Path, most: float = checked.MOST) -> Result:
         """Read a file written by `save`; nothing in it is ever executed (no pickle).
 
@@ -274,42 +310,6 @@ def same_grid(a: Result, b: Result) -> None:
             f"[{a.t[0]:g}, {a.t[-1]:g}] s against {len(b.t)} in [{b.t[0]:g}, {b.t[-1]:g}] s. "
             "Solve both with the same `until`, `dt` and `samples` (a stopped run is shorter)."
         )
-
-
-def plain_meta(meta: Any) -> dict[str, Any]:
-    """A mapping as JSON has it."""
-    try:
-        found = plain(meta, finite=False)
-    except (TypeError, RecursionError) as error:
-        raise DescriptionError(
-            f"result: meta: {error}. Use numbers, texts, lists and mappings only."
-        ) from None
-    if not isinstance(found, dict):
-        raise DescriptionError(f"result: meta: {found!r} is not a mapping. Give names to values.")
-    return found
-
-
-def _timed(key: str, values: Any, t: Array) -> Array:
-    array = _read_only(values, key)
-    fixed = key.startswith("link/") and key.endswith(_WITHOUT_TIME)
-    if not fixed and array.shape[:1] != t.shape:
-        raise DescriptionError(
-            f"result: {key}: shape {array.shape} does not start with the "
-            f"{len(t)} instants of t. Arrays are time first.",
-            key=key,
-        )
-    return array
-
-
-def _read_only(values: Any, key: str) -> Array:
-    try:
-        array = np.array(values, dtype=np.float64)  # a copy: the caller's array stays writable
-    except (TypeError, ValueError) as error:
-        raise DescriptionError(
-            f"result: {key}: {error}. Every array holds real numbers.", key=key
-        ) from None
-    array.setflags(write=False)
-    return array
 
 
 def _known(kind: str, name: str, names: Iterable[str]) -> str:

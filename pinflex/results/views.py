@@ -3,24 +3,70 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.cards import card, grid
+from pinflex.doors import door
 from pinflex.errors import DescriptionError
 from pinflex.results.strength import PointStress, point_stress
 from pinflex.text import brief
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from pinflex.results.result import Result
 
 
+class View:
+    """What the views of a result share: `kind` for headings, `quantity` for `plot`."""
+
+    kind = ""
+    shows: tuple[tuple[str, str], ...] = ()
+    result: Result
+    name: str
+
+    def plot(self, ax: Axes | None = None) -> Any:
+        """Draw it over time; returns the matplotlib axes.
+
+        Args:
+            ax: Where to draw; default: axes of a new figure.
+        """
+        return self.result.plot(f"{self.kind}/{self.name}", ax)
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for what, unit in self.shows:
+            try:
+                values = getattr(self, what)
+            except (DescriptionError, KeyError):
+                continue  # a result that does not store it
+            rows.append((what, unit, str(np.shape(values)), f"{peak(values):.4g}"))
+        heading = f"{self.kind} {self.name}, {self.result.level}"
+        return card(heading, grid(("array", "unit", "shape", "largest"), rows))
+
+
 @dataclass(frozen=True)
-class JointView:
+class JointView(View):
     """One joint of a result: coordinates, motor torque, reaction."""
 
     __repr__ = brief
+    kind = "joint"
+    shows = (
+        ("position", "rad | m"), ("velocity", "rad/s | m/s"), ("acceleration", "rad/s^2 | m/s^2"),
+        ("torque", "N m | N"), ("reaction", "N, N m"),
+    )  # fmt: skip
+
+    def plot(self, ax: Axes | None = None) -> Any:
+        """Draw the torque of a motor, or the position of another joint; returns the axes.
+
+        Args:
+            ax: Where to draw; default: axes of a new figure.
+        """
+        kind = "torque" if self.name in self.result.motors else "joint"
+        return self.result.plot(f"{kind}/{self.name}", ax)
 
     result: Result
     name: str
@@ -90,10 +136,19 @@ class JointView:
 
 
 @dataclass(frozen=True)
-class FrameView:
+class FrameView(View):
     """One output frame of a result, in the world frame."""
 
     __repr__ = brief
+    kind, shows = (
+        "frame",
+        (
+            ("position", "m"),
+            ("rotation", ""),
+            ("velocity", "m/s, rad/s"),
+            ("acceleration", "m/s^2, rad/s^2"),
+        ),
+    )
 
     result: Result
     name: str
@@ -120,10 +175,11 @@ class FrameView:
 
 
 @dataclass(frozen=True)
-class LinkView:
+class LinkView(View):
     """Fields along one flexible link, in its beam frame unless said."""
 
     __repr__ = brief
+    kind, shows = "link", (("deflection", "m, rad"), ("resultant", "N, N m"), ("von_mises", "Pa"))
 
     result: Result
     name: str
@@ -186,10 +242,11 @@ class LinkView:
 
 
 @dataclass(frozen=True)
-class LoopView:
+class LoopView(View):
     """Load of one loop joint: the action on the body of its frame b, in the world frame."""
 
     __repr__ = brief
+    kind, shows = "loop", (("wrench", "N, N m"),)
 
     result: Result
     name: str
@@ -230,6 +287,18 @@ class Deviation:
     def angle(self) -> Array:
         """Angle between the orientations [rad], shape (nt,)."""
         return np.asarray(np.linalg.norm(self.rotation, axis=1))
+
+    def plot(self) -> Any:
+        """Draw position and rotation over time; returns the two matplotlib axes."""
+        return door("viewer.axes", "plot_deviation")(self)
+
+    def _repr_html_(self) -> str:
+        far, turned = int(self.norm.argmax()), int(self.angle.argmax())
+        rows = [
+            ("position", "m", f"{self.norm[far]:.4g}", f"{self.t[far]:.4g}"),
+            ("rotation", "rad", f"{self.angle[turned]:.4g}", f"{self.t[turned]:.4g}"),
+        ]
+        return card("deviation", grid(("", "unit", "largest", "at s"), rows))
 
     def max(self) -> float:
         """Largest distance of the run [m]."""

@@ -219,8 +219,13 @@ def sound(run: Run) -> Run:
     return run.at(slice(0, len(good) if np.all(good) else int(np.argmin(good))))
 
 
-def _rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal | None:
-    """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame."""
+def rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal | None:
+    """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame.
+
+    Args:
+        mechanism: That was solved. motion: What its motors follow.
+        run: States. A run that is rigid itself has None.
+    """
     if run.system is mechanism.rigid or not mechanism.compliant:
         return None
     if run.path is not None:
@@ -276,5 +281,5 @@ def _result(
 ) -> Result:
     run = replace(run, settings={**run.settings, "drive": spec.drive})
     cost = {**run.cost, "seconds": time.perf_counter() - began}
-    rigid_path = partial(_rigid_reference, mechanism, motion, run)
+    rigid_path = partial(rigid_reference, mechanism, motion, run)
     return result_of(mechanism, run, rigid_path, spec.level, cost, stopped)

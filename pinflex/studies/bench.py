@@ -8,8 +8,9 @@ of torques, elastic deflections, and the platform's deviation from the rigid mot
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from pinflex.levels.outputs import Outputs, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.recovery import stress
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
@@ -32,7 +34,6 @@ STEPS = (4.0, 1.0, 0.25)  # of the default step
 AGREE = 1e-4  # two runs in a row: a decade below errors of interest
 _ROUNDS, _SECTIONS = 5, 11
 _MODES = {"craig_bampton": "internal", "assumed": "modes", "finite_element": "elements"}
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,13 @@ class Bench:
     own_error: dict[str, float]
     key: str | None
 
+    def plot(self) -> Any:
+        """Draw time against error; returns the matplotlib axes."""
+        from pinflex.studies.plot_bench import figure
+        from pinflex.viewer.panels import shown_axes
+
+        return shown_axes(lambda: figure(self))
+
     def pareto(self, output: str | None = None) -> list[Point]:
         """Points that no other beats in both time and error, fast ones first.
 
@@ -106,16 +114,18 @@ class Bench:
         return kept
 
 
+@barred
 @one_blas_thread()
-def bench(mechanism: Mechanism, progress: Progress | None = None) -> Bench:
+def bench(mechanism: Mechanism, progress: Progress = None) -> Bench:
     """Run all cases of a scene against its converged solution.
 
     Args:
         mechanism: With a flexible link and a motion (or one second at rest).
-        progress: Called with (cases done, cases).
+        progress: True: a bar; or a function called with (cases done, cases).
     Raises:
         DescriptionError: Nothing is flexible. SceneError: No converged solution.
     """
+    tell = callback(progress)
     if not mechanism.flexible.n_eta:
         raise DescriptionError(
             f"{mechanism.name}: bench compares flexible levels, and no link is flexible. Name some "
@@ -131,8 +141,8 @@ def bench(mechanism: Mechanism, progress: Progress | None = None) -> Bench:
     points, cases = [], list(scenes.cases())
     for k, case in enumerate(cases):
         points.append(scenes.measure(case, reference))
-        if progress is not None:
-            progress(k + 1, len(cases))
+        if tell is not None:
+            tell(k + 1, len(cases))
     return Bench(mechanism.name, tuple(points), how, own, scenes.key)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -112,8 +111,3 @@ def combined(parameters: Mapping[str, list[Any]], paired: bool = False) -> list[
             )
         rows = itertools.product(*parameters.values())
     return [dict(zip(parameters, row, strict=True)) for row in rows]
-
-
-def assignments(case: Case) -> list[str]:
-    """The case as overrides of a description: "key.path=value", numbers to the last digit."""
-    return [f"{key}={json.dumps(value)}" for key, value in case.items()]

@@ -9,6 +9,8 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.bodies.summary import summary
+from pinflex.boundary import public
+from pinflex.cards import Worded
 from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, SceneError
 from pinflex.levels.excited import default_motion
@@ -34,8 +36,8 @@ _ALONG_MOTION = 101  # poses at which the motion is tried
 
 
 @dataclass(frozen=True)
-class Check:
-    """The report of `pinflex check`; `check_text.write` turns it into text.
+class Check(Worded):
+    """The report of `pinflex check`.
 
     Attributes:
         name, urdf, base: What was read. gravity: [m/s^2].
@@ -83,7 +85,14 @@ class Check:
     drives: tuple[DriveCheck, ...] = field(default=())
     urdf_dynamics: str = ""
 
+    def text(self) -> str:
+        """Everything as aligned plain text of at most 100 columns."""
+        from pinflex.studies.check_text import write
 
+        return write(self)
+
+
+@public
 @one_blas_thread()
 def check(mechanism: Mechanism, count: int = 6) -> Check:
     """Look at a model before anything is solved.

@@ -77,6 +77,13 @@ class FrequencyResponse:
     platform_zeros: Array | None
     measured: tuple[Measured, ...] = ()
 
+    def plot(self) -> Any:
+        """Draw amplitude and phase of every output; returns the matplotlib axes."""
+        from pinflex.studies.plot_frequency_response import figure
+        from pinflex.viewer.panels import shown_axes
+
+        return shown_axes(lambda: figure(self))
+
 
 def frequency_response(
     mechanism: Mechanism,

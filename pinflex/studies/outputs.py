@@ -6,13 +6,15 @@ from collections.abc import Iterable
 from typing import Any
 
 from pinflex.advice.solve import solve
+from pinflex.description import sources
+from pinflex.description.description import Description
 from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.result import Result
 from pinflex.studies.check import first_frequencies
-from pinflex.studies.study import yield_strengths
+from pinflex.studies.study_notes import yield_strengths
 
 OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")
 _FREQUENCIES = 6
@@ -73,10 +75,23 @@ def scene_outputs(
     return found
 
 
-def unit(name: str) -> str:
-    """Unit of an output as a heading says it, "" where it has none."""
+def prismatic(description: Description) -> frozenset[str]:
+    """Motors that push: their outputs are forces."""
+    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
+    motors = description.actuated
+    return frozenset(
+        name for name in motors if name in tree.joints and tree.joints[name].type == "prismatic"
+    )
+
+
+def unit(name: str, slides: frozenset[str] = frozenset()) -> str:
+    """Unit of an output as a heading says it, "" where it has none.
+
+    Args:
+        name: Of the output. slides: Motors whose torque is a force [N].
+    """
     if name.startswith("torque."):
-        return "N m | N"
+        return "N" if name.split(".", 2)[-1] in slides else "N m"
     return "Hz" if name.startswith("frequency.") else _UNITS.get(name, "")
 
 

@@ -3,18 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.inversion.command import Command
 from pinflex.inversion.verify import Followed
-from pinflex.viewer.panels import COLOURS, panels, title
+from pinflex.viewer.panels import COLOURS, panels, shown_axes, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 1e-10  # m: below it a distance is round-off
+
+
+def plot_command(found: Command) -> Any:
+    """Axes with the motors' motion and torques of one command, as pyplot's."""
+    return shown_axes(partial(_alone, found))
+
+
+def _alone(found: Command) -> Figure:
+    """Motor positions from their first ones, and torques."""
+    fig, axes = panels(2, 1, 4.8, None, sharex=True)
+    moves, torque = axes[:, 0]
+    for k, motor in enumerate(found.motors):
+        colour = COLOURS[k % len(COLOURS)]
+        moves.plot(found.t, found.position[:, k] - found.position[0, k], color=colour, lw=1.0)
+        torque.plot(found.t, found.torque[:, k], color=colour, lw=1.0, label=motor)
+    moves.set_ylabel(f"motors [{' | '.join(dict.fromkeys(_place(u) for u in found.units))}]")
+    torque.set_ylabel(f"torque [{' | '.join(dict.fromkeys(found.units))}]")
+    torque.set_xlabel("time [s]")
+    torque.legend(frameon=False, fontsize=8, ncols=min(len(found.motors), 6))
+    title(moves, f"{found.name}: {found.level} command")
+    for ax in axes[:, 0]:
+        _moving(ax, found)
+    return fig
+
+
+def _place(unit: str) -> str:
+    return "m" if unit == "N" else "rad"
 
 
 def figure(commands: Mapping[str, Command], runs: Mapping[str, Followed]) -> Figure:

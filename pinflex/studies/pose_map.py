@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import lru_cache, partial
 from pathlib import Path
@@ -13,12 +13,14 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.results.pose_map import PoseMap
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.cases import Case, combined, listed
@@ -32,6 +34,8 @@ from pinflex.studies.tracking import tracked
 _SPARE = 4  # modes followed beside those shown: one of them may come down among the shown
 
 
+@public
+@barred
 def pose_map(
     model: str | Path | Description | Mechanism,
     grid: Mapping[str, object] | None = None,
@@ -46,7 +50,7 @@ def pose_map(
     scheduler: str | None = None,
     journal: str | Path | None = None,
     fresh: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> PoseMap:
     """Natural frequencies, followed from pose to pose, and the 6x6 compliance of the platform.
 
@@ -91,7 +95,7 @@ def pose_map(
     records = run(
         partial(_at, pickle.dumps(description), count + _SPARE, stiffness, settings),
         dict(zip(named, cases, strict=True)), jobs=jobs, scheduler=scheduler, journal=journal,
-        fresh=fresh, progress=progress,
+        fresh=fresh, progress=callback(progress),
     )  # fmt: skip
     shape = tuple(map(len, axes.values()))
     found = dict(zip(np.ndindex(*shape), (records[key] for key in named), strict=True))

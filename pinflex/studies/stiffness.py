@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.modes import allowed_motions, linearised
 from pinflex.mechanics.equations import Equations
@@ -16,6 +17,7 @@ _HELD = 1e-13  # of the largest entry of a Jacobian: round-off of a product
 _RIGID = 1e-9  # of the stiffest member's own compliance: what gives way less is round-off
 
 
+@public
 def platform_compliance(
     mechanism: Mechanism, q: Array | None = None, *, preload: str = "gravity"
 ) -> Array:

@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.advice.solve import solve
-from pinflex.description.solve import LEVELS, SolveSpec
+from pinflex.boundary import public
+from pinflex.description.motion import Motion
+from pinflex.description.solve import LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.progress import Callback, Progress, Stages
 from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.residual import BAND
-from pinflex.results.result import Result, peak
-from pinflex.solver.solve import Progress, default_motion
+from pinflex.results.result import Result
+from pinflex.solver.solve import default_motion
 from pinflex.studies.check import first_frequencies
+from pinflex.studies.study_notes import (
+    Outcomes,
+    falls,
+    file_name,
+    notes_of,
+    remark,
+    starting,
+    why_missing,
+    yield_strengths,
+)
 from pinflex.text import brief
 from pinflex.viewer.curves import with_rigid_torque
 from pinflex.writing import write_text
 
-_BEYOND_YIELD = 1.0
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _FREQUENCIES = 6
 _QUICK = 40  # elastic coordinates up to which error bars cost a fraction of the runs
 
@@ -38,6 +53,7 @@ class Study:
         partial: Results up to the last good step, of levels that stopped.
         unsolved: The error that stopped a level.
         table: The comparison.
+        files: What was written.
     """
 
     __repr__ = brief
@@ -47,6 +63,44 @@ class Study:
     partial: Mapping[str, Result]
     unsolved: Mapping[str, PinflexError]
     table: Comparison
+    files: tuple[Path, ...] = ()
+
+    def __getitem__(self, level: str) -> Result:
+        """The run of a level."""
+        if level not in self.runs:
+            raise DescriptionError(f"study: {level}: no such run.{nearest(level, self.runs)}")
+        return self.runs[level]
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.runs)
+
+    def __str__(self) -> str:
+        return self.table.brief()
+
+    def _repr_html_(self) -> str:
+        return self.table._repr_html_()
+
+    @property
+    def figures(self) -> dict[str, Callable[[], Figure]]:
+        """Functions that draw each figure, by name: torques, deviation_coupled, ..."""
+        from pinflex.viewer.figures import figures_of
+
+        rigid = self.runs.get("rigid")
+        return {} if rigid is None else figures_of(rigid, self.flexible, self.table.frequencies)
+
+    def plot(self, name: str = "torques") -> Any:
+        """Draw one of the figures; returns the matplotlib axes.
+
+        Args:
+            name: Of `figures`, or how it begins: torques, deviation, stress, spectrum.
+        """
+        from pinflex.viewer.panels import shown_axes
+
+        known = self.figures
+        found = next((key for key in known if key.startswith(name)), None)
+        if found is None:
+            raise DescriptionError(f"plot: {name}: no such figure.{nearest(name, known)}")
+        return shown_axes(known[found])
 
     @property
     def flexible(self) -> dict[str, Result]:
@@ -54,22 +108,77 @@ class Study:
         return {level: run for level, run in self.runs.items() if level != "rigid"}
 
 
-@dataclass
-class _Record:
-    runs: dict[str, Result] = field(default_factory=dict)
-    partial: dict[str, Result] = field(default_factory=dict)
-    unsolved: dict[str, PinflexError] = field(default_factory=dict)
-    cpu: dict[str, float] = field(default_factory=dict)
+@public
+def compare(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    levels: Sequence[str] = LEVELS,
+    *,
+    band: float = BAND,
+    errors: bool = False,
+    folder: str | Path | None = None,
+    progress: Progress | Stages = None,
+) -> Study:
+    """Solve a scene rigid and flexible, and say what shakes, how much, and which level suffices.
+
+        done = pf.compare(robot, progress=True)
+        print(done)                 # the answer on one screen; done.table.text() is all of it
+        done["coupled"].torque      # the runs, by level
+        done.plot("deviation")      # its figures
+
+    Args:
+        mechanism: From `load`, with at least one flexible link.
+        motion: Default: the motion of the YAML.
+        levels: Levels beside rigid, which is always solved first as the reference; one that fails
+            does not stop the others.
+        band: Deviation of the platform that does no harm [m]: settling time, verdict.
+        errors: Error bars also of large models (some seconds).
+        folder: Write runs (compact, see `Result.save`), tables, figures and the page there.
+        progress: True: a bar for each stage; or a function called with (step, steps).
+    Returns:
+        Runs, table and figures.
+    Raises:
+        DescriptionError: An unknown level, nothing flexible, or input that no level can take.
+    """
+    tell = progress if isinstance(progress, Stages) else Stages() if progress is True else None
+    steps = None if isinstance(progress, Stages | bool) else progress
+    runs: dict[str, Path] = {}
+
+    def keep(level: str, run: Result, complete: bool) -> None:
+        if folder is None:
+            return
+        if tell is not None:
+            tell(f"saving {level}")
+        runs[level] = run.save(Path(folder) / file_name(run, complete), compact=True)
+        # what an earlier comparison left of this level would contradict the table
+        (Path(folder) / file_name(run, not complete)).unlink(missing_ok=True)
+
+    def say(text: str) -> None:
+        if tell is not None:
+            tell(text)
+
+    try:
+        each = (lambda level: steps) if tell is None else tell
+        done = study(mechanism, levels, each, keep, band, say, errors, motion)
+        if folder is None:
+            return done
+        # the page is drawn from the files of its runs, so that they alone give the same page
+        drawn = {level: Result.load(path) for level, path in runs.items()}
+        return replace(done, files=(*write(done, Path(folder), say, drawn), *runs.values()))
+    finally:
+        if tell is not None:
+            tell.close()
 
 
 def study(
     mechanism: Mechanism,
     levels: Sequence[str] = LEVELS,
-    progress: Callable[[str], Progress | None] = lambda level: None,
+    progress: Callable[[str], Callback | None] = lambda level: None,
     keep: Callable[[str, Result, bool], None] = lambda level, run, complete: None,
     band: float = BAND,
     tell: Callable[[str], None] = lambda text: None,
     errors: bool = False,
+    motion: Motion | None = None,
 ) -> Study:
     """Solve a scene at several levels and compare; a level that fails does not stop the others.
 
@@ -81,6 +190,7 @@ def study(
         band: Deviation of the platform that does no harm [m]: it has settled when it stays within.
         tell: Called with the name of each stage that is no level.
         errors: Error bars also of a scene for which they are expensive.
+        motion: Default: that of the YAML.
 
     Returns:
         The study.
@@ -93,18 +203,18 @@ def study(
             f"{mechanism.name}: nothing is flexible, no link and no joint, so there is nothing to "
             "compare with rigid. Write some under `flexible`, or use `pinflex solve`."
         )
-    record = _Record()
+    record = Outcomes()
 
     def beside(run: Result) -> Result:  # so that its file alone gives the same page
-        rigid, remark = record.runs.get("rigid"), _remark(mechanism, record, run)
+        rigid, said = record.runs.get("rigid"), remark(mechanism, record, run)
         run = run if rigid is None else with_rigid_torque(run, rigid)
-        return replace(run, meta={**run.meta, "remark": remark}) if remark else run
+        return replace(run, meta={**run.meta, "remark": said}) if said else run
 
     ordered = _ordered(levels)
     for level in ordered:
         began = time.process_time()
         try:
-            run = solve(mechanism, level=level, progress=progress(level))
+            run = solve(mechanism, motion, level=level, progress=progress(level))
             record.cpu[level] = time.process_time() - began
             if level == ordered[-1] and (errors or mechanism.flexible.n_eta <= _QUICK):
                 tell("error bars")
@@ -126,17 +236,25 @@ def study(
     if not record.runs and all(isinstance(e, DescriptionError) for e in record.unsolved.values()):
         raise next(iter(record.unsolved.values()))
     tell("frequencies")
-    return Study(
-        mechanism, record.runs, record.partial, record.unsolved, _table(mechanism, record, band)
-    )
+    end = (motion or default_motion(mechanism)).duration
+    table = _table(mechanism, record, band, end)
+    return Study(mechanism, record.runs, record.partial, record.unsolved, table)
 
 
-def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: None) -> list[Path]:
+def write(
+    done: Study,
+    folder: Path,
+    tell: Callable[[str], None] = lambda text: None,
+    drawn: Mapping[str, Result] | None = None,
+) -> list[Path]:
     """Write table, figures and animation; returns the files. The runs are written by `keep`.
 
-    `tell` is called with what is done next.
+    Args:
+        done: Study. folder: Made if it is not there.
+        tell: Called with what is done next.
+        drawn: Runs of the page, by level; default: those of the study.
     """
-    from pinflex.viewer.plot import save_all
+    from pinflex.viewer.figures import save_all
     from pinflex.viewer.view import write_runs_html
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -153,37 +271,18 @@ def write(done: Study, folder: Path, tell: Callable[[str], None] = lambda text: 
             *about.package_dirs,
             *([about.path.parent] if about.path else []),
         ]
-        shown = {**done.runs, **done.partial}
+        shown = {**done.runs, **done.partial} if drawn is None else drawn
         levels = {level: shown[level] for level in LEVELS if level in shown}
         files.append(
             write_runs_html(
                 levels,
                 folder / "animation.html",
-                rigid=rigid,
+                rigid=None if rigid is None else shown["rigid"],
                 meshes=folders,
                 first=list(flexible)[-1],
             )
         )
     return files
-
-
-def file_name(run: Result, complete: bool = True) -> str:
-    """Name of the file of a run: NAME-LEVEL.npz, or NAME-LEVEL-partial.npz.
-
-    Args:
-        run: Of one level.
-        complete: Whether it reached its end.
-    """
-    return f"{run.meta['name']}-{run.level}{'' if complete else '-partial'}.npz"
-
-
-def yield_strengths(mechanism: Mechanism) -> dict[str, float]:
-    """Strength [Pa] of the links whose material has one."""
-    return {
-        name: part.spec.material.yield_strength
-        for name, part in mechanism.parts.items()
-        if part.spec.material.yield_strength is not None
-    }
 
 
 def _ordered(levels: Sequence[str]) -> list[str]:
@@ -198,7 +297,7 @@ def _ordered(levels: Sequence[str]) -> list[str]:
     return ["rigid", *wanted]
 
 
-def _table(mechanism: Mechanism, record: _Record, band: float) -> Comparison:
+def _table(mechanism: Mechanism, record: Outcomes, band: float, stop: float) -> Comparison:
     runs = record.runs
     flexible = {level: run for level, run in runs.items() if level != "rigid"}
     try:
@@ -212,89 +311,11 @@ def _table(mechanism: Mechanism, record: _Record, band: float) -> Comparison:
         _FREQUENCIES,
         frequency_note=note,
         yield_strengths=yield_strengths(mechanism),
-        notes=_notes(mechanism, record, frequencies),
-        unsolved={level: _reason(record, level) for level in record.unsolved},
-        stop=default_motion(mechanism).duration,
+        notes=notes_of(mechanism, record, frequencies),
+        unsolved={level: why_missing(record, level) for level in record.unsolved},
+        stop=stop,
         band=band,
         cpu=record.cpu,
-        falls=_falls(record),
-        start=" ".join(_starting(mechanism, mechanism.description.solve, runs)),
+        falls=falls(record),
+        start=" ".join(starting(mechanism, mechanism.description.solve, runs)),
     )
-
-
-def _falls(record: _Record) -> float | None:
-    """Last instant at which the quasistatic level found a balance, if it lost it on the way."""
-    partial, error = record.partial.get("quasistatic"), record.unsolved.get("quasistatic")
-    lost = isinstance(error, ConvergenceError) and "no equilibrium" in str(error)
-    return float(partial.t[-1]) if partial is not None and lost and len(partial.t) else None
-
-
-def reason(error: PinflexError) -> str:
-    """Why a run stopped, without what only a Python caller can use."""
-    return str(error).replace(" error.result holds the run so far.", "")
-
-
-def _reason(record: _Record, level: str) -> str:
-    """Why a level is missing, and the file that holds what there is of it."""
-    partial = record.partial.get(level)
-    text = reason(record.unsolved[level])
-    if partial is not None:
-        text += f" The run up to t = {partial.t[-1]:.4g} s is in {file_name(partial, False)}."
-    return text
-
-
-def _notes(mechanism: Mechanism, record: _Record, frequencies: Sequence[float]) -> list[str]:
-    notes: list[str] = []
-    beyond = {
-        name
-        for run in record.runs.values()
-        for name, strength in yield_strengths(mechanism).items()
-        if name in run.links and peak(run.link(name).von_mises) > _BEYOND_YIELD * strength
-    }
-    if beyond:
-        notes.append(
-            f"stress beyond the yield strength in {', '.join(sorted(beyond))}: the material would "
-            "deform for good, which is not modelled."
-        )
-    if frequencies and min(frequencies) < 0:
-        notes.append("a negative frequency is an unstable direction: the static pose buckles.")
-    notes += _run_warnings(record.runs)
-    for level, run in record.runs.items():
-        if run.meta.get("errors"):
-            notes += [f"{level}, error of {line}" for line in run.errors.lines()]
-    if record.runs and not any(run.meta.get("errors") for run in record.runs.values()):
-        notes.append("error bars take some seconds more here: add --errors.")
-    return notes
-
-
-def _starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) -> list[str]:
-    shaken = [level for level in ("ked", "coupled") if level in runs]
-    if spec.start != "straight" or not any(mechanism.description.gravity) or not shaken:
-        return []
-    return [
-        f"{' and '.join(shaken)} start with undeformed links on which gravity acts at once (solve."
-        "start: straight), so they ring from t = 0. Add --set solve.start=static to start at rest."
-    ]
-
-
-def _remark(mechanism: Mechanism, record: _Record, run: Result) -> str:
-    """Remark for a reader of the run alone, in a line."""
-    said = []
-    falls = _falls(record)
-    if falls is not None and run.level != "quasistatic":
-        said.append(f"no equilibrium beyond {falls:.4g} s: it buckles or falls there")
-    if _starting(mechanism, mechanism.description.solve, {run.level: run}):
-        said.append("started straight under gravity")
-    return "; ".join(said)
-
-
-def _run_warnings(runs: Mapping[str, Result]) -> list[str]:
-    """Warnings of the runs, each once, with the levels that gave it and the last one's numbers."""
-    who: dict[str, list[str]] = {}
-    said: dict[str, str] = {}
-    for level, run in runs.items():
-        for text in run.meta.get("warnings", ()):
-            key = re.sub(r"\b\d[\d.e+-]*", "#", text)
-            who.setdefault(key, []).append(level)
-            said[key] = text
-    return [f"{', '.join(levels)}: {said[key]}" for key, levels in who.items()]

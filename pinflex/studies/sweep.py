@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pinflex.description.description import Description, read
+from pinflex.boundary import public
+from pinflex.description.description import Description, assignments, read
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Interrupted, Record, keys, run
-from pinflex.studies.cases import Case, assignments, combined, listed
-from pinflex.studies.outputs import OUTPUTS, check_outputs, scene_outputs, unit
+from pinflex.studies.cases import Case, combined, listed
+from pinflex.studies.outputs import OUTPUTS, check_outputs, prismatic, scene_outputs, unit
 
 _TRIED = 100  # cases, spread over all, before a sweep is refused because none can be read
 
 
+@public
+@barred
 def sweep(
     model: str | Path | Description | Mechanism,
     parameters: Mapping[str, object],
@@ -29,7 +33,7 @@ def sweep(
     scheduler: str | None = None,
     journal: str | Path | None = None,
     fresh: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Columns:
     """Solve a scene for many values of its parameters.
 
@@ -48,7 +52,7 @@ def sweep(
         journal: File that keeps every case as it ends. The same call goes on from there after it
             was stopped or killed; a case is solved again when the model or the version changed.
         fresh: Forget what the journal has.
-        progress: Called with (cases done, cases) of those that were left to do.
+        progress: True: a bar; or a function called with (cases done, cases) of those left to do.
 
     Returns:
         Columns: the parameters, `status` (done or failed), `error` (one line) and the outputs. A
@@ -63,15 +67,17 @@ def sweep(
     cases = combined(listed(parameters, f"{description.name}: sweep"), paired)
     _check_keys(description, cases)
     named = keys(description, cases, level, groups)
+    slides = prismatic(description)
     try:
         records = run(
             partial(_solved, description, level, groups), dict(zip(named, cases, strict=True)),
-            jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=progress,
+            jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh,
+            progress=callback(progress),
         )  # fmt: skip
     except Interrupted as stop:
-        stop.table = _table(named, cases, stop.records)
+        stop.table = _table(named, cases, stop.records, slides)
         raise
-    return _table(named, cases, records)
+    return _table(named, cases, records, slides)
 
 
 def _solved(
@@ -103,7 +109,12 @@ def _check_keys(description: Description, cases: Sequence[Case]) -> None:
         raise first
 
 
-def _table(named: Sequence[str], cases: Sequence[Case], records: Mapping[str, Record]) -> Columns:
+def _table(
+    named: Sequence[str],
+    cases: Sequence[Case],
+    records: Mapping[str, Record],
+    slides: frozenset[str],
+) -> Columns:
     """Parameters, status, error and outputs of the cases that ended."""
     pairs = zip(named, cases, strict=True)
     ended = [(case, records[key]) for key, case in pairs if key in records]
@@ -114,7 +125,7 @@ def _table(named: Sequence[str], cases: Sequence[Case], records: Mapping[str, Re
     arrays["status"] = column(["failed" if record.error else "done" for _, record in ended])
     arrays["error"] = column([record.error for _, record in ended])
     arrays |= {name: column([record.found.get(name) for _, record in ended]) for name in names}
-    return Columns(arrays, {name: unit(name) for name in names if unit(name)})
+    return Columns(arrays, {name: unit(name, slides) for name in names if unit(name, slides)})
 
 
 def _keys(mappings: Iterable[Mapping[str, object]]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.text import brief, number, table
 from pinflex.variation.measures import unit
@@ -23,7 +24,7 @@ _AT_BOUND = 1e-4  # the same of a bound
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(Worded):
     """The best numbers of a scene.
 
     Attributes:

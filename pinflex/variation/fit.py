@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import (
@@ -30,6 +31,7 @@ from pinflex.errors import (
     SingularityError,
 )
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
 from pinflex.variation.comparison import Comparison, differences
@@ -47,6 +49,8 @@ _STOP = 1e-9  # of a step in logarithms, relative
 _NEAR = 1e-3  # the same on the way from afar
 
 
+@public
+@barred
 @one_blas_thread()
 def fit(
     model: str | Path | Description | Mechanism,
@@ -58,7 +62,7 @@ def fit(
     level: str | None = None,
     dt: float | None = None,
     nodes: Mapping[int, str] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Fit:
     """Fit numbers of a scene to what was measured.
 
@@ -78,7 +82,7 @@ def fit(
         level: Of runs that are compared with time histories; default: that of the YAML.
         dt: Their step [s]; default: from the first frequencies.
         nodes: Frames by the node numbers of a universal file.
-        progress: Called with (designs solved, most).
+        progress: True: a bar; or a function called with (designs solved, most).
 
     Returns:
         The fit, with confidence intervals and what the measurements do not tell.
@@ -94,7 +98,9 @@ def fit(
     where = "measured" if isinstance(measured, Mapping) else Path(measured).name
     data = _comparison(robot, columns(measured, nodes), where, shape_std, level, dt)
     designs = variants(robot, ranges)
-    problem = _Problem(designs, data, _bounds(robot, ranges), _spreads(robot, priors), progress)
+    problem = _Problem(
+        designs, data, _bounds(robot, ranges), _spreads(robot, priors), callback(progress)
+    )
     return _fitted(problem, *problem.solved())
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.text import brief, number, plural, table
 from pinflex.variation.comparison import Panel
@@ -23,7 +24,7 @@ _AT_BOUND = 1e-4  # of a logarithm
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Worded):
     """Numbers of a scene that explain what was measured.
 
     Attributes:

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.threads import one_blas_thread
 from pinflex.variation.design import Design
 from pinflex.variation.evaluator import FEASIBLE, Evaluator
@@ -32,6 +34,8 @@ _MOST = 256  # combinations of a catalogue that are tried
 _NEAREST = 4  # rows of a catalogue about the continuous optimum
 
 
+@public
+@barred
 @one_blas_thread()
 def design(
     model: str | Path | Description | Mechanism,
@@ -46,7 +50,7 @@ def design(
     seed: int = 1,
     jobs: int = 1,
     journal: str | Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Design:
     """Find the numbers of a scene that make an output least.
 
@@ -66,7 +70,7 @@ def design(
         seed: Of the other starts.
         jobs: Processes for the differences.
         journal: File that keeps every design solved; the same call goes on from there.
-        progress: Called with (designs solved, those of this gradient).
+        progress: True: a bar; or a function called with (designs solved, those of this gradient).
 
     Returns:
         The design, with what limits it.
@@ -82,7 +86,7 @@ def design(
     hull = {key: _hull(rows, key) for rows in catalogue for key in rows[0]}
     designs = variants(robot, [*vary, *hull])
     bounds = _bounds(robot, designs, dict(vary) | hull)
-    evaluate = Evaluator(designs, wanted, given, level, bounds, jobs, journal, progress)
+    evaluate = Evaluator(designs, wanted, given, level, bounds, jobs, journal, callback(progress))
     best = _best(evaluate, starts, seed)
     if catalogue:
         best = _chosen(evaluate, best, catalogue)
@@ -94,6 +98,7 @@ def design(
     return evaluate.design(best, continuous=not catalogue)
 
 
+@public
 def pareto(
     model: str | Path | Description | Mechanism,
     minimise: str,

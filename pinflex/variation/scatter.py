@@ -10,7 +10,7 @@ standard errors by the bootstrap.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.description.parameters import parameters
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.outputs import check_outputs, scene_outputs, unit
@@ -65,7 +68,7 @@ class Distribution:
 
 
 @dataclass(frozen=True)
-class Scatter:
+class Scatter(Worded):
     """Random designs of a scene.
 
     Attributes:
@@ -207,6 +210,8 @@ def _read(where: str, key: str, kind: str, text: str, value: float) -> Distribut
     return Distribution(key, kind, first, second)
 
 
+@public
+@barred
 def scatter(
     model: str | Path | Description | Mechanism,
     count: int = 500,
@@ -220,7 +225,7 @@ def scatter(
     scheduler: str | None = None,
     journal: str | Path | None = None,
     fresh: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Scatter:
     """Solve random designs of a scene.
 
@@ -250,7 +255,7 @@ def scatter(
     records = run(
         partial(_solved, robot.description, tuple(d.key for d in random), level, groups),
         dict(zip(named, cases, strict=True)),
-        jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=progress,
+        jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=callback(progress),
     )  # fmt: skip
     return _found(random, cases, [records[key] for key in named])
 

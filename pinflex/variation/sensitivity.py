@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import ConvergenceError, DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.progress import Progress, barred, callback
 from pinflex.solver.solve import default_motion
 from pinflex.solver.step_length import default_step
 from pinflex.text import brief, number, table
@@ -31,7 +34,7 @@ _NONE = 1e-6  # a relative sensitivity that nobody would act on
 
 
 @dataclass(frozen=True)
-class Sensitivities:
+class Sensitivities(Worded):
     """Relative sensitivities d ln(output) / d ln(parameter) about one design.
 
     Attributes:
@@ -107,13 +110,15 @@ class Sensitivities:
         }
 
 
+@public
+@barred
 @one_blas_thread()
 def sensitivities(
     model: str | Path | Description | Mechanism,
     by: Iterable[str] = (),
     of: Iterable[str] = (),
     level: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Sensitivities:
     """Relative sensitivities of outputs to numbers of the YAML.
 
@@ -131,11 +136,12 @@ def sensitivities(
         of: Outputs, see `pinflex.variation.measures`; default: what there is of frequency.1, mass,
             sag, deviation.peak, torque.peak and stress.peak.
         level: Of the runs that outputs need; default: that of the YAML.
-        progress: Called with (parameters done, parameters).
+        progress: True: a bar; or a function called with (parameters done, parameters).
 
     Raises:
         DescriptionError: No such number or output.
     """
+    tell = callback(progress)
     robot = model if isinstance(model, Mechanism) else load(model)
     designs = variants(robot, by or _default(robot), _equal_steps(robot))
     if of:
@@ -150,8 +156,8 @@ def sensitivities(
         slopes, errors = _slopes(designs, parameter, outputs, level)
         found[row] = [slopes[name] for name in outputs]
         error[row] = [errors[name] for name in outputs]
-        if progress is not None:
-            progress(row + 1, shape[0])
+        if tell is not None:
+            tell(row + 1, shape[0])
     return Sensitivities(
         tuple(p.key for p in designs.parameters), designs.first,
         outputs, np.array([values[name] for name in outputs]), found, error,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.viewer.panels import new_figure
 from pinflex.viewer.tornado import short_key
 
 if TYPE_CHECKING:
@@ -31,11 +32,9 @@ def histograms(
         parameters: Random parameters.
         total: Total indices, shape (outputs, parameters).
     """
-    from matplotlib.figure import Figure
-
     names = list(samples)[:_MOST]
     height = max(1.7, 0.55 + 0.22 * len(parameters))
-    figure = Figure(figsize=(10.0, 0.3 + height * len(names)), dpi=150, layout="constrained")
+    figure = new_figure(10.0, 0.3 + height * len(names), layout="constrained")
     axes = figure.subplots(len(names), 2, squeeze=False, width_ratios=(1.2, 1.0))
     for k, name in enumerate(names):
         left, right = axes[k]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array, BoolArray
+from pinflex.viewer.panels import new_figure
 from pinflex.viewer.tornado import short_key
 
 if TYPE_CHECKING:
@@ -26,10 +27,7 @@ def histories(
         parameters: Their names; `first` and `best`: their values, shape (n,).
         first: See above. best: See above.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.0, max(2.8, 0.9 + 0.26 * len(parameters))), dpi=150,
-                    layout="constrained")  # fmt: skip
+    figure = new_figure(10.0, max(2.8, 0.9 + 0.26 * len(parameters)), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
     kept, number = np.asarray(kept, bool), np.arange(1, len(aims) + 1)
     left.plot(number, aims, color="0.75", linewidth=0.8, zorder=1)

@@ -5,6 +5,8 @@ Colours are the colour-blind-safe set of Okabe and Ito (2008).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 WIDTH, HEIGHT, DPI = 7.0, 4.5, 150  # [in], [in], [dots/in]
+_SHOWN: ContextVar[bool] = ContextVar("shown", default=False)
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,44 @@ class Room:
     top: float = 0.3
     bottom: float = 0.5
     between: tuple[float, float] = (0.6, 0.25)
+
+
+def new_figure(width: float, height: float, **options: Any) -> Figure:
+    """An empty figure: of pyplot inside `shown_axes`, else one that no window knows of.
+
+    Args:
+        width: [in].
+        height: [in].
+        **options: Of matplotlib's Figure.
+    """
+    if _SHOWN.get():
+        from matplotlib import pyplot
+
+        return pyplot.figure(figsize=(width, height), dpi=DPI, **options)
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=DPI, **options)
+
+
+def shown_axes(make: Callable[[], Figure]) -> Any:
+    """Axes of a figure made as pyplot's, which a notebook or a window shows; a list of several."""
+    token = _SHOWN.set(True)
+    try:
+        axes = make().axes
+    finally:
+        _SHOWN.reset(token)
+    return axes[0] if len(axes) == 1 else axes
+
+
+def styled(ax: Axes) -> Axes:
+    """Axes with open, thin frames and small texts."""
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.spines[["left", "bottom"]].set_linewidth(0.6)
+    ax.tick_params(width=0.6, labelsize=8)
+    ax.xaxis.label.set_fontsize(9)
+    ax.yaxis.label.set_fontsize(9)
+    ax.margins(x=0.01)
+    return ax
 
 
 def panels(
@@ -39,10 +80,8 @@ def panels(
         room: Space about the panels; None: matplotlib finds what the texts need.
         **grid: As in `Figure.subplots`, and height_ratios.
     """
-    from matplotlib.figure import Figure
-
     sizes: dict[str, Any] = {"height_ratios": grid.pop("height_ratios", None)}
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout=None if room else "constrained")
+    figure = new_figure(WIDTH, height, layout=None if room else "constrained")
     if room is not None:
         wide, high = WIDTH - room.left - room.right, height - room.top - room.bottom
         across, down = room.between
@@ -52,12 +91,7 @@ def panels(
         sizes["hspace"] = down * rows / max(high - down * (rows - 1), 0.1)
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=sizes, **grid)
     for ax in axes.flat:
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.spines[["left", "bottom"]].set_linewidth(0.6)
-        ax.tick_params(width=0.6, labelsize=8)
-        ax.xaxis.label.set_size(9)
-        ax.yaxis.label.set_size(9)
-        ax.margins(x=0.01)
+        styled(ax)
     return figure, axes
 
 

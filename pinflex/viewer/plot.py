@@ -5,11 +5,8 @@ Every function returns a matplotlib Figure: no window, no global state.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -18,16 +15,14 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.results.peaks import amplitudes, highest, modes_near
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Result, peak, same_grid
-from pinflex.viewer.panels import COLOURS, DPI, HEIGHT, Room, aligned, panels, title
-from pinflex.viewer.torque_speed import torque_speed
-from pinflex.writing import replaced
+from pinflex.results.views import Deviation, LinkView
+from pinflex.viewer.panels import COLOURS, HEIGHT, Room, aligned, panels, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 RIGID = "#000000"
-_MAPS = 6  # stress maps on a page: more links show no more
 _COMPONENTS = {  # of a section, in the beam frame
     "u": "stretch",
     "v": "deflection",
@@ -105,13 +100,25 @@ def deviation(
         frame: Name of the frame.
         still: A run without vibration, drawn beside it by dashes.
     """
-    away = flexible.deviation_from(rigid, frame)
-    calm = away if still is None else still.deviation_from(rigid, frame)
+    calm = None if still is None else still.deviation_from(rigid, frame)
+    dashes = "" if still is None else f"; dashed: {still.level}"
+    heading = f"{frame}: {flexible.level} minus {rigid.level}{dashes}"
+    return distance(flexible.deviation_from(rigid, frame), calm, heading)
+
+
+def distance(away: Deviation, calm: Deviation | None = None, heading: str = "") -> Figure:
+    """Position and rotation of a deviation, in mm and mrad or in thousandths of them.
+
+    Args:
+        away: Deviation. calm: One without vibration, drawn beside it by dashes.
+        heading: Of the figure.
+    """
     figure, axes = panels(2, 1, sharex=True)
-    for ax, values, slow, names, word, units in (
-        (axes[0, 0], away.position, calm.position, "x y z", "position", ("mm", "µm")),
-        (axes[1, 0], away.rotation, calm.rotation, "rx ry rz", "rotation", ("mrad", "µrad")),
+    for ax, part, names, word, units in (
+        (axes[0, 0], "position", "x y z", "position", ("mm", "µm")),
+        (axes[1, 0], "rotation", "rx ry rz", "rotation", ("mrad", "µrad")),
     ):
+        values = getattr(away, part)
         fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
         factor, label = 1e6 if fine else 1e3, f"{word} [{units[fine]}]"
         values = factor * values
@@ -120,14 +127,14 @@ def deviation(
             # a planar mechanism has components at round-off: they would only clutter
             if peak(values[:, i]) > 1e-3 * peak(values) or peak(values) == 0:
                 ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
-                if still is not None:
-                    calmly: dict[str, Any] = {"lw": 0.8, "ls": (0, (4, 3)), "alpha": 0.7}
-                    ax.plot(away.t, factor * slow[:, i], color=COLOURS[i], **calmly)
+                if calm is not None:
+                    slow = factor * getattr(calm, part)[:, i]
+                    style: dict[str, Any] = {"lw": 0.8, "ls": (0, (4, 3)), "alpha": 0.7}
+                    ax.plot(away.t, slow, color=COLOURS[i], **style)
         ax.set_ylabel(label)
         ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
         ax.margins(y=0.15)
-    dashes = "" if still is None else f"; dashed: {still.level}"
-    title(axes[0, 0], f"{frame}: {flexible.level} minus {rigid.level}{dashes}")
+    title(axes[0, 0], heading)
     axes[1, 0].set_xlabel("time [s]")
     aligned(*axes[:, 0])
     return figure
@@ -148,29 +155,13 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
         )
     views = [result.link(name) for name in names]
     top = max(peak(view.von_mises) for view in views) / 1e6 or 1.0
-    from matplotlib.colors import PowerNorm
-
     each = 1.3 if len(views) < 5 else 0.85  # [in]
     figure, axes = panels(
         len(views), 1, max(HEIGHT, 0.8 + each * len(views)), Room(right=1.0, between=(0.0, 0.25)),
         sharex=True,
     )  # fmt: skip
     for ax, view in zip(axes[:, 0], views, strict=True):
-        image = ax.pcolormesh(
-            result.t,
-            1e3 * view.x,
-            view.von_mises.T / 1e6,
-            cmap="cividis",
-            norm=PowerNorm(0.5, 0.0, top),  # links that bear little show where they bear it
-            shading="gouraud",
-            rasterized=True,
-        )
-        when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
-        spot = (result.t[when], 1e3 * view.x[where])
-        for colour, width in (("white", 2.6), ("black", 1.0)):  # seen on any colour, and outside
-            ax.plot(*spot, "o", mfc="none", mec=colour, ms=6, mew=width, clip_on=False, zorder=5)
-        title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
-        ax.set_ylabel("x [mm]")
+        image = draw_stress(ax, view, top)
     axes[-1, 0].set_xlabel("time [s]")
     aligned(*axes[:, 0])
     low, high = axes[-1, 0].get_position(), axes[0, 0].get_position()
@@ -182,6 +173,32 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
     return figure
 
 
+def draw_stress(ax: Axes, view: LinkView, top: float) -> Any:
+    """Von Mises stress of one link over time and place on given axes; returns the image.
+
+    Args:
+        ax: Where. view: The link. top: Upper end of the colours [MPa].
+    """
+    from matplotlib.colors import PowerNorm
+
+    image = ax.pcolormesh(
+        view.result.t,
+        1e3 * view.x,
+        view.von_mises.T / 1e6,
+        cmap="cividis",
+        norm=PowerNorm(0.5, 0.0, top),  # links that bear little show where they bear it
+        shading="gouraud",
+        rasterized=True,
+    )
+    when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
+    spot = (view.result.t[when], 1e3 * view.x[where])
+    for colour, width in (("white", 2.6), ("black", 1.0)):  # seen on any colour, and outside
+        ax.plot(*spot, "o", mfc="none", mec=colour, ms=6, mew=width, clip_on=False, zorder=5)
+    title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
+    ax.set_ylabel("x [mm]")
+    return image
+
+
 def spectrum(
     result: Result,
     quantity: str,
@@ -189,6 +206,7 @@ def spectrum(
     after: float = 0.0,
     peaks: int = 4,
     natural: Sequence[float] = (),
+    ax: Axes | None = None,
 ) -> Figure:
     """Amplitude spectrum of one quantity, its highest peaks labelled in Hz.
 
@@ -201,6 +219,7 @@ def spectrum(
         peaks: How many peaks to label.
         natural: Natural frequencies [Hz], ascending, to mark by thin lines; peaks near one of them
             are labelled with its number.
+        ax: Where to draw; default: a figure of its own.
     """
     values, label, unit = signal(result, quantity)
     if reference is not None:
@@ -209,9 +228,10 @@ def spectrum(
         label += f" minus {reference.level}"
     frequency, amplitude = amplitudes(result.t, values, after)
     found = highest(frequency, amplitude, peaks)
-    figure, axes = panels(1, 1, room=Room(top=0.55 if len(natural) else 0.3))
-    ax = axes[0, 0]
-    aligned(ax)
+    if ax is None:
+        ax = panels(1, 1, room=Room(top=0.55 if len(natural) else 0.3))[1][0, 0]
+        aligned(ax)
+    figure = figure_of(ax)
     added = QUANTITIES.get(quantity)
     colour = COLOURS[0] if added is None or added.colour is None else added.colour
     ax.plot(frequency, amplitude, color=colour, lw=1.0)
@@ -245,6 +265,11 @@ def spectrum(
     return figure
 
 
+def figure_of(ax: Axes) -> Figure:
+    """The figure that axes stand in."""
+    return cast("Figure", ax.get_figure(root=True))
+
+
 def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
     """Time series, label and unit of a quantity.
 
@@ -274,69 +299,6 @@ def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
         f"spectrum: quantity {quantity!r} is not known." + nearest(quantity, forms),
         quantity=quantity,
     )
-
-
-def save_all(
-    rigid: Result,
-    others: Mapping[str, Result],
-    folder: str | Path,
-    natural: Sequence[float] = (),
-    tell: Callable[[str], None] = lambda text: None,
-) -> list[Path]:
-    """Write the figures that the results allow as .png files; returns their paths.
-
-    Torques of all levels; deviation, stress and spectrum of the last.
-
-    Args:
-        rigid: The reference run.
-        others: Runs by label, the most faithful one last.
-        folder: Made if it is not there.
-        natural: Natural frequencies [Hz] to mark in the spectra.
-        tell: Called with what is done next.
-    """
-    figures: dict[str, Callable[[], Figure]] = {}
-    if rigid.motors:
-        figures["torques"] = partial(torques, rigid, others)
-    for label, run in list(others.items())[-1:]:
-        if run.drives:
-            figures[f"torque_speed_{label}"] = partial(torque_speed, run)
-        if rigid.meta.get("platform"):
-            still = None if label == "quasistatic" else others.get("quasistatic")
-            figures[f"deviation_{label}"] = partial(
-                deviation, rigid, run, rigid.meta["platform"], still
-            )
-        if run.links:
-            figures[f"stress_{label}"] = partial(stress_map, run, _most_loaded(run))
-            if len(run.t) >= 16 and run.level != "quasistatic":  # which has no vibration
-                figures[f"spectrum_{label}"] = partial(
-                    spectrum, run, _liveliest(run), natural=natural
-                )
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for number, (name, figure) in enumerate(figures.items(), 1):
-        tell(f"drawing {number} of {len(figures)}")
-        paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
-        with replaced(paths[-1]) as part:
-            figure().savefig(part, dpi=DPI)
-    return paths
-
-
-def _most_loaded(run: Result) -> tuple[str, ...]:
-    """Links worth a map, in the order of the run."""
-    stress = {name: peak(run.link(name).von_mises) for name in run.links}
-    kept = sorted(stress, key=lambda name: -stress[name])[:_MAPS]
-    return tuple(name for name in run.links if name in kept)
-
-
-def _liveliest(run: Result) -> str:
-    """The bending deflection that is largest over all links."""
-    height = {
-        f"link/{name}/{axis}": peak(run.link(name).deflection[:, :, column])
-        for name in run.links
-        for column, axis in ((1, "v"), (2, "w"))
-    }
-    return max(height, key=lambda quantity: height[quantity])
 
 
 def _torque_word(result: Result, motor: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results.pose_map import PoseMap, free, free_stiffness
-from pinflex.viewer.panels import COLOURS, DPI, WIDTH, panels, title
+from pinflex.viewer.panels import COLOURS, DPI, WIDTH, panels, shown_axes, title
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:
@@ -51,6 +51,11 @@ def plot_map(poses: PoseMap) -> Figure:
         figure = _maps(frequencies, stiffness, x, labels)
     figure.suptitle(_title(poses, drawn), x=0.01, ha="left", fontsize=10)
     return figure
+
+
+def axes_of_map(poses: PoseMap) -> Any:
+    """Axes of `plot_map`, as pyplot's."""
+    return shown_axes(lambda: plot_map(poses))
 
 
 def _title(poses: PoseMap, drawn: list[int]) -> str:

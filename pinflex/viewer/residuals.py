@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.viewer.panels import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,10 +26,8 @@ def residuals(panels: Sequence[Compared]) -> Figure:
     Args:
         panels: Title, axis x, unit, and x, measured, model and standard deviations, shape (n,).
     """
-    from matplotlib.figure import Figure
-
     shown = list(panels)[:_MOST]
-    figure = Figure(figsize=(max(5.0, 3.6 * len(shown)), 4.6), dpi=150, layout="constrained")
+    figure = new_figure(max(5.0, 3.6 * len(shown)), 4.6, layout="constrained")
     axes = figure.subplots(2, len(shown), squeeze=False, height_ratios=(2.0, 1.0), sharex="col")
     for (title, along, unit, x, measured, model, std), (top, low) in zip(
         shown, axes.T, strict=True

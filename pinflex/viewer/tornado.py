@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.viewer.panels import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,13 +25,10 @@ def tornado(parameters: Sequence[str], outputs: Sequence[str], table: Array) -> 
         outputs: Titles of the panels.
         table: Relative sensitivities, shape (parameters, outputs).
     """
-    from matplotlib.figure import Figure
-
     bars = min(len(parameters), _BARS)
     columns = min(len(outputs), 2)
     rows = -(-len(outputs) // columns)
-    figure = Figure(figsize=(5.6 * columns, 0.7 + rows * (0.6 + 0.26 * bars)), dpi=150,
-                    layout="constrained")  # fmt: skip
+    figure = new_figure(5.6 * columns, 0.7 + rows * (0.6 + 0.26 * bars), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     for ax in axes.flat[len(outputs) :]:
         ax.remove()

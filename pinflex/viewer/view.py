@@ -22,6 +22,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.result import Result
 from pinflex.text import brief
@@ -191,6 +192,7 @@ class Page:
         )
 
 
+@public
 def view(
     result: Result | Mapping[str, Result],
     path: str | Path | None = None,

@@ -15,8 +15,8 @@ import pytest
 import pinflex as pf
 from pinflex import __main__
 from pinflex.cli import check
-from pinflex.cli.console import Progress
 from pinflex.errors import ConvergenceError
+from pinflex.progress import Bar
 from pinflex.results.result import Result
 from tests.cli.small import call, write_model
 
@@ -408,7 +408,7 @@ def _swinging(model: str) -> str:
 def test_when_no_level_can_be_solved_the_code_is_1_and_the_reasons_are_written(
     capsys, monkeypatch, fourbar, tmp_path
 ):
-    def stop(mechanism: object, level: str, **options: object) -> Result:
+    def stop(mechanism: object, motion: object, level: str, **options: object) -> Result:
         raise ConvergenceError(f"{level} stopped. Try another.")
 
     monkeypatch.setattr("pinflex.studies.study.solve", stop)
@@ -423,7 +423,7 @@ def test_when_no_level_can_be_solved_the_code_is_1_and_the_reasons_are_written(
 
 
 def test_progress_is_drawn_for_a_terminal_and_wiped_at_the_end(capsys):
-    bar = Progress("coupled", shown=True)
+    bar = Bar("coupled", shown=True)
     bar.last -= 1.0  # a second has passed
     bar(30, 120)
     drawn = capsys.readouterr().err
@@ -447,7 +447,7 @@ def test_every_stage_of_a_comparison_is_named(capsys, monkeypatch, fourbar, tmp_
 
 
 def test_no_progress_goes_into_a_pipe(capsys):
-    bar = Progress("coupled")
+    bar = Bar("coupled")
     bar.last -= 1.0
     bar(30, 120)
     bar.close()

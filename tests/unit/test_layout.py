@@ -14,7 +14,10 @@ import pinflex as pf
 
 ROOT = Path(pf.__file__).parent
 TABLE = re.findall(r"^    (\w+)  +\w", (pf.__doc__ or "").split("Where the code is")[1], re.M)
-BESIDE = ("errors", "arrays", "linalg", "registered", "rotations", "text", "threads", "writing")
+BESIDE = (
+    *("arrays", "boundary", "cards", "doors", "errors", "linalg", "names", "progress"),
+    *("registered", "rotations", "text", "threads", "writing"),
+)
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))
 
 
@@ -72,8 +75,10 @@ pf.view(pf.Result.load(sys.argv[1]), sys.argv[2])
 """
 
 
-def test_a_saved_run_becomes_a_page_without_pinocchio(tmp_path):
-    pf.solve(pf.load("3rrr"), level="rigid", samples=11).save(tmp_path / "run.npz")
+@pytest.mark.parametrize("level, compact", [("rigid", False), ("quasistatic", True)])
+def test_a_saved_run_becomes_a_page_without_pinocchio(level, compact, tmp_path):
+    run = pf.solve(pf.load("3rrr"), level=level, samples=11)
+    run.save(tmp_path / "run.npz", compact)
     page = tmp_path / "run.html"
     subprocess.run([sys.executable, "-c", BLOCKED, tmp_path / "run.npz", page], check=True)
     assert page.stat().st_size > 100_000  # three.js and the robot are in it

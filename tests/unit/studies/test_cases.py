@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pinflex.description.description import assignments
 from pinflex.errors import DescriptionError
-from pinflex.studies.cases import assignments, combined, listed, parsed, values
+from pinflex.studies.cases import combined, listed, parsed, values
 
 
 @pytest.mark.parametrize(

@@ -165,6 +165,9 @@ def test_what_is_rigid_is_said_in_figure_table_and_json(capsys: pytest.CaptureFi
     assert "rigid along z, rx, ry" in answer["notes"][1]
     assert __main__.main(["map", "3rrr", "--grid", "x=0:.01:2"]) == 0
     text = capsys.readouterr().out
+    assert "rigid along z, rx, ry" in text and "zz" not in text and "e+26" not in text
+    assert __main__.main(["map", "3rrr", "--grid", "x=0:.01:2", "-v"]) == 0
+    text = capsys.readouterr().out
     assert "K_zz (others held)" in text and "rigid" in text and "e+26" not in text
 
 

@@ -10,7 +10,7 @@ import pytest
 from pinflex.errors import DescriptionError
 from pinflex.results.peaks import amplitudes, maxima
 from pinflex.results.result import Result, peak
-from pinflex.viewer import plot
+from pinflex.viewer import figures, plot
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -150,7 +150,7 @@ def test_a_quantity_that_never_moves_has_an_empty_spectrum(flexible, tmp_path):
 
 
 def test_save_all_writes_every_figure_the_results_allow(rigid, flexible, tmp_path):
-    paths = plot.save_all(rigid, {"coupled, 2 segments": flexible}, tmp_path / "plots")
+    paths = figures.save_all(rigid, {"coupled, 2 segments": flexible}, tmp_path / "plots")
     assert [p.name for p in paths] == [
         "torques.png",
         "deviation_coupled_2_segments.png",

@@ -1,0 +1,129 @@
+"""Axes for `.plot()` of a run and of its views: curves on one pair of them, or all of a figure."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError
+from pinflex.results.result import Deviation, Result, peak
+from pinflex.viewer import plot
+from pinflex.viewer.panels import COLOURS, panels, shown_axes, styled, title
+from pinflex.viewer.torque_speed import torque_speed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_FEW = 8  # curves that a legend still tells apart
+
+
+def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None) -> Any:
+    """Axes with a quantity of a run over time.
+
+    Args:
+        result: Run.
+        quantity: "torque", "stress", "frame/NAME", "loop/NAME", "link/NAME", or as in
+            `plot.spectrum`; default: torque, or of a run without motors its first frame or joint.
+        ax: Where to draw; default: axes of a new figure.
+    """
+    quantity = quantity or _first(result)
+    kind, _, name = quantity.partition("/")
+    if quantity == "stress" or (kind == "link" and name in result.links):
+        return _stress(result, None if quantity == "stress" else name, ax)
+    curves, label = _curves(result, quantity)
+    return draw(result.t, curves, label, f"{result.meta.get('name', '')}, {result.level}", ax)
+
+
+def plot_spectrum(result: Result, quantity: str, ax: Axes | None = None, **options: Any) -> Any:
+    """Axes with the amplitude spectrum of a quantity.
+
+    Args:
+        result: Run. quantity: As in `plot.spectrum`.
+        ax: Where to draw. **options: Of `plot.spectrum`.
+    """
+    if ax is None:
+        return shown_axes(partial(plot.spectrum, result, quantity, **options))
+    plot.spectrum(result, quantity, ax=styled(ax), **options)
+    return ax
+
+
+def plot_deviation(away: Deviation) -> Any:
+    """Axes with position and rotation of a deviation."""
+    return shown_axes(partial(plot.distance, away))
+
+
+def plot_drive(result: Result, name: str) -> Any:
+    """Axes with the motor torque over the motor speed of a drive.
+
+    Args:
+        result: Run.
+        name: Of the drive.
+    """
+    return shown_axes(partial(torque_speed, result, [name]))
+
+
+def draw(t: Array, curves: dict[str, Array], label: str, heading: str, ax: Axes | None) -> Axes:
+    """Curves over time on one pair of axes.
+
+    Args:
+        t: Instants [s], shape (nt,). curves: By name, shape (nt,) each.
+        label: Of the vertical axis, with its unit. heading: Above.
+        ax: Where; None: axes of a new figure.
+    """
+    own = ax is None
+    on: Axes = shown_axes(lambda: panels(1, 1)[0]) if ax is None else styled(ax)
+    for k, (name, values) in enumerate(curves.items()):
+        on.plot(t, values, color=COLOURS[k % len(COLOURS)], lw=1.0, label=name)
+    on.set_xlabel("time [s]")
+    on.set_ylabel(label)
+    if own:
+        title(on, heading)
+    if 1 < len(curves) <= _FEW:
+        on.legend(frameon=False, fontsize=8, ncols=min(len(curves), 4))
+    return on
+
+
+def _first(result: Result) -> str:
+    if result.motors:
+        return "torque"
+    return f"frame/{result.frames[0]}" if result.frames else f"joint/{result.joints[0]}"
+
+
+def _curves(result: Result, quantity: str) -> tuple[dict[str, Array], str]:
+    """Curves by name, and the label of their axis."""
+    kind, _, name = quantity.partition("/")
+    if quantity == "torque":
+        if not result.motors:
+            raise DescriptionError("plot: the result has no motors. Name them under `actuated`.")
+        units = dict.fromkeys(result.unit(f"torque/{motor}") for motor in result.motors)
+        return dict(
+            zip(result.motors, result.torque.T, strict=True)
+        ), f"torque [{' | '.join(units)}]"
+    if kind == "frame" and (name in result.frames or name == "platform"):
+        position = result.frame(name).position
+        return dict(zip("xyz", position.T, strict=True)), f"position {name} [m]"
+    if kind == "loop":
+        force = result.loop(name).force
+        some = peak(force) or 1.0  # a planar loop has components at round-off
+        kept = {f"F{a}": f for a, f in zip("xyz", force.T, strict=True) if peak(f) > 1e-9 * some}
+        return kept, f"force {name} [N]"
+    values, label, unit = plot.signal(result, quantity)
+    return {label: values}, f"{label} [{unit}]"
+
+
+def _stress(result: Result, link: str | None, ax: Axes | None) -> Any:
+    """A map for each link, or of one link on given axes."""
+    if ax is None:
+        return shown_axes(partial(plot.stress_map, result, None if link is None else [link]))
+    if link is None:
+        raise DescriptionError(
+            "plot: stress has a map for each link, which one `ax` does not hold. Plot one: "
+            'run.links["NAME"].plot(ax=ax).'
+        )
+    view = result.link(link)
+    image = plot.draw_stress(styled(ax), view, peak(view.von_mises) / 1e6 or 1.0)
+    bar = plot.figure_of(ax).colorbar(image, ax=ax)
+    bar.set_label("von Mises stress [MPa]", size=9)
+    ax.set_xlabel("time [s]")
+    return ax

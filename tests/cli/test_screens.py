@@ -1,0 +1,106 @@
+"""Commands answer on one screen: the table, a sentence, and no sign that means nothing."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pinflex import boundary
+from pinflex.__main__ import _COMMANDS, build_parser, main
+from pinflex.advice import text as advice_text
+from pinflex.advice.proposal import Advice
+from pinflex.advice.reduced_models import LeftOut
+from pinflex.errors import PinflexError
+from tests.cli.small import call, write_model
+
+SCREEN = 45  # lines
+THICKNESS = "flexible.*.section.thickness"
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return write_model(tmp_path_factory.mktemp("arm"), "arm")
+
+
+def clean(text: str) -> bool:
+    """Lines that fit, few of them, and neither inf nor nan nor a bare question mark."""
+    lines = text.splitlines()
+    signs = re.findall(r"(?<![\w.])(?:inf|nan|\?)(?!\w)", text)
+    return len(lines) <= SCREEN and max(map(len, lines)) <= 120 and not signs
+
+
+def test_a_map_says_its_ranges_a_sentence_and_the_rest_on_demand(arm, capsys):
+    grid = ["--grid", "shoulder=-.5:.5:3", "--jobs", 1]
+    brief, whole = (call(capsys, "map", arm, *grid, *more).out for more in ([], ["-v"]))
+    assert clean(brief) and "The first frequency is" in brief
+    assert "compliance" not in brief and "compliance" in whole
+
+
+def test_a_map_and_a_sweep_without_values_say_so(arm, capsys):
+    assert "No --grid and no --instants were given" in call(capsys, "map", arm, "--jobs", 1).out
+    said = call(capsys, "sweep", arm, "--level", "rigid", "--outputs", "torque", "--jobs", 1).out
+    assert "No --set was given" in said and clean(said)
+
+
+def test_a_sweep_shows_its_cases_and_ranges_on_demand(arm, capsys):
+    values = ["--set", f"{THICKNESS}=3e-3:5e-3:25", "--level", "rigid", "--outputs", "frequency"]
+    brief, whole = (
+        call(capsys, "sweep", arm, *values, "--jobs", 1, *more).out for more in ([], ["-v"])
+    )
+    assert clean(brief) and "the first 20 (5 more in the table: --out)" in brief
+    assert "frequency.1 goes from" in brief and "(case 25)" in brief
+    assert "Range of every number" not in brief and "Range of every number" in whole
+
+
+def test_advice_has_rows_only_for_what_was_measured():
+    none = dict.fromkeys(("torque", "platform"), float("inf"))
+    some = {"torque": 0.004, "platform": 0.005}
+    found = Advice(
+        "arm", 1e-2, ("torque", "platform"), error=some,
+        levels={"rigid": none, "ked": none, "coupled": some},
+        left_out=(LeftOut("stretch (axial)", {"torque": 3e-5, "platform": 4e-5}, True),),
+    )  # fmt: skip
+    text = advice_text.write(found, whole=False)
+    assert clean(text) and "Not measured: rigid, ked." in text
+    assert "Left out: stretch (axial). -v says what each costs." in text
+    assert "3.0e-05" not in text and "3.0e-05" in str(found)
+
+
+def test_every_command_that_takes_a_model_takes_json_and_set():
+    commands = build_parser()._subparsers._group_actions[0].choices  # argparse has no public way
+    assert len(commands) >= len(_COMMANDS)
+    for name, command in commands.items():
+        options = {option for action in command._actions for option in action.option_strings}
+        places = {action.dest for action in command._actions if not action.option_strings}
+        assert "--json" in options, name
+        assert "model" not in places or "--set" in options, name
+
+
+def test_debug_shows_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(boundary.VARIABLE, "")
+    with pytest.raises(PinflexError) as caught:
+        main(["check", "no-such-model", "--debug"])
+    frames = [entry.name for entry in caught.traceback]
+    assert {"load", "find_file"} <= set(frames)
+
+
+def test_pinflex_alone_prints_its_help():
+    said = subprocess.run(
+        [sys.executable, "-m", "pinflex"], capture_output=True, text=True, check=False
+    )
+    assert said.stdout.startswith("usage: pinflex") and said.stderr == ""
+
+
+def test_verify_says_each_case_as_it_ends(tmp_path: Path):
+    """Two cases through a pipe: the first table is there before the second case has ended."""
+    command = [sys.executable, "-m", "pinflex", "verify", "A hub", "A05"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        alive = process.poll() is None
+        rest = process.stdout.read()
+    assert first.strip() and alive and "quantities passed" in rest
