@@ -1,13 +1,12 @@
 """What a scene needs: level, links, planes, modes, segments and tolerance, with error bars.
 
 Everything is measured on the motion itself by cheap runs of a model richer than the scene's
-(`reduced_models`): every plane, stretch and twist, second order, one more mode. Its linear
-vibration, twice corrected for what is not linear (`probe`), is what the rigid
-torques, the balance of every instant, the linear vibration and smaller models are held against, and
-a short coupled run holds it to the full equations. At the end the model that is proposed is held
-against one of all that and one more segment in each link (`error_bars`). An error bar
-is twice what was measured, and what the corrections leave: of time integration and of the model;
-errors are relative, as in pinflex.levels.outputs.
+(`reduced_models`): every plane, stretch and twist, second order, one more mode. Rigid torques, the
+balance of every instant, the linear vibration and smaller models are held against its linear
+vibration, twice corrected for what is not linear (`probe`); a short coupled run holds that to the
+full equations. At the end the model that is proposed is held against one of all that and one more
+segment in each link (`error_bars`). An error bar is twice what was measured, and what the
+corrections leave: of time integration and of the model; errors are relative, as in levels.outputs.
 """
 
 from __future__ import annotations

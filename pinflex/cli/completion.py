@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from pinflex.cli import parser
 from pinflex.errors import DescriptionError
@@ -57,7 +58,8 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
                 action.complete = dict.fromkeys(SHELLS, "_pinflex_models")  # type: ignore[attr-defined]
             elif action.metavar and "FILE" in str(action.metavar):
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
-    models = {name: text % " ".join(model_names()) for name, text in _MODELS.items()}
+    # a text by shell, although shtab's annotation says one text
+    models: Any = {name: text % " ".join(model_names()) for name, text in _MODELS.items()}
     return str(shtab.complete(whole, shell, preamble=models))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +30,6 @@ from pinflex.description.solve import SolveSpec, read_solve
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
-from pinflex.writing import plain
 
 __all__ = [
     "Basis",
@@ -199,16 +197,6 @@ def read(source: str | Path) -> Description:
 def from_text(text: str, path: Path) -> Description:
     """A description of a YAML text that is to stand at `path`; the file need not be there."""
     return _describe(text, path.stem, path, None)
-
-
-def assignments(*changes: str | Mapping[str, object]) -> list[str]:
-    """Values by key path as overrides: "key.path=value", numbers to the last digit; texts stay."""
-    found: list[str] = []
-    for change in changes:
-        pairs = {} if isinstance(change, str) else change
-        found += [change] if isinstance(change, str) else []
-        found += [f"{key}={json.dumps(plain(value))}" for key, value in pairs.items()]
-    return found
 
 
 def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> Description:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -11,6 +10,7 @@ from typing import Any
 from pinflex.description import flexible, schema, sources
 from pinflex.description.description import Description
 from pinflex.description.material import MATERIALS, named
+from pinflex.description.overrides import assignments
 from pinflex.errors import DescriptionError, nearest
 
 _MATERIAL = ("E", "G", "rho", "nu", "yield_strength")
@@ -32,7 +32,7 @@ class Parameter:
 
     def overrides(self, value: float) -> list[str]:
         """The number changed, for `Description.with_overrides`."""
-        return [f"{path}={json.dumps(float(value))}" for path in self.paths]
+        return assignments(dict.fromkeys(self.paths, float(value)))
 
 
 def parameters(

@@ -13,9 +13,10 @@ from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.boundary import public
 from pinflex.cards import card, pairs
-from pinflex.description.description import Description, assignments, read
+from pinflex.description.description import Description, read
 from pinflex.description.drives import elastic
 from pinflex.description.flexible import FlexibleLink
+from pinflex.description.overrides import assignments
 from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics import workspace

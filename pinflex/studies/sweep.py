@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from pinflex.boundary import public
-from pinflex.description.description import Description, assignments, read
+from pinflex.description.description import Description, read
+from pinflex.description.overrides import assignments
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback

@@ -50,8 +50,8 @@ class Live:
         """
         if find_spec("meshcat") is None:
             raise PinflexError(
-                "live: meshcat is not installed. Install it (pip install meshcat), or write a page "
-                "with pinflex.view: it needs nothing else."
+                'live: meshcat is not installed. Install it (pip install "pinflex[live]"), or '
+                "write a page with pinflex.view: it needs nothing else."
             )
         self.scene = build_scene(result, scale=scale, meshes=meshes)
         self.field = field if any(f["key"] == field for f in self.scene["fields"]) else ""

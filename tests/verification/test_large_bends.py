@@ -51,7 +51,7 @@ def frequency_shift(m: pf.Mechanism, amplitude: float) -> float:
     """(omega / omega_0 - 1) / amplitude^2 over five periods of the first mode."""
     d, n = Equations(m.flexible), m.flexible.n_eta
     none = np.zeros(0)
-    square, shapes = eigh(d.stiffness, d.mass(np.zeros(n)))
+    square, shapes = eigh(d.strain.stiffness, d.mass(np.zeros(n)))
     row = m.parts["beam"].bodies[0].rows(1.0)[0][1]
     shape = shapes[:, 0] / (row @ shapes[:, 0])
 

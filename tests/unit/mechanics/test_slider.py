@@ -48,7 +48,7 @@ def test_rows_bias_and_tangent_are_exact(basis: str, sleeve: str) -> None:
     bias = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, 0.0 * a)
     np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
     d.system.K[:] = 0.0  # beside the beam's own stiffness all else would drown
-    d.stiffness[:] = 0.0
+    d.strain.stiffness[:] = 0.0
     K = d.tangent(y, v, a, lam, 0.0).K
     close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0).r, y), DIFFERENCES)
 
@@ -168,7 +168,7 @@ def test_in_space_the_rows_hold_both_bendings_and_the_twist(
     bias = by_time(d, lambda y, v: d.close(y)[1] @ v, y, v, 0.0 * a)
     np.testing.assert_allclose(d.closure_bias(y, v), bias, rtol=0, atol=1e-7 * np.abs(bias).max())
     d.system.K[:] = 0.0
-    d.stiffness[:] = 0.0
+    d.strain.stiffness[:] = 0.0
     K = d.tangent(y, v, a, lam, 0.0).K
     close(K, by_configuration(d, lambda y: d.residual(y, v, a, lam, 0.0).r, y), DIFFERENCES)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pinflex.description.description import assignments
+from pinflex.description.overrides import assignments
 from pinflex.errors import DescriptionError
 from pinflex.studies.cases import combined, listed, parsed, values
 
