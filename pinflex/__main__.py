@@ -76,7 +76,9 @@ def _run(arguments: list[str]) -> int:
     if not arguments:
         parser.print_help()
         return 2
-    args = parser.parse_args(arguments)
+    args, rest = parser.parse_known_args(arguments)
+    if rest:
+        args.command_parser.refuse(rest)
     args.parser = parser  # `completion` describes it
     if args.debug:
         os.environ[boundary.VARIABLE] = "full"

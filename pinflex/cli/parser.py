@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from pinflex.errors import DescriptionError
@@ -20,6 +21,16 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise what argparse prints with the usage."""
         raise DescriptionError(f"{message}. See `{self.prog} --help`.")
+
+    def refuse(self, rest: Sequence[str]) -> NoReturn:
+        """Raise what arguments the command does not know, with the closest option."""
+        first = rest[0].partition("=")[0]
+        options = [name for name in self._option_string_actions if name.startswith("--")]
+        close = difflib.get_close_matches(first, options, 1) if first.startswith("-") else []
+        hint = f". Did you mean {close[0]}?" if close else "."
+        raise DescriptionError(
+            f"unrecognized arguments: {' '.join(rest)}{hint} See `{self.prog} --help`."
+        )
 
 
 class Layout(argparse.RawDescriptionHelpFormatter):
@@ -62,6 +73,7 @@ def command(
             metavar="X",
             help="take X times the memory and steps that are taken without asking",
         )
+    parser.set_defaults(command_parser=parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object, SI units")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     return parser

@@ -144,6 +144,7 @@ def _joint(
             raise DescriptionError(
                 f"{where}: axis: {vector} has no direction. Write a unit vector."
             )
+    _require_limit(element, kind, where)
     dynamics = element.find("dynamics")
     damping, friction = (
         0.0 if dynamics is None else max(_plain(dynamics.get(key)), 0.0)
@@ -151,6 +152,19 @@ def _joint(
     )
     mimic = _mimic(element.find("mimic"), where)
     return SourceJoint(name, kind, ends[0], ends[1], damping, friction, mimic=mimic)
+
+
+def _require_limit(element: ET.Element, kind: str, where: str) -> None:
+    """Raise where Pinocchio's parser would: joints with an end need <limit effort= velocity=>."""
+    limit = element.find("limit")
+    absent = [key for key in ("effort", "velocity") if limit is None or not limit.get(key)]
+    if kind in ("revolute", "prismatic") and absent:
+        other = " For one that turns without end, write the type continuous."
+        raise DescriptionError(
+            f"{where}: a {kind} joint needs <limit lower= upper= effort= velocity=>. Missing: "
+            f"{'<limit>' if limit is None else ', '.join(absent)}."
+            f"{other if kind == 'revolute' else ''}"
+        )
 
 
 def _mimic(element: ET.Element | None, where: str) -> tuple[str, float, float] | None:

@@ -75,7 +75,7 @@ BAD_URDF = {
     "a negative inertia": ('iyy="1e-5"', 'iyy="-1e-5"', "None may be negative"),
     "an axis without direction": ('xyz="0 0 1"', 'xyz="0 0 0"', "has no direction"),
     "an unknown type": ('type="fixed"', 'type="rigid"', "no such type"),
-    "no limits": ('type="continuous"', 'type="revolute"', "does not specify limits"),
+    "no limits": ('type="continuous"', 'type="revolute"', "Missing: <limit>"),
 }
 
 
@@ -105,6 +105,7 @@ BAD_ARGUMENTS = {
     "another command": (("chek", "3rrr"), "invalid choice: 'chek'"),
     "no model": (("check",), "MODEL"),
     "two models": (("check", "3rrr", "3rrs"), "unrecognized arguments: 3rrs"),
+    "a misspelt option": (("compare", "3rrr", "--level", "ked"), "Did you mean --levels"),
     "another option": (("check", "3rrr", "--jsn"), "--jsn"),
     "a setting without value": (("check", "3rrr", "--set", "gravity"), "key.path=value"),
     "a setting of no key": (("check", "3rrr", "--set", "grvity=1"), 'Did you mean "gravity"?'),
