@@ -309,12 +309,13 @@ class Equations(Geometry):
 
     @cached_property
     def _rotors(self) -> Array:
-        return rotor_energy_left_out(self.model)
+        return rotor_energy_left_out(self.model, self.data)
 
     def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
         here, model, data = self.map.at(Y, V, np.zeros_like(V), True), self.model, self.data
+        rotors = self._rotors  # overwrites the workspace when first asked
         for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
-            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + self._rotors @ rate**2
+            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + rotors @ rate**2
             found[1, k] = pin.computePotentialEnergy(model, data)
         found[2] = self.strain.energy(Y[:, self.nq_rigid :])
         if self.sprung:

@@ -40,4 +40,4 @@ def test_nothing_is_added_where_pinocchio_counts_it() -> None:
         at = model.addJoint(0, joint, pin.SE3.Identity(), joint.shortname())
         model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Identity())
     model.armature[:] = 0.5
-    assert not rotor_energy_left_out(model).any()
+    assert not rotor_energy_left_out(model, model.createData()).any()
