@@ -41,7 +41,8 @@ class Sensitivities(Worded):
         parameters: Key paths, with their values in `at`, shape (parameters,).
         outputs: Names, with their values, shape (outputs,).
         table: The sensitivities, shape (parameters, outputs).
-        error: Their estimated errors, same shape.
+        error: Their estimated errors, same shape: of the differences between designs.
+        remarks: Sentences on what the errors leave out.
     """
 
     __repr__ = brief
@@ -52,6 +53,7 @@ class Sensitivities(Worded):
     values: Array
     table: Array
     error: Array
+    remarks: tuple[str, ...] = ()
 
     def __getitem__(self, pair: tuple[str, str]) -> float:
         """The sensitivity of (output, parameter)."""
@@ -68,7 +70,8 @@ class Sensitivities(Worded):
         width = max(map(len, self.parameters))
         note = f"Errors of these numbers: at most {np.nanmax(self.error):.1g}."
         title = "Change of an output [%] for one per cent more of a parameter"
-        return "\n".join([table(title, heads, rows, (min(width, 44),)), "", self.sentence(), note])
+        shown = table(title, heads, rows, (min(width, 44),))
+        return "\n".join([shown, "", self.sentence(), note, *self.remarks])
 
     def sentence(self) -> str:
         """The parameter that matters most for each output."""
@@ -107,6 +110,7 @@ class Sensitivities(Worded):
             "units": {name: unit(name) for name in self.outputs},
             "sensitivities": self.table.tolist(),
             "errors": self.error.tolist(),
+            "remarks": list(self.remarks),
         }
 
 
@@ -161,7 +165,20 @@ def sensitivities(
     return Sensitivities(
         tuple(p.key for p in designs.parameters), designs.first,
         outputs, np.array([values[name] for name in outputs]), found, error,
+        _remarks(outputs, level or robot.description.solve.level),
     )  # fmt: skip
+
+
+def _remarks(outputs: Sequence[str], level: str) -> tuple[str, ...]:
+    """A sentence where a peak is read off the samples of a vibration."""
+    peaks = [name for name in outputs if name.partition(".")[0] in RUNS]
+    if level not in ("ked", "coupled") or not peaks:
+        return ()
+    return (
+        f"{', '.join(peaks)} at level {level}: peaks of a vibration jump from sample to sample, "
+        "and its steps shift them. These errors leave that out (0.1 was seen on 3rrr): ask again "
+        "with a quarter of solve.dt and solve.samples=null.",
+    )
 
 
 def _equal_steps(robot: Mechanism) -> list[str]:

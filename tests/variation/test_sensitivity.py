@@ -108,6 +108,15 @@ def test_peaks_of_a_run_against_the_same_designs_in_short_steps():
     assert found["torque.rms", "flexible.distal_?.section.thickness"] == pytest.approx(
         np.log(values[1] / values[0]) / 5e-3, abs=1e-3
     )
+    assert found.remarks == ()
+
+
+def test_peaks_of_a_vibration_are_told_with_what_their_errors_leave_out():
+    robot = pf.load("cantilever", ["solve={level: coupled, dt: 1e-4, until: 2e-3}"])
+    found = pf.sensitivities(robot, ["flexible.beam.section.thickness"], ["stress.peak", "mass"])
+    assert "stress.peak at level coupled" in found.remarks[0]
+    assert "quarter of solve.dt" in found.text()
+    assert found.as_json()["remarks"] == list(found.remarks)
 
 
 def test_keys_keep_the_blocks_of_the_yaml_and_refuse_what_is_no_number():
