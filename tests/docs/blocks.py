@@ -22,7 +22,7 @@ _BLOCK = re.compile(
 NOT_RUN = {
     "pip install . && pinflex compare delta": "an installation; .ci/wheel runs it from the wheel",
     "pinflex compare 3rrs": "20 s of CPU; the command runs in tests/cli on smaller models",
-    'pip install ".[test]"': "this test suite; .ci/run evaluates that line",
+    'pip install -e ".[test]"': "this test suite; .ci/run evaluates that line",
     "pinflex sweep ur5": "30 to 60 s of CPU; sweep and map run in tests/cli on smaller models",
 }
 # Blocks of the lists that another test holds to the code.
