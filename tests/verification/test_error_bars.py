@@ -106,13 +106,14 @@ def test_what_cannot_be_measured_is_said() -> None:
 
 
 def test_what_rings_and_holds_a_run_up_is_said_and_damping_lets_it_die() -> None:
-    """3rrr: undamped bending at 9 kHz takes some 5000 steps; with 1 % of damping 113 do."""
+    """3rrr: undamped bending at 9 kHz takes over a thousand steps; damped, a tenth does."""
     keys = {"level": "coupled", "tol": 1e-3, "until": 0.05, "samples": 51}
     bending = ["flexible.*.axial=false", "flexible.*.second_order=false", "solve.start=straight"]
     run = pf.solve(pf.load("3rrr", bending), **keys)
     (said,) = [text for text in run.meta["warnings"] if "which nothing damps" in text]
     assert "damping: {modal: 0.01}" in said and "solve.start: static" in said  # what to write
-    assert run.meta["cost"]["steps"] > run.meta["cost"]["last_steps"] > 500
+    # Steps that were taken again count in the first: none where the first try holds the tolerance.
+    assert run.meta["cost"]["steps"] >= run.meta["cost"]["last_steps"] > 500
     damped = pf.solve(pf.load("3rrr", [*bending, "damping={modal: 0.01}"]), **keys)
     assert damped.meta["cost"]["last_steps"] < 100
     assert not any("damps" in text for text in damped.meta["warnings"])
