@@ -2,7 +2,8 @@
 # # First robot
 #
 # One arm of 0.6 m on a motor, drawn in twenty lines. What does its elasticity do to a quick move?
-# You need nothing but pinflex ([Start](../start.md)); every line below is executed when this page is built.
+# You need nothing but pinflex ([Start](../start.md)); every line below is executed when this
+# page is built.
 #
 # ## Two files
 #
