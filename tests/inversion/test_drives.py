@@ -14,20 +14,20 @@ import pinflex as pf
 from pinflex.inversion.verify import followed
 
 
+def arm(parent: str, m: float, inertia: float, lever: float) -> list[scenes.Body]:
+    """An arm and its tip; mass [kg] at a lever [m], inertia about the joint [kg m^2]."""
+    about_centre = (0.1, 0.1, inertia - m * lever**2)
+    moving = scenes.Body("arm", parent, "revolute", mass=m, com=(lever, 0, 0), inertia=about_centre)
+    return [moving, scenes.Body("tip", "arm", xyz=(0.8, 0, 0))]
+
+
 def test_an_elastic_joint_alone_has_the_flat_command_of_spong(tmp_path: Path) -> None:
     """q of the link given: theta = q + (I q'' + m g l cos q) / k, tau = J theta'' + k (theta - q).
 
     Source: Spong (1987), J. Dyn. Syst. Meas. Control 109: the flexible-joint robot is flat.
     """
     m, inertia, lever, J, k, T, turn = 2.0, 0.3, 0.3, 0.05, 400.0, 0.4, 1.0
-    bodies = [
-        scenes.Body("gear", "base", "revolute"),
-        scenes.Body(
-            "arm", "gear", "revolute", mass=m, com=(lever, 0, 0),
-            inertia=(0.1, 0.1, inertia - m * lever**2),
-        ),
-        scenes.Body("tip", "arm", xyz=(0.8, 0, 0)),
-    ]  # fmt: skip
+    bodies = [scenes.Body("gear", "base", "revolute"), *arm("gear", m, inertia, lever)]
     robot = scenes.load(
         tmp_path,
         bodies,
@@ -71,13 +71,7 @@ def test_the_drive_of_one_line_has_it_to_round_off(tmp_path: Path) -> None:
     """The same robot by `drive`, and its motor side: no grid is in the answer, ends included."""
     m, inertia, lever, gear, k, T = 2.0, 0.3, 0.3, 50, 400.0, 0.4
     J = gear**2 * 2e-5
-    bodies = [
-        scenes.Body(
-            "arm", "base", "revolute", mass=m, com=(lever, 0, 0),
-            inertia=(0.1, 0.1, inertia - m * lever**2),
-        ),
-        scenes.Body("tip", "arm", xyz=(0.8, 0, 0)),
-    ]  # fmt: skip
+    bodies = arm("base", m, inertia, lever)
     robot = scenes.load(
         tmp_path,
         bodies,
