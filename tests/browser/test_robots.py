@@ -52,7 +52,7 @@ def test_the_page_of_all_levels_of_the_delta_is_under_three_megabytes(
     opened = browser.run("return pinflex.legend.max")
     worst = max(runs["coupled"].link(name).von_mises.max() for name in runs["coupled"].links)
     assert opened == pytest.approx(1e-6 * worst, rel=1e-5)
-    arm, k = runs["coupled"].link("arm_1"), 60
+    arm, k = runs["coupled"].link("arm_1"), -1  # the last instant is on every page, others not
     away = arm.centreline - arm.centreline_rigid
     browser.run("pinflex.show(0); pinflex.seek(arguments[0])", runs["coupled"].t[k])
     browser.run("pinflex.set({other: '3'})")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
@@ -95,8 +96,13 @@ def test_the_lock_of_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize("platform", ["linux", "win32"])
-def test_an_alarm_interrupts_once(platform: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_alarm_interrupts_once(
+    platform: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
     monkeypatch.setattr(checkpoint, "sys", SimpleNamespace(platform=platform))
+    # a test run in the background is told to ignore this signal, and its children with it
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     rung = threading.Event()
 
     def wait() -> None:
