@@ -33,20 +33,6 @@ class _Stages(ctypes.Structure):
     ]
 
 
-class Newton(ctypes.Structure):
-    """Newton's iteration in a step so far (see source/iterate.c)."""
-
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in ("iteration", "most", "fresh", "placed", "measured")),
-        *((name, ctypes.c_void_p) for name in ("measured_at", "weight")),
-        *((name, ctypes.c_double) for name in ("least", "round_off", "open")),
-        *((name, ctypes.c_double) for name in ("scale", "reach", "goal", "size", "rate")),
-    ]
-
-
-CONVERGED, FAILED, AGED = range(3)
-
-
 @dataclass(frozen=True)
 class Scheme:
     """A collocation scheme in plain arrays (see `pinflex.integrators.collocation`)."""
@@ -93,6 +79,8 @@ class StageKernel:
         y, v, move: What follows from them, (s, nq), (s, nv), (s, nv).
         r, open: Residuals (s, nv) and closures (s, rows) that the last correction was for.
         da, dlam, change: That correction: (s, free), (s, rows), and of the displacement (s, nv).
+        counts: Sizes by name. functions: The C code. tables, work, address: Of the system, its
+            workspace, and the C structure of the stages.
     """
 
     def __init__(self, evaluator: Evaluator, scheme: Scheme, rows: Rows) -> None:
@@ -135,10 +123,12 @@ class StageKernel:
         self.y, self.v, self.move = arrays["y"], arrays["v"], arrays["move"]
         self.r, self.open, self.change = arrays["r"], arrays["open"], arrays["change"]
         self.da, self.dlam = arrays["da"], arrays["dlam"]
-        self._c, self._work = evaluator.functions, evaluator.work
-        self._both = evaluator.tables.address, ctypes.addressof(self._structure)
+        self.counts = {**n, "s": s, "free": free, "motors": motors}
+        self.functions, self.work = evaluator.functions, evaluator.work
+        self.tables, self.address = evaluator.tables.address, ctypes.addressof(self._structure)
+        self._c, self._both = self.functions, (self.tables, self.address)
         states = (pointers[name] for name in ("y", "v", "a", "lam", "scale", "r", "open"))
-        self._states = (evaluator.tables.address, self._work, s, *states)
+        self._states = (self.tables, self.work, s, *states)
 
     def place(self, h: float) -> None:
         """y, v and move from a and turn, for a step h (s)."""
@@ -159,11 +149,6 @@ class StageKernel:
         for name, part in zip("MCKJ", (M, C, K, J), strict=True):
             self._arrays[name][...] = part
         return bool(self._c.pinflex_factor(*self._both))
-
-    def iterate(self, newton: Newton) -> int:
-        """Iterate on the stages: CONVERGED, FAILED, or AGED where a new tangent is due."""
-        tables, stages = self._both
-        return int(self._c.pinflex_iterate(tables, self._work, stages, ctypes.byref(newton)))
 
     def solve(self) -> None:
         """dlam, and dz in the free rows of `change`, from r and open."""

@@ -4,7 +4,7 @@
      y_i = y_0 (+) move_i,     turn = u - v,  u the rate of the exponential coordinates `move`
 
    For a ball, u = v + 1/2 m x v + k m x (m x v) with k = (1 - (x/2) cot(x/2)) / x^2, x = |m|. */
-#include "stages.h"
+#include "march.h"
 
 /* Rate of turn in exponential coordinates less that of the body. */
 static void ball_turn(const double *m, const double *v, double *out) {
@@ -36,18 +36,18 @@ static void circle_move(const double *q, double angle, double *out) {
   out[0] = x * c - y * s, out[1] = y * c + x * s;
 }
 
-static void retract(const Tables *t, const Stages *st, const double *move, double *y) {
+void retract(const Tables *t, const Stages *st, const double *y0, const double *move, double *y) {
   for (Int k = 0; k < st->plain; k++)
-    y[st->plain_q[k]] = st->y0[st->plain_q[k]] + move[st->plain_v[k]];
+    y[st->plain_q[k]] = y0[st->plain_q[k]] + move[st->plain_v[k]];
   for (Int k = 0; k < st->circles; k++)
-    circle_move(st->y0 + st->circle_q[k], move[st->circle_v[k]], y + st->circle_q[k]);
+    circle_move(y0 + st->circle_q[k], move[st->circle_v[k]], y + st->circle_q[k]);
   for (Int k = 0; k < st->balls; k++)
-    ball_move(st->y0 + st->ball_q[k], move + st->ball_v[k], y + st->ball_q[k]);
+    ball_move(y0 + st->ball_q[k], move + st->ball_v[k], y + st->ball_q[k]);
   for (Int i = 0; i < t->nv - t->nv_rigid; i++)
-    y[t->nq_rigid + i] = st->y0[t->nq_rigid + i] + move[t->nv_rigid + i];
+    y[t->nq_rigid + i] = y0[t->nq_rigid + i] + move[t->nv_rigid + i];
 }
 
-static void write_motors(const Stages *st, const double *position, double *y) {
+void write_motors(const Stages *st, const double *position, double *y) {
   for (Int k = 0; k < st->motors; k++) {
     double *q = y + st->motor_q[k];
     q[0] = position[k];
@@ -91,7 +91,7 @@ EXPORT void pinflex_place(const Tables *t, const Stages *st) {
     for (Int i = 0; i < st->s * nv; i++) seen[i] = 0.0;
   }
   for (Int i = 0; i < st->s; i++) {
-    retract(t, st, st->move + i * nv, st->y + i * t->nq);
+    retract(t, st, st->y0, st->move + i * nv, st->y + i * t->nq);
     if (st->prescribed) write_motors(st, st->position + i * st->motors, st->y + i * t->nq);
   }
 }

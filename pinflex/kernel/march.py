@@ -1,0 +1,222 @@
+"""The steps of a run, compiled: the arrays of a batch of steps and where the run is.
+
+The fields follow those of `March`, `Steps` and `Inputs` in source/march.h, which says what they
+hold. Step 0 of the arrays is the last one before the batch.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.errors import PinflexError
+from pinflex.kernel.stages import StageKernel
+
+FULL, INPUTS, START, STUCK, PAUSED = range(5)
+_STARTS = ("t", "y0", "v0", "a0", "lam0", "torque0")
+_STAGES = ("move", "turn", "a", "lam", "torque", "power", "position", "velocity")
+_POINTS = ("next", "ceiling", "before", "refused", "scale")
+_NUMBERS = (*_STARTS, "h", "coarseness", "rate", *_STAGES, *_POINTS)
+_INTEGERS = ("number", "stop", "follows", "tangent")
+
+
+class _Inputs(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("columns", "pieces", "nodes", "corners")),
+        *((name, ctypes.c_void_p) for name in ("node", "weight", "end", "middle", "half")),
+        *((name, ctypes.c_void_p) for name in ("value", "corner", "corner_value")),
+        ("gap", ctypes.c_double),
+    ]
+
+
+class _Steps(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in (*_NUMBERS, *_INTEGERS)]
+
+
+class _March(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("capacity", "count", "tangents", "tangent")),
+        *((name, ctypes.c_int64) for name in ("stops", "stop", "follows")),
+        *((name, ctypes.c_int64) for name in ("stale", "number", "unjudged", "given")),
+        *((name, ctypes.c_int64) for name in ("most", "measured", "by_mass")),
+        *((name, ctypes.c_int64) for name in ("iterations", "refreshed", "factored")),
+        *((name, ctypes.c_int64) for name in ("rejected", "unresolved")),
+        *((name, ctypes.c_void_p) for name in ("stages", "inputs")),
+        ("steps", _Steps),
+        *((name, ctypes.c_void_p) for name in ("stop_at", "basis", "basis_0", "last")),
+        *((name, ctypes.c_void_p) for name in ("tangent_at", "measured_at", "weight", "input")),
+        *((name, ctypes.c_void_p) for name in ("start_lu", "start_x", "start_pivot")),
+        ("t", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("y", "v", "a", "lam", "torque")),
+        *((name, ctypes.c_double) for name in ("h", "ceiling", "before", "refused", "scale")),
+        *((name, ctypes.c_double) for name in ("factored_h", "size", "resolution", "least")),
+        *((name, ctypes.c_double) for name in ("round_off", "seen", "open")),
+        *((name, ctypes.c_double) for name in ("slow", "same_step")),
+        *((name, ctypes.c_double) for name in ("idle_from", "idle_to", "memory", "order")),
+        *((name, ctypes.c_double) for name in ("first", "shortest", "held", "growth", "patience")),
+    ]
+
+
+@dataclass(frozen=True)
+class Table:
+    """What is prescribed in time: motors' position, velocity, acceleration, and shares of loads.
+
+    Attributes:
+        node, weight: Of every piece, on (-1, 1), shape (nodes,).
+        end, middle, half: Of the pieces, s, shape (pieces,).
+        value: At the nodes, shape (pieces, nodes, columns).
+        corner: Times in s with values of their own. corner_value: Shape (corners, columns).
+        gap: How near a corner a time is at it, s.
+    """
+
+    node: Array
+    weight: Array
+    end: Array
+    middle: Array
+    half: Array
+    value: Array
+    corner: Array
+    corner_value: Array
+    gap: float
+
+
+def no_table(columns: int) -> Table:
+    """Inputs that are given stage by stage."""
+    none = np.zeros(0)
+    values = np.zeros((0, 0, columns))
+    return Table(none, none, none, none, none, values, none, np.zeros((0, columns)), 0.0)
+
+
+@dataclass(frozen=True)
+class Marched:
+    """A system, as the steps of a run need it.
+
+    Attributes:
+        basis, basis_0: Values at the nodes, and at 0 and the nodes, to coefficients of powers.
+        last: Stages to the last Legendre coefficient, shape (s,).
+        measured: Velocity rows that norms count. weight: Their weight; None: the mass matrix.
+        stops: Ends in s that steps have to meet.
+    """
+
+    basis: Array
+    basis_0: Array
+    last: Array
+    measured: IntArray
+    weight: Array | None
+    stops: Sequence[float]
+
+
+class MarchKernel:
+    """The arrays of one run, and where it is.
+
+    Attributes:
+        at: The C structure: where the run is, its settings and counts.
+        steps: Arrays of the steps by name, shape (capacity + 1, ...).
+        tangents: M, C, K and J of each tangent, flat.
+        y, v, a, lam, torque: The state that the next step starts from.
+        input: Inputs of the stages, shape (s, columns), where they are given.
+    """
+
+    def __init__(self, stages: StageKernel, given: Marched, table: Table, capacity: int) -> None:
+        n, s = stages.counts, stages.counts["s"]
+        nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
+        columns, size = 3 * motors + n["forces"], n["free"] + rows
+        if table.value.shape[2] != columns or table.corner_value.shape[1] != columns:
+            raise PinflexError(f"kernel: inputs of {table.value.shape[2]} columns, not {columns}.")
+        if np.any(given.measured < 0) or np.any(given.measured >= nv):
+            raise PinflexError("kernel: measured: a row that is none.")
+        self._keep = (stages, table)
+        count = len(given.measured)
+        weight = np.zeros((count, count)) if given.weight is None else given.weight
+        if weight.shape != (count, count):
+            raise PinflexError(f"kernel: a weight of {weight.shape}, not {(count, count)}.")
+        shapes = dict.fromkeys(("t", "h", "coarseness", "rate", *_POINTS), ()) | {
+            "y0": (nq,), "v0": (nv,), "a0": (nv,), "lam0": (rows,), "torque0": (motors,),
+            "move": (s, nv), "turn": (s, nv), "a": (s, nv), "lam": (s, rows),
+            "torque": (s, motors), "power": (s, 2), "position": (s, motors),
+            "velocity": (s, motors),
+        }  # fmt: skip
+        self.steps: dict[str, Array] = {
+            name: np.zeros((capacity + 1, *shapes[name])) for name in _NUMBERS
+        }
+        self.integers: dict[str, IntArray] = {
+            name: np.zeros(capacity + 1, dtype=np.int64) for name in _INTEGERS
+        }
+        # One more than steps of a batch and the tangent in use, for starts.
+        self.tangents = np.zeros((capacity + 2, nv * (3 * nv + rows)))
+        self.y, self.v, self.a = np.zeros(nq), np.zeros(nv), np.zeros(nv)
+        self.lam, self.torque = np.zeros(rows), np.zeros(motors)
+        self.input = np.zeros((s, columns))
+        arrays: dict[str, Array | IntArray] = {
+            "stop_at": _numbers(given.stops), "basis": _numbers(given.basis),
+            "basis_0": _numbers(given.basis_0), "last": _numbers(given.last),
+            "tangent_at": self.tangents, "weight": _numbers(weight), "input": self.input,
+            "measured_at": np.ascontiguousarray(given.measured, dtype=np.int64),
+            "start_lu": np.zeros(2 * size * size), "start_x": np.zeros(2 * size + nv + rows),
+            "start_pivot": np.zeros(size, dtype=np.int64), "y": self.y, "v": self.v, "a": self.a,
+            "lam": self.lam, "torque": self.torque,
+        }  # fmt: skip
+        self._arrays = arrays
+        self._inputs = _inputs(table, columns, self._arrays)
+        self.at = _March(
+            capacity=capacity, tangents=capacity + 1, stops=len(given.stops), measured=count,
+            by_mass=int(given.weight is None), stale=1, stages=stages.address,
+            inputs=ctypes.addressof(self._inputs),
+            steps=_Steps(**_pointers(self.steps), **_pointers(self.integers)),
+            **_pointers(arrays),
+        )  # fmt: skip
+        self._functions, self._tables = stages.functions, stages.tables
+        self._call = (stages.tables, stages.work, ctypes.addressof(self.at))
+        self._state = (nq, nv, nv, rows, motors, 2)
+
+    def advance(self) -> int:
+        """Steps until the batch is full, or something else has to answer."""
+        return int(self._functions.pinflex_march(*self._call))
+
+    def begin(self) -> bool:
+        """Consistent a, lam and torque at t, y and v; False where they are not unique."""
+        return bool(self._functions.pinflex_begin(*self._call))
+
+    def samples(self, t: Array, of: IntArray, inputs: Array | None) -> tuple[Array, ...]:
+        """States at times: y, v, a, lam, torque and work.
+
+        Args:
+            t: Times in s, shape (k,). of: The step that each lies in, shape (k,).
+            inputs: Shape (k, columns), where there is no table of them.
+        """
+        t, of = _numbers(t), np.ascontiguousarray(of, dtype=np.int64)
+        if of.shape != t.shape or np.any(of < 0) or np.any(of > self.at.count):
+            raise PinflexError("kernel: samples outside the steps.")
+        given = None if inputs is None else _numbers(inputs)
+        if given is not None and given.shape != (len(t), self.input.shape[1]):
+            raise PinflexError(f"kernel: inputs of {given.shape}.")
+        found = tuple(np.empty((len(t), width)) for width in self._state)
+        self._functions.pinflex_samples(
+            self._tables, self._call[2], len(t), t.ctypes.data, of.ctypes.data,
+            None if given is None else given.ctypes.data, *(x.ctypes.data for x in found),
+        )  # fmt: skip
+        return found
+
+
+def _inputs(table: Table, columns: int, keep: dict[str, Array | IntArray]) -> _Inputs:
+    names = ("node", "weight", "end", "middle", "half", "value", "corner", "corner_value")
+    arrays = {name: _numbers(getattr(table, name)) for name in names}
+    keep |= {f"table {name}": array for name, array in arrays.items()}
+    pieces, nodes, _ = table.value.shape
+    return _Inputs(
+        columns=columns, pieces=pieces, nodes=nodes, corners=len(table.corner), gap=table.gap,
+        **_pointers(arrays),
+    )  # fmt: skip
+
+
+def _pointers(arrays: Mapping[str, Any]) -> dict[str, int]:
+    return {name: array.ctypes.data for name, array in arrays.items()}
+
+
+def _numbers(x: Array | Sequence[float]) -> Array:
+    return np.ascontiguousarray(x, dtype=np.float64)
