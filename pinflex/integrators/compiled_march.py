@@ -7,6 +7,7 @@ coordinates have no mass, and what the keeper of the steps says after each batch
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, overload
 
 import numpy as np
@@ -16,10 +17,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.stage_newton import Tangent
-from pinflex.integrators.stages import Start, Step
+from pinflex.integrators.stages import StageEquations, Start, Step
 from pinflex.integrators.step_control import GROWTH, HELD, SHORTEST, TOGETHER, stops_of, stuck
 from pinflex.integrators.steps import States
-from pinflex.kernel.march import FULL, INPUTS, START, STUCK, Marched, MarchKernel, no_table
+from pinflex.kernel.march import FULL, INPUTS, START, STUCK, Marched, MarchKernel, Table, no_table
 
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
@@ -31,33 +32,32 @@ _COPIED = (
 
 
 class CompiledSteps:
-    """The kernel of one run, with what is prescribed in it.
+    """The steps of one method on the kernel, with what is prescribed in the run.
 
     Attributes:
-        kernel: Its arrays. stages: The method, which says how.
+        kernel: Their arrays. of: The method. table: What is prescribed, or None.
+        tangents: Kernel of the run whose tangents they were solved by.
     """
 
     def __init__(
-        self, stages: Stages, t: tuple[float, float], stops: Sequence[float], room: int
+        self,
+        of: StageEquations,
+        marched: Marched,
+        table: Table | None,
+        room: int,
+        tangents: MarchKernel | None = None,
     ) -> None:
-        """`t`: start and end in s; `stops`: ends of steps; `room`: steps of a batch."""
-        assert stages.compiled is not None
-        self.stages, self._compiled = stages, stages.compiled
-        m, kernel = stages.method, stages.compiled.kernel
-        forces, self._motors = kernel.counts["forces"], kernel.counts["motors"]
-        n = self._motors
-        kinds = [slice(0, n), slice(n, 2 * n), slice(2 * n, 3 * n), slice(3 * n, 3 * n + forces)]
-        table = tabulated(self.inputs, kinds, *t, stops)
-        weight = stages.dynamics.strain.stiffness if stages.by_energy else None
-        given = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
-        self.tabled = table is not None
-        self.kernel = MarchKernel(kernel, given, table or no_table(3 * n + forces), room)
+        """`marched`: what the kernel has to know; `room`: steps of a batch."""
+        assert of.compiled is not None
+        self.of, self._compiled, self.table = of, of.compiled, table
+        n = of.compiled.kernel.counts
+        table = table or no_table(3 * n["motors"] + n["forces"])
+        self.kernel = MarchKernel(of.compiled.kernel, marched, table, room)
+        self.tangents = tangents or self.kernel
 
     def inputs(self, t: Array) -> Array:
         """Motors' position, velocity, acceleration and shares of loads at times (k,), (k, n)."""
-        path = self.stages.path(t)
-        parts = (path.position, path.velocity, path.acceleration, self._compiled.compiled.scale(t))
-        return np.concatenate(parts, axis=1)
+        return _inputs(self.of.path(t), self._compiled.compiled.scale(t))
 
     def batch(self) -> Batch:
         """The steps of the last call."""
@@ -65,21 +65,21 @@ class CompiledSteps:
 
     def samples(self, t: Array, of: IntArray) -> States:
         """States at times t (k,) in s, of (k,): the step of the batch that each lies in."""
-        given = None if self.tabled else self.inputs(t)
+        given = None if self.table else self.inputs(t)
         return States(*self.kernel.samples(t, of + 1, given))
 
     def works(self, count: int) -> Array:
         """Work of the motors and of the damping in each step, J, shape (count, 2)."""
         found, at = self.kernel.steps, slice(1, count + 1)
-        return np.asarray(found["h"][at, None] * (self.stages.method.A[-1] @ found["power"][at]))
+        return np.asarray(found["h"][at, None] * (self.of.method.A[-1] @ found["power"][at]))
 
     def step(self, k: int, arrays: Mapping[str, Array], tangent: Tangent) -> Step:
         """The k-th step of a batch, of copies of its arrays."""
         at = {name: arrays[name][k] for name in _COPIED}
         start = Start(float(at["t"]), *(at[f"{name}0"] for name in _STATE))
         h, a = float(at["h"]), at["a"]
-        prescribed = a[:, self.stages.motors]
-        times = start.t + h * self.stages.method.c
+        prescribed = a[:, self.of.motors]
+        times = start.t + h * self.of.method.c
         return Step(
             start, h, at["move"], at["turn"], a, at["lam"], at["torque"], at["power"],
             float(at["coarseness"]), MotorPath(times, at["position"], at["velocity"], prescribed),
@@ -89,10 +89,30 @@ class CompiledSteps:
     def tangent(self, slot: int) -> Tangent:
         """A copy of one that steps were solved by."""
         nv, rows = self.kernel.v.size, self.kernel.lam.size
-        flat = self.kernel.tangents[slot].copy()
+        flat = self.tangents.tangents[slot].copy()
         M, C, K = flat[: 3 * nv * nv].reshape(3, nv, nv)
         J = flat[3 * nv * nv :].reshape(rows, nv)
-        return Tangent(M, C, K, J, self.stages.free, self.stages.motors)
+        return Tangent(M, C, K, J, self.of.free, self.of.motors)
+
+
+def steps_of(stages: Stages, ends: tuple[float, float], stops: Sequence[float]) -> CompiledSteps:
+    """The steps of a run from its start to its end (s), some of them ending at `stops` (s)."""
+    assert stages.compiled is not None
+    system, compiled, m = stages.dynamics.system, stages.compiled.compiled, stages.method
+    n, forces = len(system.motors), stages.compiled.kernel.counts["forces"]
+
+    def inputs(t: Array) -> Array:
+        return _inputs(stages.path(t), compiled.scale(t))
+
+    widths = np.cumsum([0, n, n, n, forces])
+    kinds = [slice(*pair) for pair in pairwise(widths)]
+    weight = stages.dynamics.strain.stiffness if stages.by_energy else None
+    marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
+    return CompiledSteps(stages, marched, tabulated(inputs, kinds, *ends, stops), TOGETHER)
+
+
+def _inputs(path: MotorPath, scale: Array) -> Array:
+    return np.concatenate([path.position, path.velocity, path.acceleration, scale], axis=1)
 
 
 class Batch(Sequence[Step]):
@@ -163,7 +183,7 @@ class CompiledMarch:
         self._name, self.stages, self.resolution = name, stages, 0.0
         self.steps: Sequence[Step] = ()
         ends = float(t[0]), float(t[-1])
-        self._made = CompiledSteps(stages, ends, stops_of(t, breaks), TOGETHER)
+        self._made = steps_of(stages, ends, stops_of(t, breaks))
         self._kernel, self._at = self._made.kernel, self._made.kernel.at
         self._repeated, at = 0, self._at
         at.shortest, at.held, at.growth = SHORTEST * (ends[1] - ends[0]), HELD, GROWTH
@@ -173,7 +193,7 @@ class CompiledMarch:
         at.ceiling = at.refused = np.inf
         at.scale = stages.scale
         self._kernel.y[...], self._kernel.v[...] = start
-        if not (self._made.tabled and self._kernel.begin()):
+        if not (self._made.table and self._kernel.begin()):
             self._start()
         self._origin = self._point()
 

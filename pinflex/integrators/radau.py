@@ -32,7 +32,7 @@ _OPEN, _OPEN_PART = 1e-6, 3e-5
 _CLOSED = 1e-12  # m or rad: what round-off leaves
 # m or rad in every coordinate that Newton need not go below, and that no step shows less than.
 _ROUND_OFF, _SEEN = 1e-14, 1e-13
-_SAME_STEP = 1e-12  # of a step: equal pieces of a way differ by round-off, and share factors
+SAME_STEP = 1e-12  # of a step: equal pieces of a way differ by round-off, and share factors
 
 
 @dataclass
@@ -149,7 +149,7 @@ class Stages(StageEquations):
         if newton.stale:
             newton.refresh(x.y[k], x.v[k], x.a[k], x.lam[k], float(x.t[k]))
             so_far.fresh = iteration
-        if abs(newton.h - x.h) > _SAME_STEP * x.h:
+        if abs(newton.h - x.h) > SAME_STEP * x.h:
             newton.factor(x.h)
 
     def _set_goal(self, x: Trial, so_far: _Contraction) -> None:
@@ -167,7 +167,7 @@ class Stages(StageEquations):
         return {
             "resolution": self.resolution, "slow": self.slow, "least": self._least,
             "round_off": _ROUND_OFF, "seen": _SEEN, "open": self._open,
-            "most": _MAX_ITERATIONS, "same_step": _SAME_STEP,
+            "most": _MAX_ITERATIONS, "same_step": SAME_STEP,
         }  # fmt: skip
 
     def _shut(self, x: Trial) -> bool:

@@ -23,6 +23,7 @@ FUNCTIONS = {
     "pinflex_correct": (None, (_POINTER,) * 2),
     "pinflex_march": (ctypes.c_int, (_POINTER,) * 3),
     "pinflex_begin": (ctypes.c_int, (_POINTER,) * 3),
+    "pinflex_correct_steps": (ctypes.c_int, (*(_POINTER,) * 4, _INT, *(_POINTER,) * 3)),
     "pinflex_samples": (None, (*(_POINTER,) * 2, _INT, *(_POINTER,) * 9)),
 }
 

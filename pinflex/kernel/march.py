@@ -22,7 +22,7 @@ _STARTS = ("t", "y0", "v0", "a0", "lam0", "torque0")
 _STAGES = ("move", "turn", "a", "lam", "torque", "power", "position", "velocity")
 _POINTS = ("next", "ceiling", "before", "refused", "scale")
 _NUMBERS = (*_STARTS, "h", "coarseness", "rate", *_STAGES, *_POINTS)
-_INTEGERS = ("number", "stop", "follows", "tangent")
+_INTEGERS = ("number", "stop", "follows", "tangent", "serial")
 
 
 class _Inputs(ctypes.Structure):
@@ -181,6 +181,28 @@ class MarchKernel:
     def begin(self) -> bool:
         """Consistent a, lam and torque at t, y and v; False where they are not unique."""
         return bool(self._functions.pinflex_begin(*self._call))
+
+    def correct(self, run: MarchKernel, W: Array, end_a: Array | None, given: Array | None) -> bool:
+        """Steps of a run once more, from this state on; False where equations are singular.
+
+        Args:
+            run: Its steps, with one stage less. W: Stages of the run to these, (s, s - 1).
+            end_a: Accelerations at the end of the step before (nv,); None: there is none.
+            given: Inputs of the stages, shape (steps, s, columns), where there is no table.
+        """
+        s, count = len(self.input), int(run.at.count)
+        if W.shape != (s, len(run.input)) or count > self.at.capacity:
+            raise PinflexError(f"kernel: {W.shape} weights for {count} steps.")
+        if given is not None and given.shape != (count, *self.input.shape):
+            raise PinflexError(f"kernel: inputs of {given.shape}.")
+        arrays = (None if x is None else _numbers(x) for x in (W, end_a, given))
+        kept = tuple(arrays)
+        pointers = (None if x is None else x.ctypes.data for x in kept)
+        tables, work, at = self._call
+        done = self._functions.pinflex_correct_steps(
+            tables, work, run._call[2], at, count, *pointers
+        )
+        return bool(done)
 
     def samples(self, t: Array, of: IntArray, inputs: Array | None) -> tuple[Array, ...]:
         """States at times: y, v, a, lam, torque and work.

@@ -9,7 +9,7 @@ void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, 
                      double *K, double *J);
 
 /* Inputs at the stages, and where the step starts. */
-static void take_inputs(const Tables *t, March *m, double h) {
+void take_inputs(const Tables *t, March *m, double h) {
   Stages *st = m->stages;
   Int n = m->inputs->columns, motors = st->motors;
   copy(st->y0, m->y, t->nq);
@@ -76,7 +76,7 @@ static void refresh(const Tables *t, char *memory, March *m) {
 }
 
 /* Factors of Newton's matrices for a step, where they are not at hand. */
-static int factor(const Tables *t, March *m, double h) {
+int factor(const Tables *t, March *m, double h) {
   Stages *st = m->stages;
   Int n = st->free, nv = t->nv, square = nv * nv;
   const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
@@ -162,6 +162,7 @@ void keep(const Tables *t, March *m, double h) {
   Int k = m->count + 1, s = st->s, nv = t->nv, n = st->free, motors = st->motors;
   double *torque = to->torque + k * s * motors, *move = to->move + k * s * nv;
   to->t[k] = m->t, to->h[k] = h, to->tangent[k] = m->tangent;
+  to->serial[k] = m->refreshed;
   copy(to->y0 + k * t->nq, m->y, t->nq);
   copy(to->v0 + k * nv, m->v, nv);
   copy(to->a0 + k * nv, m->a, nv);

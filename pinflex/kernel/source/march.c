@@ -28,7 +28,7 @@ static double growth(const March *m, double coarseness) {
 }
 
 /* The state after the step that is kept as number `count`. */
-static void advance(const Tables *t, March *m) {
+void advance(const Tables *t, March *m) {
   const Stages *st = m->stages;
   const Steps *x = &m->steps;
   Int k = m->count, s = st->s, nv = t->nv, motors = st->motors, end = k * s + s - 1;

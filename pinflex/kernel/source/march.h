@@ -23,7 +23,7 @@ typedef struct {
   double *move, *turn, *a, *lam, *torque, *power;  /* stages */
   double *position, *velocity;                     /* of the motors at the stages */
   double *next, *ceiling, *before, *refused, *scale; /* the point it goes on from, see March */
-  Int *number, *stop, *follows, *tangent;
+  Int *number, *stop, *follows, *tangent, *serial;
 } Steps;
 
 /* Where a run is, its settings, and its counts. Step 0 is the last one before the batch. */
@@ -57,8 +57,10 @@ typedef struct {
 /* inputs.c: all columns at a time */
 void prescribed(const Inputs *in, double time, double *out);
 
-/* place.c: y = y0 (+) move, prescribed motors where they are told to be */
+/* place.c: y = y0 (+) move, and the move from y0 to y; prescribed motors where they are told to be */
 void retract(const Tables *t, const Stages *st, const double *y0, const double *move, double *y);
+void displacement(const Tables *t, const Stages *st, const double *y0, const double *y,
+                  double *move);
 void write_motors(const Stages *st, const double *position, double *y);
 
 /* newton.c: complex LU, columns one after the other */
@@ -66,9 +68,16 @@ int decompose(double *re, double *im, Int n, Int *pivot);
 void substitute(const double *re, const double *im, Int n, const Int *pivot, double *x, double *y);
 int pinflex_factor(const Tables *t, const Stages *st);
 
-/* attempt.c: the step of length h; 0: Newton does not get there */
+/* attempt.c: the step of length h; 0: Newton does not get there. take_inputs: where it starts, and
+   what is prescribed at its stages. factor: for a step of length h, where that is not at hand. keep:
+   as step `count` + 1. */
 int attempt(const Tables *t, char *memory, March *m, double h);
+void take_inputs(const Tables *t, March *m, double h);
+int factor(const Tables *t, March *m, double h);
 void keep(const Tables *t, March *m, double h);
+
+/* march.c: the state after the step that is kept as number `count` */
+void advance(const Tables *t, March *m);
 
 /* start.c: a, lam and torque that belong to t, y and v; 0 where they are not unique */
 int begin(const Tables *t, char *memory, March *m);

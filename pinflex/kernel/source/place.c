@@ -30,6 +30,17 @@ static void ball_move(const double *q, const double *m, double *out) {
   for (int d = 0; d < 4; d++) out[d] = grown * p[d];
 }
 
+/* The shorter rotation vector that takes one quaternion to another. */
+static void ball_way(const double *q, const double *p, double *out) {
+  double w = q[3] * p[3] + q[0] * p[0] + q[1] * p[1] + q[2] * p[2];
+  double v[3] = {q[3] * p[0] - p[3] * q[0] - (q[1] * p[2] - q[2] * p[1]),
+                 q[3] * p[1] - p[3] * q[1] - (q[2] * p[0] - q[0] * p[2]),
+                 q[3] * p[2] - p[3] * q[2] - (q[0] * p[1] - q[1] * p[0])};
+  double sign = w < 0.0 ? -1.0 : 1.0, sine = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+  double k = sine < 1e-150 ? 2.0 : 2.0 * atan2(sine, sign * w) / sine;
+  for (int d = 0; d < 3; d++) out[d] = sign * k * v[d];
+}
+
 static void circle_move(const double *q, double angle, double *out) {
   double grown = 0.5 * (3.0 - q[0] * q[0] - q[1] * q[1]), c = cos(angle), s = sin(angle);
   double x = grown * q[0], y = grown * q[1];
@@ -45,6 +56,20 @@ void retract(const Tables *t, const Stages *st, const double *y0, const double *
     ball_move(y0 + st->ball_q[k], move + st->ball_v[k], y + st->ball_q[k]);
   for (Int i = 0; i < t->nv - t->nv_rigid; i++)
     y[t->nq_rigid + i] = y0[t->nq_rigid + i] + move[t->nv_rigid + i];
+}
+
+void displacement(const Tables *t, const Stages *st, const double *y0, const double *y,
+                  double *move) {
+  for (Int k = 0; k < st->plain; k++)
+    move[st->plain_v[k]] = y[st->plain_q[k]] - y0[st->plain_q[k]];
+  for (Int k = 0; k < st->circles; k++) {
+    const double *a = y0 + st->circle_q[k], *b = y + st->circle_q[k];
+    move[st->circle_v[k]] = atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
+  }
+  for (Int k = 0; k < st->balls; k++)
+    ball_way(y0 + st->ball_q[k], y + st->ball_q[k], move + st->ball_v[k]);
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++)
+    move[t->nv_rigid + i] = y[t->nq_rigid + i] - y0[t->nq_rigid + i];
 }
 
 void write_motors(const Stages *st, const double *position, double *y) {
