@@ -17,7 +17,10 @@ from pinflex.kernel.march import Table
 
 _NODES = 25  # and as many less one between them
 _ROUND_OFF = 3e-14  # of the largest value of a kind: what may be missed; seen: 2e-15
-_ROUNDS = 5  # times that a piece is halved, at the most
+# Of it: what may be missed where a half misses as much as its whole: the function's own round-off,
+# or a kink so small.
+_NOISE, _NO_BETTER = 1e-11, 0.5
+_ROUNDS = 4  # times that a piece is halved, at the most
 _CORNER_GAP = 1e-9  # of the whole: a piece ends just before its corner, where inputs may jump
 _AT_CORNER = 1e-12  # of the whole: what round-off moves a corner by
 
@@ -43,22 +46,22 @@ def tabulated(
     ends = np.array([start, *inside, end])
     begin, until = ends[:-1] + gap, ends[1:] - gap
     whole = np.array([start, *(c for c in corners if start < c < end), end])
-    corner_value, size = function(whole), np.zeros(len(kinds))
+    corner_value, size = function(whole), np.full(len(kinds), 1e-300)
     done: list[tuple[Array, Array, Array]] = []
+    before = np.full((len(kinds), len(begin)), np.inf)
     for _ in range(_ROUNDS):
         middle, half = 0.5 * (begin + until), 0.5 * (until - begin)
-        at = np.concatenate([_nodes(), _between()])
-        found = function((middle[:, None] + half[:, None] * at).ravel())
-        values, wanted = np.split(found.reshape(len(begin), len(at), -1), [_NODES], axis=1)
-        missed = np.abs(_interpolation() @ values - wanted).max(axis=1, initial=0.0)
+        values, missed = _pieces(function, middle, half)
         size = np.maximum(size, [np.abs(values[..., k]).max(initial=0.0) for k in kinds])
-        worst = np.stack([missed[:, k].max(axis=1, initial=0.0) for k in kinds])
-        good = np.all(worst <= _ROUND_OFF * size[:, None], axis=0)
+        worst = np.stack([missed[:, k].max(axis=1, initial=0.0) for k in kinds]) / size[:, None]
+        noise = (worst <= _NOISE) & (worst > _NO_BETTER * before)
+        good = np.all((worst <= _ROUND_OFF) | noise, axis=0)
         done.append((middle[good], half[good], values[good]))
         if good.all():
             break
         begin, until, middle = begin[~good], until[~good], middle[~good]
         begin, until = np.concatenate([begin, middle]), np.concatenate([middle, until])
+        before = np.tile(worst[:, ~good], 2)
     else:
         return None
     middle, half, value = (np.concatenate(parts) for parts in zip(*done, strict=True))
@@ -67,6 +70,14 @@ def tabulated(
     # Between two pieces, in the gap of a corner, either holds.
     rest = (middle + half, middle, half, value, whole, corner_value, _AT_CORNER * span)
     return Table(_nodes(), _weights(), *rest)
+
+
+def _pieces(function: Callable[[Array], Array], middle: Array, half: Array) -> tuple[Array, Array]:
+    """Values at the nodes of pieces, (pieces, nodes, n), and misses between, (pieces, n)."""
+    at = np.concatenate([_nodes(), _between()])
+    found = function((middle[:, None] + half[:, None] * at).ravel())
+    values, wanted = np.split(found.reshape(len(middle), len(at), -1), [_NODES], axis=1)
+    return values, np.abs(_interpolation() @ values - wanted).max(axis=1, initial=0.0)
 
 
 @cache

@@ -17,6 +17,7 @@ FUNCTIONS = {
     "pinflex_work_size": (_INT, (_POINTER,)),
     "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
     "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
+    "pinflex_motion": (None, (_POINTER,) * 10),
     "pinflex_place": (None, (_POINTER,) * 2),
     "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
     "pinflex_solve": (None, (_POINTER,) * 2),

@@ -94,7 +94,7 @@ EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const doub
 
 /* Derivatives M, C, K, J one after the other, residual and second derivatives of the closures of
    one motion. */
-void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
+EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
                     const double *a, const double *lam, const double *scale, double *matrices,
                     double *r, double *rates) {
   Work w;
