@@ -28,7 +28,7 @@ class CompiledStages:
         m = method
         scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
         self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
-        self._prescribed, self._free = len(rows.motor_v) > 0, rows.free
+        self._prescribed, self._free = len(rows.motor_v) > 0, rows.free_at
 
     def begin(self, start: Any, t: Array, path: Any, a: Array, lam: Array, turn: Array) -> None:
         """Take over a step: its start, the motors at the stages t (s), and a guess."""

@@ -7,17 +7,18 @@ hold. Step 0 of the arrays is the last one before the batch.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
+from pinflex.kernel.memory import Block
 from pinflex.kernel.stages import StageKernel
 
 FULL, INPUTS, START, STUCK, PAUSED = range(5)
+_STATE = ("y", "v", "a", "lam", "torque")
 _STARTS = ("t", "y0", "v0", "a0", "lam0", "torque0")
 _STAGES = ("move", "turn", "a", "lam", "torque", "power", "position", "velocity")
 _POINTS = ("next", "ceiling", "before", "refused", "scale")
@@ -123,52 +124,47 @@ class MarchKernel:
     """
 
     def __init__(self, stages: StageKernel, given: Marched, table: Table, capacity: int) -> None:
-        n, s = stages.counts, stages.counts["s"]
+        n, s, steps = stages.counts, stages.counts["s"], capacity + 1
         nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
-        columns, size = 3 * motors + n["forces"], n["free"] + rows
-        if table.value.shape[2] != columns or table.corner_value.shape[1] != columns:
-            raise PinflexError(f"kernel: inputs of {table.value.shape[2]} columns, not {columns}.")
-        if np.any(given.measured < 0) or np.any(given.measured >= nv):
-            raise PinflexError("kernel: measured: a row that is none.")
-        self._keep = (stages, table)
-        count = len(given.measured)
-        weight = np.zeros((count, count)) if given.weight is None else given.weight
-        if weight.shape != (count, count):
-            raise PinflexError(f"kernel: a weight of {weight.shape}, not {(count, count)}.")
+        size, count = n["free"] + rows, len(given.measured)
+        _check(stages, given, table)
         shapes = dict.fromkeys(("t", "h", "coarseness", "rate", *_POINTS), ()) | {
             "y0": (nq,), "v0": (nv,), "a0": (nv,), "lam0": (rows,), "torque0": (motors,),
             "move": (s, nv), "turn": (s, nv), "a": (s, nv), "lam": (s, rows),
             "torque": (s, motors), "power": (s, 2), "position": (s, motors),
             "velocity": (s, motors),
         }  # fmt: skip
-        self.steps: dict[str, Array] = {
-            name: np.zeros((capacity + 1, *shapes[name])) for name in _NUMBERS
-        }
-        self.integers: dict[str, IntArray] = {
-            name: np.zeros(capacity + 1, dtype=np.int64) for name in _INTEGERS
-        }
-        # One more than steps of a batch and the tangent in use, for starts.
-        self.tangents = np.zeros((capacity + 2, nv * (3 * nv + rows)))
-        self.y, self.v, self.a = np.zeros(nq), np.zeros(nv), np.zeros(nv)
-        self.lam, self.torque = np.zeros(rows), np.zeros(motors)
-        self.input = np.zeros((s, columns))
-        arrays: dict[str, Array | IntArray] = {
-            "stop_at": _numbers(given.stops), "basis": _numbers(given.basis),
-            "basis_0": _numbers(given.basis_0), "last": _numbers(given.last),
-            "tangent_at": self.tangents, "weight": _numbers(weight), "input": self.input,
-            "measured_at": np.ascontiguousarray(given.measured, dtype=np.int64),
-            "start_lu": np.zeros(2 * size * size), "start_x": np.zeros(2 * size + nv + rows),
-            "start_pivot": np.zeros(size, dtype=np.int64), "y": self.y, "v": self.v, "a": self.a,
-            "lam": self.lam, "torque": self.torque,
+        of_steps = Block({name: (steps, *shapes[name]) for name in _NUMBERS}, {})
+        integers = Block(
+            dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (size,)},
+            {"measured_at": given.measured}, np.int64,
+        )  # fmt: skip
+        # One tangent more than steps of a batch and the one in use: for starts.
+        zeros = {
+            "tangent_at": (capacity + 2, nv * (3 * nv + rows)), "input": (s, _columns(stages)),
+            "start_lu": (2, size, size), "start_x": (2 * size + nv + rows,),
+            "y": (nq,), "v": (nv,), "a": (nv,), "lam": (rows,), "torque": (motors,),
         }  # fmt: skip
-        self._arrays = arrays
-        self._inputs = _inputs(table, columns, self._arrays)
+        weight = np.zeros((count, count)) if given.weight is None else given.weight
+        values = {"stop_at": np.array(given.stops, dtype=float), "weight": weight}
+        values |= {name: getattr(given, name) for name in ("basis", "basis_0", "last")}
+        numbers, inputs = Block(zeros, values), _inputs(table)
+        self._keep = (stages, of_steps, integers, numbers, inputs)
+        self.steps, self.integers = of_steps.arrays, integers.arrays
+        at = numbers.arrays
+        self.tangents, self.input = at["tangent_at"], at["input"]
+        self.y, self.v, self.a, self.lam, self.torque = (at[name] for name in _STATE)
+        pointers = numbers.addresses | {
+            name: integers.addresses[name] for name in ("measured_at", "start_pivot")
+        }
         self.at = _March(
             capacity=capacity, tangents=capacity + 1, stops=len(given.stops), measured=count,
             by_mass=int(given.weight is None), stale=1, stages=stages.address,
-            inputs=ctypes.addressof(self._inputs),
-            steps=_Steps(**_pointers(self.steps), **_pointers(self.integers)),
-            **_pointers(arrays),
+            inputs=ctypes.addressof(inputs[1]),
+            steps=_Steps(
+                **of_steps.addresses, **{name: integers.addresses[name] for name in _INTEGERS}
+            ),
+            **pointers,
         )  # fmt: skip
         self._functions, self._tables = stages.functions, stages.tables
         self._call = (stages.tables, stages.work, ctypes.addressof(self.at))
@@ -225,19 +221,33 @@ class MarchKernel:
         return found
 
 
-def _inputs(table: Table, columns: int, keep: dict[str, Array | IntArray]) -> _Inputs:
+def _columns(stages: StageKernel) -> int:
+    return 3 * stages.counts["motors"] + stages.counts["forces"]
+
+
+def _check(stages: StageKernel, given: Marched, table: Table) -> None:
+    """Raise where sizes or rows are not those of the stages."""
+    n, s, columns = stages.counts, stages.counts["s"], _columns(stages)
+    if table.value.shape[2] != columns or table.corner_value.shape[1] != columns:
+        raise PinflexError(f"kernel: inputs of {table.value.shape[2]} columns, not {columns}.")
+    if np.any(given.measured < 0) or np.any(given.measured >= n["nv"]):
+        raise PinflexError("kernel: measured: a row that is none.")
+    count = len(given.measured)
+    if given.weight is not None and given.weight.shape != (count, count):
+        raise PinflexError(f"kernel: a weight of {given.weight.shape}, not {(count, count)}.")
+    shapes = tuple(x.shape for x in (given.basis, given.basis_0, given.last))
+    if shapes != ((s, s), (s + 1, s + 1), (s,)):
+        raise PinflexError(f"kernel: {shapes} weights of {s} stages.")
+
+
+def _inputs(table: Table) -> tuple[Block, _Inputs]:
     names = ("node", "weight", "end", "middle", "half", "value", "corner", "corner_value")
-    arrays = {name: _numbers(getattr(table, name)) for name in names}
-    keep |= {f"table {name}": array for name, array in arrays.items()}
-    pieces, nodes, _ = table.value.shape
-    return _Inputs(
+    block = Block({}, {name: getattr(table, name) for name in names})
+    pieces, nodes, columns = table.value.shape
+    return block, _Inputs(
         columns=columns, pieces=pieces, nodes=nodes, corners=len(table.corner), gap=table.gap,
-        **_pointers(arrays),
+        **block.addresses,
     )  # fmt: skip
-
-
-def _pointers(arrays: Mapping[str, Any]) -> dict[str, int]:
-    return {name: array.ctypes.data for name, array in arrays.items()}
 
 
 def _numbers(x: Array | Sequence[float]) -> Array:
