@@ -86,9 +86,18 @@ def _at_nodes(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Ar
 
 
 def _hermite(t: Array, values: list[Array]) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """The quintics through positions, velocities and accelerations (nt, nm) at times t (nt,).
+
+    In Bernstein's form, whose k-th derivative at an end is a difference of the k + 1 coefficients
+    there (Farouki 2012, eq. 30).
+    """
     from scipy.interpolate import BPoly
 
-    curve = BPoly.from_derivatives(t, np.stack(values, axis=1))
+    h, (x, v, a) = np.diff(t)[:, None], values
+    rise, bend = h / 5.0, h * h / 20.0
+    begin = (x[:-1], x[:-1] + rise * v[:-1], x[:-1] + 2.0 * rise * v[:-1] + bend * a[:-1])
+    end = (x[1:] - 2.0 * rise * v[1:] + bend * a[1:], x[1:] - rise * v[1:], x[1:])
+    curve = BPoly(np.stack([*begin, *end]), t)
     rate = curve.derivative()
     second = rate.derivative()
     return lambda at: (curve(at), rate(at), second(at))
