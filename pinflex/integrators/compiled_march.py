@@ -14,6 +14,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
+from pinflex.errors import PinflexError
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.stage_newton import Tangent
@@ -23,6 +24,7 @@ from pinflex.integrators.steps import States
 from pinflex.kernel.march import FULL, INPUTS, START, STUCK, Marched, MarchKernel, Table, no_table
 
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
+_RECORDED = 64  # steps of a batch that nobody judges
 _POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
 _STATE = ("y", "v", "a", "lam", "torque")
 _COPIED = (
@@ -44,15 +46,15 @@ class CompiledSteps:
         of: StageEquations,
         marched: Marched,
         table: Table | None,
-        room: int,
+        room: tuple[int, int],
         tangents: MarchKernel | None = None,
     ) -> None:
-        """`marched`: what the kernel has to know; `room`: steps of a batch."""
+        """`marched`: what the kernel has to know; `room`: steps of a batch, and tangents."""
         assert of.compiled is not None
         self.of, self._compiled, self.table = of, of.compiled, table
         n = of.compiled.kernel.counts
         table = table or no_table(3 * n["motors"] + n["forces"])
-        self.kernel = MarchKernel(of.compiled.kernel, marched, table, room)
+        self.kernel = MarchKernel(of.compiled.kernel, marched, table, *room)
         self.tangents = tangents or self.kernel
 
     def inputs(self, t: Array) -> Array:
@@ -95,7 +97,9 @@ class CompiledSteps:
         return Tangent(M, C, K, J, self.of.free, self.of.motors)
 
 
-def steps_of(stages: Stages, ends: tuple[float, float], stops: Sequence[float]) -> CompiledSteps:
+def steps_of(
+    stages: Stages, ends: tuple[float, float], stops: Sequence[float], room: tuple[int, int]
+) -> CompiledSteps:
     """The steps of a run from its start to its end (s), some of them ending at `stops` (s)."""
     assert stages.compiled is not None
     system, compiled, m = stages.dynamics.system, stages.compiled.compiled, stages.method
@@ -108,7 +112,7 @@ def steps_of(stages: Stages, ends: tuple[float, float], stops: Sequence[float]) 
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
-    return CompiledSteps(stages, marched, tabulated(inputs, kinds, *ends, stops), TOGETHER)
+    return CompiledSteps(stages, marched, tabulated(inputs, kinds, *ends, stops), room)
 
 
 def _inputs(path: MotorPath, scale: Array) -> Array:
@@ -151,7 +155,10 @@ class Batch(Sequence[Step]):
         if not self._arrays:
             steps, room = self.made.kernel.steps, self._size + 1
             self._arrays = {name: steps[name][:room].copy() for name in _COPIED}
-        slot = int(self.made.kernel.integers["tangent"][k + 1])
+        kernel = self.made.kernel
+        slot = int(kernel.integers["tangent"][k + 1])
+        if kernel.at.tangents == 1 and kernel.integers["serial"][k + 1] != kernel.at.refreshed:
+            raise PinflexError("compiled steps: a tangent that was not kept.")
         if slot not in self._tangents:
             self._tangents[slot] = self.made.tangent(slot)
         return self.made.step(k + 1, self._arrays, self._tangents[slot])
@@ -179,11 +186,14 @@ class CompiledMarch:
         breaks: Sequence[float],
         first: float,
         unjudged: bool,
+        recorded: bool = False,
     ) -> None:
+        """As `March`; `recorded`: all steps stay, so that batches may have any size."""
         self._name, self.stages, self.resolution = name, stages, 0.0
         self.steps: Sequence[Step] = ()
         ends = float(t[0]), float(t[-1])
-        self._made = steps_of(stages, ends, stops_of(t, breaks))
+        room = (_RECORDED, 1) if recorded else (TOGETHER, TOGETHER + 1)
+        self._made, self._recorded = steps_of(stages, ends, stops_of(t, breaks), room), recorded
         self._kernel, self._at = self._made.kernel, self._made.kernel.at
         self._repeated, at = 0, self._at
         at.shortest, at.held, at.growth = SHORTEST * (ends[1] - ends[0]), HELD, GROWTH
@@ -231,6 +241,8 @@ class CompiledMarch:
                     self._kernel.input[...], at.given = self._made.inputs(times), 1
                 elif end == START:
                     self._start()
+                elif self._recorded:
+                    break
         finally:
             stages.scale = float(at.scale)
             self.steps = self._made.batch()

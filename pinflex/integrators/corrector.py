@@ -73,7 +73,8 @@ class Corrector(StageEquations):
         none = np.zeros(0, dtype=np.intp)
         last = np.zeros(self.method.s)
         marched = Marched(*self.method.monomials, last, none, None, ())
-        made = CompiledSteps(self, marched, run.table, int(run.kernel.at.capacity), run.kernel)
+        room = int(run.kernel.at.capacity), 0
+        made = CompiledSteps(self, marched, run.table, room, run.kernel)
         made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
         return made
 

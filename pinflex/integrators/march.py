@@ -11,6 +11,7 @@ from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
 from pinflex.integrators.compiled_march import CompiledMarch
 from pinflex.integrators.radau import Stages
+from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.step_control import March
 from pinflex.integrators.steps import Steps
@@ -82,11 +83,12 @@ def integrate(
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
     stages.scale = scale
-    compiled = isinstance(stages, Stages) and stages.compiled is not None
-    kind: Any = CompiledMarch if compiled else March
-    march: March | CompiledMarch = kind(
-        name, stages, start, t, breaks, first * float(t[-1] - t[0]), pilot
-    )
+    given = start, t, breaks, first * float(t[-1] - t[0]), pilot
+    march: March | CompiledMarch
+    if isinstance(stages, Stages) and stages.compiled is not None:
+        march = CompiledMarch(name, stages, *given, recorded=type(keeper) is Record)
+    else:
+        march = March(name, stages, *given)
     keeper.start(march.now)
 
     def run(stopped: str = "") -> Run:

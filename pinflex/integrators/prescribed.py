@@ -20,7 +20,7 @@ _ROUND_OFF = 3e-14  # of the largest value of a kind: what may be missed; seen: 
 # Of it: what may be missed where a half misses as much as its whole: the function's own round-off,
 # or a kink so small.
 _NOISE, _NO_BETTER = 1e-11, 0.5
-_ROUNDS = 4  # times that a piece is halved, at the most
+_ROUNDS = 4  # of halving those that are not close, the first without
 _CORNER_GAP = 1e-9  # of the whole: a piece ends just before its corner, where inputs may jump
 _AT_CORNER = 1e-12  # of the whole: what round-off moves a corner by
 
@@ -46,12 +46,14 @@ def tabulated(
     ends = np.array([start, *inside, end])
     begin, until = ends[:-1] + gap, ends[1:] - gap
     whole = np.array([start, *(c for c in corners if start < c < end), end])
-    corner_value, size = function(whole), np.full(len(kinds), 1e-300)
+    size, corner_value = np.full(len(kinds), 1e-300), None
     done: list[tuple[Array, Array, Array]] = []
     before = np.full((len(kinds), len(begin)), np.inf)
     for _ in range(_ROUNDS):
         middle, half = 0.5 * (begin + until), 0.5 * (until - begin)
-        values, missed = _pieces(function, middle, half)
+        more = whole if corner_value is None else whole[:0]
+        values, missed, others = _pieces(function, middle, half, more)
+        corner_value = others if corner_value is None else corner_value
         size = np.maximum(size, [np.abs(values[..., k]).max(initial=0.0) for k in kinds])
         worst = np.stack([missed[:, k].max(axis=1, initial=0.0) for k in kinds]) / size[:, None]
         noise = (worst <= _NOISE) & (worst > _NO_BETTER * before)
@@ -72,12 +74,19 @@ def tabulated(
     return Table(_nodes(), _weights(), *rest)
 
 
-def _pieces(function: Callable[[Array], Array], middle: Array, half: Array) -> tuple[Array, Array]:
-    """Values at the nodes of pieces, (pieces, nodes, n), and misses between, (pieces, n)."""
+def _pieces(
+    function: Callable[[Array], Array], middle: Array, half: Array, more: Array
+) -> tuple[Array, Array, Array]:
+    """Values at the nodes of pieces, (pieces, nodes, n), and misses between, (pieces, n).
+
+    And values at times `more`, for every call of the function has its price.
+    """
     at = np.concatenate([_nodes(), _between()])
-    found = function((middle[:, None] + half[:, None] * at).ravel())
-    values, wanted = np.split(found.reshape(len(middle), len(at), -1), [_NODES], axis=1)
-    return values, np.abs(_interpolation() @ values - wanted).max(axis=1, initial=0.0)
+    times = (middle[:, None] + half[:, None] * at).ravel()
+    found = function(np.concatenate([times, more]))
+    inner, others = found[: len(times)].reshape(len(middle), len(at), -1), found[len(times) :]
+    values, wanted = inner[:, :_NODES], inner[:, _NODES:]
+    return values, np.abs(_interpolation() @ values - wanted).max(axis=1, initial=0.0), others
 
 
 @cache

@@ -123,7 +123,10 @@ class MarchKernel:
         input: Inputs of the stages, shape (s, columns), where they are given.
     """
 
-    def __init__(self, stages: StageKernel, given: Marched, table: Table, capacity: int) -> None:
+    def __init__(
+        self, stages: StageKernel, given: Marched, table: Table, capacity: int, tangents: int
+    ) -> None:
+        """`capacity`: steps of a batch; `tangents`: room for those that they are solved by."""
         n, s, steps = stages.counts, stages.counts["s"], capacity + 1
         nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
         size, count = n["free"] + rows, len(given.measured)
@@ -139,9 +142,9 @@ class MarchKernel:
             dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (size,)},
             {"measured_at": given.measured}, np.int64,
         )  # fmt: skip
-        # One tangent more than steps of a batch and the one in use: for starts.
+        # One tangent more for starts.
         zeros = {
-            "tangent_at": (capacity + 2, nv * (3 * nv + rows)), "input": (s, _columns(stages)),
+            "tangent_at": (tangents + 1, nv * (3 * nv + rows)), "input": (s, _columns(stages)),
             "start_lu": (2, size, size), "start_x": (2 * size + nv + rows,),
             "y": (nq,), "v": (nv,), "a": (nv,), "lam": (rows,), "torque": (motors,),
         }  # fmt: skip
@@ -158,7 +161,7 @@ class MarchKernel:
             name: integers.addresses[name] for name in ("measured_at", "start_pivot")
         }
         self.at = _March(
-            capacity=capacity, tangents=capacity + 1, stops=len(given.stops), measured=count,
+            capacity=capacity, tangents=tangents, stops=len(given.stops), measured=count,
             by_mass=int(given.weight is None), stale=1, stages=stages.address,
             inputs=ctypes.addressof(inputs[1]),
             steps=_Steps(
