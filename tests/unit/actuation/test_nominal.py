@@ -8,9 +8,11 @@ from pathlib import Path as File
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import BPoly
 
 import pinflex as pf
 from pinflex.actuation import nominal as module
+from pinflex.actuation.drive import _hermite
 from pinflex.actuation.nominal import Nominal, _filled, _march, nominal
 from pinflex.actuation.path import Path
 from pinflex.arrays import Array
@@ -250,3 +252,13 @@ def test_of_many_instants_few_are_marched_to(name: str, monkeypatch: pytest.Monk
     assert sum(counted) < 10
     one = march(Path(m, own_motion(m)), t[::20])
     np.testing.assert_allclose(many.q[::20], one.q, atol=1e-11)
+
+
+def test_quintics_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.uniform(0.0, 3.0, 9))
+    values = [rng.normal(size=(9, 3)) for _ in range(3)]
+    expected = BPoly.from_derivatives(t, np.stack(values, axis=1))
+    at = np.linspace(t[0], t[-1], 97)
+    for order, found in enumerate(_hermite(t, values)(at)):
+        np.testing.assert_allclose(found, expected(at, order), rtol=1e-13, atol=1e-12)
