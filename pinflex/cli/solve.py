@@ -115,9 +115,10 @@ def _interrupted(args: argparse.Namespace, stop: RunInterrupted) -> NoReturn:
     if args.output is None or not isinstance(stop.result, Result):
         raise stop
     stop.result.save(args.output)
+    by_steps = stop.result.meta["settings"].get("integrator") != "radau"
+    how = f", --resume {args.output} goes on" if by_steps else ""
     raise KeyboardInterrupt(
-        f"interrupted; the run up to t = {stop.result.t[-1]:.6g} s was saved, "
-        f"--resume {args.output} goes on"
+        f"interrupted; the run up to t = {stop.result.t[-1]:.6g} s was saved{how}"
     ) from None
 
 

@@ -114,5 +114,7 @@ def integrate(
     except KeyboardInterrupt:
         if waiting:
             keeper.finish(march.steps)
+        if keeper.count < 2:
+            raise  # nothing but the start
         raise RunInterrupted(run("interrupted")) from None
     return run()
