@@ -120,69 +120,95 @@ class March:
         return now
 
     def _attempt(self, before: Step, guess: tuple[Array, Array], k: int, exact: bool) -> Step:
-        motors, newton, dynamics, path = self.motors, self.newton, self.dynamics, self.path
-        prescribed = self.drive is None
-        t = float(path.t[k])
-        a, lam = guess
-        if prescribed:
-            a[motors] = path.acceleration[k]
-        known = self._known
-        known[0], known[1], known[2], known[3] = a, before.a, before.s, before.v
-        # Rows s, v and a share one array, so that a correction is one product.
-        moving = self._predict @ known
-        s, v, move = moving[0], moving[1], moving[2].copy()
-        moving[2] = a
-        now = Step(dynamics.integrate(before.y, move), v, moving[2], s, lam, before.torque)
-        if prescribed:
-            s[motors] = path.acceleration[k]
-            self.axes.write(now.y, path.position[k])
-            v[motors] = path.velocity[k]
+        newton, t = self.newton, float(self.path.t[k])
+        now, moving, move = self._predicted(before, guess, k)
         if self.slow or exact:
             newton.refresh(now, t, exact)
-        fresh, change, gains, to_y = self.slow, self._change, self._gains, self._to_y
+        fresh = self.slow
         for iteration in range(MAX_ITERATIONS):
-            self.control(k, now.y, now.v)
-            r, c = dynamics.residual(now.y, now.v, now.a, now.lam, t, self.control_force)
-            if self.drive is not None:
-                now.torque = self.drive.torque(k, path, self.axes, now.y, now.v)
-                r[motors] -= now.torque
+            r, c = self._balance(now, k, t)
             ds, dlam = newton.step(r[newton.free], c)
             self.iterations += 1
             size = sqrt((newton.weight * ds) @ ds)
             if not isfinite(size):
                 break
-            change[newton.free] = ds
-            moving += gains * change
-            now.lam += dlam
-            if dynamics.vector_space:
-                now.y += to_y * change
-            else:
-                move += to_y * change
-                now.y = dynamics.integrate(before.y, move)
-                if prescribed:
-                    self.axes.write(now.y, path.position[k])
-            left = newton.left(iteration, size)
-            if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
-                self.reference = max(self.reference, newton.size(now.a))
-            goal = max(self.tolerance * self.reference, 0.01 * newton.noise)
-            # What cannot be moved any more has to balance to this part of the inertia forces.
-            rough = max(goal, _STUCK * self.reference)
-            if (left <= goal and newton.closed(c)) or (
-                newton.stuck and newton.spent(r[newton.free], c, rough)
-            ):
-                if prescribed:
-                    now.torque = r[motors] + newton.motor_rows @ ds
-                    if newton.rows:
-                        now.torque -= newton.J_motors.T @ dlam
+            self._correct(now, before, moving, move, ds, dlam, k)
+            if self._converged(iteration, size, now, r, c):
+                if self.drive is None:
+                    now.torque = self._motor_forces(r, ds, dlam)
                 self.slow = newton.rate > 0.1
                 self._follow(newton.size(now.a))
                 return now
-            if iteration >= 2 and newton.rate > 0.3 and (not fresh or iteration > 4):
+            aged = iteration >= 2 and newton.rate > 0.3 and (not fresh or iteration > 4)
+            if aged or exact:
                 newton.refresh(now, t, exact)
-                fresh = True
-            elif exact:
-                newton.refresh(now, t, exact)
+            fresh = fresh or aged
         raise NoConvergence(r[newton.free])
+
+    def _predicted(
+        self, before: Step, guess: tuple[Array, Array], k: int
+    ) -> tuple[Step, Array, Array]:
+        """The state at step k by a guess of a and lam, its rows s, v and a, and the move to it."""
+        motors, path, known = self.motors, self.path, self._known
+        prescribed, (a, lam) = self.drive is None, guess
+        if prescribed:
+            a[motors] = path.acceleration[k]
+        known[0], known[1], known[2], known[3] = a, before.a, before.s, before.v
+        # Rows s, v and a share one array, so that a correction is one product.
+        moving = self._predict @ known
+        s, v, move = moving[0], moving[1], moving[2].copy()
+        moving[2] = a
+        y = self.dynamics.integrate(before.y, move)
+        now = Step(y, v, moving[2], s, lam, before.torque)
+        if prescribed:
+            s[motors] = path.acceleration[k]
+            self.axes.write(y, path.position[k])
+            v[motors] = path.velocity[k]
+        return now, moving, move
+
+    def _balance(self, now: Step, k: int, t: float) -> tuple[Array, Array]:
+        """Residual (nv,), that of motors without their torque, and closures (rows,)."""
+        self.control(k, now.y, now.v)
+        r, c = self.dynamics.residual(now.y, now.v, now.a, now.lam, t, self.control_force)
+        if self.drive is not None:
+            now.torque = self.drive.torque(k, self.path, self.axes, now.y, now.v)
+            r[self.motors] -= now.torque
+        return r, c
+
+    def _correct(
+        self, now: Step, before: Step, moving: Array, move: Array, ds: Array, dlam: Array, k: int
+    ) -> None:
+        """Move a state by a correction of s and lam."""
+        change = self._change
+        change[self.newton.free] = ds
+        moving += self._gains * change
+        now.lam += dlam
+        if self.dynamics.vector_space:
+            now.y += self._to_y * change
+            return
+        move += self._to_y * change
+        now.y = self.dynamics.integrate(before.y, move)
+        if self.drive is None:
+            self.axes.write(now.y, self.path.position[k])
+
+    def _converged(self, iteration: int, size: float, now: Step, r: Array, c: Array) -> bool:
+        """Whether corrections, the last of a norm `size`, have brought the state close enough."""
+        newton = self.newton
+        left = newton.left(iteration, size)
+        if iteration >= 2 and left > max(self.tolerance * self.reference, newton.noise):
+            self.reference = max(self.reference, newton.size(now.a))
+        goal = max(self.tolerance * self.reference, 0.01 * newton.noise)
+        if left <= goal and newton.closed(c):
+            return True
+        # What cannot be moved any more has to balance to this part of the inertia forces.
+        rough = max(goal, _STUCK * self.reference)
+        return newton.stuck and newton.spent(r[newton.free], c, rough)
+
+    def _motor_forces(self, r: Array, ds: Array, dlam: Array) -> Array:
+        """Torques of prescribed motors, with what the last correction adds."""
+        newton = self.newton
+        torque = r[self.motors] + newton.motor_rows @ ds
+        return np.asarray(torque - newton.J_motors.T @ dlam if newton.rows else torque)
 
     def _follow(self, size: float) -> None:
         """Let the scale of the tolerance follow the acceleration.

@@ -14,7 +14,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
-from pinflex.errors import PinflexError
+from pinflex.errors import PinflexError, SceneError
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.stage_newton import Tangent
@@ -112,7 +112,11 @@ def steps_of(
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
-    return CompiledSteps(stages, marched, tabulated(inputs, kinds, *ends, stops), room)
+    try:
+        table = tabulated(inputs, kinds, *ends, stops)
+    except SceneError:  # somewhere on the way: the run is to come as far as it can
+        table = None
+    return CompiledSteps(stages, marched, table, room)
 
 
 def _inputs(path: MotorPath, scale: Array) -> Array:
