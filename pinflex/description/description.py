@@ -207,19 +207,10 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
     folder = Path() if path is None else path.parent
     if tree is None:
         tree = sources.find(schema.text(block["urdf"], place["urdf"]), folder, place["urdf"])
-    if tree.loops or tree.blocks:  # written out: the YAML text says all that its file does not
-        block = schema.mapping(tree.joined(block), file, KEYS)
-        text = _dumped(block)
-    straight = curved.straightened(block, place, tree)
-    if straight is not None:  # written out, as loops are
-        block, tree = straight
-        text = _dumped(block)
+    block, tree, text = _written_out(block, text, file, tree)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
-    kinds = {j: extra.type for j, extra in joints.items() if extra.type is not None}
-    types = {joint.name: joint.type for joint in tree.joints.values()} | kinds
-    if values.get("base") == "free_flyer":
-        types["root_joint"] = "floating"
+    types = _joint_types(tree, joints, values.get("base", "fixed"))
     loops = read_loops(block.get("loops", {}), place["loops"], tree)
     if "platform" in block:
         values["platform"] = frame(block["platform"], place["platform"], tree)
@@ -257,6 +248,27 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         notes=tree.notes,
         **values,
     )
+
+
+def _written_out(
+    block: dict[str, Any], text: str, file: str, tree: Source
+) -> tuple[dict[str, Any], Source, str]:
+    """Block, robot and YAML text, which says all that the robot's file does not (loops, chains)."""
+    if tree.loops or tree.blocks:
+        block = schema.mapping(tree.joined(block), file, KEYS)
+        text = _dumped(block)
+    straight = curved.straightened(block, schema.at(file, "flexible"), tree)
+    if straight is None:
+        return block, tree, text
+    block, tree = straight
+    return block, tree, _dumped(block)
+
+
+def _joint_types(tree: Source, joints: Mapping[str, JointExtra], base: str) -> dict[str, str]:
+    """Type of every joint: the URDF's, unless the YAML says another."""
+    types = {joint.name: joint.type for joint in tree.joints.values()}
+    types |= {name: extra.type for name, extra in joints.items() if extra.type is not None}
+    return types | ({"root_joint": "floating"} if base == "free_flyer" else {})
 
 
 def _dumped(raw: Mapping[str, Any]) -> str:
