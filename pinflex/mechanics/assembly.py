@@ -73,7 +73,12 @@ class Units:
 
 
 def units(dynamics: Equations, home: Array) -> Units:
-    """Units of the closure Jacobian of a rigid mechanism."""
+    """Units of the closure Jacobian of a rigid mechanism.
+
+    Args:
+        dynamics: Equations of the rigid mechanism.
+        home: Closed pose q, shape (nq,).
+    """
     closed, length = dynamics.system.closed, size_of(dynamics.kinematics(home))
     rows = np.full(closed.n, 1.0 / length)
     rows[closed.dot_rows] = 1.0
@@ -154,7 +159,14 @@ def singular_ratio(J: Array) -> float:
 
 
 def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, str]:
-    """Names of the loop and of the coordinates in the weakest motion of a closure Jacobian."""
+    """Names of the loop and of the coordinates in the weakest motion of a closure Jacobian.
+
+    Args:
+        J: Jacobian without units (`Units`), shape (rows, columns); rows beyond those of the loops
+            are other constraints.
+        rows: The loops of its first rows.
+        columns: Name of each column.
+    """
     U, _, Vt = np.linalg.svd(J, full_matrices=True)
     weak = np.abs(Vt[-1])
     largest = [columns[k] for k in np.argsort(-weak)[:3] if weak[k] > 0.2 * weak.max()]
@@ -172,6 +184,12 @@ def require_regular(
 ) -> float:
     """Singular-value ratio of the passive closure Jacobian; raises where the motors lose command.
 
+    Args:
+        dynamics: Equations of the rigid mechanism.
+        y: Pose q, shape (nq,).
+        motors: Velocity rows that are locked; the others are passive.
+        names: Of every velocity row, for the message.
+        where: Place in the description or in time, for the message.
     Raises:
         SingularityError: With the loop, the motion and sigma_min.
     """

@@ -168,7 +168,7 @@ def closures(
     rows = _Rows()
     for number, loop in enumerate(loops):
         rows.add(number, loop, sleeves)
-    sides = [side for both in zip(*ends, strict=True) for side in both]  # all of a, then all of b
+    sides = [e[0] for e in ends] + [e[1] for e in ends]
     turns = [*map(_turn_a, loops), *map(_turn_b, loops)]
     support_a, support_b = _supports(model, sides).reshape(2, len(loops), int(model.nv))
     loop_of = np.array(rows.owner, dtype=np.intp)

@@ -50,7 +50,12 @@ class Manifold:
         self._sphere_q, self._sphere_v = q[:, None] + np.arange(4), v[:, None] + np.arange(3)
 
     def retract(self, y: Array, moves: Array) -> Array:
-        """Shape (k, nq), for moves (k, nv) from one pose y (nq,) or from each of (k, nq)."""
+        """Poses that moves lead to, shape (k, nq).
+
+        Args:
+            y: Pose that all moves start from, shape (nq,), or one for each, shape (k, nq).
+            moves: Exponential coordinates, rates times time, shape (k, nv).
+        """
         d = self._dynamics
         if d.vector_space:
             return y + moves
@@ -73,7 +78,11 @@ class Manifold:
         return out
 
     def log(self, y0: Array, y1: Array) -> Array:
-        """Moves (k, nv) that take poses y0 to y1, each (k, nq); zero in the rows told."""
+        """Moves that take poses y0 to y1, shape (k, nv); zero in the rows that the caller writes.
+
+        Args:
+            y0, y1: Poses, shape (k, nq).
+        """
         d = self._dynamics
         if d.vector_space:
             return y1 - y0
@@ -92,7 +101,13 @@ class Manifold:
         return moves
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
-        """What the rates of the exponential coordinates of moves differ from v by, (k, nv)."""
+        """Rates of the exponential coordinates less the velocities, shape (k, nv).
+
+        Args:
+            y: Pose that the moves start from, shape (nq,).
+            moves: Exponential coordinates, shape (k, nv).
+            v: Velocities at their ends, shape (k, nv).
+        """
         d, turn = self._dynamics, np.zeros_like(v)
         if self._easy:
             at = self._sphere_v
