@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
-from pinflex.description import fields, material, schema, section, solid_keys
+from pinflex.description import fields, material, schema, section, solid_keys, yaml_text
 from pinflex.description.frames import frame
 from pinflex.description.link_mass import AsBuilt, EndMass, read_as_built, read_end_mass
 from pinflex.description.material import Material
@@ -208,7 +208,7 @@ def _links(key: str, where: str, urdf: Source) -> list[str]:
     links: list[str] = []
     for part in (p.strip() for p in key.split(",")):
         matches = [part] if part in urdf.links else []
-        if not matches and schema.WILD.search(part):
+        if not matches and yaml_text.WILD.search(part):
             matches = [link for link in urdf.links if fnmatchcase(link, part)]
         if not matches:
             raise DescriptionError(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.description import schema
+from pinflex.description import schema, yaml_text
 from pinflex.errors import DescriptionError
 from pinflex.writing import plain
 
@@ -31,7 +31,7 @@ def values(text: str, where: str) -> list[Any]:
     text = text.strip()
     span = _RANGE.fullmatch(text)
     if span is None:
-        found = schema.load(f"[{text}]", where)
+        found = yaml_text.load(f"[{text}]", where)
         if not found:
             raise DescriptionError(f"{where}: no value. Write v, or v,w,..., or a:b:n.")
         return list(found)
