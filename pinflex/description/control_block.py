@@ -100,7 +100,12 @@ def _control(
 
 
 def effort_limits(urdf: str, drives: Sequence[Voltage | Effort]) -> tuple[float, ...]:
-    """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none."""
+    """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none.
+
+    Args:
+        urdf: Text of the URDF.
+        drives: What is driven; a patch has no limit there.
+    """
     known = limits(urdf)
     efforts = [known.get(d.joint, Limits()).effort if isinstance(d, Effort) else 0.0
                for d in drives]  # fmt: skip

@@ -194,7 +194,12 @@ def read(source: str | Path) -> Description:
 
 
 def from_text(text: str, path: Path) -> Description:
-    """A description of a YAML text that is to stand at `path`; the file need not be there."""
+    """A description of a YAML text that is to stand at `path`; the file need not be there.
+
+    Args:
+        text: The YAML.
+        path: Where it is to stand; files that it names are found from there.
+    """
     return _describe(text, path.stem, path, None)
 
 

@@ -50,7 +50,12 @@ class Robot:
     loops: dict[str, Any] = field(default_factory=dict)
 
     def note(self, element: Element, text: str) -> None:
-        """Say what is not taken over."""
+        """Say what is not taken over.
+
+        Args:
+            element: Whose line is named.
+            text: A sentence.
+        """
         self.values.notes.append(f"{element.place}: {text}")
 
 
@@ -252,5 +257,11 @@ def _plain(values: Array) -> list[float]:
 
 
 def relative(robot: Robot, body: str, matrix: Array) -> Array:
-    """A pose of the world in a body's own frame, as the file draws it."""
+    """A pose of the world in a body's own frame, as the file draws it.
+
+    Args:
+        robot: The file as read so far.
+        body: Name of the body.
+        matrix: Pose in the world, shape (4, 4).
+    """
     return inverse(robot.poses[body]) @ matrix

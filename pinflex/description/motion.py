@@ -291,8 +291,13 @@ KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampl
 def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion:
     """The motion of a YAML mapping {kind: ..., keyword arguments of its constructor, shaper}.
 
-    `where` is the key path to name in errors; `file` is relative to `folder`. A shaper without
-    frequencies, which only the mechanism knows, is left to `levels.excited.default_motion`.
+    A shaper without frequencies, which only the mechanism knows, is left to
+    `levels.excited.default_motion`.
+
+    Args:
+        spec: The mapping.
+        where: Key path to name in errors.
+        folder: Of the YAML file; `file` is relative to it.
     """
     if not isinstance(spec, Mapping):
         raise keys.bad(
