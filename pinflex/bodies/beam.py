@@ -27,7 +27,12 @@ def union(breaks: Sequence[Array]) -> Array:
 
 
 def first_order(families: Mapping[str, Family], slices: Mapping[str, slice], x: Array) -> Array:
-    """Rows (u, v, w, rz, ry, rx) at x, shape (nx, 6, n)."""
+    """Rows (u, v, w, rz, ry, rx) at x, shape (nx, 6, n).
+
+    Args:
+        families, slices: Functions of each direction, and their place in eta.
+        x: Positions along the beam [m], shape (nx,).
+    """
     Phi = np.zeros((len(x), 6, _width(slices)))
     values = {d: family.evaluate(x) for d, family in families.items()}
     for row, direction, field, sign in _FIRST_ORDER:

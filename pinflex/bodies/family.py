@@ -143,16 +143,8 @@ def hermite(
     labels = [f"{rate[k]} {node}" for node in range(elements + 1) for k in range(per_node)]
     first = per_node * np.arange(elements)[:, None]
     dofs = first + np.arange(2 * per_node) - held  # held ones become -1, -2: spare columns
-    return _piecewise(
-        length,
-        elements,
-        value,
-        turn,
-        dofs,
-        tuple(labels[held:]),
-        value.shape[1],
-        bending and shear_ratio > 0.0,
-    )
+    names, shear = tuple(labels[held:]), bending and shear_ratio > 0.0
+    return _piecewise(length, elements, value, turn, dofs, names, value.shape[1], shear)
 
 
 def polynomial(
@@ -209,7 +201,11 @@ def assumed(length: float, boundary: str, modes: int) -> Family:
 
 
 def sines(length: float, modes: int) -> Family:
-    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
+    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root.
+
+    Args:
+        length: L [m]. modes: Number of functions.
+    """
     return _modal(beam_modes.sine_modes(modes, length), bending=False)
 
 

@@ -27,6 +27,11 @@ def mass_points(Z: Array, n: int) -> tuple[Array, Array, float]:
 
     Mass, centre, second moments and the couplings of rigid with elastic motion are exact; of the
     elastic part, fields with less than `_SMALL` of the energy of a coordinate are left out.
+
+    Args:
+        Z: Products z' M z of the fields 1, x, y, z, then u, v, w of each coordinate, shape (4 + 3
+            n, 4 + 3 n).
+        n: Number of coordinates.
     """
     L = np.linalg.cholesky(Z[:4, :4])
     couple = np.linalg.solve(L, Z[:4, 4:])
@@ -54,6 +59,10 @@ def section_fits(nodes: Array, x: Array) -> Array:
     """Rows (u, v, w, rz, ry, rx) of sections from nodal displacements, shape (nx, 6, nn, 3).
 
     Weighted least squares of a rigid section whose motion is quadratic in x, near each section.
+
+    Args:
+        nodes: Places [m], shape (nn, 3).
+        x: Sections along the span [m], increasing, shape (nx,).
     """
     length = float(x[-1] - x[0])
     out = np.zeros((len(x), 6, len(nodes), 3))
@@ -78,6 +87,13 @@ def outer_mass(nodes: Array, z: Array, lumps: Array, x: Array, back: Array) -> t
 
     The acceleration is linear in z, so point forces f_k give it everywhere, and the mass beyond x
     (row sums of the mass matrix) then needs sum_k f_k z_k' Z^-1 int_{>x} z dm.
+
+    Args:
+        nodes: Places [m], shape (nn, 3).
+        z: Fields of `mass_points` at the nodes, shape (nn, d).
+        lumps: Mass of each node [kg], shape (nn,).
+        x: Sections along the span [m], increasing, shape (nx,).
+        back: Products z' M u of a field u -> its values at the points, shape (ns, d).
     """
     beyond = np.array([nodes[:, 0] > at for at in x], dtype=float)
     edge = np.array([np.abs(nodes[:, 0] - at) < 1e-9 * x[-1] for at in x], dtype=float)

@@ -94,6 +94,9 @@ class Field:
 
         int C (H1' H2)_sym : grad(v), from their gradients H (ne, nq, 3, 3): the part of the
         Green-Lagrange strain that is bilinear in them.
+
+        Args:
+            one, two: Gradients H of the two, shape (ne, nq, 3, 3).
         """
         H = np.swapaxes(one, 2, 3) @ two
         return self.force(self._stress(0.5 * (H + np.swapaxes(H, 2, 3))))

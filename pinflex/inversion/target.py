@@ -44,7 +44,12 @@ class Target:
 
 
 def delayed(motion: Motion, before: float) -> Motion:
-    """The motion with a rest of `before` [s] ahead of it."""
+    """The motion with a rest of `before` [s] ahead of it.
+
+    Args:
+        motion: Any motion.
+        before: Rest ahead of it [s].
+    """
     law = motion.law
 
     def later(t: Array) -> tuple[Array, Array, Array]:
