@@ -35,7 +35,12 @@ FROM = "extrapolated from 6, 8, 10, 12"
 
 
 def tip_pose(m: Mechanism, frame: str = "tip") -> pin.SE3:
-    """Pose of a frame at the static equilibrium."""
+    """Pose of a frame at the static equilibrium.
+
+    Args:
+        m: Mechanism.
+        frame: Name of the frame.
+    """
     rest = static_equilibrium(m)
     return frame_pose(Equations(m.flexible), rest.y, m.frame(frame))
 
@@ -148,7 +153,12 @@ BEND = (47.150096, 15.684690, 53.475478)  # [m] tip at P = 600, kGA = 5/6 GA: Co
 
 
 def arc(pieces: int, load: float) -> Mechanism:
-    """An eighth of a circle of radius 100 as straight, flexible chords."""
+    """An eighth of a circle of radius 100 as straight, flexible chords.
+
+    Args:
+        pieces: Number of chords.
+        load: Force at the tip [N].
+    """
     turn = np.pi / 4 / pieces
     chord = 2 * 100.0 * np.sin(turn / 2)
     bodies = []
@@ -191,7 +201,12 @@ def bend() -> Outcome:
 
 
 def frame(load: float, segments: int) -> Mechanism:
-    """A right-angle frame of two flat arms, clamped, with an in-plane load at the free end."""
+    """A right-angle frame of two flat arms, clamped, with an in-plane load at the free end.
+
+    Args:
+        load: Force at the free end [N].
+        segments: Bodies of each arm.
+    """
     E, nu, h, w = 71.24e9, 0.31, 0.03, 0.0006
     G = E / (2 * (1 + nu))
     bodies = (

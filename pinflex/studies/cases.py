@@ -54,7 +54,12 @@ def values(text: str, where: str) -> list[Any]:
 
 
 def parsed(assignments: Iterable[str], option: str) -> dict[str, list[Any]]:
-    """Values by key from texts "key=values", such as an option takes on the command line."""
+    """Values by key from texts "key=values", such as an option takes on the command line.
+
+    Args:
+        assignments: Texts "key=values".
+        option: Name of the option, for messages.
+    """
     found: dict[str, list[Any]] = {}
     for text in assignments:
         key, sign, rest = (part.strip() for part in text.partition("="))
@@ -68,7 +73,12 @@ def parsed(assignments: Iterable[str], option: str) -> dict[str, list[Any]]:
 
 
 def listed(parameters: Mapping[str, object], where: str) -> dict[str, list[Any]]:
-    """The same from Python: a text is read as above, anything with many entries is a list."""
+    """The same from Python: a text is read as above, anything with many entries is a list.
+
+    Args:
+        parameters: Values by key.
+        where: Begins messages.
+    """
     found = {}
     for key, given in parameters.items():
         place = f"{where}: {key}"

@@ -147,7 +147,15 @@ def _h1(force: Array, response: Array, rate: float) -> tuple[Array, Array]:
 
 
 def point_rows(mechanism: Mechanism, y: Array, link: str, x: Array, across: str) -> Array:
-    """Rows that give the speed of the centre line at x along the beam's own y or z, (nx, nv)."""
+    """Rows that give the speed of the centre line at x along the beam's own y or z, (nx, nv).
+
+    Args:
+        mechanism: Mechanism.
+        y: Coordinates, shape (nq,).
+        link: A flexible one.
+        x: Places along its beam [m], shape (nx,).
+        across: y or z.
+    """
     dynamics = Equations(mechanism.flexible)
     system = mechanism.flexible
     slot = next(s for s in system.expansion.slots if s.link == link)

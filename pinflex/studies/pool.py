@@ -54,7 +54,12 @@ def answers(
 
 
 def alone(work: Work, item: Any) -> Any:
-    """One piece of work on one BLAS thread: as many processes as cores leave none to spare."""
+    """One piece of work on one BLAS thread: as many processes as cores leave none to spare.
+
+    Args:
+        work: The function.
+        item: Its argument.
+    """
     from threadpoolctl import threadpool_limits
 
     # a worker of Dask may have several threads, a solve is made for one
