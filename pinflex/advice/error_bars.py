@@ -88,16 +88,13 @@ def not_probed(mechanism: Mechanism) -> str:
     return ""
 
 
-def finer_model(mechanism: Mechanism, segments: int = 1) -> tuple[Mechanism, str]:
+def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
     """The scene with all deformations, second order and more segments; and what that is.
 
-    Args:
-        mechanism: Mechanism.
-        segments: How many bodies each link gets more; where it can have one only, a mode instead.
     Raises:
         DescriptionError: There is no such model.
     """
-    for more in (segments, 0):  # a link under a sleeve takes one only
+    for more in (1, 0):  # a link under a sleeve takes one segment only
         changes = []
         for part in beams(mechanism):
             at = f"flexible.{part.link}"
@@ -115,9 +112,7 @@ def finer_model(mechanism: Mechanism, segments: int = 1) -> tuple[Mechanism, str
         except PinflexError:
             if not more:
                 raise
-    words = (
-        "one more segment" if more == 1 else f"{more} more segments" if more else "one more mode"
-    )
+    words = "one more segment" if more else "one more mode"
     return finer, f"{words}, second order, stretch and twist: {n} coordinates"
 
 

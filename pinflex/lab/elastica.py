@@ -15,7 +15,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.lab.extrapolation import by_count, extrapolated
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
-from pinflex.lab.scene import Body, scene
+from pinflex.lab.scene import SPACE_BEAM, Body, scene
 from pinflex.levels.quasistatic import rest, static_equilibrium
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_pose
@@ -34,15 +34,10 @@ COUNTS = (6, 8, 10, 12)
 FROM = "extrapolated from 6, 8, 10, 12"
 
 
-def tip_pose(m: Mechanism, frame: str = "tip") -> pin.SE3:
-    """Pose of a frame at the static equilibrium.
-
-    Args:
-        m: Mechanism.
-        frame: Name of the frame.
-    """
+def tip_pose(m: Mechanism) -> pin.SE3:
+    """Pose of the frame `tip` at the static equilibrium."""
     rest = static_equilibrium(m)
-    return frame_pose(Equations(m.flexible), rest.y, m.frame(frame))
+    return frame_pose(Equations(m.flexible), rest.y, m.frame("tip"))
 
 
 def cantilever(
@@ -179,11 +174,7 @@ flexible:
       kz: {5 / 6!r}}}
     basis: {{kind: craig_bampton, internal: 0}}
     up: [0, 0, 1]
-    bending_y: true
-    bending_z: true
-    torsion: true
-    axial: true
-    shear: true
+    {SPACE_BEAM}
 """
     return scene("arc", bodies, yaml)
 

@@ -30,6 +30,14 @@ PLANE_BEAM = """bending_y: true
     rotary_inertia: true"""
 
 
+# Keys of one with those of a beam in space.
+SPACE_BEAM = """bending_y: true
+    bending_z: true
+    torsion: true
+    axial: true
+    shear: true"""
+
+
 @dataclass(frozen=True)
 class Body:
     """A URDF link and the joint that carries it, NAME_joint; without mass it is a frame."""

@@ -21,6 +21,7 @@ CLOSED = 1e-12
 # Ratio of singular values below which rows or motions count as dependent: genuine dependence gives
 # 1e-16 (exact zero rows) to 1e-10 (rows that cancel), a usable mechanism stays above 1e-4.
 RANK = 1e-8
+_ITERATIONS = 60  # of Newton on the closures; a step is 1 rad or m at most
 # Ratio at which a pose counts as singular for the motors.
 SINGULAR = 1e-6
 
@@ -91,22 +92,19 @@ def units(dynamics: Equations, home: Array) -> Units:
     return Units(length, rows, columns)
 
 
-def close_loops(
-    dynamics: Equations, y: Array, moving: IntArray, iterations: int = 60
-) -> tuple[Array, float]:
+def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array, float]:
     """Newton with step halving on c(y) = 0 over some velocity rows.
 
     Args:
         dynamics: Workspace.
         y: Guess, shape (nq,).
         moving: Velocity rows that may move.
-        iterations: Limit.
     Returns:
         The pose, and the largest |c| there (the caller judges it).
     """
     c, J = dynamics.close(y)
     size = float(np.max(np.abs(c), initial=0.0))
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         if size < CLOSED * 1e-2:
             break
         step = -_least_norm(J[:, moving], c)
