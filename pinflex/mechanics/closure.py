@@ -33,6 +33,7 @@ from pinflex.description.loops import WORLD, Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment, gear_name
 from pinflex.mechanics.poses import support
 from pinflex.mechanics.slider import Contact, Sleeve
+from pinflex.rotations import axis_frame
 from pinflex.text import brief
 
 _AXES = "xyz"
@@ -304,25 +305,3 @@ def _ends(
     beam = sleeve.placement
     along = other.placement * pin.SE3(beam.rotation, np.zeros(3))
     return Attachment(here.joint, here.placement * beam), Attachment(other.joint, along)
-
-
-def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
-    """A rotation whose z (or x) axis is the given one, the identity where it can be."""
-    if z is None and x is None:
-        return np.eye(3)
-    k, wish = (2, z) if z is not None else (0, x)
-    axis = np.array(wish, float) / np.linalg.norm(np.array(wish, float))
-    helper = np.eye(3)[(k + 1) % 3]
-    if abs(axis @ helper) > 0.9:
-        helper = np.eye(3)[(k + 2) % 3]
-    second = helper - axis * (axis @ helper)
-    second /= np.linalg.norm(second)
-    columns = [np.zeros(3)] * 3
-    columns[k] = axis
-    if abs(helper[(k + 1) % 3]) > 0.5:
-        columns[(k + 1) % 3] = second
-        columns[(k + 2) % 3] = np.cross(axis, second)
-    else:
-        columns[(k + 2) % 3] = second
-        columns[(k + 1) % 3] = np.cross(second, axis)
-    return np.column_stack(columns)
