@@ -54,12 +54,7 @@ def answers(
 
 
 def alone(work: Work, item: Any) -> Any:
-    """One piece of work on one BLAS thread: as many processes as cores leave none to spare.
-
-    Args:
-        work: The function.
-        item: Its argument.
-    """
+    """One piece of work on one BLAS thread: as many processes as cores leave none to spare."""
     from threadpoolctl import threadpool_limits
 
     # a worker of Dask may have several threads, a solve is made for one
