@@ -148,8 +148,6 @@ class Equations(Geometry):
             angle[..., k] = np.arctan2(y[..., s.q_at[k] + 1], y[..., s.q_at[k]])
         return angle
 
-    # Matrices, at one state ----------------------------------------------------------------
-
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
         here = self.map.at(y[None], passing=True)
@@ -290,6 +288,8 @@ class Equations(Geometry):
         """Let wrenches (joints acted on, 6) act in what Pinocchio evaluates next."""
         for joint, wrench in zip(self._acted, wrenches, strict=True):
             self._pushed[joint] = pin.Force(wrench)
+
+    # Energies ------------------------------------------------------------------------------
 
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
         """Kinetic energy, and potentials of weight, links, and of springs and loads, J.
