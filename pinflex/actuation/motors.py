@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion, from_spec, hold
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 
 @dataclass(frozen=True)

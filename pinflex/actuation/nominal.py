@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 # Of many instants every so manyth is known before the others; of a motion at least so many.
 _EVERY, _LEAST = 16, 6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.frames import PlatformCoordinates
 from pinflex.mechanics.manifold import Manifold
-from pinflex.mechanics.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 
 def underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
