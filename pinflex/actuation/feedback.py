@@ -40,7 +40,7 @@ def place(mechanism: Mechanism, control: Control, prescribed: bool) -> Feedback:
     Args:
         mechanism: Mechanism.
         control: What is measured and driven.
-        prescribed: Whether the motors follow the motion exactly; then no control drives them.
+        prescribed: Whether the motors follow the motion exactly; a control of one is then refused.
     Raises:
         DescriptionError: A name or a place that does not exist.
     """

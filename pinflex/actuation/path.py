@@ -124,8 +124,8 @@ class Path:
 
         Args:
             poses: q, shape (n, nq).
-            target: Imposed platform coordinates [m | rad], shape (k,) or (n, k); motors do not
-                count.
+            target: Imposed platform coordinates [m | rad], shape (k,) or (n, k); not looked
+                at where motors are imposed.
         """
         at = self.dynamics.kinematics(poses)
         c, J = self.dynamics.closure_of(at)

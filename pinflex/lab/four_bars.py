@@ -37,7 +37,7 @@ def four_bars(windows: int, kind: str = "planar") -> Mechanism:
 
     Args:
         windows: N.
-        kind: Of the loops: planar, or hinges with redundant rows.
+        kind: Of the loops: planar, or revolute, which has redundant rows.
     """
     rod: dict[str, Any] = {"mass": 1.0, "com": (0.5, 0, 0), "inertia": (1e-4, ROD, ROD)}
     bodies: list[Body] = []
