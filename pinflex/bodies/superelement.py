@@ -23,7 +23,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies import damping
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.bodies.moments import CROSS, mass_points, outer_mass, section_fits
+from pinflex.bodies.moments import CROSS, MassPoints, outer_mass, section_fits
 from pinflex.bodies.second_order import second_order_shapes
 from pinflex.bodies.solid import Solid
 from pinflex.errors import DescriptionError
@@ -145,7 +145,7 @@ def reduce(
         Node(name, at, _node_rows(np.eye(n), k), bends and _node_rows(bends[1], k))
         for k, ((name, _), at) in enumerate(zip(regions[1:], centres[1:], strict=True))
     )
-    mass = _mass_points(solid, shapes)
+    mass = MassPoints.of(solid, shapes)
     ns = len(mass.weights)
     x = np.linspace(0.0, length, SECTIONS)
     rows, curved = _sections(solid, x, shapes, bends, nodes)
@@ -202,38 +202,7 @@ def reduce(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _MassPoints:
-    """Weighted points with the inertia of a body in f = 4 + 3 n fields: 1, x, y, z, the shapes.
-
-    Attributes:
-        z: The fields at the nodes, shape (nodes, f). fields: At the points, shape (ns, f).
-        weights: Mass of each point (kg), shape (ns,).
-        onto: Products z' M u of any field u -> its values at the points, shape (ns, f): the
-            projection that keeps these products.
-        error: As `Superelement.inertia_error`.
-    """
-
-    z: Array
-    fields: Array
-    weights: Array
-    onto: Array
-    error: float
-
-    def project(self, solid: Solid, field: Array) -> Array:
-        """Values at the points of a field at the nodes (nodes, ...), shape (ns, the rest)."""
-        products = self.z.T @ (solid.mass @ field.reshape(len(self.z), -1))
-        return np.asarray(self.onto @ products)
-
-
-def _mass_points(solid: Solid, shapes: Array) -> _MassPoints:
-    z = np.column_stack([np.ones(len(solid.nodes)), solid.nodes, *shapes.transpose(1, 0, 2)])
-    weights, points, error = mass_points(z.T @ (solid.mass @ z), shapes.shape[2])
-    onto = np.linalg.pinv((points * weights[:, None]).T, rcond=1e-9)
-    return _MassPoints(z, points, weights, np.asarray(onto, dtype=float), error)
-
-
-def _unit_answers(solid: Solid, mass: _MassPoints, T: Any, moving: int, solve: Any) -> Array:
+def _unit_answers(solid: Solid, mass: MassPoints, T: Any, moving: int, solve: Any) -> Array:
     """Displacements (nodes, 3, 3 ns + 6 interfaces) under unit loads of points and interfaces.
 
     Stress comes from these forces, not from the shapes: those bend the ends of a rod where no
