@@ -5,9 +5,9 @@ function clock(t) {
   return R.mode ? `phase ${Math.round(360 * (t - a) / (b - a))}°` : `${t.toFixed(clockDigits())} s`;
 }
 function deviationText(at) {
-  const {name, deviation, factor, unit, angle, angle_factor, angle_unit} = R.track, a = mixed(angle, at), p = S.diff && otherRun() && plots.find((q) => q.p.apart);
+  const {name, off, deviation, factor, unit, angle, angle_factor, angle_unit} = R.track, a = mixed(angle, at), p = S.diff && otherRun() && plots.find((q) => q.p.apart);
   if (p) return `${name}: ${digits(mixed(p.p.curves[0].y, at))} ${unit} off ${otherName()}`;
-  return `${name}: ${digits(factor * mixed(deviation, at))} ${unit}${a > 0 ? `, ${digits(angle_factor * a)} ${angle_unit}` : ""} off rigid`;
+  return `${name}: ${digits(factor * mixed(deviation, at))} ${unit}${a > 0 ? `, ${digits(angle_factor * a)} ${angle_unit}` : ""} off ${off}`;
 }
 function refresh(at) {
   const end = R.t[R.t.length - 1], time = $("time");
@@ -23,6 +23,7 @@ function refresh(at) {
   for (const b of scene.links) for (let i = 0; i < b.now.length; i++)
     if (!scene.top || Math.abs(b.now[i]) > Math.abs(scene.top.link.now[scene.top.i])) scene.top = {link: b, i};
   movePlots(at);
+  moveTable(at);
   moveBeam(at);
 }
 function announce() {                              // for a screen reader, when the motion rests
