@@ -94,14 +94,12 @@ function film() {
     $("film").classList.remove("on");
   };
   $("film").classList.add("on");
-  seek(R.t[0]);
-  set({loop: false, play: true});
-  recorder.start();
   const draw = () => {
     viewer.render();
     compose(canvas);
     if (S.play) requestAnimationFrame(draw);
-    else { recorder.stop(); set({loop}); }
+    else { set({loop}); setTimeout(() => recorder.stop(), 300); }   // [ms] the last picture stays for a moment
   };
-  requestAnimationFrame(draw);
+  recorder.onstart = () => { seek(R.t[0]); set({loop: false, play: true}); draw(); };
+  recorder.start();
 }

@@ -85,13 +85,14 @@ function wantedMarks() {
   return want;
 }
 let marks = [];
+const OUT = 20;                                    // [px] beyond the edge: what stands there is out of sight
 function place() {
   if (!R || !scene) return;
   viewer.camera.updateMatrixWorld();
   const want = wantedMarks(), wide = $("stage").clientWidth, taken = [];
   while (marks.length < want.length) { const m = el("div"); $("labels").append(m); marks.push(m); }
   marks.forEach((m, i) => {
-    m.hidden = i >= want.length;
+    m.hidden = i >= want.length || want[i][0] !== "peak" && Math.abs(want[i][2][0] - wide / 2) > wide / 2 + OUT;
     if (m.hidden) return;
     const [kind, text, [x, y]] = want[i], length = kind === "name" ? 90 : 7 * text.length + 14;
     const over = Math.max(0, x + length + 8 - wide), left = over > 0 && x - length > (small.matches ? 120 : 0);   // not over the legend
@@ -104,6 +105,7 @@ function place() {
     if (kind !== "title") taken.push(box);
     m.textContent = text;
     m.style.setProperty("--shift", `${over && !left ? over : 0}px`);
-    m.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+    const half = kind === "title" ? length / 2 : 0, inside = kind === "peak" ? x : clamp(x, left ? length : half, Math.max(wide - (left ? 0 : half || length), half));
+    m.style.transform = `translate(${inside.toFixed(1)}px, ${y.toFixed(1)}px)`;
   });
 }

@@ -45,10 +45,10 @@ function makeViewer() {
     if (!R) return;
     if (!cameraMoved) fitCamera();
     setColours();
-    drawPlots();
     viewer.render();                                // at once: a screenshot may be taken before the next frame
     place();
   }).observe($("stage"));
+  new ResizeObserver(() => { if (R) drawPlots(); }).observe($("plots"));   // hidden ones have no size to be drawn in
   const gl = viewer.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
   soft = /swiftshader|llvmpipe|software/i.test(info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "");
   const wish = new URLSearchParams(location.hash.slice(1)), shadow = wish.get("shadow");   // still pictures ask for the best
