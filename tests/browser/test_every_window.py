@@ -25,6 +25,7 @@ SIZES = {"desktop": (1440, 900), "upright": (390, 844), "sideways": (844, 390)}
 WINDOWS = list(itertools.product(("light", "dark"), SIZES))
 K = 18  # instant at which numbers are compared: everything bends and pushes
 STRENGTH = 4e8  # [Pa]
+SHARP = 0.5  # pixels drawn a pixel of the window: software draws four times as fast
 THREE = 6e-3  # relative: texts have three digits
 FLOAT = 2e-6  # of a length of 0.2 m, in single precision
 
@@ -44,7 +45,8 @@ MARKS = """
 const stage = document.getElementById('stage').getBoundingClientRect();
 return [...document.querySelectorAll('.mark:not([hidden])')].map(m => {
   const r = m.getBoundingClientRect();
-  return [m.textContent, r.left - stage.left, r.top - stage.top, stage.right - r.right, stage.bottom - r.bottom]; })"""
+  return [m.textContent, r.left - stage.left, r.top - stage.top, stage.right - r.right,
+    stage.bottom - r.bottom]; })"""
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +69,7 @@ def opened(browser: Browser, page: Path) -> Iterator[Any]:
         if theme != now:
             feature = {"name": "prefers-color-scheme", "value": theme}
             browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
-            browser.open(page, size=SIZES["desktop"])
+            browser.open(page, f"sharp={SHARP}", size=SIZES["desktop"])
             browser.run(AXE.read_text("utf-8"))
             browser.run("window.fresh = JSON.stringify(pinflex.state)")
             now = theme
@@ -337,9 +339,10 @@ def test_tables_pictures_and_links_are_taken_away(window: Browser, run: Result) 
     url = window.run("return pinflex.image()")
     with Image.open(io.BytesIO(b64decode(url.split(",")[1]))) as picture:
         size = window.run("return [pane.clientWidth, pane.clientHeight]")
-        assert list(picture.size) == size
-        top = picture.convert("RGB").getpixel((28, 105))  # the end of the legend
-    assert np.abs(np.subtract(top, (253, 231, 37))).max() < 4  # of viridis
+        assert picture.size == tuple(int(SHARP * n) for n in size)
+        ends = [picture.convert("RGB").getpixel((14, round(SHARP * y))) for y in (108, 280)]
+    viridis = [(253, 231, 37), (68, 1, 84)]
+    assert np.abs(np.subtract(ends, viridis)).max() < 40  # the legend, drawn in strips of a pixel
     link = window.driver.execute_async_script(
         "pinflex.set({link: 'distal_2', zoom: [0.02, 0.1]}); pinflex.copyLink().then(arguments[0])"
     )

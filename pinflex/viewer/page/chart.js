@@ -25,8 +25,9 @@ class Chart {
     const ticks = [];
     for (let v = Math.ceil(x[0] / dx - 1e-6) * dx; v <= x[1] + dx / 1e3; v += dx) ticks.push(v);
     ticks.forEach((v, i) => {
-      const last = i === ticks.length - 1, words = `${minus(+v.toPrecision(6))}${last ? " " + xUnit : ""}`, end = last && this.X(v) + 3 * words.length > w;
-      svg.append(el("text", {x: end ? w : this.X(v), y: h - 3, "text-anchor": end ? "end" : "middle"}, words));
+      const last = i === ticks.length - 1, words = `${minus(+v.toPrecision(6))}${last ? " " + xUnit : ""}`, wide = 3 * words.length;
+      const [at, anchor] = last && this.X(v) + wide > w ? [w, "end"] : this.X(v) - wide < LEFT - 7 ? [LEFT - 3, "start"] : [this.X(v), "middle"];   // not below the numbers of y
+      svg.append(el("text", {x: at, y: h - 3, "text-anchor": anchor}, words));
     });
     if (pick) {
       const drag = (e) => { if (e.type === "pointerdown" || e.buttons) pick(this.under(e)); };

@@ -94,18 +94,21 @@ function place() {
   marks.forEach((m, i) => {
     m.hidden = i >= want.length || want[i][0] !== "peak" && Math.abs(want[i][2][0] - wide / 2) > wide / 2 + OUT;
     if (m.hidden) return;
-    const [kind, text, [x, y]] = want[i], length = kind === "name" ? 90 : 7 * text.length + 14;
+    let [kind, text, [x, y]] = want[i];
+    const length = kind === "name" ? 90 : 7 * text.length + 14;
     const over = Math.max(0, x + length + 8 - wide), left = over > 0 && x - length > (small.matches ? 120 : 0);   // not over the legend
-    const box = [left ? x - length : x, y - 20, left ? x : x + length, y - 4];
+    const half = kind === "title" ? length / 2 : 0, box = [left ? x - length : x - half, y - (kind === "peak" ? 30 : 20), left ? x : x + length - half, y - 4];
+    const covers = (b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3];
+    if (kind === "title") { const up = taken.some(covers) ? 20 : 0; y -= up; box[1] -= up; box[3] -= up; }
     m.className = "mark " + kind + (left ? " left" : "");
     if (kind === "force" || kind === "torque") {    // the largest first; a value that would cover another is left out
-      m.hidden = taken.some((b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3]);
+      m.hidden = [headBox, ...taken].some(covers);
       if (m.hidden) return;
     }
-    if (kind !== "title") taken.push(box);
+    taken.push(box);
     m.textContent = text;
     m.style.setProperty("--shift", `${over && !left ? over : 0}px`);
-    const half = kind === "title" ? length / 2 : 0, inside = kind === "peak" ? x : clamp(x, left ? length : half, Math.max(wide - (left ? 0 : half || length), half));
+    const inside = kind === "peak" ? x : clamp(x, left ? length : half, Math.max(wide - (left ? 0 : half || length), half));
     m.style.transform = `translate(${inside.toFixed(1)}px, ${y.toFixed(1)}px)`;
   });
 }

@@ -112,6 +112,7 @@ function dock() {
     el("div", {id: "plots", role: "group", "aria-label": "plots over time", tabindex: "0"}));
 }
 
+let headBox = [0, 0, 0, 0];                        // [px] which values at arrows leave free
 function buildPage() {
   $("app").append(
     el("main", {id: "stage"},
@@ -126,7 +127,11 @@ function buildPage() {
     el("div", {id: "status", class: "unseen", role: "status", "aria-live": "polite"}));
   $("worst").append(el("span", {}, " instant"));
   arrange();
-  new ResizeObserver(() => $("stage").style.setProperty("--head", `${$("head").offsetTop + $("head").offsetHeight}px`)).observe($("head"));
+  new ResizeObserver(() => {
+    const {offsetLeft: left, offsetTop: top, offsetWidth: width, offsetHeight: height} = $("head");
+    headBox = [left, top, left + width, top + height];
+    $("stage").style.setProperty("--head", `${top + height}px`);
+  }).observe($("head"));
   for (const menu of document.querySelectorAll(".menu")) menu.addEventListener("toggle", () => {   // one at a time
     if (menu.open) for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.open = false;
   });

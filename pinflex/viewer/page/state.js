@@ -10,7 +10,7 @@ const MAPS = {                                     // viridis and cividis read t
 };
 const OVER = [204, 0, 102];                        // above the limit: in none of the maps
 const COLOUR = {body: 0x758297, platform: 0x56637a, joint: 0x525e70, base: 0x9aa5b5, ghost: 0x7b8798, other: 0xe69f00,
-                path: 0xd55e00, pathRigid: 0x8f99a8, force: 0x0072b2, torque: 0xb0418a, plain: 0x8795a8};
+                plain: 0x8795a8};
 const reduced = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 /* ---------------------------------------------------------------- small helpers */
