@@ -232,6 +232,10 @@ def test_colours_peak_and_yield_are_those_of_the_run(window: Browser, run: Resul
     assert window.run("return [pinflex.legend.max, pinflex.legend.unit]") == [100, "%"]
     shown = window.run("return pinflex.values(arguments[0])", worst)
     assert max(shown) == pytest.approx(percent, rel=2e-4)
+    moment = run.link("distal_1").resultant[:, :, 5]
+    window.run("pinflex.set({field: 'Mz'})")
+    shown = window.run("return pinflex.values('distal_1')")
+    assert shown == pytest.approx(moment[K], abs=2e-4 * np.abs(moment).max())
     window.run("pinflex.set({field: 'von_mises'})")
     said = texts(window, "#status")[0]  # to a screen reader
     assert said.endswith(f"at most {value.split()[0]} MPa in {worst}")
