@@ -41,8 +41,8 @@ function legendKeys(f) {
   const keys = [], limit = f && limitShown();
   if (f && (S.max > 0 || S.field === "utilisation") && legendMax() > 0 && Math.abs(legendMax() - fieldMax()) > 1e-3 * fieldMax()) keys.push([null, `run maximum ${digits(fieldMax())} ${f.unit}`]);
   if (limit) keys.push(["limit", S.field === "utilisation" ? `above yield${fieldMax() > 100 ? ": exceeded" : ""}` : `limit ${digits(S.limit)} ${f.unit}${fieldMax() > S.limit ? ", exceeded" : ""}`]);
-  if (S.force && scene.forceMax) keys.push(["force", `joint force, longest ${digits(scene.forceMax)}\u00a0N`]);
-  if (S.torque && scene.torqueMax) keys.push(["torque", `motor torque, largest ${digits(scene.torqueMax)}\u00a0N\u00a0m`]);
+  if (S.force && scene.forceMax) keys.push(["force", `joint force, longest ${digits(scene.forceMax)} N`]);
+  if (S.torque && scene.torqueMax) keys.push(["torque", `motor torque, largest ${digits(scene.torqueMax)} N m`]);
   if (S.path !== "off" && scene.path) keys.push(["path", `path of ${R.track.name}${S.path === "magnified" ? `, ×${+S.mag.toPrecision(3)}` : ""}`]);
   if (S.ghost !== "off" && comparable() && !(otherRun() && S.ghost === "beside")) keys.push([otherRun() ? "other" : "ghost", R.mode ? "at rest" : otherRun() ? otherName() : "rigid mechanism"]);
   return keys;

@@ -34,7 +34,8 @@ function forcePlot() {
 }
 
 function drawPlots() {
-  const host = $("plots"), list = R && S.plots ? plotList() : [], first = host.scrollLeft, focus = document.activeElement?.dataset?.name;
+  const host = $("plots"), list = R && S.plots ? plotList() : [], {scrollLeft: left, scrollTop: top} = host;
+  const names = () => [...host.querySelectorAll(".name")], focus = names().indexOf(document.activeElement);
   document.body.classList.toggle("plots", list.length > 0);
   host.replaceChildren();
   const column = getComputedStyle(host).flexDirection === "column", one = innerWidth < 620 || column;
@@ -50,8 +51,8 @@ function drawPlots() {
     chart.draw();
     for (const c of drawn.sort((c, d) => d.rigid - c.rigid)) chart.add(c.rigid ? "curve rigid" : "curve", c.colour).setAttribute("d", chart.way(...c.way));
   }
-  host.scrollLeft = first;
-  if (focus) [...document.querySelectorAll("[data-name]")].find((b) => b.dataset.name === focus)?.focus({preventScroll: true});   // of a name just clicked
+  host.scrollTo(left, top);
+  names()[focus]?.focus({preventScroll: true});    // just clicked, it goes on being the one
   movePlots(instant(S.t));
 }
 function movePlots(at) {

@@ -1,6 +1,6 @@
 /* zoom.js: a part of the time, the same in all plots: by a drag, the wheel, two fingers on a touch pad, or a key. */
 const whole = () => [R.t[0], R.t[R.t.length - 1]];
-const span = () => S.zoom || whole();
+const span = () => S.zoom ? S.zoom.map((t) => clamp(t, ...whole())) : whole();   // of runs some end early
 const GRIP = 7, MOVED = 5;                         // [px] about the cursor, to take hold of it; of a drag that is no click
 
 function zoomTo(a, b) {
