@@ -411,3 +411,42 @@ def test_the_film_is_a_video_of_the_drawing(browser: Browser, page: Path) -> Non
     assert 0.8 < seconds < 3  # 1 s, on a busy machine a bit more
     assert pictures >= 2
     assert browser.errors() == []
+
+
+def test_a_finger_moves_the_cursor_scrolls_the_plots_and_hides_a_curve(
+    browser: Browser, page: Path, run: Result
+) -> None:
+    def touch(kind: str, *points: tuple[float, float]) -> None:
+        at = [{"x": x, "y": y} for x, y in points]
+        browser.driver.execute_cdp_cmd(
+            "Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at}
+        )
+
+    browser.open(page, f"t=0&sharp={SHARP}", size=SIZES["upright"])
+    browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
+    try:
+        left, top, width = browser.run(
+            "const r = document.querySelector('#plots svg').getBoundingClientRect();"
+            "return [r.left, r.top, r.width]"
+        )
+        touch("Start", (left + 150, top + 40))
+        touch("End")
+        wanted = (150 - 42) / (width - 50) * run.t[-1]  # axes from 42 px to 8 px before the end
+        assert browser.run("return pinflex.state.t") == pytest.approx(wanted, rel=0.02)
+        touch("Start", (300, top + 40))
+        for x in range(290, 60, -20):
+            touch("Move", (x, top + 40))
+        touch("End")
+        assert browser.run("return plots.scrollLeft") > 50
+        assert browser.run("return pinflex.state.zoom") is None
+        browser.run("plots.scrollTo(0, 0)")
+        name = browser.run(
+            "const r = document.querySelector('#plots [data-name=motor_2]').getBoundingClientRect();"
+            "return [r.left + r.width / 2, r.top + r.height / 2]"
+        )
+        touch("Start", tuple(name))
+        touch("End")
+        hidden = "return pinflex.state.hide"
+        assert any(browser.run(hidden) == ["motor_2"] for _ in range(200))  # a click comes later
+    finally:
+        browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
