@@ -19,6 +19,7 @@ from pinflex.results.result import Result
 from pinflex.viewer.view import write_runs_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import FALLEN, with_strength
+from tests.browser.places import apart, violations
 
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
 SIZES = {"desktop": (1440, 900), "upright": (390, 844), "sideways": (844, 390)}
@@ -28,25 +29,6 @@ STRENGTH = 4e8  # [Pa]
 SHARP = 0.5  # pixels drawn a pixel of the window: software draws four times as fast
 THREE = 6e-3  # relative: texts have three digits
 FLOAT = 2e-6  # of a length of 0.2 m, in single precision
-
-# Places of everything that stands on the page, by name: [left, top, right, bottom]. A caption that
-# scrolls, and what is in a list that scrolls, count as the box about them.
-PLACES = """
-const names = '#head h1, #levels, #against, #readout span, .chip, #legend-title, #scale, #keys > *,'
-  + '#views, #triad, #ruler, #export > summary, #options > summary, #play, #time, #clock, #speed,'
-  + '#mag, #mag-number, #worst, #plots, .side, .panel, .list', out = {};
-document.querySelectorAll(names).forEach((e, i) => {
-  const r = e.getBoundingClientRect();
-  if (r.width && r.height && e.checkVisibility() && !e.closest('.panel .grid'))
-    out[(e.id || e.className || e.tagName) + ' ' + i] = [r.left, r.top, r.right, r.bottom];
-});
-return out"""
-MARKS = """
-const stage = document.getElementById('stage').getBoundingClientRect();
-return [...document.querySelectorAll('.mark:not([hidden])')].map(m => {
-  const r = m.getBoundingClientRect();
-  return [m.textContent, r.left - stage.left, r.top - stage.top, stage.right - r.right,
-    stage.bottom - r.bottom]; })"""
 
 
 @pytest.fixture(scope="module")
@@ -114,30 +96,6 @@ def texts(browser: Browser, selector: str) -> list[str]:
             "return [...document.querySelectorAll(arguments[0])].filter(e => !e.hidden)"
             ".map(e => e.textContent)",
             selector,
-        )
-    )
-
-
-def apart(browser: Browser, state: str) -> None:
-    """Nothing that stands on the page is beyond the window or over something else."""
-    browser.run(state)
-    width, height = browser.run("return [innerWidth, innerHeight]")
-    places = browser.run(PLACES)
-    for name, (left, top, right, bottom) in places.items():
-        inside = left >= -0.5 and top >= -0.5 and right <= width + 0.5 and bottom <= height + 0.5
-        assert inside, (state, name, left, top, right, bottom)
-    for (one, a), (other, b) in itertools.combinations(places.items(), 2):
-        across, down = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-        assert across < 1 or down < 1, (state, one, a, other, b)
-    for text, *margins in browser.run("pinflex.frame();" + MARKS):
-        assert min(margins) >= -0.5, (state, text, margins)
-
-
-def violations(browser: Browser) -> list[str]:
-    return list(
-        browser.driver.execute_async_script(
-            "const done = arguments[0]; axe.run({resultTypes: ['violations']}).then(found =>"
-            " done(found.violations.map(v => v.id + ': ' + v.nodes.map(n => n.target).join())))"
         )
     )
 
@@ -385,67 +343,3 @@ def test_everything_has_a_name_and_is_reached_by_keys(window: Browser) -> None:
     assert (state["link"], state["table"]) == (None, True)
     body.send_keys("1")
     assert window.run("return pinflex.state.run") == 0
-
-
-def test_the_film_is_a_video_of_the_drawing(browser: Browser, page: Path) -> None:
-    browser.open(page, "speed=0.2", size=(390, 844))
-    start, size, seconds, pictures = browser.driver.execute_async_script(
-        """const done = arguments[0], make = URL.createObjectURL;
-        URL.createObjectURL = blob => { window.made = blob; return make(blob); };
-        document.getElementById('film').click();
-        const look = async () => {
-          if (!window.made) { setTimeout(look, 50); return; }
-          const start = [...new Uint8Array(await made.slice(0, 4).arrayBuffer())];
-          const video = document.createElement('video');
-          video.muted = true;
-          video.onended = () => done(
-            [start, [video.videoWidth, video.videoHeight], video.currentTime,
-              video.getVideoPlaybackQuality().totalVideoFrames]);
-          video.onloadeddata = () => video.play();
-          video.src = make(made);
-        };
-        look();"""
-    )
-    assert bytes(start) == b"\x1a\x45\xdf\xa3"  # WebM
-    assert size == browser.run("return [pane.clientWidth, pane.clientHeight]")
-    assert 0.8 < seconds < 3  # 1 s, on a busy machine a bit more
-    assert pictures >= 2
-    assert browser.errors() == []
-
-
-def test_a_finger_moves_the_cursor_scrolls_the_plots_and_hides_a_curve(
-    browser: Browser, page: Path, run: Result
-) -> None:
-    def touch(kind: str, *points: tuple[float, float]) -> None:
-        at = [{"x": x, "y": y} for x, y in points]
-        browser.driver.execute_cdp_cmd(
-            "Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at}
-        )
-
-    browser.open(page, f"t=0&sharp={SHARP}", size=SIZES["upright"])
-    browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
-    try:
-        left, top, width = browser.run(
-            "const r = document.querySelector('#plots svg').getBoundingClientRect();"
-            "return [r.left, r.top, r.width]"
-        )
-        touch("Start", (left + 150, top + 40))
-        touch("End")
-        wanted = (150 - 42) / (width - 50) * run.t[-1]  # axes from 42 px to 8 px before the end
-        assert browser.run("return pinflex.state.t") == pytest.approx(wanted, rel=0.02)
-        name = browser.run(
-            "const r = plots.querySelector('[data-name=motor_2]').getBoundingClientRect();"
-            "return [r.left + r.width / 2, r.top + r.height / 2]"
-        )
-        touch("Start", tuple(name))
-        touch("End")
-        hidden = "return pinflex.state.hide"
-        assert any(browser.run(hidden) == ["motor_2"] for _ in range(200))  # a click comes later
-        touch("Start", (300, top + 40))
-        for x in range(290, 60, -20):
-            touch("Move", (x, top + 40))
-        touch("End")
-        assert any(browser.run("return plots.scrollLeft") > 50 for _ in range(200))
-        assert browser.run("return pinflex.state.zoom") is None
-    finally:
-        browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
