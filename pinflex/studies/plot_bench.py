@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pinflex.studies.bench import Bench
+from pinflex.viewer.drawing import Drawing
 from pinflex.viewer.panels import COLOURS, panels, title
 
 if TYPE_CHECKING:
@@ -17,15 +19,19 @@ _MARKERS = ("o", "s", "^", "D")
 _PANEL = 3.0  # [in]
 
 
+def drawing(study: Bench) -> Drawing:
+    """The figure, and its panels by output."""
+    each = {name: partial(_alone, study=study, name=name) for name in _outputs(study)}
+    return Drawing(partial(figure, study), each)
+
+
 def figure(study: Bench) -> Figure:
     """CPU seconds against error, log-log, one panel an output; the Pareto set is joined."""
-    outputs = [name for name in study.own_error if any(p.errors.get(name) for p in study.points)]
+    outputs = _outputs(study)
     columns = min(2, len(outputs))
     rows = -(-len(outputs) // columns)
     fig, axes = panels(rows, columns, rows * _PANEL + 0.5, None)
-    colours = dict(zip(_METHODS, COLOURS[4:] + COLOURS[:3], strict=False))
-    modes = sorted({p.case.modes for p in study.points if p.case.modes is not None})
-    markers = dict(zip(modes, _MARKERS, strict=False))
+    colours, markers = _looks(study)
     for ax, name in zip(axes.flat, outputs, strict=False):
         _panel(ax, study, name, colours, markers)
     for spare in axes.flat[len(outputs) :]:
@@ -33,6 +39,23 @@ def figure(study: Bench) -> Figure:
     handles = _handles(study, colours, markers)
     fig.legend(handles=handles, loc="outside upper center", ncols=5, frameon=False, fontsize=8)
     return fig
+
+
+def _outputs(study: Bench) -> list[str]:
+    return [name for name in study.own_error if any(p.errors.get(name) for p in study.points)]
+
+
+def _looks(study: Bench) -> tuple[dict[str, str], dict[int, str]]:
+    """Colours of methods, markers of numbers of modes."""
+    modes = sorted({p.case.modes for p in study.points if p.case.modes is not None})
+    colours = dict(zip(_METHODS, COLOURS[4:] + COLOURS[:3], strict=False))
+    return colours, dict(zip(modes, _MARKERS, strict=False))
+
+
+def _alone(ax: Any, study: Bench, name: str) -> None:
+    looks = _looks(study)
+    _panel(ax, study, name, *looks)
+    ax.legend(handles=_handles(study, *looks), frameon=False, fontsize=8)
 
 
 def _panel(
