@@ -10,7 +10,6 @@
 # exist, checked differences elsewhere.
 
 # %%
-import matplotlib.pyplot as plt
 import numpy as np
 
 import pinflex as pf
