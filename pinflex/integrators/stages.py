@@ -141,8 +141,7 @@ class StageEquations:
         path = self.path(t)
         if self.drive is None:
             a[:, self.motors] = path.acceleration
-        # Where a load switches at an end of the step, it is seen as it is inside, however rounded.
-        seen = t + _INSIDE * max(1.0, float(t[-1])) * (1.0 - 2.0 * self.method.c)
+        seen = self.seen(t)
         x = Trial(start, h, seen, path, a, lam, np.zeros_like(a) if turn is None else turn)
         if self.compiled is not None:
             self.compiled.begin(start, seen, path, a, lam, x.turn)
@@ -150,6 +149,13 @@ class StageEquations:
             x.a, x.lam, x.turn, x.change, x.dlam = k.a, k.lam, k.turn, k.change, k.dlam
             x.y, x.v, x.move, x.da = k.y, k.v, k.move, k.da
         return x
+
+    def seen(self, t: Array) -> Array:
+        """Times of the stages as loads see them, shape (s,).
+
+        Where one switches at an end of the step, it is as it is inside, however that is rounded.
+        """
+        return t + _INSIDE * max(1.0, float(t[-1])) * (1.0 - 2.0 * self.method.c)
 
     def place(self, x: Trial) -> None:
         """Poses and velocities of the stages from their accelerations."""
