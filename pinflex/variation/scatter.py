@@ -33,7 +33,7 @@ from pinflex.text import brief, number, table
 from pinflex.variation.variants import variants_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 QUANTILES = (0.05, 0.5, 0.95)
 OUTPUTS = ("frequency", "deviation", "torque", "stress")
@@ -137,21 +137,23 @@ class Scatter(Worded):
             "total_error": self.total_error[k].tolist(),
         }
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """A histogram of each output, and what its variance comes from.
+    def plot(
+        self, path: str | Path | None = None, *, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
+        """Draw a histogram of each output, and what its variance comes from; returns the axes.
 
         Args:
-            path: Where to write it, .png or .pdf.
+            path: Where to write it too, .png, .pdf or .svg.
+            panel: One alone: an output for its histogram, "variance OUTPUT" for the shares.
+            ax: Where to draw that; default: axes of a new figure.
         """
         from pinflex.viewer.histograms import histograms
 
         samples = {name: self.table[name] for name in self.outputs}
         names = [d.key for d in self.distributions]
         units = {name: unit(name) for name in self.outputs}
-        figure = histograms(samples, units, self.quantiles, names, self.total)
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        drawn = histograms(samples, units, self.quantiles, names, self.total)
+        return drawn.axes(panel, ax, path)
 
     def _sentences(self) -> list[str]:
         said = []
