@@ -6,6 +6,7 @@ coordinates have no mass, and what the keeper of the steps says after each batch
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, overload
@@ -57,9 +58,13 @@ class CompiledSteps:
         self.kernel = MarchKernel(of.compiled.kernel, marched, table, *room)
         self.tangents = tangents or self.kernel
 
-    def inputs(self, t: Array) -> Array:
-        """Motors' position, velocity, acceleration and shares of loads at times (k,), (k, n)."""
-        return _inputs(self.of.path(t), self._compiled.compiled.scale(t))
+    def inputs(self, t: Array, seen: Array | None = None) -> Array:
+        """Motors' position, velocity, acceleration and shares of loads at times (k,), (k, n).
+
+        Args:
+            t: Times in s. seen: The same as loads see them, see `StageEquations.seen`.
+        """
+        return _inputs(self.of.path(t), self._compiled.compiled.scale(t if seen is None else seen))
 
     def batch(self) -> Batch:
         """The steps of the last call."""
@@ -112,10 +117,11 @@ def steps_of(
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
-    try:
-        table = tabulated(inputs, kinds, *ends, stops)
-    except SceneError:  # somewhere on the way: the run is to come as far as it can
-        table = None
+    table = None
+    # A load that switches is another at the end of one step than at the start of the next.
+    if not system.loads.timed:
+        with contextlib.suppress(SceneError):  # somewhere on the way: as far as it can
+            table = tabulated(inputs, kinds, *ends, stops)
     return CompiledSteps(stages, marched, table, room)
 
 
@@ -242,7 +248,8 @@ class CompiledMarch:
             while (end := self._kernel.advance()) not in (FULL, STUCK):
                 if end == INPUTS:
                     times = at.t + at.size * stages.method.c
-                    self._kernel.input[...], at.given = self._made.inputs(times), 1
+                    given = self._made.inputs(times, stages.seen(times))
+                    self._kernel.input[...], at.given = given, 1
                 elif end == START:
                     self._start()
                 elif self._recorded:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from weakref import proxy
 
 import numpy as np
 
@@ -62,7 +63,8 @@ class Corrector(StageEquations):
                 getattr(kernel, name)[...] = getattr(end, name)
         if self._made.table is None:
             t = [step.start.t + step.h * self.method.c for step in steps]
-            given = self._made.inputs(np.ravel(t)).reshape(len(steps), self.method.s, -1)
+            seen = np.ravel([self.seen(stages) for stages in t])
+            given = self._made.inputs(np.ravel(t), seen).reshape(len(steps), self.method.s, -1)
         if not kernel.correct(steps.made.kernel, self._guess, end_a, given):
             raise np.linalg.LinAlgError("singular iteration matrix")
         self.iterations = int(kernel.at.iterations)
@@ -73,8 +75,9 @@ class Corrector(StageEquations):
         none = np.zeros(0, dtype=np.intp)
         last = np.zeros(self.method.s)
         marched = Marched(*self.method.monomials, last, none, None, ())
-        room = int(run.kernel.at.capacity), 0
-        made = CompiledSteps(self, marched, run.table, room, run.kernel)
+        # Held weakly: in a circle the workspace would not be given back when the run is over.
+        of, room = proxy(self), (int(run.kernel.at.capacity), 0)
+        made = CompiledSteps(of, marched, run.table, room, run.kernel)
         made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
         return made
 

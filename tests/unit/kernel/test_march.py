@@ -92,7 +92,7 @@ def test_motions_and_loads_switch_where_they_are_told_to(
 
 
 def test_what_has_no_table_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    given, t = moving("cycloid"), np.linspace(0.0, 0.02, 21)
+    given, t = scene(pf.load("race_r1"), ()), np.linspace(0.0, 0.02, 21)
     tabled = given.resolved(t, 1e-3)
     monkeypatch.setattr(compiled_march, "tabulated", lambda *_: None)
     same(given.resolved(t, 1e-3), tabled, SAME)
