@@ -22,6 +22,7 @@ FUNCTIONS = {
     "pinflex_iterate": (ctypes.c_int, (_POINTER,) * 4),
     "pinflex_solve": (None, (_POINTER,) * 2),
     "pinflex_correct": (None, (_POINTER,) * 2),
+    "pinflex_correct_steps": (_INT, (_POINTER,) * 4),
 }
 
 

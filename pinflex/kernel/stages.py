@@ -165,6 +165,12 @@ class StageKernel:
         tables, stages = self._both
         return int(self._c.pinflex_iterate(tables, self._work, stages, ctypes.byref(newton)))
 
+    def correct_steps(self, corrections: ctypes.Structure) -> int:
+        """Correct steps one after the other; how many had equations that are not singular."""
+        tables, stages = self._both
+        c = self._c.pinflex_correct_steps
+        return int(c(tables, self._work, stages, ctypes.byref(corrections)))
+
     def solve(self) -> None:
         """dlam, and dz in the free rows of `change`, from r and open."""
         self._c.pinflex_solve(*self._both)
