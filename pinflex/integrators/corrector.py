@@ -114,7 +114,7 @@ class Corrector(StageEquations):
         paths: MotorPath,
     ) -> list[Step]:
         """All steps by one call of the kernel."""
-        n, s = len(steps), self.method.s
+        n, s, h = len(steps), self.method.s, np.array([step.h for step in steps])
         a, lam, turn = self._polynomials(steps)
         a[:, :, self.motors] = paths.acceleration.reshape(n, s, -1)
         tangents, which = _distinct([step.tangent for step in steps])
@@ -123,7 +123,7 @@ class Corrector(StageEquations):
         last, self._known = self._known, None
         known = last is not None and last[0] is tangents[0] and last[1] == steps[0].h
         found = correct_steps(
-            compiled.kernel, np.array([step.h for step in steps]), which, times,
+            compiled.kernel, h, which, times,
             {name: np.array([getattr(of, name) for of in tangents]) for name in "MCKJ"},
             (np.array([x.start.y for x in steps]), np.array([x.start.v for x in steps])),
             (first.y, first.v),
@@ -132,15 +132,17 @@ class Corrector(StageEquations):
         )  # fmt: skip
         self._known = steps[-1].tangent, steps[-1].h
         self.iterations += int(times.sum())
-        return self._steps(steps, before, paths, found, self._torques(found, steps, which))
+        return self._steps(steps, before, paths, found, self._torques(found, tangents, which, h))
 
-    def _torques(self, found: Corrected, steps: Sequence[Step], which: IntArray) -> Array:
+    def _torques(
+        self, found: Corrected, tangents: Sequence[Tangent], which: IntArray, h: Array
+    ) -> Array:
         """Torques of the motors with the last correction in them, shape (n, s, nm)."""
         torque, free = found.r[:, :, self.motors], self.free
-        for number, of in {int(k): steps[i].tangent for i, k in enumerate(which)}.items():
+        for number, of in enumerate(tangents):
             at = np.flatnonzero(which == number)
-            da, h = found.da[at], np.array([steps[i].h for i in at])
-            dv = h[:, None, None] * np.matmul(self.method.A, da)
+            da = found.da[at]
+            dv = h[at, None, None] * np.matmul(self.method.A, da)
             torque[at] += of.motor_forces(da, dv, found.change[at][:, :, free], found.dlam[at])
         return torque
 

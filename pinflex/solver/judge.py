@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.corrector import Corrector
@@ -18,7 +19,7 @@ from pinflex.integrators.radau import Stages
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
-from pinflex.integrators.steps import States
+from pinflex.integrators.steps import Path, States
 from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
 from pinflex.solver.expected import Expected
 
@@ -60,6 +61,7 @@ class Judge:
         again: bool,
     ) -> None:
         """`again`: the resolution is not to rise, for it did in a run whose error was too large."""
+        stages.path = _remembering(stages.path)  # run and correction are sampled at the same times
         self._stages, self._corrector, self._t = stages, Corrector(stages), t
         stages.loose = True
         self._compare, self._foreseen = compare, foreseen
@@ -283,6 +285,19 @@ class Judge:
         elif growth < _IDLE * room:
             self.resolution *= min(room / max(growth, 1e-300), RISE)
         self.resolution = min(max(self.resolution, _FINEST), self._coarsest)
+
+
+def _remembering(path: Path) -> Path:
+    """A motion of the motors that knows what it was last asked for."""
+    last: MotorPath | None = None
+
+    def at(t: Array) -> MotorPath:
+        nonlocal last
+        if last is None or not np.array_equal(last.t, t):
+            last = path(t)
+        return last
+
+    return at
 
 
 def _joined(ends: Sequence[Start]) -> States:

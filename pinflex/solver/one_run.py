@@ -19,7 +19,7 @@ from pinflex.integrators.radau import Stages
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.estimates import errors, floor
-from pinflex.solver.expected import expected
+from pinflex.solver.expected import Expected, expected, few
 from pinflex.solver.judge import AIM, LEAST, PART, Judge
 from pinflex.solver.ringing import ringing
 from pinflex.solver.scene import Progress, Scene
@@ -47,8 +47,21 @@ class _OneRun:
         self.scene, self.asked_for, self.tol, self.progress = scene, t, tol, progress
         grid = t if len(t) >= _INSTANTS else np.linspace(t[0], t[-1], _INSTANTS)
         self.t = np.union1d(t, grid)
-        self.foreseen = expected(scene, float(t[-1]))
+        self.dynamics = scene.equations()
+        asked = scene.spec.asked or ASKED
+        self.outputs = Outputs(scene.mechanism, scene.motion, self.t, asked, self.dynamics)
+        self.foreseen = self._foreseen()
         self._judge: Judge | None = None
+
+    def _foreseen(self) -> Expected:
+        """Scales of the run, from the rigid motion that its platform is compared with, if it is."""
+        end, reference = float(self.t[-1]), None
+        if self.outputs.about_platform(self.dynamics.system):
+            reference = self.outputs.reference
+            if reference is None:
+                return Expected(0.0, {})
+            reference = few(reference)
+        return expected(self.scene, end, self.dynamics, reference)
 
     def run(self) -> Run:
         """The first run whose estimate is half of the tolerance."""
@@ -81,14 +94,12 @@ class _OneRun:
         scene, t, scale = self.scene, self.t, self.foreseen.scale
 
         def keeper(stages: Stages) -> Judge:
-            asked = scene.spec.asked or ASKED
-            compare = Outputs(scene.mechanism, scene.motion, t, asked, stages.dynamics)
             given = (self.foreseen, self.tol, resolution, stuck, resolution < _FIRST * self.tol)
-            self._judge = Judge(stages, t, compare, *given)
+            self._judge = Judge(stages, t, self.outputs, *given)
             return self._judge
 
         first = 0.02 * self.tol**0.25 if scale > 0.0 else SHORT
-        run = scene.kept(t, resolution, keeper, first, scale, self.progress)
+        run = scene.kept(t, resolution, keeper, first, scale, self.progress, dynamics=self.dynamics)
         assert self._judge is not None
         return self._judge, run
 
