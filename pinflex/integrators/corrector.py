@@ -15,7 +15,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
-from pinflex.integrators.collocation import with_one_more
+from pinflex.integrators.collocation import legendre, with_one_more
 from pinflex.integrators.compiled_stages import CompiledStages
 from pinflex.integrators.stage_newton import Tangent
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
@@ -30,6 +30,8 @@ class Corrector(StageEquations):
 
     Attributes:
         iterations: Newton corrections so far.
+        sizes: Of the steps corrected last: norms of the last Legendre coefficient but one of the
+            displacement, of the last one, and of the correction, shape (n, 3).
     """
 
     def __init__(self, run: StageEquations) -> None:
@@ -37,27 +39,46 @@ class Corrector(StageEquations):
         stages = run.method
         super().__init__(run.mechanism, run.dynamics, run.path, with_one_more(stages), run.drive)
         self._guess, self.iterations = stages.at(self.method.c), 0
+        self.sizes, self._last_two = np.zeros((0, 3)), legendre(self.method)[-2:]
         # What the factors in the kernel are of: a tangent, which is kept that it stays, and h.
         self._known: tuple[Tangent, float] | None = None
 
     def correct_all(self, steps: Sequence[Step], before: tuple[Step, Step] | None) -> list[Step]:
         """Steps corrected one after the other; before: the last one so far, and its correction."""
-        paths = self._paths(steps)
+        paths, done = self._paths(steps), list[Step]()
         if self.compiled is not None:
-            return self._compiled(self.compiled, steps, before, paths)
-        done: list[Step] = []
-        for number, step in enumerate(steps):
-            done.append(self._corrected(step, before, _part(paths, number, self.method.s)))
-            before = step, done[-1]
+            done, changes = self._compiled(self.compiled, steps, before, paths)
+        else:
+            changes = np.zeros((len(steps), self.method.s, self.dynamics.system.nv))
+            for number, step in enumerate(steps):
+                path = _part(paths, number, self.method.s)
+                done.append(self._corrected(step, before, path, changes[number]))
+                before = step, done[-1]
+        coefficients = self._last_two @ np.array([step.move for step in done])
+        parts = np.concatenate([coefficients, changes], axis=1)
+        norms = self._norms(parts, done[-1].tangent)
+        self.sizes = np.column_stack([norms[:, :2], norms[:, 2:].max(axis=1)])
         return done
+
+    def _norms(self, moves: Array, tangent: Tangent) -> Array:
+        """Of displacements (..., nv): by elastic energy, or by mass if nothing bends."""
+        dynamics = self.dynamics
+        weight = dynamics.strain.stiffness if dynamics.flexible else tangent.M
+        x = moves[..., dynamics.n_rigid :] if dynamics.flexible else moves[..., self.free]
+        return np.asarray(np.sqrt(np.abs(np.sum((x @ weight) * x, axis=-1))))
 
     def _paths(self, steps: Sequence[Step]) -> MotorPath:
         """Motion of the motors at the stages of all steps."""
         start, h = np.array([(step.start.t, step.h) for step in steps]).T
         return self.path((start[:, None] + np.outer(h, self.method.c)).ravel())
 
-    def _corrected(self, step: Step, before: tuple[Step, Step] | None, path: MotorPath) -> Step:
-        """A step taken once more, from the end of the corrected step before it."""
+    def _corrected(
+        self, step: Step, before: tuple[Step, Step] | None, path: MotorPath, change: Array
+    ) -> Step:
+        """A step taken once more, from the end of the corrected step before it.
+
+        `change` becomes the last correction of the displacement, shape (s, nv).
+        """
         a, lam, turn = (part[0] for part in self._polynomials([step]))
         x = self.begin(self._start(step, before), step.h, a, lam, turn, path)
         newton = self.newton
@@ -72,6 +93,7 @@ class Corrector(StageEquations):
             self.correct(x)
             self.iterations += 1
         done = self.solved(x, step.coarseness, step.rate)
+        change[...] = x.change
         if not self.manifold.turning:
             return done
         self.place(x)  # what turns in space depends on what was corrected
@@ -112,8 +134,8 @@ class Corrector(StageEquations):
         steps: Sequence[Step],
         before: tuple[Step, Step] | None,
         paths: MotorPath,
-    ) -> list[Step]:
-        """All steps by one call of the kernel."""
+    ) -> tuple[list[Step], Array]:
+        """All steps by one call of the kernel, and their last corrections, shape (n, s, nv)."""
         n, s, h = len(steps), self.method.s, np.array([step.h for step in steps])
         a, lam, turn = self._polynomials(steps)
         a[:, :, self.motors] = paths.acceleration.reshape(n, s, -1)
@@ -132,7 +154,8 @@ class Corrector(StageEquations):
         )  # fmt: skip
         self._known = steps[-1].tangent, steps[-1].h
         self.iterations += int(times.sum())
-        return self._steps(steps, before, paths, found, self._torques(found, tangents, which, h))
+        torques = self._torques(found, tangents, which, h)
+        return self._steps(steps, before, paths, found, torques), found.change
 
     def _torques(
         self, found: Corrected, tangents: Sequence[Tangent], which: IntArray, h: Array

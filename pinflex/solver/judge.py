@@ -21,6 +21,7 @@ from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
 from pinflex.integrators.steps import Path, States
 from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
+from pinflex.solver.decay import Decay
 from pinflex.solver.expected import Expected
 
 PART = 0.5  # of the tolerance: what the estimate may be at the end
@@ -86,6 +87,7 @@ class Judge:
         self._coarse.start(now)
         self._fine.start(now)
         self._before: tuple[Step, Step] | None = None
+        self._decay = Decay()
         self._sizes: dict[str, float] = {}
         self._moved, self._borne = False, 0.0
         self._histories: list[dict[str, History]] = []
@@ -121,6 +123,7 @@ class Judge:
         kept = self._samples(steps[:good])
         self._coarse.take(steps[:good], States(*(part[:kept] for part in coarse)))
         self._fine.take(corrected[:good], States(*(part[:kept] for part in fine)))
+        self._decay.add(self._corrector.sizes[:good])
         self._before = steps[good - 1], corrected[good - 1]
         self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
@@ -169,6 +172,12 @@ class Judge:
         if not any(found.values()):
             return self._compare.differences(*self.runs({}, {}))  # at rest, or joints alone move
         return {key: error for key, error in found.items() if error is not None}
+
+    @property
+    def left(self) -> float:
+        """Error of the corrected run over its difference from the run."""
+        left = self._decay.left
+        return left if self._stages.resolved else max(left, 1.0)
 
     def _samples(self, steps: Sequence[Step]) -> int:
         """Number of samples in steps to come."""

@@ -18,7 +18,7 @@ from pinflex.integrators.march import SHORT
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
-from pinflex.solver.estimates import errors, floor
+from pinflex.solver.estimates import floor
 from pinflex.solver.expected import Expected, expected, few
 from pinflex.solver.judge import AIM, LEAST, PART, Judge
 from pinflex.solver.ringing import ringing
@@ -68,7 +68,7 @@ class _OneRun:
         resolution, best, at = _FIRST * self.tol, np.inf, np.inf
         for _ in range(_TRIES):
             run, judge = self._passed(resolution)
-            worst = max(errors(run).values(), default=0.0)
+            worst = max(judge.differences().values(), default=0.0)
             if worst <= PART * self.tol:
                 return run
             if worst < _NO_BETTER * best:
@@ -76,7 +76,7 @@ class _OneRun:
             elif judge.stuck or resolution < _IN_VAIN * at:
                 break
             resolution *= min(max(AIM * PART * self.tol / worst, LEAST), _NEXT)
-        raise floor(self.scene, self.tol, run)
+        raise floor(self.scene, self.tol, run, worst)
 
     def _passed(self, resolution: float) -> tuple[Run, Judge]:
         """A run that comes to its end, and its judge."""
@@ -104,7 +104,12 @@ class _OneRun:
         return self._judge, run
 
     def _judged(self, judge: Judge, run: Run) -> Run:
-        error = {key: max(e, ROUND_OFF) for key, e in judge.differences().items()}
+        left, changed = judge.left, judge.differences()
+        # A run that is accepted keeps its tolerance, however much more it may have left out.
+        error = {
+            key: max(left * e if left < 1.0 else max(e, min(left * e, self.tol)), ROUND_OFF)
+            for key, e in changed.items()
+        }
         told = {"tol": self.tol, "error": error, "judged": "a correction of every step"}
         settings = {**run.settings, **told}
         run = replace(run, settings=settings, warnings=(*run.warnings, *ringing(self.scene, run)))
