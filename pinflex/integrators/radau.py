@@ -193,11 +193,6 @@ class Stages(StageEquations):
         """Norm of a displacement of `least` (m or rad) in every coordinate."""
         return least * math.sqrt(self._weight.trace())
 
-    @property
-    def resolved(self) -> bool:
-        """Whether steps are as short as their resolution says: no shorter ones show only noise."""
-        return self.scale * self.resolution > self._floor(_SEEN)
-
     def _predict(self, start: Start, h: float, last: Step | None) -> tuple[Array, Array]:
         m = self.method
         if last is None:

@@ -176,8 +176,7 @@ class Judge:
     @property
     def left(self) -> float:
         """Error of the corrected run over its difference from the run."""
-        left = self._decay.left
-        return left if self._stages.resolved else max(left, 1.0)
+        return self._decay.left
 
     def _samples(self, steps: Sequence[Step]) -> int:
         """Number of samples in steps to come."""
