@@ -14,7 +14,7 @@ from pinflex.arrays import Array
 
 # Error left over the correction: (ratio / _EVEN)^_POWER within _LEAST and _MOST. Fitted to 35 runs
 # with known errors, and checked on others (tests/benchmarks/TOLERANCE.md).
-_EVEN, _POWER, _LEAST, _MOST = 0.31, 4.0, 0.3, 3.0
+_EVEN, _POWER, _LEAST, _MOST = 0.3, 4.0, 0.35, 3.0
 _AROUND = 2  # steps on either side that a ratio is taken over: odd and even degrees take turns
 _NOTHING = 1e-14  # of the largest coefficient: below, round-off
 

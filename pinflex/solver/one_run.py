@@ -64,18 +64,22 @@ class _OneRun:
         return expected(self.scene, end, self.dynamics, reference)
 
     def run(self) -> Run:
-        """The first run whose estimate is half of the tolerance."""
+        """The first run that is half of the tolerance away from its correction."""
         resolution, best, at = _FIRST * self.tol, np.inf, np.inf
+        enough = PART * self.tol
         for _ in range(_TRIES):
             run, judge = self._passed(resolution)
             worst = max(judge.differences().values(), default=0.0)
-            if worst <= PART * self.tol:
+            if worst <= enough:
                 return run
             if worst < _NO_BETTER * best:
                 best, at = worst, resolution
             elif judge.stuck or resolution < _IN_VAIN * at:
                 break
             resolution *= min(max(AIM * PART * self.tol / worst, LEAST), _NEXT)
+        # Steps do not get better any more: what their correction leaves may be little all the same.
+        if judge.left * worst <= enough:
+            return run
         raise floor(self.scene, self.tol, run, worst)
 
     def _passed(self, resolution: float) -> tuple[Run, Judge]:
