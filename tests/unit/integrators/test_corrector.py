@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.radau import Stages
@@ -101,6 +102,37 @@ def test_a_run_that_is_sent_back_goes_on_from_there_with_shorter_steps(fine: Run
     compare = Outputs(given.mechanism, given.motion, run.t, ASKED)
     assert run.cost["repeated"] == 4  # of seven steps three stayed
     assert max(compare.differences(run, fine).values()) < 1e-2
+
+
+@pytest.mark.parametrize("name", ["race_r1", "race_r2"])  # circles; balls
+def test_corrections_of_the_kernel_are_those_of_numpy(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    m = pf.load(name)
+    spec = replace(m.description.solve, level="coupled", until=END, asked=ASKED, tol=None, dt=None)
+    given = Scene(m, default_motion(m), spec)
+    kept, _ = march(given, 1e-3)
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    plain, _ = march(given, 1e-3)
+    if kept.corrector.compiled is None:
+        pytest.skip("no kernel")
+    assert plain.corrector.compiled is None
+    again = plain.corrector.correct_all(kept.steps, None)
+    # Undamped steps carry round-off on: 3e-12 of the largest move, and more by h^2 in forces.
+    for part, close in (("move", 1e-10), ("lam", 1e-7), ("torque", 1e-7), ("power", 1e-7)):
+        ours, theirs = (np.array([getattr(x, part) for x in of]) for of in (kept.fine, again))
+        assert np.abs(ours - theirs).max() < close * np.abs(theirs).max(), part
+
+
+def test_scales_are_taken_off_the_rigid_motion_that_a_platform_is_compared_with() -> None:
+    given, t = scene(), np.linspace(0.0, END, 401)
+    own = Outputs(given.mechanism, given.motion, t).reference  # 51 instants, by themselves
+    whole = nominal(given.mechanism, given.motion, t)
+    assert own is not None
+    for part in ("q", "v", "a"):
+        a, b = getattr(own, part), getattr(whole, part)[::8]
+        # Poses are closed to 1e-12; rates follow from them.
+        assert np.abs(a - b).max() < 1e-12 * max(np.abs(b).max(), 1.0), part
 
 
 @pytest.mark.parametrize("name", ["race_r1", "race_r2", "ur5", "spinning_beam"])
