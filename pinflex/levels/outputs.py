@@ -136,8 +136,10 @@ class Outputs:
         rigid = fine.system.rigid
         nq, nv = int(rigid.nq), int(rigid.nv)
         pairs = zip(coarse.y[:, :nq], fine.y[:, :nq], strict=True)
-        apart = np.array([pin.difference(rigid, a, b) for a, b in pairs])
+        # Steps may hold no sample: rows without any keep their width.
+        apart = np.array([pin.difference(rigid, a, b) for a, b in pairs]).reshape(-1, nv)
         way = np.array([pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]])
+        way = way.reshape(-1, nv)
         return {
             "joint positions": _history(apart, way),
             "joint speeds": _history(coarse.v[:, :nv] - fine.v[:, :nv], fine.v[:, :nv]),
@@ -187,9 +189,10 @@ class Outputs:
         """Of the rigid motion; where it is not known, the first pose of the run."""
         if self._rigid is None:
             n, count = int(run.system.rigid.nq), len(self._t[:: self._every])
-            rigid = self.reference
-            q = np.tile(run.y[:1, :n], (count, 1)) if rigid is None else rigid.q
-            self._rigid = platform_poses(self._mechanism, Equations(self._mechanism.rigid), q)
+            y, rigid = np.zeros((count, run.system.nq)), self.reference
+            y[:, :n] = run.y[0, :n] if rigid is None else rigid.q
+            dynamics = self._dynamics or Equations(run.system)
+            self._rigid = platform_poses(self._mechanism, dynamics, y)
         return self._rigid
 
 

@@ -8,6 +8,7 @@ run goes back to the step before.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -157,8 +158,9 @@ class Judge:
         }
         return self._fine.run(cost, settings, stopped)
 
+    @cached_property
     def differences(self) -> dict[str, float]:
-        """Relative difference of the run and the corrected one, by output."""
+        """Relative difference of the run, once it is at its end, and the corrected one."""
         if not self._moved:
             return {}
         found = {

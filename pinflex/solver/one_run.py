@@ -69,7 +69,7 @@ class _OneRun:
         enough = PART * self.tol
         for _ in range(_TRIES):
             run, judge = self._passed(resolution)
-            worst = max(judge.differences().values(), default=0.0)
+            worst = max(judge.differences.values(), default=0.0)
             if worst <= enough:
                 return run
             if worst < _NO_BETTER * best:
@@ -108,7 +108,7 @@ class _OneRun:
         return self._judge, run
 
     def _judged(self, judge: Judge, run: Run) -> Run:
-        left, changed = judge.left, judge.differences()
+        left, changed = judge.left, judge.differences
         # A run that is accepted keeps its tolerance, however much more it may have left out.
         error = {
             key: max(left * e if left < 1.0 else max(e, min(left * e, self.tol)), ROUND_OFF)
