@@ -14,12 +14,13 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.actuation.drive import MotorPath
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.integrators.collocation import legendre, with_one_more
-from pinflex.integrators.compiled_stages import CompiledStages
+from pinflex.integrators.compiled_march import Batch, CompiledSteps
+from pinflex.integrators.radau import SAME_STEP
 from pinflex.integrators.stage_newton import Tangent
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
-from pinflex.kernel.corrections import Corrected, correct_steps
+from pinflex.kernel.march import Marched
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.
 _SLOW = 0.2
@@ -40,37 +41,73 @@ class Corrector(StageEquations):
         super().__init__(run.mechanism, run.dynamics, run.path, with_one_more(stages), run.drive)
         self._guess, self.iterations = stages.at(self.method.c), 0
         self.sizes, self._last_two = np.zeros((0, 3)), legendre(self.method)[-2:]
-        # What the factors in the kernel are of: a tangent, which is kept that it stays, and h.
-        self._known: tuple[Tangent, float] | None = None
+        self._made: CompiledSteps | None = None
 
-    def correct_all(self, steps: Sequence[Step], before: tuple[Step, Step] | None) -> list[Step]:
+    def correct_all(
+        self, steps: Sequence[Step], before: tuple[Step, Step] | None
+    ) -> Sequence[Step]:
         """Steps corrected one after the other; before: the last one so far, and its correction."""
+        if isinstance(steps, Batch) and self.compiled is not None:
+            found = self._compiled_steps(steps, before)
+            made, at = found.made.kernel.steps, slice(1, len(found) + 1)
+            self._take_sizes(made["move"][at], made["coarseness"][at], None)
+            return found
         paths, done = self._paths(steps), list[Step]()
-        if self.compiled is not None:
-            done, changes = self._compiled(self.compiled, steps, before, paths)
-        else:
-            changes = np.zeros((len(steps), self.method.s, self.dynamics.system.nv))
-            for number, step in enumerate(steps):
-                path = _part(paths, number, self.method.s)
-                done.append(self._corrected(step, before, path, changes[number]))
-                before = step, done[-1]
-        coefficients = self._last_two @ np.array([step.move for step in done])
-        parts = np.concatenate([coefficients, changes], axis=1)
-        norms = self._norms(parts, done[-1].tangent)
-        self.sizes = np.column_stack([norms[:, :2], norms[:, 2:].max(axis=1)])
+        changes = np.zeros((len(steps), self.method.s, self.dynamics.system.nv))
+        for number, step in enumerate(steps):
+            path = _part(paths, number, self.method.s)
+            done.append(self._corrected(step, before, path, changes[number]))
+            before = step, done[-1]
+        norms = self._norms(changes, done[-1].tangent).max(axis=1)
+        self._take_sizes(np.array([step.move for step in done]), norms, done[-1].tangent)
         return done
 
-    def _norms(self, moves: Array, tangent: Tangent) -> Array:
+    def _take_sizes(self, moves: Array, changes: Array, tangent: Tangent | None) -> None:
+        """Sizes of steps from their displacements (n, s, nv) and norms of corrections (n,)."""
+        norms = self._norms(self._last_two @ moves, tangent)
+        self.sizes = np.column_stack([norms, changes])
+
+    def _norms(self, moves: Array, tangent: Tangent | None) -> Array:
         """Of displacements (..., nv): by elastic energy, or by mass if nothing bends."""
         dynamics = self.dynamics
-        weight = dynamics.strain.stiffness if dynamics.flexible else tangent.M
-        x = moves[..., dynamics.n_rigid :] if dynamics.flexible else moves[..., self.free]
+        if dynamics.flexible or tangent is None:
+            x, weight = moves[..., dynamics.n_rigid :], dynamics.strain.stiffness
+        else:
+            x, weight = moves[..., self.free], tangent.M
         return np.asarray(np.sqrt(np.abs(np.sum((x @ weight) * x, axis=-1))))
 
     def _paths(self, steps: Sequence[Step]) -> MotorPath:
         """Motion of the motors at the stages of all steps."""
         start, h = np.array([(step.start.t, step.h) for step in steps]).T
         return self.path((start[:, None] + np.outer(h, self.method.c)).ravel())
+
+    def _compiled_steps(self, steps: Batch, before: tuple[Step, Step] | None) -> Batch:
+        """The same on the kernel, while it has the steps."""
+        if self._made is None or self._made.tangents is not steps.made.kernel:
+            self._made = self._like(steps.made)
+        kernel, end_a, given = self._made.kernel, None, None
+        if before is not None:
+            coarse, fine = before
+            end_a, end = coarse.a[-1], self.end(fine)
+            for name in ("y", "v", "a", "lam", "torque"):
+                getattr(kernel, name)[...] = getattr(end, name)
+        if self._made.table is None:
+            t = [step.start.t + step.h * self.method.c for step in steps]
+            given = self._made.inputs(np.ravel(t)).reshape(len(steps), self.method.s, -1)
+        if not kernel.correct(steps.made.kernel, self._guess, end_a, given):
+            raise np.linalg.LinAlgError("singular iteration matrix")
+        self.iterations = int(kernel.at.iterations)
+        return self._made.batch()
+
+    def _like(self, run: CompiledSteps) -> CompiledSteps:
+        """Room for the corrections of the steps of a run."""
+        system, last = self.dynamics.system, np.zeros(self.method.s)
+        elastic = np.arange(system.nv)[self.dynamics.n_rigid :]
+        weight = self.dynamics.strain.stiffness
+        marched = Marched(*self.method.monomials, last, elastic, weight, ())
+        made = CompiledSteps(self, marched, run.table, int(run.kernel.at.capacity), run.kernel)
+        made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
+        return made
 
     def _corrected(
         self, step: Step, before: tuple[Step, Step] | None, path: MotorPath, change: Array
@@ -79,16 +116,15 @@ class Corrector(StageEquations):
 
         `change` becomes the last correction of the displacement, shape (s, nv).
         """
-        a, lam, turn = (part[0] for part in self._polynomials([step]))
-        x = self.begin(self._start(step, before), step.h, a, lam, turn, path)
+        x = self.begin(self._start(step, before), step.h, *self._polynomials(step), path)
         newton = self.newton
         if newton.stale or newton.tangent is not step.tangent:
             newton.adopt(step.tangent)
-        if newton.h != step.h:
+        if abs(newton.h - step.h) > SAME_STEP * step.h:
             newton.factor(step.h)
         if before is not None:
             self._follow(x, step.start)
-        for _ in range(_times(step)):
+        for _ in range(2 if step.rate > _SLOW else 1):
             self.place(x)
             self.correct(x)
             self.iterations += 1
@@ -97,7 +133,7 @@ class Corrector(StageEquations):
         if not self.manifold.turning:
             return done
         self.place(x)  # what turns in space depends on what was corrected
-        return replace(done, move=x.move, turn=x.turn)
+        return replace(done, move=x.move.copy(), turn=x.turn.copy())
 
     def _follow(self, x: Trial, run: Start) -> None:
         """Answer of the stages to the error so far, by the tangent alone.
@@ -113,112 +149,21 @@ class Corrector(StageEquations):
         x.a[:, free] += self.method.A2_inverse @ dz
         x.lam += dlam
 
-    def _polynomials(self, steps: Sequence[Step]) -> tuple[Array, Array, Array]:
-        """a, lam and turn of steps at the stages of this scheme, each (n, s, .)."""
-        a, lam, turn = (
-            np.matmul(self._guess, np.array([getattr(step, name) for step in steps]))
-            for name in ("a", "lam", "turn")
-        )
-        return a, lam, turn
+    def _polynomials(self, step: Step) -> tuple[Array, Array, Array]:
+        W = self._guess
+        return W @ step.a, W @ step.lam, W @ step.turn
 
     def _start(self, step: Step, before: tuple[Step, Step] | None) -> Start:
         """Where the corrected step starts."""
+        start = step.start
         if before is None:
-            return step.start
-        end = self.end(before[1])
-        return _begun(step, before[0], end.y, end.v, before[1])
-
-    def _compiled(
-        self,
-        compiled: CompiledStages,
-        steps: Sequence[Step],
-        before: tuple[Step, Step] | None,
-        paths: MotorPath,
-    ) -> tuple[list[Step], Array]:
-        """All steps by one call of the kernel, and their last corrections, shape (n, s, nv)."""
-        n, s, h = len(steps), self.method.s, np.array([step.h for step in steps])
-        a, lam, turn = self._polynomials(steps)
-        a[:, :, self.motors] = paths.acceleration.reshape(n, s, -1)
-        tangents, which = _distinct([step.tangent for step in steps])
-        times = np.array([_times(step) for step in steps])
-        first = self._start(steps[0], before)
-        last, self._known = self._known, None
-        known = last is not None and last[0] is tangents[0] and last[1] == steps[0].h
-        found = correct_steps(
-            compiled.kernel, h, which, times,
-            {name: np.array([getattr(of, name) for of in tangents]) for name in "MCKJ"},
-            (np.array([x.start.y for x in steps]), np.array([x.start.v for x in steps])),
-            (first.y, first.v),
-            (paths.position, paths.velocity, compiled.compiled.scale(paths.t)),
-            (a, lam, turn), known,
-        )  # fmt: skip
-        self._known = steps[-1].tangent, steps[-1].h
-        self.iterations += int(times.sum())
-        torques = self._torques(found, tangents, which, h)
-        return self._steps(steps, before, paths, found, torques), found.change
-
-    def _torques(
-        self, found: Corrected, tangents: Sequence[Tangent], which: IntArray, h: Array
-    ) -> Array:
-        """Torques of the motors with the last correction in them, shape (n, s, nm)."""
-        torque, free = found.r[:, :, self.motors], self.free
-        for number, of in enumerate(tangents):
-            at = np.flatnonzero(which == number)
-            da = found.da[at]
-            dv = h[at, None, None] * np.matmul(self.method.A, da)
-            torque[at] += of.motor_forces(da, dv, found.change[at][:, :, free], found.dlam[at])
-        return torque
-
-    def _steps(
-        self,
-        steps: Sequence[Step],
-        before: tuple[Step, Step] | None,
-        paths: MotorPath,
-        found: Corrected,
-        torque: Array,
-    ) -> list[Step]:
-        """Corrected steps as values."""
-        n, s, done = len(steps), self.method.s, []
-        v = found.velocity.reshape(n * s, -1)
-        power = self._power(v, torque.reshape(n * s, -1)).reshape(n, s, 2)
-        for k, step in enumerate(steps):
-            start = step.start
-            if before is not None:
-                start = _begun(step, before[0], found.y[k], found.v[k], before[1])
-            done.append(
-                Step(
-                    start, step.h, found.move[k], found.turn[k], found.a[k], found.lam[k],
-                    torque[k], power[k], step.coarseness, _part(paths, k, s), step.tangent,
-                    step.rate,
-                )
-            )  # fmt: skip
-            before = step, done[-1]
-        return done
-
-
-def _times(step: Step) -> int:
-    """Corrections that a step takes."""
-    return 2 if step.rate > _SLOW else 1
-
-
-def _begun(step: Step, coarse: Step, y: Array, v: Array, fine: Step) -> Start:
-    """Where a step starts that follows a corrected one, which ends at (y, v)."""
-    start = step.start
-    if np.array_equal(start.a, coarse.a[-1]):
-        return Start(start.t, y, v, fine.a[-1], fine.lam[-1], fine.torque[-1])
-    # After a switch of motion or loads accelerations begin anew.
-    return replace(start, y=y, v=v)
-
-
-def _distinct(tangents: Sequence[Tangent]) -> tuple[list[Tangent], IntArray]:
-    """Tangents without those that come again, and the number of each."""
-    found: list[Tangent] = []
-    which = np.empty(len(tangents), dtype=np.intp)
-    for k, of in enumerate(tangents):
-        if not found or found[-1] is not of:
-            found.append(of)
-        which[k] = len(found) - 1
-    return found, which
+            return start
+        coarse, fine = before
+        end = self.end(fine)
+        if np.array_equal(start.a, coarse.a[-1]):
+            return replace(end, t=start.t)
+        # After a switch of motion or loads accelerations begin anew.
+        return replace(end, t=start.t, a=start.a, lam=start.lam, torque=start.torque)
 
 
 def _part(path: MotorPath, number: int, s: int) -> MotorPath:
