@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from weakref import proxy
 
 import numpy as np
 
@@ -105,7 +106,9 @@ class Corrector(StageEquations):
         elastic = np.arange(system.nv)[self.dynamics.n_rigid :]
         weight = self.dynamics.strain.stiffness
         marched = Marched(*self.method.monomials, last, elastic, weight, ())
-        made = CompiledSteps(self, marched, run.table, int(run.kernel.at.capacity), run.kernel)
+        # Held weakly: in a circle the workspace would not be given back when the run is over.
+        of, room = proxy(self), int(run.kernel.at.capacity)
+        made = CompiledSteps(of, marched, run.table, room, run.kernel)
         made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
         return made
 

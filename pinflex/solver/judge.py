@@ -17,7 +17,7 @@ from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.radau import Stages
-from pinflex.integrators.record import Record
+from pinflex.integrators.record import Record, ends_of
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
 from pinflex.integrators.steps import Path, States
@@ -182,7 +182,7 @@ class Judge:
 
     def _samples(self, steps: Sequence[Step]) -> int:
         """Number of samples in steps to come."""
-        end = steps[-1].start.t + (1.0 + 1e-9) * steps[-1].h
+        end = float(ends_of(steps)[-1])
         return int(np.searchsorted(self._t, end, side="right")) - self._coarse.count
 
     def _slowest(self, step: Step) -> float:
@@ -219,7 +219,7 @@ class Judge:
         worst = np.zeros(len(steps))
         if not self._moved:
             return worst  # at rest: round-off is all that differs
-        ends = np.array([step.start.t + (1.0 + 1e-9) * step.h for step in steps])
+        ends = ends_of(steps)
         looked_at = self._t[self._coarse.count :]
         for key, (at, apart, _) in histories.items():
             np.maximum.at(worst, np.searchsorted(ends, looked_at[at]), apart / self._scale(key))
