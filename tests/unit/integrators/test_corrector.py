@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinflex as pf
@@ -16,9 +18,10 @@ from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Step
 from pinflex.levels.outputs import Outputs
+from pinflex.mechanics import workspace
 from pinflex.solver.expected import expected
 from pinflex.solver.scene import Scene
-from pinflex.solver.solve import default_motion
+from pinflex.solver.solve import default_motion, solve_level
 
 END, ASKED = 0.1, ("torque", "deflection")
 
@@ -122,6 +125,21 @@ def test_corrections_of_the_kernel_are_those_of_numpy(
     for part, close in (("move", 1e-10), ("lam", 1e-7), ("torque", 1e-7), ("power", 1e-7)):
         ours, theirs = (np.array([getattr(x, part) for x in of]) for of in (kept.fine, again))
         assert np.abs(ours - theirs).max() < close * np.abs(theirs).max(), part
+
+
+def test_a_run_gives_its_workspace_back_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Held in a circle it would stay until Python looks for those: gigabytes in large models."""
+    m, made = pf.load("race_r1"), []
+    monkeypatch.setattr(workspace, "acquire", lambda model: made.append(1) or pin.Data(model))
+    given_back: list[int] = []
+    monkeypatch.setattr(workspace, "release", lambda model, data: given_back.append(1))
+    gc.collect()
+    gc.disable()
+    try:
+        solve_level(m, level="coupled", tol=1e-2, until=0.02, samples=11)
+    finally:
+        gc.enable()
+    assert len(given_back) == len(made), (len(given_back), len(made))
 
 
 def test_scales_are_taken_off_the_rigid_motion_that_a_platform_is_compared_with() -> None:
