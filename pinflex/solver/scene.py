@@ -189,6 +189,7 @@ class Scene:
         progress: Progress | None = None,
         pilot: bool = False,
         alpha: bool = False,
+        dynamics: Equations | None = None,
     ) -> Run:
         """The run at samples t as a keeper of its steps has it; see `adaptive.integrate`.
 
@@ -198,9 +199,9 @@ class Scene:
             keeper: From the steps, Stages or AlphaSteps, what they are kept by.
             first, scale, progress, pilot: As `adaptive.integrate` has them.
             alpha: By the alpha family, not by collocation.
+            dynamics: A workspace of what moves; None: one of its own.
         """
-        start = self._start
-        dynamics = Equations(self._system)  # takes the workspace that the start has given back
+        start, dynamics = self._start, dynamics or self.equations()
         stops, sampler = breaks(self.motion, dynamics.system.loads), None
         steps: Steps
         if alpha:
@@ -220,6 +221,11 @@ class Scene:
         if sampler is not None:
             run = replace(run, signals=sampler.signals(run.t, run.y))
         return start.told(run)
+
+    def equations(self) -> Equations:
+        """A workspace of what moves: the one that finding the start has given back."""
+        assert self._start is not None
+        return Equations(self._system)
 
     def _stages(
         self, t: Array, dynamics: Equations, resolution: float
