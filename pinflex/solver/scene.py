@@ -214,7 +214,7 @@ class Scene:
             stops = (*stops, *sampler.instants(float(t[-1])))
         name, begun = self.mechanism.name, (start.y, start.v)
         try:
-            if ends is not None:
+            if ends is not None and isinstance(steps, Stages):
                 run = along(name, steps, begun, t, stops, ends, keeper(steps))
             else:
                 run = adaptive.integrate(

@@ -158,9 +158,7 @@ class Peaks:
             f"{slope[k]:+.2f} %."
         ))  # fmt: skip
 
-    def _differences(
-        self, at: At, h: float, halved: bool = True
-    ) -> dict[str, tuple[Array, Array]]:
+    def _differences(self, at: At, h: float, halved: bool = True) -> dict[str, tuple[Array, Array]]:
         """Differences of the logarithms over 2 h, by output; by fewer points too, shape (n,)."""
         below, above = (self._heights(self._curves(at(s), self._t, halved)) for s in (-h, h))
         with np.errstate(divide="ignore", invalid="ignore"):

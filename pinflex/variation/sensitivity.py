@@ -268,9 +268,7 @@ def _slopes(
     return found
 
 
-def _implicit(
-    designs: Variants, parameter: Parameter, outputs: Sequence[str]
-) -> dict[str, Slope]:
+def _implicit(designs: Variants, parameter: Parameter, outputs: Sequence[str]) -> dict[str, Slope]:
     """Sensitivities of frequencies; none where there is no equilibrium to hold."""
     numbers = {name: int(name.partition(".")[2]) for name in outputs if name.startswith("freq")}
     if not numbers:

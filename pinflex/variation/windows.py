@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray
 
 NODES = 9  # instants in a window: a polynomial of degree 8, and of 4 by every other one
 _FINE = 161  # places in a window where its polynomial is looked at first
@@ -24,7 +24,7 @@ class Windows:
     """
 
     nodes: Array
-    closed: Array
+    closed: BoolArray
 
     def tops(self, windows: IntArray, values: Array) -> tuple[Array, Array, Array]:
         """Largest values in windows, shape (n,); the same by fewer points; whether it is inside.
@@ -40,7 +40,9 @@ class Windows:
         return top, fewer, (low | (place > -1.0)) & (high | (place < 1.0))
 
 
-def around(centre: float, half: float, piece: tuple[float, float]) -> tuple[Array, Array]:
+def around(
+    centre: float, half: float, piece: tuple[float, float]
+) -> tuple[Array, BoolArray]:
     """Nodes of a window about an instant inside a smooth piece, and which sides end that.
 
     Args:
@@ -52,10 +54,10 @@ def around(centre: float, half: float, piece: tuple[float, float]) -> tuple[Arra
     middle = min(max(centre, piece[0] + half), piece[1] - half)
     turns = np.linspace(np.pi, 0.0, NODES)
     nodes = np.clip(middle + half * np.cos(turns), *piece)
-    return nodes, np.isclose(nodes[[0, -1]], piece, rtol=0.0, atol=1e-3 * half)
+    return nodes, np.abs(nodes[[0, -1]] - np.array(piece)) < 1e-3 * half
 
 
-def steps_around(k: int, t: Array) -> tuple[Array, Array]:
+def steps_around(k: int, t: Array) -> tuple[Array, BoolArray]:
     """The same at steps t (n,) about the k-th of them."""
     first = min(max(k - NODES // 2, 0), len(t) - NODES)
     last = first + NODES
@@ -86,7 +88,7 @@ def _unit(nodes: Array) -> Array:
 
 def _largest(x: Array, values: Array) -> tuple[Array, Array]:
     """Largest values on -1 ... 1 of the polynomials through values at x (n, k), and where."""
-    n, k = values.shape
+    k = values.shape[1]
     c = np.linalg.solve(chebyshev.chebvander(x, k - 1), values[:, :, None])[:, :, 0].T
     fine = np.linspace(-1.0, 1.0, _FINE)
     place = fine[np.argmax(chebyshev.chebval(fine, c), axis=1)]
