@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.errors import SceneError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.mechanism import Mechanism
@@ -203,7 +203,7 @@ class Peaks:
 
     def _around(self, look: Array, seen: Mapping[str, _Curves]) -> Windows:
         """Windows about all instants at which an output may be largest."""
-        found: list[tuple[Array, Array]] = []
+        found: list[tuple[Array, BoolArray]] = []
         span = _WIDE * self._h * float(self.steps.marks[-1])
         centres: set[int] = set()
         for name, curves in seen.items():

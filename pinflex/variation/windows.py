@@ -40,9 +40,7 @@ class Windows:
         return top, fewer, (low | (place > -1.0)) & (high | (place < 1.0))
 
 
-def around(
-    centre: float, half: float, piece: tuple[float, float]
-) -> tuple[Array, BoolArray]:
+def around(centre: float, half: float, piece: tuple[float, float]) -> tuple[Array, BoolArray]:
     """Nodes of a window about an instant inside a smooth piece, and which sides end that.
 
     Args:
