@@ -56,11 +56,8 @@ class Equations(Geometry):
         self.loaded = system.loads.present
         self.strain = Strain(system)
         self._loads = LoadRows(system.loads, self.model)
-        # Joints that closures and loads act on, and by which loops: +1 on B, -1 on A.
-        bodies = system.closed.bodies.reshape(2, -1)
-        self._acted = sorted({*bodies.ravel().tolist(), *self._loads.support})
-        at = np.array(self._acted, dtype=np.intp)[:, None]
-        self._of_loops = (at == bodies[1]).astype(float) - (at == bodies[0])
+        # Joints that closures and loads act on.
+        self._acted = sorted({*system.closed.joints, *self._loads.support})
         self._often = often
         # Scratch of `joint_forces` and of the derivatives, which write whatever they then read.
         self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
@@ -269,7 +266,7 @@ class Equations(Geometry):
         r = self._projected(here, g, Y, V, closed, lam)
         if closed is None:
             none = np.zeros((n, 0))
-            return JointForces(r, none, g, f, none.reshape(n, 0, 6), none.reshape(n, 0, 3, 7))
+            return JointForces(r, none, g, f, none.reshape(n, 0, 6), none.reshape(n, 0, 3, 8))
         return JointForces(r, closed.c, g, f, closed.loop_wrenches(lam), closed.sleeves(lam))
 
     def _wrenches(
@@ -284,7 +281,7 @@ class Equations(Geometry):
         """Wrenches of closures and loads in the frames of the joints acted on, (n, joints, 6)."""
         total = np.zeros((len(poses), len(self._acted), 6))
         if closed is not None:
-            total += self._of_loops @ closed.wrenches(lam)
+            total += closed.on_joints(lam, self._acted)
         if self.loaded:
             for k, whole in enumerate(total):
                 load = self._loads.at(poses[k], J[k])
