@@ -86,7 +86,7 @@ def finer_model(mechanism: Mechanism, segments: int = 1) -> tuple[Mechanism, str
     Raises:
         DescriptionError: There is no such model.
     """
-    for more in (segments, 0):  # a link under a sleeve takes one only
+    for more in (segments, 0):  # shapes that move at the root take one only
         changes = []
         for part in beams(mechanism):
             at = f"flexible.{part.link}"

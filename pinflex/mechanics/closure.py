@@ -273,9 +273,7 @@ class _Rows:
         self.distances: list[tuple[int, float]] = []
         self.contacts: list[Contact] = []
 
-    def add(
-        self, number: int, loop: Loop, sleeves: Mapping[str, Sleeve], model: pin.Model
-    ) -> None:
+    def add(self, number: int, loop: Loop, sleeves: Mapping[str, Sleeve], model: pin.Model) -> None:
         """The rows that a loop holds."""
         kind, labels = loop_kind(loop.kind), self.labels
         for axis in kind.points:

@@ -84,9 +84,9 @@ def _of_sleeve(contact: Contact) -> ContactRows | PassingRows:
     return PassingRows(contact) if contact.sleeve.segments else ContactRows(contact)
 
 
-# How far beyond the root of a segment, over its length, a sleeve is on it. The curvature jumps there,
-# as between elements; a sleeve that comes to rest at a border, as round numbers have it, would be on
-# either side by turns. The curve goes on straight enough: 1e-12 of a length across it.
+# How far beyond the root of a segment, over its length, a sleeve is on it. The curvature jumps
+# there, as between elements; a sleeve that comes to rest at a border, as round numbers have it,
+# would be on either side by turns. So far the curve goes on: 1e-12 of a length off the next one.
 _PAST = 1e-6
 
 

@@ -136,7 +136,7 @@ class ClosureState:
         return out
 
     def sleeves(self, lam: Array) -> Array:
-        """(x, F, M, segment) that sleeves put on their beams at three places, shape (n, sleeves, 3, 8)."""
+        """(x, F, M, segment) of sleeves on beams at three places, shape (n, sleeves, 3, 8)."""
         found = [one.forces(lam[k]) for k, one in self._by_state()]
         return np.array(found).reshape(self._n, len(self._rows.closed.contacts), 3, 8)
 

@@ -233,9 +233,7 @@ class ContactState:
         return out
 
 
-def require_on_beam(
-    sleeve: Sleeve, place: float, name: str, where: str, t: float | None
-) -> None:
+def require_on_beam(sleeve: Sleeve, place: float, name: str, where: str, t: float | None) -> None:
     """Raise where an end of a sleeve lies beyond an end of its beam.
 
     Args:

@@ -124,7 +124,7 @@ class Guide:
         return r + _raised(self._kink(number, second), bump(s, segment.length))
 
     def _kink(self, number: int, second: bool) -> Jet:
-        """(0, kappa_y, kappa_z): what the slope of (u, v, w) at the tip lacks of the section's axis.
+        """(0, kappa_y, kappa_z): what the slope of (u, v, w) at the tip lacks of the axis there.
 
         Shear is no part of it: a section is not square to a beam that shears.
         """

@@ -66,7 +66,9 @@ class Jet:
         """A function of a scalar jet, by its value and its derivatives there."""
         if self.hess is None:
             return Jet(np.array(f), df * self.grad, None)
-        return Jet(np.array(f), df * self.grad, df * self.hess + ddf * np.outer(self.grad, self.grad))
+        return Jet(
+            np.array(f), df * self.grad, df * self.hess + ddf * np.outer(self.grad, self.grad)
+        )
 
     def over(self, other: Jet) -> Jet:
         """The quotient of two scalar jets."""
@@ -93,10 +95,18 @@ def turned(axis: int, angle: Jet) -> Jet:
     """The rotation (3, 3) about a coordinate axis by a scalar jet (rad)."""
     a, m = float(angle.value), angle.grad.shape[-1]
     out = constant(np.zeros((3, 3)), m, angle.hess is not None)
-    cos, sin = angle.of(np.cos(a), -np.sin(a), -np.cos(a)), angle.of(np.sin(a), np.cos(a), -np.sin(a))
+    cos, sin = (
+        angle.of(np.cos(a), -np.sin(a), -np.cos(a)),
+        angle.of(np.sin(a), np.cos(a), -np.sin(a)),
+    )
     i, j = (axis + 1) % 3, (axis + 2) % 3
     out.value[axis, axis] = 1.0
-    for row, column, part, sign in ((i, i, cos, 1), (j, j, cos, 1), (j, i, sin, 1), (i, j, sin, -1)):
+    for row, column, part, sign in (
+        (i, i, cos, 1),
+        (j, j, cos, 1),
+        (j, i, sin, 1),
+        (i, j, sin, -1),
+    ):
         out.value[row, column] = sign * part.value
         out.grad[row, column] = sign * part.grad
         if out.hess is not None and part.hess is not None:

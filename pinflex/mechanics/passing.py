@@ -226,9 +226,7 @@ class PassingState:
         return out
 
 
-def _on_ends(
-    out: Array, sides: tuple[int, ...], h: float, n: Array, t: Array, half: float
-) -> None:
+def _on_ends(out: Array, sides: tuple[int, ...], h: float, n: Array, t: Array, half: float) -> None:
     """Forces of a row that holds ends of the sleeve on the tangent in its middle, or in line."""
     for side in sides:
         out[1 + side, 1:4] += h * n

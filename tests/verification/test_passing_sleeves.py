@@ -78,8 +78,8 @@ def test_a_force_along_a_cantilever_bends_it_by_f_x3_over_3ei(tmp_path: Path) ->
     # Between borders the kink of the shear force at the load is smoothed: (l/n)^3 of the length.
     assert [worst[k] for k in (2, 4, 8)] < [worst[k] for k in (1, 2, 4)]
     assert np.log2(worst[2] / worst[8]) / 2 == pytest.approx(3.0, abs=0.4)
-    # With eight segments all of these places are borders, where the shapes are exact; foreshortening
-    # is (w/l)^2 = 2e-6 of it.
+    # With eight segments all of these places are borders, where the shapes are exact;
+    # foreshortening is (w/l)^2 = 2e-6 of it.
     assert at_borders[8] < 1e-5
 
 
@@ -167,7 +167,8 @@ def test_a_mass_that_runs_over_a_simple_beam_follows_its_modes(tmp_path: Path) -
 def test_a_free_mass_that_passes_borders_keeps_the_energy(tmp_path: Path) -> None:
     """It runs with 6 m/s under its weight, which bends the beam by 15 mm; nothing drives it."""
     m = load(tmp_path, (*BODIES, ROLLER), YAML, (
-        "flexible.beam.segments=4", SIMPLE[1], "actuated=[]", "gravity=[0, -9.81, 0]", "forces=null",
+        "flexible.beam.segments=4", SIMPLE[1], "actuated=[]", "gravity=[0, -9.81, 0]",
+        "forces=null",
         "solve={level: coupled, start: straight, start_speeds: {carriage_joint: 6.0}}",
     ))  # fmt: skip
     lost = []
