@@ -128,8 +128,8 @@ class Outputs:
         pairs = zip(coarse.y[:, :nq], fine.y[:, :nq], strict=True)
         apart = np.array([pin.difference(rigid, a, b) for a, b in pairs])
         way = np.array([pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]])
-        return {
-            "joint positions": _history(apart, way),
+        return {  # steps may lie between two samples: then there are none
+            "joint positions": _history(apart.reshape(-1, nv), way.reshape(-1, nv)),
             "joint speeds": _history(coarse.v[:, :nv] - fine.v[:, :nv], fine.v[:, :nv]),
         }
 

@@ -37,6 +37,7 @@ class Guide:
         self._at: dict[int, slice] = {}
         self.reach(on)
         self._kinks: dict[tuple[int, bool], Jet] = {}
+        self._last: tuple[int, float, Sections] | None = None  # place and turn are asked for there
 
     def segment(self, number: int) -> Segment:
         """A segment of the link."""
@@ -107,17 +108,22 @@ class Guide:
             return R, t
         return R.transposed, applied(R.transposed, t).times(-1.0)
 
+    def _sections(self, number: int, s: float) -> Sections:
+        if self._last is None or self._last[:2] != (number, s):
+            self._last = number, s, self.segment(number).track.at(s)
+        return self._last[2]
+
     def turn(self, number: int, s: float, second: bool) -> Jet:
         """R of a section against its segment's root by (s, coordinates)."""
         segment = self.segment(number)
-        sections, mine = segment.track.at(s), self._all[segment.eta]
+        sections, mine = self._sections(number, s), self._all[segment.eta]
         a = _rows(sections, mine, slice(3, 6), 0, self._at[number], self.m, second)
         return turned(2, a[0]) @ turned(1, a[1]) @ turned(0, a[2])
 
     def curve(self, number: int, s: float, second: bool) -> Jet:
         """r of a section in the frame of its own segment by (s, coordinates)."""
         segment = self.segment(number)
-        sections, mine = segment.track.at(s), self._all[segment.eta]
+        sections, mine = self._sections(number, s), self._all[segment.eta]
         r = _rows(sections, mine, slice(0, 3), 0, self._at[number], self.m, second)
         r.value[0] += s
         r.grad[0, 0] += 1.0

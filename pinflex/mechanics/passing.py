@@ -86,7 +86,7 @@ class PassingState:
             slope = gap @ t.grad[:, 0, 0] - t.value[:, 0] @ r.grad[:, 0]
             step = -float(gap @ t.value[:, 0]) / slope
             s += step
-            if abs(step) < 1e-9 * guide.segment(guide.on).length:  # Newton: its square is left
+            if abs(step) < 1e-7 * guide.segment(guide.on).length:  # Newton: its square is left
                 break
         return s
 
