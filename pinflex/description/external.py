@@ -43,6 +43,17 @@ class FrameForce:
         """Whether it changes in time."""
         return self.start > 0 or self.until is not None or self.ramp > 0
 
+    @property
+    def potential(self) -> bool:
+        """Whether its force has one: constant in the world. A moment in space has none."""
+        return not self.follower and not self.timed
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Times at which it, or its slope, changes [s]."""
+        times = {self.start, self.start + self.ramp}
+        return tuple(sorted(times if self.until is None else times | {self.until}))
+
     def scale(self, t: float) -> float:
         """Share of the load that acts at a time t [s]."""
         if t < self.start or (self.until is not None and t > self.until):
@@ -85,7 +96,13 @@ class AddedMass:
 
 
 def read_added_masses(value: object, where: str, urdf: Source) -> tuple[AddedMass, ...]:
-    """The block `added_masses`, in file order."""
+    """The block `added_masses`, in file order.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+        urdf: Links and joints there are.
+    """
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
@@ -102,7 +119,13 @@ def read_added_masses(value: object, where: str, urdf: Source) -> tuple[AddedMas
 
 
 def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ...]:
-    """The block `forces`, in file order."""
+    """The block `forces`, in file order.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+        urdf: Links and joints there are.
+    """
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
@@ -122,7 +145,13 @@ def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ..
 
 
 def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, ...]:
-    """The block `springs`, in file order."""
+    """The block `springs`, in file order.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+        urdf: Links and joints there are.
+    """
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)

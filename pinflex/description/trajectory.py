@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from pinflex.arrays import Array
 from pinflex.cards import card, grid
 from pinflex.description.laws import Kinematics
 from pinflex.doors import door
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -62,13 +65,17 @@ class Motion:
         p = self.evaluate(np.asarray(t, dtype=np.float64).reshape(-1))[0]
         return p if np.ndim(t) else p[0]
 
-    def plot(self, until: float | None = None) -> Any:
+    def plot(
+        self, until: float | None = None, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
         """Draw position, velocity and acceleration over time; returns the matplotlib axes.
 
         Args:
             until: End [s]; default: the duration.
+            panel: One alone: "position", "velocity" or "acceleration".
+            ax: Where to draw that; default: axes of a new figure.
         """
-        return door("viewer.plot_motion", "plot_motion")(self, until)
+        return door("viewer.plot_motion", "plot_motion")(self, until, panel, ax)
 
     def _repr_html_(self) -> str:
         p, v, a = self.evaluate(np.linspace(0.0, self.duration, 401))
@@ -101,7 +108,14 @@ class Motion:
 
 
 def of_moves(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
-    """A motion of target, displacements by name and as an array, along a law with numbers n."""
+    """A motion of target, displacements by name and as an array, along a law with numbers n.
+
+    Args:
+        kind: Of motion.
+        moves: Target, displacements by name and as an array, as `motion_keys.moves_of` gives them.
+        law: Position, velocity and acceleration by time.
+        n: Numbers of the motion by key, `duration` [s] among them.
+    """
     target, by_name, _ = moves
     spec = {"kind": kind} | ({target: by_name} if by_name else {}) | n
     return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec)

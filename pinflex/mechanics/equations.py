@@ -24,13 +24,7 @@ from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled, on_kernel
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
-from pinflex.mechanics.evaluated import (
-    Energies,
-    IterationMatrix,
-    JointForces,
-    Residual,
-    Tangent,
-)
+from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
 from pinflex.mechanics.geometry import Geometry, spans
 from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.loads import LoadRows
@@ -51,10 +45,8 @@ class Equations(Geometry):
     def __init__(self, system: System, often: bool = True) -> None:
         """`often`: worth the millisecond or two that tables for the kernel take."""
         super().__init__(system)
-        self.damped = bool(np.any(system.D))
-        self.rubbed = system.friction.present
-        self.sprung = len(system.springs.v_at) > 0
-        self.loaded = system.loads.present
+        self.damped, self.rubbed = bool(np.any(system.D)), system.friction.present
+        self.sprung, self.loaded = len(system.springs.v_at) > 0, system.loads.present
         self.strain = Strain(system)
         self._loads = LoadRows(system.loads, self.model)
         added = system.added  # and the joints that it, closures and loads act on:
@@ -70,8 +62,6 @@ class Equations(Geometry):
     def compiled(self) -> Compiled | None:
         """The compiled equations, where they serve."""
         return on_kernel(self.system) if self._often else None
-
-    # Forces --------------------------------------------------------------------------------
 
     def residual(
         self,
@@ -158,7 +148,11 @@ class Equations(Geometry):
         return here.both_sides(M if self.added is None else M + self.added.mass(here.Q[0]))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
-        """Exact derivatives at t (s), y (nq,), v and a (nv,), lam (rows,)."""
+        """Exact derivatives by y, v and a, and the closure Jacobian.
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m. t: Time in s.
+        """
         if (compiled := self.compiled) is not None:
             return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
@@ -220,8 +214,6 @@ class Equations(Geometry):
             follow, load, t,
         )  # fmt: skip
         return found, J_c
-
-    # Joint forces --------------------------------------------------------------------------
 
     def joint_forces(
         self,
@@ -300,7 +292,11 @@ class Equations(Geometry):
     # Energies ------------------------------------------------------------------------------
 
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
-        """Energies at y (nq,) or (n, nq), v (nv,) or (n, nv), and times t (s), shape (n,)."""
+        """Kinetic energy, and potentials of weight, links, and of springs and loads, J.
+
+        Args:
+            y: Shape (nq,) or (n, nq). v: Shape (nv,) or (n, nv). t: Time in s, one or shape (n,).
+        """
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
         found, times = np.zeros((4, len(Y))), np.broadcast_to(t, len(Y))
         for s in spans(len(Y)):
@@ -328,7 +324,11 @@ class Equations(Geometry):
                          for *at, when in zip(poses, J, t, strict=True)]  # fmt: skip
 
     def losses(self, y: Array, v: Array) -> float:
-        """Power that damping and friction take at y (nq,) and v (nv,), W."""
+        """Power that damping and friction take, W.
+
+        Args:
+            y: Shape (nq,). v: Shape (nv,).
+        """
         power = float(self.system.dissipation(v)) if self.damped or self.rubbed else 0.0
         if self.loaded:
             at = self.kinematics(y, v)

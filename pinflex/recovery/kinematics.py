@@ -15,6 +15,7 @@ from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import as_matrices
+from pinflex.recovery.load_work import load_work, without_potential
 from pinflex.text import brief
 
 
@@ -45,7 +46,9 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     reported = mechanism.description.reported
     frames = {name: run.system.expansion.frames[name] for name in reported}
     poses = np.empty((nt, model.njoints, 3, 4))
-    rates = {frame.joint: np.empty((nt, 2, 6)) for frame in frames.values()}
+    working = without_potential(run.system.loads)
+    moved = [*frames.values(), *(place for _, place in working)]
+    rates = {frame.joint: np.empty((nt, 2, 6)) for frame in moved}
     for s in spans(nt):
         at = dynamics.at(run.y[s], run.v[s], run.a[s])
         for k, (q, v, a) in enumerate(zip(at.Q, at.V, at.A, strict=True), start=s.start):
@@ -60,6 +63,14 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
         found = _frame(poses[:, frame.joint], rates[frame.joint], frame.placement)
         keys = ("position", "rotation", "velocity", "acceleration")
         arrays |= {f"frame/{name}/{key}": x for key, x in zip(keys, found, strict=True)}
+    if working:
+        arrays["energy/loads"] = sum(
+            (
+                load_work(force, run.t, *_frame(poses[:, at.joint], rates[at.joint], at.placement))
+                for force, at in working
+            ),
+            np.zeros(nt),
+        )
     return Kinematics(poses, arrays)
 
 
