@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
@@ -41,9 +40,8 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
     if np.any(system.D) or len(system.springs.v_at) or system.friction.present:
         apart = np.zeros((len(q), system.closed.n))  # couplings: of each joint alone
         return dynamics.residual(q, v, a, apart, 0.0).r
-    model, data, rnea = dynamics.model, dynamics.data, pin.rnea
     for k in range(len(q)):
-        tau[k] = rnea(model, data, q[k], v[k], a[k])
+        tau[k] = dynamics.rnea(q[k], v[k], a[k])
     return tau
 
 

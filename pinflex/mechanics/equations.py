@@ -12,13 +12,14 @@ Pinocchio takes the states one after the other; everything around it runs on sta
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
+from pinflex.mechanics.added_mass import AddedInertia
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled, on_kernel
 from pinflex.mechanics.coordinate_map import Configuration
@@ -37,24 +38,22 @@ class Equations(Geometry):
 
     Attributes:
         strain: Elastic potential of the links.
-        damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, joint springs,
-            loads.
+        added: Inertia that differs with the direction, or None. rnea: Inertia and weight.
+        damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, springs, loads.
     """
 
     def __init__(self, system: System, often: bool = True) -> None:
         """`often`: worth the millisecond or two that tables for the kernel take."""
         super().__init__(system)
-        self.damped = bool(np.any(system.D))
-        self.rubbed = system.friction.present
-        self.sprung = len(system.springs.v_at) > 0
-        self.loaded = system.loads.present
+        self.damped, self.rubbed = bool(np.any(system.D)), system.friction.present
+        self.sprung, self.loaded = len(system.springs.v_at) > 0, system.loads.present
         self.strain = Strain(system)
         self._loads = LoadRows(system.loads, self.model)
-        # Joints that closures and loads act on, and by which loops: +1 on B, -1 on A.
-        bodies = system.closed.bodies.reshape(2, -1)
-        self._acted = sorted({*bodies.ravel().tolist(), *self._loads.support})
-        at = np.array(self._acted, dtype=np.intp)[:, None]
-        self._of_loops = (at == bodies[1]).astype(float) - (at == bodies[0])
+        added = system.added  # and the joints that it, closures and loads act on:
+        self._acted = sorted({*system.closed.joints, *self._loads.support, *added.joints})
+        self.added = AddedInertia(added, self.model, self.data) if added.joints else None
+        own = partial(pin.rnea, self.model, self.data)
+        self.rnea: Callable[..., Array] = own if self.added is None else self.added.rnea
         self._often = often
         # Scratch of `joint_forces` and of the derivatives, which write whatever they then read.
         self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
@@ -102,7 +101,7 @@ class Equations(Geometry):
         n, closed = len(Y), None
         g = np.empty((n, self._nV))
         for k in range(n):
-            g[k] = pin.rnea(self.model, self.data, here.Q[k], here.V[k], here.A[k])
+            g[k] = self.rnea(here.Q[k], here.V[k], here.A[k])
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
         if self.looped:
@@ -135,23 +134,18 @@ class Equations(Geometry):
             r[:, self.system.friction.rows] += self.system.friction.force(V)
         if self.sprung:
             s = self.system.springs
-            r[:, s.v_at] += s.stiffness * (self.spring_angles(Y) - s.rest)
+            r[:, s.v_at] += s.stiffness * (s.angles(Y) - s.rest)
         if self.slides and closed is not None:
             r[:, m:] -= (lam[:, None] @ closed.by_eta(self.system.n_eta))[:, 0]
         return r
 
-    def spring_angles(self, y: Array) -> Array:
-        """Positions (rad | m) of the joints with springs, shape (..., springs)."""
-        s = self.system.springs
-        angle = np.array(y[..., s.q_at])
-        for k in np.flatnonzero(s.paired):
-            angle[..., k] = np.arctan2(y[..., s.q_at[k] + 1], y[..., s.q_at[k]])
-        return angle
+    # Matrices, at one state ----------------------------------------------------------------
 
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
         here = self.map.at(y[None], passing=True)
-        return here.both_sides(pin.crba(self.model, self.data, here.Q[0]))
+        M = pin.crba(self.model, self.data, here.Q[0])
+        return here.both_sides(M if self.added is None else M + self.added.mass(here.Q[0]))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
         """Exact derivatives by y, v and a, and the closure Jacobian.
@@ -199,7 +193,7 @@ class Equations(Geometry):
         Y = y[None]
         here = self.map.at(Y, v[None], a[None], True)
         follow, load, J_c = None, None, np.zeros((0, self.system.nv))
-        if self.looped or self.loaded:
+        if self._acted:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
             if closed is not None:
@@ -211,8 +205,11 @@ class Equations(Geometry):
             self._push(self._wrenches(here, poses, J, closed, lam[None], (t,))[0])
         model, data, pushed = self.model, self.data, self._pushed
         dQ, dV, M = pin.computeRNEADerivatives(model, data, here.Q[0], here.V[0], here.A[0], pushed)
+        g = np.array(data.tau)
+        if self.added is not None:
+            dQ, dV, M = self.added.add_derivatives(dQ, dV, M, here.Q[0], here.V[0], here.A[0])
         found = Derivatives(
-            self.system, here, dQ, dV, M, np.array(data.tau), v, a[self.n_rigid :],
+            self.system, here, dQ, dV, M, g, v, a[self.n_rigid :],
             self.strain.bent(y[self.nq_rigid :]),
             follow, load, t,
         )  # fmt: skip
@@ -245,7 +242,7 @@ class Equations(Geometry):
         here, n, closed = self.map.at(Y, V, A, True), len(Y), None
         g, f = np.empty((n, self._nV)), np.empty((n, len(joints), 6))
         total = np.zeros((n, len(self._acted), 6))
-        if self.looped or self.loaded:
+        if self._acted:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
             total = self._wrenches(here, poses, J, closed, lam, t)
@@ -261,7 +258,7 @@ class Equations(Geometry):
         r = self._projected(here, g, Y, V, closed, lam)
         if closed is None:
             none = np.zeros((n, 0))
-            return JointForces(r, none, g, f, none.reshape(n, 0, 6), none.reshape(n, 0, 3, 7))
+            return JointForces(r, none, g, f, none.reshape(n, 0, 6), none.reshape(n, 0, 3, 8))
         return JointForces(r, closed.c, g, f, closed.loop_wrenches(lam), closed.sleeves(lam))
 
     def _wrenches(
@@ -276,13 +273,16 @@ class Equations(Geometry):
         """Wrenches of closures and loads in the frames of the joints acted on, (n, joints, 6)."""
         total = np.zeros((len(poses), len(self._acted), 6))
         if closed is not None:
-            total += self._of_loops @ closed.wrenches(lam)
+            total += closed.on_joints(lam, self._acted)
         if self.loaded:
             for k, whole in enumerate(total):
                 load = self._loads.at(poses[k], J[k])
                 for joint, wrench in load.wrenches(here.V[k], float(t[k])).items():
                     whole[self._acted.index(joint)] += wrench
-        return local_wrench(poses[:, self._acted], total)
+        local = local_wrench(poses[:, self._acted], total)
+        if self.added is not None:
+            self.added.take(local, self._acted, here)
+        return local
 
     def _push(self, wrenches: Array) -> None:
         """Let wrenches (joints acted on, 6) act in what Pinocchio evaluates next."""
@@ -312,11 +312,12 @@ class Equations(Geometry):
         rotors = self._rotors  # overwrites the workspace when first asked
         for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
             found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + rotors @ rate**2
+            found[0, k] += 0.0 if self.added is None else self.added.kinetic(Q, rate)
             found[1, k] = pin.computePotentialEnergy(model, data)
         found[2] = self.strain.energy(Y[:, self.nq_rigid :])
         if self.sprung:
             s = self.system.springs
-            found[3] = 0.5 * (self.spring_angles(Y) - s.rest) ** 2 @ s.stiffness
+            found[3] = 0.5 * (s.angles(Y) - s.rest) ** 2 @ s.stiffness
         if self.loaded:
             poses, J, _ = self._placed(here)
             found[3] += [self._loads.at(*at).energy(float(when))

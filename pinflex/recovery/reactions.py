@@ -92,6 +92,8 @@ def _from_ground(dynamics: Equations, y: Array, v: Array, a: Array, t: float) ->
     axes = columns(data.J)[3:]  # zero for joints that slide
     moment = moment + axes @ (model.armature * A)
     wrench = np.concatenate([force, moment])
+    if dynamics.added is not None:
+        wrench += dynamics.added.from_ground(Q, V, A)
     given = dynamics.system.loads.forces
     if given:
         loads = LoadRows(Loads(given, ()), model).at(dynamics.poses.current(), columns(data.J))
