@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.mechanics.closure_state import ClosureState
@@ -31,11 +30,12 @@ from pinflex.mechanics.evaluated import (
     Tangent,
 )
 from pinflex.mechanics.geometry import Geometry, spans
-from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
 from pinflex.mechanics.strain import Strain
+from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.system import System
+from pinflex.mechanics.whole import Whole
 
 
 class Equations(Geometry):
@@ -62,13 +62,22 @@ class Equations(Geometry):
         at = np.array(self._acted, dtype=np.intp)[:, None]
         self._of_loops = (at == bodies[1]).astype(float) - (at == bodies[0])
         self._often = often
-        # Scratch of `joint_forces` and of the derivatives, which write whatever they then read.
-        self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
 
     @cached_property
     def compiled(self) -> Compiled | None:
         """The compiled equations, where they serve."""
-        return on_kernel(self.system) if self._often else None
+        return on_kernel(self.system) if self._often or self.in_parts else None
+
+    @property
+    def in_parts(self) -> bool:
+        """Whether Pinocchio takes the model in parts."""
+        return bool(self.system.parts)
+
+    @property
+    def _coupled(self) -> Whole | Subtrees:
+        """Pinocchio where mass and derivatives couple all rows of a child of the base."""
+        cut = any(part.cut for part in self.system.parts)
+        return self._whole if cut else self.pinocchio
 
     # Forces --------------------------------------------------------------------------------
 
@@ -108,9 +117,7 @@ class Equations(Geometry):
             return compiled.residual(Y, V, A, lam, t)
         here = self.map.at(Y, V, A, True)
         n, closed = len(Y), None
-        g = np.empty((n, self._nV))
-        for k in range(n):
-            g[k] = pin.rnea(self.model, self.data, here.Q[k], here.V[k], here.A[k])
+        g = self.pinocchio.rnea(here.Q, here.V, here.A)
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
         if self.looped:
@@ -160,8 +167,12 @@ class Equations(Geometry):
 
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
+        if self.in_parts and self.compiled is not None:
+            still = np.zeros(self.system.nv)
+            lam = np.zeros(self.system.closed.n)
+            return self.compiled.tangent(y, still, still, lam, 0.0, False)[0]
         here = self.map.at(y[None], passing=True)
-        return here.both_sides(pin.crba(self.model, self.data, here.Q[0]))
+        return here.both_sides(self._coupled.mass(here.Q[0]))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
         """Exact derivatives at t (s), y (nq,), v and a (nv,), lam (rows,)."""
@@ -205,6 +216,7 @@ class Equations(Geometry):
         Y = y[None]
         here = self.map.at(Y, v[None], a[None], True)
         follow, load, J_c = None, None, np.zeros((0, self.system.nv))
+        acting = np.zeros((len(self._acted), 6))
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
@@ -214,11 +226,11 @@ class Equations(Geometry):
                     follow = closed.force_tangent(lam, J[0], here.times_map)
             if self.loaded:
                 load = self._loads.at(poses[0], J[0])
-            self._push(self._wrenches(here, poses, J, closed, lam[None], (t,))[0])
-        model, data, pushed = self.model, self.data, self._pushed
-        dQ, dV, M = pin.computeRNEADerivatives(model, data, here.Q[0], here.V[0], here.A[0], pushed)
+            acting = self._wrenches(here, poses, J, closed, lam[None], (t,))[0]
+        Q, V, A = here.Q[0], here.V[0], here.A[0]
+        dQ, dV, M, tau = self._coupled.derivatives(Q, V, A, self._acted, acting)
         found = Derivatives(
-            self.system, here, dQ, dV, M, np.array(data.tau), v, a[self.n_rigid :],
+            self.system, here, dQ, dV, M, tau, v, a[self.n_rigid :],
             self.strain.bent(y[self.nq_rigid :]),
             follow, load, t,
         )  # fmt: skip
@@ -251,18 +263,12 @@ class Equations(Geometry):
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
     ) -> JointForces:
         here, n, closed = self.map.at(Y, V, A, True), len(Y), None
-        g, f = np.empty((n, self._nV)), np.empty((n, len(joints), 6))
         total = np.zeros((n, len(self._acted), 6))
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
             total = self._wrenches(here, poses, J, closed, lam, t)
-        for k in range(n):
-            self._push(total[k])
-            model, data, pushed = self.model, self.data, self._pushed
-            g[k] = pin.rnea(model, data, here.Q[k], here.V[k], here.A[k], pushed)
-            for i, joint in enumerate(joints):
-                f[k, i] = data.f[joint].vector
+        g, f = self.pinocchio.forces(here.Q, here.V, here.A, self._acted, total, joints)
         coupled = self.system.closed.coupled
         if len(coupled.rows):  # torques in joints, no wrenches on bodies
             g -= lam[:, coupled.rows] @ coupled.J
@@ -292,11 +298,6 @@ class Equations(Geometry):
                     whole[self._acted.index(joint)] += wrench
         return local_wrench(poses[:, self._acted], total)
 
-    def _push(self, wrenches: Array) -> None:
-        """Let wrenches (joints acted on, 6) act in what Pinocchio evaluates next."""
-        for joint, wrench in zip(self._acted, wrenches, strict=True):
-            self._pushed[joint] = pin.Force(wrench)
-
     # Energies ------------------------------------------------------------------------------
 
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
@@ -307,16 +308,9 @@ class Equations(Geometry):
             self._energies(found[:, s], Y[s], V[s], times[s])
         return Energies(*(found[:, 0] if y.ndim == 1 else found))
 
-    @cached_property
-    def _rotors(self) -> Array:
-        return rotor_energy_left_out(self.model, self.data)
-
     def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
-        here, model, data = self.map.at(Y, V, np.zeros_like(V), True), self.model, self.data
-        rotors = self._rotors  # overwrites the workspace when first asked
-        for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
-            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + rotors @ rate**2
-            found[1, k] = pin.computePotentialEnergy(model, data)
+        here = self.map.at(Y, V, np.zeros_like(V), True)
+        found[:2] = self.pinocchio.energies(here.Q, here.V)
         found[2] = self.strain.energy(Y[:, self.nq_rigid :])
         if self.sprung:
             s = self.system.springs

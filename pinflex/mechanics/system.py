@@ -14,6 +14,7 @@ from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.split import Subtree
 from pinflex.text import brief
 
 
@@ -115,6 +116,13 @@ class System:
         from pinflex.mechanics.kernel_tables import uncovered
 
         return uncovered(self)
+
+    @cached_property
+    def parts(self) -> tuple[Subtree, ...]:
+        """Parts of an expanded model too large for one workspace; none where it stays whole."""
+        from pinflex.mechanics.compiled import serves
+
+        return self.expansion.pieces if serves(self) else self.expansion.legs
 
     @cached_property
     def tables(self) -> Tables:

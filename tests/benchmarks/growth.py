@@ -29,7 +29,7 @@ from pinflex.solver.solve import default_motion
 
 FLEXIBLE = """
 flexible:
-  "{links}":
+  "l*":
     material: {{E: 7.0e10, nu: 0.3, rho: 2700}}
     section: {{shape: rectangle, width: 0.02, thickness: 0.004}}
     basis: {{kind: craig_bampton, internal: 0}}
@@ -54,7 +54,7 @@ def tree(links: int) -> Mechanism:
             parent, _ = name, names.append(name)
         bodies.append(Body(f"t{k}", parent, xyz=(0.3, 0, 0), mass=0.1, inertia=(1e-5,) * 3))
     moves = ", ".join(f"{name}_joint: 0.3" for name in names)
-    return scene("tree", bodies, FLEXIBLE.format(links=", ".join(names), moves=moves))
+    return scene("tree", bodies, FLEXIBLE.format(moves=moves))
 
 
 def loops(links: int) -> Mechanism:
@@ -74,7 +74,7 @@ def loops(links: int) -> Mechanism:
         motors.append(f"a{k}_joint")
     yaml = f"actuated: [{', '.join(motors)}]\nloops:\n" + "\n".join(closures)
     moves = ", ".join(f"{name}: 0.3" for name in motors)
-    return scene("loops", bodies, yaml + FLEXIBLE.format(links=", ".join(names), moves=moves))
+    return scene("loops", bodies, yaml + FLEXIBLE.format(moves=moves))
 
 
 def best(call: object, repeats: int) -> float:
