@@ -17,6 +17,7 @@ from pinflex.mechanics import assembly
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble
 from pinflex.mechanics.closure import Closures, closures
+from pinflex.mechanics.cost import require_workspace
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.frames import Frame
@@ -180,6 +181,7 @@ def flexible_system(
         rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held,
         rigid.friction,
     )  # fmt: skip
+    require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))
     if every.n:
         _, J = Equations(system).close(np.concatenate([home, np.zeros(m)]))
