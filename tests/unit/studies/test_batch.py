@@ -119,12 +119,15 @@ def refusing_three(x: int) -> int:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="copies of a process are of Linux")
-def test_an_error_in_a_copy_is_raised_here_and_ends_the_others():
-    ready, found = forks.forked(refusing_three, range(40), 2), {}
+def test_an_error_in_a_copy_is_raised_here_and_ends_the_others(monkeypatch):
+    started, fork = [], os.fork
+    monkeypatch.setattr(os, "fork", lambda: started.append(fork()) or started[-1])
     with pytest.raises(ValueError, match="3 is refused"):
-        found.update(ready)
-    with pytest.raises(ChildProcessError):  # none is left
-        os.waitpid(-1, os.WNOHANG)
+        dict(forks.forked(refusing_three, range(40), 2))
+    assert len(started) == 2
+    for pid in started:
+        with pytest.raises(ChildProcessError):  # it has ended, and was waited for
+            os.waitpid(pid, os.WNOHANG)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="copies of a process are of Linux")
