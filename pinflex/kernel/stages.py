@@ -121,7 +121,8 @@ class StageKernel:
         complex_ones = {"value": scheme.values, "forward": scheme.forward, "back": scheme.back}
         arrays |= {name: _numbers(x.astype(complex)) for name, x in complex_ones.items()}
         self._integers = {name: _integers(x) for name, x in integers.items()}
-        self._integers["pivot"] = np.zeros(values * size, dtype=np.int64)
+        # The blocks that newton.c finds lie behind the pivots.
+        self._integers["pivot"] = np.zeros((values + 2) * size + 1, dtype=np.int64)
         self._arrays = arrays
         found = self._integers | arrays
         pointers = {name: found[name].ctypes.data for name in _ARRAYS}

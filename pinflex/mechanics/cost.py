@@ -71,7 +71,9 @@ def require_workspace(where: str, system: System, limit: float) -> None:
     size = 32.0 * sum(float(n) ** 3 for n in ([coordinates] if whole else sizes))
     size += _matrices(system.nv, coordinates)
     if size > MEMORY * limit:
-        why = f" The compiled kernel needs less, but here is {evaluated_by(system)}." if whole else ""
+        why = (
+            f" The compiled kernel needs less, but here is {evaluated_by(system)}." if whole else ""
+        )
         raise DescriptionError(
             f"{where}: flexible: the links together have {coordinates} coordinates of stations, "
             f"which take about {_bytes(size)}, {_more(size, MEMORY * limit)}{why}",
