@@ -216,9 +216,9 @@ class AlphaSteps:
         self.scale, self._kept = step.scale, (self.march.reference, self.march.peak)
         return step.end
 
-    def work(self, step: AlphaStep) -> Array:
-        """Work of the motors and of the damping in a step, J, shape (2,)."""
-        return np.asarray(0.5 * step.h * (step.start.power + step.end.power))
+    def works(self, steps: Sequence[AlphaStep]) -> Array:
+        """Work of the motors and of the damping in each step, J, shape (k, 2)."""
+        return np.array([0.5 * step.h * (step.start.power + step.end.power) for step in steps])
 
     def dense(self, steps: Sequence[AlphaStep], t: Array, of: IntArray) -> States:
         """States at times t (k,) in s, of (k,): the step that each lies in."""

@@ -44,6 +44,11 @@ class Collocation:
         """Number of stages."""
         return len(self.c)
 
+    @property
+    def monomials(self) -> tuple[Array, Array]:
+        """Values at the nodes, and at 0 and the nodes, to coefficients of the powers."""
+        return _monomials(self.s, False), _monomials(self.s, True)
+
     def at(self, x: Array, integrals: int = 0) -> Array:
         """Weights of the stages for their polynomial, or an integral of it, at x, (len(x), s)."""
         powers = np.arange(self.s)

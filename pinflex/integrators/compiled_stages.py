@@ -9,7 +9,7 @@ import numpy as np
 from pinflex.actuation.motors import MotorAxes
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
-from pinflex.kernel.stages import Newton, Rows, Scheme, StageKernel
+from pinflex.kernel.stages import Rows, Scheme, StageKernel
 from pinflex.mechanics.compiled import Compiled
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.system import System
@@ -28,8 +28,7 @@ class CompiledStages:
         m = method
         scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
         self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
-        self._newton, self._weight = Newton(), np.zeros(0)
-        self._prescribed, self._free = len(rows.motor_v) > 0, rows.free
+        self._prescribed, self._free = len(rows.motor_v) > 0, rows.free_at
 
     def begin(self, start: Any, t: Array, path: Any, a: Array, lam: Array, turn: Array) -> None:
         """Take over a step: its start, the motors at the stages t (s), and a guess."""
@@ -40,16 +39,6 @@ class CompiledStages:
         if k.scale.size:
             k.scale[...] = self.compiled.scale(t)
         k.a[...], k.lam[...], k.turn[...], k.change[...] = a, lam, turn, 0.0
-
-    def newton(self, weight: Array, measured: IntArray) -> Newton:
-        """Newton's iteration with norms in a weight (n, n) of velocity rows `measured` (n,)."""
-        if self._weight is not weight:
-            self._weight = weight
-            self._weights = np.ascontiguousarray(weight)
-            self._rows = np.ascontiguousarray(measured, dtype=np.int64)
-            self._newton.measured, self._newton.measured_at = len(measured), self._rows.ctypes.data
-            self._newton.weight = self._weights.ctypes.data
-        return self._newton
 
     def solve(self, r: Array, c: Array) -> tuple[Array, Array]:
         """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows)."""

@@ -15,7 +15,10 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import with_one_more
+from pinflex.integrators.compiled_march import Batch, CompiledSteps
+from pinflex.integrators.radau import SAME_STEP
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
+from pinflex.kernel.march import Marched
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.
 _SLOW = 0.2
@@ -33,14 +36,46 @@ class Corrector(StageEquations):
         stages = run.method
         super().__init__(run.mechanism, run.dynamics, run.path, with_one_more(stages), run.drive)
         self._guess, self.iterations = stages.at(self.method.c), 0
+        self._made: CompiledSteps | None = None
 
-    def correct_all(self, steps: Sequence[Step], before: tuple[Step, Step] | None) -> list[Step]:
+    def correct_all(
+        self, steps: Sequence[Step], before: tuple[Step, Step] | None
+    ) -> Sequence[Step]:
         """Steps corrected one after the other; before: the last one so far, and its correction."""
+        if isinstance(steps, Batch) and self.compiled is not None:
+            return self._compiled_steps(steps, before)
         done: list[Step] = []
         for step in steps:
             done.append(self.corrected(step, before))
             before = step, done[-1]
         return done
+
+    def _compiled_steps(self, steps: Batch, before: tuple[Step, Step] | None) -> Batch:
+        """The same on the kernel, while it has the steps."""
+        if self._made is None or self._made.tangents is not steps.made.kernel:
+            self._made = self._like(steps.made)
+        kernel, end_a, given = self._made.kernel, None, None
+        if before is not None:
+            coarse, fine = before
+            end_a, end = coarse.a[-1], self.end(fine)
+            for name in ("y", "v", "a", "lam", "torque"):
+                getattr(kernel, name)[...] = getattr(end, name)
+        if self._made.table is None:
+            t = [step.start.t + step.h * self.method.c for step in steps]
+            given = self._made.inputs(np.ravel(t)).reshape(len(steps), self.method.s, -1)
+        if not kernel.correct(steps.made.kernel, self._guess, end_a, given):
+            raise np.linalg.LinAlgError("singular iteration matrix")
+        self.iterations = int(kernel.at.iterations)
+        return self._made.batch()
+
+    def _like(self, run: CompiledSteps) -> CompiledSteps:
+        """Room for the corrections of the steps of a run."""
+        none = np.zeros(0, dtype=np.intp)
+        last = np.zeros(self.method.s)
+        marched = Marched(*self.method.monomials, last, none, None, ())
+        made = CompiledSteps(self, marched, run.table, int(run.kernel.at.capacity), run.kernel)
+        made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
+        return made
 
     def corrected(self, step: Step, before: tuple[Step, Step] | None) -> Step:
         """A step taken once more, from the end of the corrected step before it."""
@@ -48,7 +83,7 @@ class Corrector(StageEquations):
         newton = self.newton
         if newton.stale or newton.tangent is not step.tangent:
             newton.adopt(step.tangent)
-        if newton.h != step.h:
+        if abs(newton.h - step.h) > SAME_STEP * step.h:
             newton.factor(step.h)
         if before is not None:
             self._follow(x, step.start)

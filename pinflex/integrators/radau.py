@@ -17,7 +17,6 @@ from pinflex.arrays import Array
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.integrators.steps import Path, StepFailed, largest
-from pinflex.kernel.stages import AGED, FAILED
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -33,6 +32,7 @@ _OPEN, _OPEN_PART = 1e-6, 3e-5
 _CLOSED = 1e-12  # m or rad: what round-off leaves
 # m or rad in every coordinate that Newton need not go below, and that no step shows less than.
 _ROUND_OFF, _SEEN = 1e-14, 1e-13
+SAME_STEP = 1e-12  # of a step: equal pieces of a way differ by round-off, and share factors
 
 
 @dataclass
@@ -118,7 +118,7 @@ class Stages(StageEquations):
             StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
         """
         x = self.begin(start, h, *self._predict(start, h, last))
-        so_far = self._compiled_iteration(x) if self.compiled is not None else self._iteration(x)
+        so_far = self._iteration(x)
         self.scale = self._reach(x.move + self._elastic(start.y))
         seen = max(self.scale, self._floor(_SEEN) / self.resolution)
         coarseness = self._size((self.method.last @ x.move)[None]) / seen
@@ -143,34 +143,13 @@ class Stages(StageEquations):
         newton.stale = iteration > 0 and so_far.rate > self.slow
         return so_far
 
-    def _compiled_iteration(self, x: Trial) -> _Contraction:
-        """The same, compiled."""
-        assert self.compiled is not None
-        kernel, so_far = self.compiled.kernel, _Contraction()
-        kernel.place(x.h)
-        self._factors(x, so_far, 0)
-        now = self.compiled.newton(self._weight, self.measured_rows)
-        now.iteration, now.most, now.placed, now.fresh = 0, _MAX_ITERATIONS, 1, so_far.fresh
-        now.least = self._least
-        now.round_off, now.open, now.scale = self._floor(_ROUND_OFF), self._open, self.scale
-        while (end := kernel.iterate(now)) == AGED:
-            self.newton.stale = True
-            self._factors(x, so_far, now.iteration)
-            now = self.compiled.newton(self._weight, self.measured_rows)
-        self.iterations += min(now.iteration + 1, _MAX_ITERATIONS)
-        if end == FAILED:
-            raise StepFailed
-        x.torque = kernel.r[:, self.motors]
-        self.newton.stale = now.iteration > 0 and now.rate > self.slow
-        return _Contraction(now.reach, now.goal, now.size, now.rate, now.fresh)
-
     def _factors(self, x: Trial, so_far: _Contraction, iteration: int) -> None:
         """A new tangent where the last one has aged, new factors where h has changed."""
         newton, k = self.newton, self.method.s // 2
         if newton.stale:
             newton.refresh(x.y[k], x.v[k], x.a[k], x.lam[k], float(x.t[k]))
             so_far.fresh = iteration
-        if newton.h != x.h:
+        if abs(newton.h - x.h) > SAME_STEP * x.h:
             newton.factor(x.h)
 
     def _set_goal(self, x: Trial, so_far: _Contraction) -> None:
@@ -181,6 +160,15 @@ class Stages(StageEquations):
     def _least(self) -> float:
         """Correction to stop at, relative to the reach; a loose iteration is corrected later."""
         return (10.0 if self.loose else 1.0) * _NEWTON * min(self.resolution, _COARSE)
+
+    @property
+    def goals(self) -> dict[str, float]:
+        """What the compiled iteration stops at, by the names of the kernel."""
+        return {
+            "resolution": self.resolution, "slow": self.slow, "least": self._least,
+            "round_off": _ROUND_OFF, "seen": _SEEN, "open": self._open,
+            "most": _MAX_ITERATIONS, "same_step": SAME_STEP,
+        }  # fmt: skip
 
     def _shut(self, x: Trial) -> bool:
         return bool(np.abs(x.c).max(initial=0.0) < self._open)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.integrators.compiled_march import Batch
 from pinflex.integrators.run import Run
 from pinflex.integrators.steps import Recorded, States
 
@@ -36,15 +37,18 @@ class Record:
 
     def ahead(self, steps: Sequence[Any]) -> States:
         """States at the samples that lie in the steps after those taken."""
-        ends = np.array([step.start.t + (1.0 + 1e-9) * step.h for step in steps])
+        ends = steps.ends if isinstance(steps, Batch) else _ends(steps)
         upto = int(np.searchsorted(self.t, ends[-1], side="right"))
         t = self.t[self.count : upto]
         of = np.searchsorted(ends, t)
-        work = np.array([self._stages.work(step) for step in steps])
+        work = self._works(steps)
         before = self._total + np.concatenate([np.zeros((1, 2)), np.cumsum(work, axis=0)])
         if not len(t):
             return States(*(part[:0] for part in self._columns()))
-        found = self._stages.dense(steps, t, of)
+        if isinstance(steps, Batch):
+            found = steps.made.samples(t, of)
+        else:
+            found = self._stages.dense(steps, t, of)
         return found._replace(work=found.work + before[of])
 
     def take(self, steps: Sequence[Any], found: States | None = None) -> int:
@@ -55,7 +59,7 @@ class Record:
         upto = self.count + len(found.y)
         for column, values in zip(self._columns(), found, strict=True):
             column[self.count : upto] = values
-        self._total = self._total + sum(self._stages.work(step) for step in steps)
+        self._total = self._total + self._works(steps).sum(axis=0)
         self.count = upto
         return len(steps)
 
@@ -71,5 +75,16 @@ class Record:
             stopped,
         )  # fmt: skip
 
+    def _works(self, steps: Sequence[Any]) -> Array:
+        """Work of the motors and of the damping in each step, J, shape (k, 2)."""
+        if isinstance(steps, Batch):
+            return steps.made.works(len(steps))
+        return self._stages.works(steps)
+
     def _columns(self) -> States:
         return States(self.y, self.v, self.a, self.lam, self.torque, self.work)
+
+
+def _ends(steps: Sequence[Any]) -> Array:
+    """Ends of steps, s, a little later than they are: a sample that rounds to one is in it."""
+    return np.array([step.start.t + (1.0 + 1e-9) * step.h for step in steps])

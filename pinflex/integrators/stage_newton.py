@@ -9,6 +9,7 @@ With dz = A^2 da the corrections of all stages obey, for each eigenvalue mu,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,18 +25,37 @@ class Tangent:
     """The equations linearised in one state.
 
     Attributes:
-        M, C, K: By acceleration, velocity and position, free rows and columns, shape (n, n).
-        J: Closure rows, free columns, shape (rows, n).
-        motor_rows: Rows of the motors in M, C and K, transposed, each of shape (n, nm).
-        J_motors: Closure rows, columns of the motors, shape (rows, nm).
+        by_a, by_v, by_y: M, C and K, all rows and columns, shape (nv, nv).
+        by_closures: J, shape (rows, nv).
+        free, motors: Rows that are solved for, and those of the motors.
     """
 
-    M: Array
-    C: Array
-    K: Array
-    J: Array
-    motor_rows: tuple[Array, Array, Array]
-    J_motors: Array
+    by_a: Array
+    by_v: Array
+    by_y: Array
+    by_closures: Array
+    free: IntArray
+    motors: IntArray
+
+    @cached_property
+    def M(self) -> Array:
+        """By acceleration, free rows and columns, shape (n, n)."""
+        return self._free(self.by_a)
+
+    @cached_property
+    def C(self) -> Array:
+        """By velocity, likewise."""
+        return self._free(self.by_v)
+
+    @cached_property
+    def K(self) -> Array:
+        """By position, likewise."""
+        return self._free(self.by_y)
+
+    @cached_property
+    def J(self) -> Array:
+        """Closure rows, free columns, shape (rows, n)."""
+        return self.by_closures[:, self.free]
 
     def motor_forces(self, da: Array, dv: Array, dy: Array, dlam: Array) -> Array:
         """Change of the forces in the rows of the motors by corrections of stages, (s, nm).
@@ -43,8 +63,18 @@ class Tangent:
         Args:
             da, dv, dy: Corrections, shape (s, n). dlam: Shape (s, rows).
         """
-        by_a, by_v, by_y = self.motor_rows
-        return np.asarray(da @ by_a + dv @ by_v + dy @ by_y - dlam @ self.J_motors)
+        by_a, by_v, by_y, by_lam = self._of_motors
+        return np.asarray(da @ by_a + dv @ by_v + dy @ by_y - dlam @ by_lam)
+
+    @cached_property
+    def _of_motors(self) -> tuple[Array, ...]:
+        """Rows of the motors in M, C and K, transposed, (n, nm); their columns in J, (rows, nm)."""
+        at = np.ix_(self.motors, self.free)
+        parts = (np.asarray(of[at].T) for of in (self.by_a, self.by_v, self.by_y))
+        return (*parts, self.by_closures[:, self.motors])
+
+    def _free(self, matrix: Array) -> Array:
+        return np.asfortranarray(matrix[np.ix_(self.free, self.free)])
 
 
 class StageNewton:
@@ -75,18 +105,8 @@ class StageNewton:
         if self._drive is not None:
             for part, gain in zip(parts[1:], (self._drive.kd, self._drive.kp), strict=True):
                 part[self.motors, self.motors] += gain
-        at, rows = np.ix_(self.free, self.free), np.ix_(self.motors, self.free)
-        M, C, K = parts
-        self.adopt(
-            Tangent(
-                np.asfortranarray(M[at]),
-                np.asfortranarray(C[at]),
-                np.asfortranarray(K[at]),
-                J[:, self.free],
-                (M[rows].T, C[rows].T, K[rows].T),
-                J[:, self.motors],
-            )
-        )
+        by_a, by_v, by_y = parts
+        self.adopt(Tangent(by_a, by_v, by_y, J, self.free, self.motors))
         self.tangents += 1
 
     def adopt(self, tangent: Tangent) -> None:

@@ -219,9 +219,10 @@ class StageEquations:
         """Generalised forces (nv,) that a digital controller holds now; None: none."""
         return None if self.sampler is None else self.sampler.force
 
-    def work(self, step: Step) -> Array:
-        """Work of the motors and of the damping in a step, J, shape (2,)."""
-        return np.asarray(step.h * (self.method.A[-1] @ step.power))
+    def works(self, steps: Sequence[Step]) -> Array:
+        """Work of the motors and of the damping in each step, J, shape (k, 2)."""
+        h = np.array([step.h for step in steps])
+        return np.asarray(h[:, None] * (self.method.A[-1] @ _stacked(steps, "power")))
 
     def end(self, step: Step) -> Start:
         """The state after a step."""

@@ -41,8 +41,8 @@ class Recorded(Protocol):
     def dense(self, steps: Sequence[Any], t: Array, of: IntArray) -> States:
         """States at times t (k,) in s, of (k,): the step that each lies in."""
 
-    def work(self, step: Any) -> Array:
-        """Work of the motors and of the damping in a step, J, shape (2,)."""
+    def works(self, steps: Sequence[Any]) -> Array:
+        """Work of the motors and of the damping in each step, J, shape (k, 2)."""
 
 
 class Steps(Recorded, Protocol):

@@ -17,11 +17,15 @@ FUNCTIONS = {
     "pinflex_work_size": (_INT, (_POINTER,)),
     "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
     "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
+    "pinflex_motion": (None, (_POINTER,) * 10),
     "pinflex_place": (None, (_POINTER,) * 2),
     "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
-    "pinflex_iterate": (ctypes.c_int, (_POINTER,) * 4),
     "pinflex_solve": (None, (_POINTER,) * 2),
     "pinflex_correct": (None, (_POINTER,) * 2),
+    "pinflex_march": (ctypes.c_int, (_POINTER,) * 3),
+    "pinflex_begin": (ctypes.c_int, (_POINTER,) * 3),
+    "pinflex_correct_steps": (ctypes.c_int, (*(_POINTER,) * 4, _INT, *(_POINTER,) * 3)),
+    "pinflex_samples": (None, (*(_POINTER,) * 2, _INT, *(_POINTER,) * 9)),
 }
 
 

@@ -7,12 +7,13 @@ step are those of this object: they change with every call.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.kernel.evaluate import Evaluator
+from pinflex.kernel.memory import Block
 
 _COUNTS = ("s", "values", "free", "motors", "prescribed", "plain", "circles", "balls")
 _ARRAYS = (
@@ -33,20 +34,6 @@ class _Stages(ctypes.Structure):
     ]
 
 
-class Newton(ctypes.Structure):
-    """Newton's iteration in a step so far (see source/iterate.c)."""
-
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in ("iteration", "most", "fresh", "placed", "measured")),
-        *((name, ctypes.c_void_p) for name in ("measured_at", "weight")),
-        *((name, ctypes.c_double) for name in ("least", "round_off", "open")),
-        *((name, ctypes.c_double) for name in ("scale", "reach", "goal", "size", "rate")),
-    ]
-
-
-CONVERGED, FAILED, AGED = range(3)
-
-
 @dataclass(frozen=True)
 class Scheme:
     """A collocation scheme in plain arrays (see `pinflex.integrators.collocation`)."""
@@ -65,14 +52,14 @@ class Rows:
     """Coordinates of a system by how they move.
 
     Attributes:
-        free: Velocity rows that the steps solve for.
+        free_at: Velocity rows that the steps solve for.
         motor_v, motor_q, motor_paired: Prescribed motors: velocity row, coordinate, and whether
             that is a cosine with its sine behind it; none where motors give torques.
         plain_q, plain_v: Coordinates and rows of rigid joints that move by addition.
         circle_q, circle_v: Of joints that keep (cos, sin). ball_q, ball_v: Of balls.
     """
 
-    free: IntArray
+    free_at: IntArray
     motor_v: IntArray
     motor_q: IntArray
     motor_paired: IntArray
@@ -93,20 +80,20 @@ class StageKernel:
         y, v, move: What follows from them, (s, nq), (s, nv), (s, nv).
         r, open: Residuals (s, nv) and closures (s, rows) that the last correction was for.
         da, dlam, change: That correction: (s, free), (s, rows), and of the displacement (s, nv).
+        counts: Sizes by name. functions: The C code. tables, work, address: Of the system, its
+            workspace, and the C structure of the stages.
     """
 
     def __init__(self, evaluator: Evaluator, scheme: Scheme, rows: Rows) -> None:
         self._evaluator = evaluator
         n, s, values = evaluator.tables.counts, len(scheme.c), len(scheme.values)
         nq, nv, closures, forces = (n[name] for name in ("nq", "nv", "closures", "forces"))
-        free, motors = len(rows.free), len(rows.motor_v)
+        free, motors = len(rows.free_at), len(rows.motor_v)
         size = free + closures
-        integers = {
-            "free_at": rows.free, "motor_v": rows.motor_v, "motor_q": rows.motor_q,
-            "motor_paired": rows.motor_paired, "plain_q": rows.plain_q, "plain_v": rows.plain_v,
-            "circle_q": rows.circle_q, "circle_v": rows.circle_v, "ball_q": rows.ball_q,
-            "ball_v": rows.ball_v,
-        }  # fmt: skip
+        names = (field.name for field in fields(Rows))
+        integers = Block(
+            {"pivot": ((values + 2) * size + 1,)}, {k: getattr(rows, k) for k in names}, np.int64
+        )
         shapes = {
             "M": (free, free), "C": (free, free), "K": (free, free), "J": (closures, free),
             "lu": (values, 2, size, size), "part": (2 * values * size + nv,), "y0": (nq,),
@@ -116,16 +103,12 @@ class StageKernel:
             "move": (s, nv), "r": (s, nv), "open": (s, closures), "da": (s, free),
             "dlam": (s, closures), "change": (s, nv),
         }  # fmt: skip
-        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        arrays |= {name: _numbers(getattr(scheme, name)) for name in ("c", "A", "A2", "A2_inverse")}
-        complex_ones = {"value": scheme.values, "forward": scheme.forward, "back": scheme.back}
-        arrays |= {name: _numbers(x.astype(complex)) for name, x in complex_ones.items()}
-        self._integers = {name: _integers(x) for name, x in integers.items()}
-        # The blocks that newton.c finds lie behind the pivots.
-        self._integers["pivot"] = np.zeros((values + 2) * size + 1, dtype=np.int64)
-        self._arrays = arrays
-        found = self._integers | arrays
-        pointers = {name: found[name].ctypes.data for name in _ARRAYS}
+        real = {name: getattr(scheme, name) for name in ("c", "A", "A2", "A2_inverse")}
+        pairs = {"value": scheme.values, "forward": scheme.forward, "back": scheme.back}
+        numbers = Block(shapes, real | {name: _pairs(x) for name, x in pairs.items()})
+        self._keep = (integers, numbers)
+        self._arrays = arrays = numbers.arrays
+        pointers = numbers.addresses | integers.addresses
         self._structure = _Stages(
             s, values, free, motors, int(motors > 0), len(rows.plain_v), len(rows.circle_v),
             len(rows.ball_v), **pointers,
@@ -136,10 +119,12 @@ class StageKernel:
         self.y, self.v, self.move = arrays["y"], arrays["v"], arrays["move"]
         self.r, self.open, self.change = arrays["r"], arrays["open"], arrays["change"]
         self.da, self.dlam = arrays["da"], arrays["dlam"]
-        self._c, self._work = evaluator.functions, evaluator.work
-        self._both = evaluator.tables.address, ctypes.addressof(self._structure)
+        self.counts = {**n, "s": s, "free": free, "motors": motors}
+        self.functions, self.work = evaluator.functions, evaluator.work
+        self.tables, self.address = evaluator.tables.address, ctypes.addressof(self._structure)
+        self._c, self._both = self.functions, (self.tables, self.address)
         states = (pointers[name] for name in ("y", "v", "a", "lam", "scale", "r", "open"))
-        self._states = (evaluator.tables.address, self._work, s, *states)
+        self._states = (self.tables, self.work, s, *states)
 
     def place(self, h: float) -> None:
         """y, v and move from a and turn, for a step h (s)."""
@@ -161,11 +146,6 @@ class StageKernel:
             self._arrays[name][...] = part
         return bool(self._c.pinflex_factor(*self._both))
 
-    def iterate(self, newton: Newton) -> int:
-        """Iterate on the stages: CONVERGED, FAILED, or AGED where a new tangent is due."""
-        tables, stages = self._both
-        return int(self._c.pinflex_iterate(tables, self._work, stages, ctypes.byref(newton)))
-
     def solve(self) -> None:
         """dlam, and dz in the free rows of `change`, from r and open."""
         self._c.pinflex_solve(*self._both)
@@ -175,9 +155,6 @@ class StageKernel:
         self._c.pinflex_correct(*self._both)
 
 
-def _numbers(x: Array) -> Array:
-    return np.ascontiguousarray(x).view(float)
-
-
-def _integers(x: IntArray) -> IntArray:
-    return np.ascontiguousarray(x, dtype=np.int64)
+def _pairs(x: Array) -> Array:
+    """Real and imaginary parts side by side."""
+    return np.ascontiguousarray(x, dtype=complex).view(float)

@@ -76,7 +76,8 @@ def save_all(
         tell(f"drawing {number} of {len(figures)}")
         paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
         with replaced(paths[-1]) as part:
-            figure().savefig(part, dpi=DPI)
+            # level 4 of PNG: half the time of 6 for 5 % more bytes
+            figure().savefig(part, dpi=DPI, pil_kwargs={"compress_level": 4})
     return paths
 
 

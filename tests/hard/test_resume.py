@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import pytest
 
 import pinflex as pf
 from tests.finite import slope
+from tests.processes import wait_until_busy
 from tests.scenes import Body, load
 
 SCENES = {"race_r1": (0.1, 1e-4), "race_r2": (0.2, 4e-4)}  # until, dt in s
@@ -106,7 +106,7 @@ def test_ctrl_c_keeps_the_run_and_says_how_to_go_on(tmp_path: Path) -> None:
     started = subprocess.Popen([*command, "-o", str(file)], stderr=subprocess.PIPE, text=True,
                                env=os.environ | {"OMP_NUM_THREADS": "1"})  # fmt: skip
     signal.signal(signal.SIGINT, before)
-    time.sleep(5.0)  # 20 s of steps; the start takes 1
+    wait_until_busy(started)  # 20 s of steps; the start takes 1
     started.send_signal(signal.SIGINT)
     _, said = started.communicate(timeout=60)
     assert started.returncode == 130

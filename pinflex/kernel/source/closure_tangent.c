@@ -12,17 +12,6 @@
    and for a distance, on both, lam/l (1; [p]) (1, -[p]). */
 #include "tangent.h"
 
-typedef struct { double R[9], p[3]; } Frame;
-
-static void frame_of(const Frozen *n, const double *local, Frame *out) {
-  for (int d = 0; d < 3; d++) {
-    const double *row = n->R + 3 * d;
-    for (int e = 0; e < 3; e++)
-      out->R[3 * d + e] = row[0] * local[e] + row[1] * local[4 + e] + row[2] * local[8 + e];
-    out->p[d] = n->p[d] + row[0] * local[3] + row[1] * local[7] + row[2] * local[11];
-  }
-}
-
 /* lam/l (1; [p]) (1, -[p]) */
 static void add_stretch(const double *p, double k, double *out) {
   for (int d = 0; d < 3; d++) out[7 * d] += k;

@@ -28,3 +28,14 @@ void friction_tangent(const Tables *t, const Lane *v, double *C) {
         now.level * (1.0 - now.smooth * now.smooth) / law[3] + bend * now.smooth;
   }
 }
+
+double dissipation(const Tables *t, const double *v) {
+  double loss = 0.0;
+  for (Int i = 0; i < t->nv; i++)
+    for (Int p = t->d_at[i]; p < t->d_at[i + 1]; p++) loss += v[i] * t->d[p] * v[t->d_j[p]];
+  for (Int k = 0; k < t->rubs; k++) {
+    Rubbing now = rub(t->rub_law + 4 * k, v[t->rub_v[k]]);
+    loss += now.level * now.smooth * now.v;
+  }
+  return loss;
+}

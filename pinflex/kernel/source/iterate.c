@@ -2,46 +2,42 @@
 
    It stops where the correction that is left, |dz| rate / (1 - rate), is below a goal and the loops
    were shut. Norms are those of displacements, in the weight of stiffness or mass. */
-#include "stages.h"
-
-enum { CONVERGED, FAILED, AGED };
-
-typedef struct {
-  Int iteration, most, fresh, placed, measured; /* fresh: iteration of the last tangent, or -1 */
-  const Int *measured_at;                       /* velocity rows that count */
-  const double *weight;                         /* (measured, measured) */
-  double least, round_off, open;                /* goal over reach; least goal; of closures, m */
-  double scale, reach, goal, size, rate;        /* reach: largest displacement so far */
-} Newton;
+#include "newton.h"
 
 void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
                        const double *A, const double *lam, const double *scale, double *R,
                        double *C);
-void pinflex_place(const Tables *t, const Stages *st);
-void pinflex_correct(const Tables *t, const Stages *st);
 
-/* Largest sqrt(x' W x) of stages: x = change, and with `whole` the move and the start's eta too. */
-static double norm(const Tables *t, const Stages *st, const Newton *n, int whole) {
+double weighed(const Newton *n, const double *x) {
+  double sum = 0.0;
+  for (Int i = 0; i < n->measured; i++) {
+    const double *row = n->weight + i * n->measured;
+    double push = 0.0;
+    for (Int j = 0; j < n->measured; j++) push += row[j] * x[j];
+    sum += push * x[i];
+  }
+  return sum;
+}
+
+/* Largest sqrt(x' W x) of stages: x = change (if `changed`), the move and the start's eta (if
+   `moved`), or both. */
+static double norm(const Tables *t, const Stages *st, const Newton *n, int changed, int moved) {
   double largest = 0.0, *x = st->part; /* free between corrections */
   for (Int k = 0; k < st->s; k++) {
-    double sum = 0.0;
     for (Int i = 0; i < n->measured; i++) {
       Int row = n->measured_at[i];
-      x[i] = st->change[k * t->nv + row];
-      if (!whole) continue;
+      x[i] = changed ? st->change[k * t->nv + row] : 0.0;
+      if (!moved) continue;
       x[i] += st->move[k * t->nv + row];
       if (row >= t->nv_rigid) x[i] += st->y0[row + t->nq_rigid - t->nv_rigid];
     }
-    for (Int i = 0; i < n->measured; i++) {
-      const double *row = n->weight + i * n->measured;
-      double push = 0.0;
-      for (Int j = 0; j < n->measured; j++) push += row[j] * x[j];
-      sum += push * x[i];
-    }
+    double sum = weighed(n, x);
     if (!(sum <= largest)) largest = sum; /* not a number counts as large */
   }
   return sqrt(fabs(largest));
 }
+
+double reached(const Tables *t, const Stages *st, const Newton *n) { return norm(t, st, n, 0, 1); }
 
 /* What the last correction says: -1 to go on, else how the iteration ends. */
 static int judge(const Tables *t, const Stages *st, Newton *n) {
@@ -56,17 +52,16 @@ static int judge(const Tables *t, const Stages *st, Newton *n) {
   return -1;
 }
 
-/* Goes on from `iteration`; after AGED that one waits for a new tangent at the placed stages. */
-EXPORT int pinflex_iterate(const Tables *t, char *memory, const Stages *st, Newton *n) {
+int newton(const Tables *t, char *memory, const Stages *st, Newton *n) {
   for (; n->iteration < n->most; n->iteration++) {
     if (!n->placed) pinflex_place(t, st);
     n->placed = 0;
     pinflex_residuals(t, memory, st->s, st->y, st->v, st->a, st->lam, st->scale, st->r, st->open);
     pinflex_correct(t, st);
-    double size = norm(t, st, n, 0);
+    double size = norm(t, st, n, 1, 0);
     if (!isfinite(size)) return FAILED;
     if (n->iteration == 0) {
-      n->reach = fmax(fmax(n->scale, norm(t, st, n, 1)), 1e-300);
+      n->reach = fmax(fmax(n->scale, norm(t, st, n, 1, 1)), 1e-300);
       n->goal = fmax(n->least * n->reach, n->round_off);
     }
     n->rate = n->iteration ? size / fmax(n->size, 1e-300) : 1.0;

@@ -80,6 +80,7 @@ void inward(const Tables *t, Work *w);
 /* friction.c */
 void add_friction(const Tables *t, const Lane *v, Lane *r);
 void friction_tangent(const Tables *t, const Lane *v, double *C);
+double dissipation(const Tables *t, const double *v); /* power of dampers and friction, W */
 
 /* closures.c, loads.c */
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);

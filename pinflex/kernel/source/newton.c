@@ -5,7 +5,7 @@
 
    Unknowns that no entry links, such as those of arms side by side, are factored apart, block by
    block. Factors lie column by column, real parts before imaginary ones. */
-#include "stages.h"
+#include "march.h"
 
 static Int size_of(const Tables *t, const Stages *st) { return st->free + t->closures; }
 
@@ -18,7 +18,7 @@ static void swap_rows(double *A, Int n, Int i, Int j) {
 }
 
 /* Complex LU with row pivots; 0 where a pivot is none. */
-static int decompose(double *re, double *im, Int n, Int *pivot) {
+int decompose(double *re, double *im, Int n, Int *pivot) {
   for (Int k = 0; k < n; k++) {
     double *a = re + k * n, *b = im + k * n, largest = -1.0;
     for (Int i = k; i < n; i++) {
@@ -44,8 +44,7 @@ static int decompose(double *re, double *im, Int n, Int *pivot) {
   return 1;
 }
 
-static void substitute(const double *re, const double *im, Int n, const Int *pivot, double *x,
-                       double *y) {
+void substitute(const double *re, const double *im, Int n, const Int *pivot, double *x, double *y) {
   for (Int k = 0; k < n; k++) {
     double p = x[pivot[k]], q = y[pivot[k]];
     x[pivot[k]] = x[k], y[pivot[k]] = y[k];

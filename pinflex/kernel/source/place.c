@@ -4,7 +4,7 @@
      y_i = y_0 (+) move_i,     turn = u - v,  u the rate of the exponential coordinates `move`
 
    For a ball, u = v + 1/2 m x v + k m x (m x v) with k = (1 - (x/2) cot(x/2)) / x^2, x = |m|. */
-#include "stages.h"
+#include "march.h"
 
 /* Rate of turn in exponential coordinates less that of the body. */
 static void ball_turn(const double *m, const double *v, double *out) {
@@ -30,24 +30,49 @@ static void ball_move(const double *q, const double *m, double *out) {
   for (int d = 0; d < 4; d++) out[d] = grown * p[d];
 }
 
+/* The shorter rotation vector that takes one quaternion to another. */
+static void ball_way(const double *q, const double *p, double *out) {
+  double w = q[3] * p[3] + q[0] * p[0] + q[1] * p[1] + q[2] * p[2];
+  double v[3] = {q[3] * p[0] - p[3] * q[0] - (q[1] * p[2] - q[2] * p[1]),
+                 q[3] * p[1] - p[3] * q[1] - (q[2] * p[0] - q[0] * p[2]),
+                 q[3] * p[2] - p[3] * q[2] - (q[0] * p[1] - q[1] * p[0])};
+  double sign = w < 0.0 ? -1.0 : 1.0, sine = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+  double k = sine < 1e-150 ? 2.0 : 2.0 * atan2(sine, sign * w) / sine;
+  for (int d = 0; d < 3; d++) out[d] = sign * k * v[d];
+}
+
 static void circle_move(const double *q, double angle, double *out) {
   double grown = 0.5 * (3.0 - q[0] * q[0] - q[1] * q[1]), c = cos(angle), s = sin(angle);
   double x = grown * q[0], y = grown * q[1];
   out[0] = x * c - y * s, out[1] = y * c + x * s;
 }
 
-static void retract(const Tables *t, const Stages *st, const double *move, double *y) {
+void retract(const Tables *t, const Stages *st, const double *y0, const double *move, double *y) {
   for (Int k = 0; k < st->plain; k++)
-    y[st->plain_q[k]] = st->y0[st->plain_q[k]] + move[st->plain_v[k]];
+    y[st->plain_q[k]] = y0[st->plain_q[k]] + move[st->plain_v[k]];
   for (Int k = 0; k < st->circles; k++)
-    circle_move(st->y0 + st->circle_q[k], move[st->circle_v[k]], y + st->circle_q[k]);
+    circle_move(y0 + st->circle_q[k], move[st->circle_v[k]], y + st->circle_q[k]);
   for (Int k = 0; k < st->balls; k++)
-    ball_move(st->y0 + st->ball_q[k], move + st->ball_v[k], y + st->ball_q[k]);
+    ball_move(y0 + st->ball_q[k], move + st->ball_v[k], y + st->ball_q[k]);
   for (Int i = 0; i < t->nv - t->nv_rigid; i++)
-    y[t->nq_rigid + i] = st->y0[t->nq_rigid + i] + move[t->nv_rigid + i];
+    y[t->nq_rigid + i] = y0[t->nq_rigid + i] + move[t->nv_rigid + i];
 }
 
-static void write_motors(const Stages *st, const double *position, double *y) {
+void displacement(const Tables *t, const Stages *st, const double *y0, const double *y,
+                  double *move) {
+  for (Int k = 0; k < st->plain; k++)
+    move[st->plain_v[k]] = y[st->plain_q[k]] - y0[st->plain_q[k]];
+  for (Int k = 0; k < st->circles; k++) {
+    const double *a = y0 + st->circle_q[k], *b = y + st->circle_q[k];
+    move[st->circle_v[k]] = atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
+  }
+  for (Int k = 0; k < st->balls; k++)
+    ball_way(y0 + st->ball_q[k], y + st->ball_q[k], move + st->ball_v[k]);
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++)
+    move[t->nv_rigid + i] = y[t->nq_rigid + i] - y0[t->nq_rigid + i];
+}
+
+void write_motors(const Stages *st, const double *position, double *y) {
   for (Int k = 0; k < st->motors; k++) {
     double *q = y + st->motor_q[k];
     q[0] = position[k];
@@ -91,7 +116,7 @@ EXPORT void pinflex_place(const Tables *t, const Stages *st) {
     for (Int i = 0; i < st->s * nv; i++) seen[i] = 0.0;
   }
   for (Int i = 0; i < st->s; i++) {
-    retract(t, st, st->move + i * nv, st->y + i * t->nq);
+    retract(t, st, st->y0, st->move + i * nv, st->y + i * t->nq);
     if (st->prescribed) write_motors(st, st->position + i * st->motors, st->y + i * t->nq);
   }
 }

@@ -91,3 +91,18 @@ EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const doub
   gather(scale, 1, t->forces, 0, g.scale);
   tangent(t, &w, g.more, rates, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c, M, C, K, J);
 }
+
+/* Derivatives M, C, K, J one after the other, residual and second derivatives of the closures of
+   one motion. */
+EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
+                    const double *a, const double *lam, const double *scale, double *matrices,
+                    double *r, double *rates) {
+  Work w;
+  Group g;
+  Int square = t->nv * t->nv;
+  double *M = matrices, *C = M + square, *K = C + square;
+  pinflex_tangent(t, memory, 1, y, v, a, lam, scale, M, C, K, K + square);
+  lay_out(t, memory, &w, &g);
+  scatter(g.r, 1, t->nv, 0, r);
+  closure_rates(t, g.more, rates);
+}

@@ -13,15 +13,18 @@ typedef struct {
   const Int *plain_q, *plain_v, *circle_q, *circle_v, *ball_q, *ball_v;
   const double *c, *A, *A2, *A2_inverse;             /* (s,), (s, s) */
   const double *value, *forward, *back;              /* complex: (values,), (values, s), (s, values) */
-  const double *M, *C, *K, *J;                       /* free rows and columns, (n, n), (rows, n) */
+  double *M, *C, *K, *J;                             /* free rows and columns, (n, n), (rows, n) */
   double *lu, *part;                                 /* complex factors and right side */
   Int *pivot;
-  const double *y0, *v0, *position, *velocity, *scale; /* the start, the motors, the loads */
+  double *y0, *v0, *position, *velocity, *scale; /* the start, the motors, the loads */
   double *a, *lam, *turn;                            /* unknowns */
   double *y, *v, *move;                              /* what follows from them */
   double *r, *open;                                  /* residuals and closures before ... */
   double *da, *dlam, *change;                        /* ... the last correction */
   double h;
 } Stages;
+
+void pinflex_place(const Tables *t, const Stages *st);
+void pinflex_correct(const Tables *t, const Stages *st);
 
 #endif

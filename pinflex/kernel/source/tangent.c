@@ -269,7 +269,7 @@ Int tangent_size(const Tables *t) {
          + even(3 * t->own_at[t->nV]) + 4 * even(6 * t->nv);
 }
 
-static void lay_out(const Tables *t, double *memory, Tangent *w) {
+void tangent_layout(const Tables *t, double *memory, Tangent *w) {
   Int entries = even(t->x_at[t->nV]);
   w->frozen = (Frozen *)memory;
   memory += even(t->nodes * (Int)(sizeof(Frozen) / sizeof(double)));
@@ -290,7 +290,7 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
              const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
              double *C, double *K, double *J) {
   Tangent w;
-  lay_out(t, memory, &w);
+  tangent_layout(t, memory, &w);
   map_rows(t, &w, rates, y, v, a);
   expand(t, lanes, y, v, a);
   for (Int i = 0; i < t->nV; i++) w.rate[i] = lanes->V[i][0], w.growth[i] = lanes->A[i][0];

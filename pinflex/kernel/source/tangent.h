@@ -20,6 +20,7 @@ typedef struct {
 } Tangent;
 
 Int tangent_size(const Tables *t);
+void tangent_layout(const Tables *t, double *memory, Tangent *w);
 void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
              const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
              double *C, double *K, double *J);
@@ -38,5 +39,20 @@ void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, dou
 
 /* closure_tangent.c */
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
+
+/* A frame of a node, [R | p] (3, 4) in its axes, in the world. */
+typedef struct { double R[9], p[3]; } Frame;
+
+static inline void frame_of(const Frozen *n, const double *local, Frame *out) {
+  for (int d = 0; d < 3; d++) {
+    const double *row = n->R + 3 * d;
+    for (int e = 0; e < 3; e++)
+      out->R[3 * d + e] = row[0] * local[e] + row[1] * local[4 + e] + row[2] * local[8 + e];
+    out->p[d] = n->p[d] + row[0] * local[3] + row[1] * local[7] + row[2] * local[11];
+  }
+}
+
+/* closure_rates.c: second derivatives of the closures where a tangent was taken */
+void closure_rates(const Tables *t, double *memory, double *out);
 
 #endif

@@ -81,10 +81,10 @@ def test_the_stress_map_shows_every_link_on_one_scale_in_megapascal(flexible):
     assert [p.get_title("left").split(":")[0] for p in panels] == list(flexible.links)
     top = max(peak(flexible.link(name).von_mises) for name in flexible.links) / 1e6
     for panel, name in zip(panels, flexible.links, strict=True):
-        mesh = panel.collections[0]
-        assert mesh.get_clim() == (0.0, pytest.approx(top))
+        image = panel.images[0]
+        assert image.get_clim() == (0.0, pytest.approx(top))
         expected = flexible.link(name).von_mises.T / 1e6
-        assert np.allclose(np.asarray(mesh.get_array()).ravel(), expected.ravel())
+        assert np.allclose(np.asarray(image.get_array()).ravel(), expected.ravel())
         when, where = np.unravel_index(np.argmax(expected.T), expected.T.shape)
         mark = panel.lines[0].get_xydata()[0]
         assert np.allclose(mark, [flexible.t[when], 1e3 * flexible.link(name).x[where]])

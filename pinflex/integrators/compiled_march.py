@@ -1,0 +1,291 @@
+"""A run of collocation steps on the compiled kernel: the loop of `pinflex.integrators.march` in C.
+
+Python is asked where the kernel cannot know: motions and loads without a table, starts where
+coordinates have no mass, and what the keeper of the steps says after each batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any, overload
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath
+from pinflex.arrays import Array, IntArray
+from pinflex.integrators.prescribed import tabulated
+from pinflex.integrators.radau import Stages
+from pinflex.integrators.stage_newton import Tangent
+from pinflex.integrators.stages import StageEquations, Start, Step
+from pinflex.integrators.step_control import GROWTH, HELD, SHORTEST, TOGETHER, stops_of, stuck
+from pinflex.integrators.steps import States
+from pinflex.kernel.march import FULL, INPUTS, START, STUCK, Marched, MarchKernel, Table, no_table
+
+_PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
+_POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
+_STATE = ("y", "v", "a", "lam", "torque")
+_COPIED = (
+    *("t", "y0", "v0", "a0", "lam0", "torque0", "h", "coarseness", "rate"),
+    *("move", "turn", "a", "lam", "torque", "power", "position", "velocity"),
+)
+
+
+class CompiledSteps:
+    """The steps of one method on the kernel, with what is prescribed in the run.
+
+    Attributes:
+        kernel: Their arrays. of: The method. table: What is prescribed, or None.
+        tangents: Kernel of the run whose tangents they were solved by.
+    """
+
+    def __init__(
+        self,
+        of: StageEquations,
+        marched: Marched,
+        table: Table | None,
+        room: int,
+        tangents: MarchKernel | None = None,
+    ) -> None:
+        """`marched`: what the kernel has to know; `room`: steps of a batch."""
+        assert of.compiled is not None
+        self.of, self._compiled, self.table = of, of.compiled, table
+        n = of.compiled.kernel.counts
+        table = table or no_table(3 * n["motors"] + n["forces"])
+        self.kernel = MarchKernel(of.compiled.kernel, marched, table, room)
+        self.tangents = tangents or self.kernel
+
+    def inputs(self, t: Array) -> Array:
+        """Motors' position, velocity, acceleration and shares of loads at times (k,), (k, n)."""
+        return _inputs(self.of.path(t), self._compiled.compiled.scale(t))
+
+    def batch(self) -> Batch:
+        """The steps of the last call."""
+        return Batch(self, int(self.kernel.at.count))
+
+    def samples(self, t: Array, of: IntArray) -> States:
+        """States at times t (k,) in s, of (k,): the step of the batch that each lies in."""
+        given = None if self.table else self.inputs(t)
+        return States(*self.kernel.samples(t, of + 1, given))
+
+    def works(self, count: int) -> Array:
+        """Work of the motors and of the damping in each step, J, shape (count, 2)."""
+        found, at = self.kernel.steps, slice(1, count + 1)
+        return np.asarray(found["h"][at, None] * (self.of.method.A[-1] @ found["power"][at]))
+
+    def step(self, k: int, arrays: Mapping[str, Array], tangent: Tangent) -> Step:
+        """The k-th step of a batch, of copies of its arrays."""
+        at = {name: arrays[name][k] for name in _COPIED}
+        start = Start(float(at["t"]), *(at[f"{name}0"] for name in _STATE))
+        h, a = float(at["h"]), at["a"]
+        prescribed = a[:, self.of.motors]
+        times = start.t + h * self.of.method.c
+        return Step(
+            start, h, at["move"], at["turn"], a, at["lam"], at["torque"], at["power"],
+            float(at["coarseness"]), MotorPath(times, at["position"], at["velocity"], prescribed),
+            tangent, float(at["rate"]),
+        )  # fmt: skip
+
+    def tangent(self, slot: int) -> Tangent:
+        """A copy of one that steps were solved by."""
+        nv, rows = self.kernel.v.size, self.kernel.lam.size
+        flat = self.tangents.tangents[slot].copy()
+        M, C, K = flat[: 3 * nv * nv].reshape(3, nv, nv)
+        J = flat[3 * nv * nv :].reshape(rows, nv)
+        return Tangent(M, C, K, J, self.of.free, self.of.motors)
+
+
+def steps_of(stages: Stages, ends: tuple[float, float], stops: Sequence[float]) -> CompiledSteps:
+    """The steps of a run from its start to its end (s), some of them ending at `stops` (s)."""
+    assert stages.compiled is not None
+    system, compiled, m = stages.dynamics.system, stages.compiled.compiled, stages.method
+    n, forces = len(system.motors), stages.compiled.kernel.counts["forces"]
+
+    def inputs(t: Array) -> Array:
+        return _inputs(stages.path(t), compiled.scale(t))
+
+    widths = np.cumsum([0, n, n, n, forces])
+    kinds = [slice(*pair) for pair in pairwise(widths)]
+    weight = stages.dynamics.strain.stiffness if stages.by_energy else None
+    marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
+    return CompiledSteps(stages, marched, tabulated(inputs, kinds, *ends, stops), TOGETHER)
+
+
+def _inputs(path: MotorPath, scale: Array) -> Array:
+    return np.concatenate([path.position, path.velocity, path.acceleration, scale], axis=1)
+
+
+class Batch(Sequence[Step]):
+    """Steps that the kernel has made, until it makes others: read them off before.
+
+    A slice from the first one on is a batch too.
+    """
+
+    def __init__(self, made: CompiledSteps, size: int, whole: Batch | None = None) -> None:
+        self.made, self._size, self._whole = made, size, whole
+        self._arrays: dict[str, Array] = {}
+        self._found: dict[int, Step] = {}
+        self._tangents: dict[int, Tangent] = {}
+
+    def __len__(self) -> int:
+        return self._size
+
+    @overload
+    def __getitem__(self, k: int) -> Step: ...
+    @overload
+    def __getitem__(self, k: slice) -> Sequence[Step]: ...
+    def __getitem__(self, k: int | slice) -> Step | Sequence[Step]:
+        if isinstance(k, slice):
+            begin, end, every = k.indices(self._size)
+            if begin == 0 and every == 1:
+                return Batch(self.made, end, self._whole or self)
+            return [self[i] for i in range(begin, end, every)]
+        k = range(self._size)[k]
+        if self._whole is not None:
+            return self._whole[k]
+        if k not in self._found:
+            self._found[k] = self._step(k)
+        return self._found[k]
+
+    def _step(self, k: int) -> Step:
+        if not self._arrays:
+            steps, room = self.made.kernel.steps, self._size + 1
+            self._arrays = {name: steps[name][:room].copy() for name in _COPIED}
+        slot = int(self.made.kernel.integers["tangent"][k + 1])
+        if slot not in self._tangents:
+            self._tangents[slot] = self.made.tangent(slot)
+        return self.made.step(k + 1, self._arrays, self._tangents[slot])
+
+    @property
+    def ends(self) -> Array:
+        """Ends of the steps, s, a little later than they are."""
+        found, at = self.made.kernel.steps, slice(1, self._size + 1)
+        return np.asarray(found["t"][at] + (1.0 + 1e-9) * found["h"][at])
+
+
+class CompiledMarch:
+    """The steps of one run, as `pinflex.integrators.march` asks for them.
+
+    Attributes:
+        stages: The method. steps: Those that are pending. resolution: Of the steps to come.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        stages: Stages,
+        start: tuple[Array, Array],
+        t: Array,
+        breaks: Sequence[float],
+        first: float,
+        unjudged: bool,
+    ) -> None:
+        self._name, self.stages, self.resolution = name, stages, 0.0
+        self.steps: Sequence[Step] = ()
+        ends = float(t[0]), float(t[-1])
+        self._made = steps_of(stages, ends, stops_of(t, breaks))
+        self._kernel, self._at = self._made.kernel, self._made.kernel.at
+        self._repeated, at = 0, self._at
+        at.shortest, at.held, at.growth = SHORTEST * (ends[1] - ends[0]), HELD, GROWTH
+        at.idle_from, at.idle_to = stages.idle
+        at.memory, at.order, at.patience = stages.memory, stages.order, _PATIENCE
+        at.t, at.h, at.first, at.unjudged = ends[0], first, first, unjudged
+        at.ceiling = at.refused = np.inf
+        at.scale = stages.scale
+        self._kernel.y[...], self._kernel.v[...] = start
+        if not (self._made.table and self._kernel.begin()):
+            self._start()
+        self._origin = self._point()
+
+    @property
+    def done(self) -> bool:
+        """Whether the run is at its end."""
+        return bool(self._at.stop >= self._at.stops)
+
+    @property
+    def now(self) -> Start:
+        """The state that the run has come to."""
+        k = self._kernel
+        return Start(float(self._at.t), *(getattr(k, name).copy() for name in _STATE))
+
+    def cost(self) -> dict[str, float]:
+        """What the run has cost so far."""
+        at = self._at
+        return {
+            "steps": at.number, "rejected": at.rejected, "unresolved": at.unresolved,
+            "repeated": self._repeated, "newton": at.iterations, "tangents": at.refreshed,
+            "factorisations": at.factored,
+        }  # fmt: skip
+
+    def advance(self) -> None:
+        """Some steps more, which are `steps` then; raises ConvergenceError where none is short."""
+        at, stages = self._at, self.stages
+        stages.resolve(self.resolution)
+        self._follow(int(at.count))
+        for name, value in stages.goals.items():
+            setattr(at, name, value)
+        try:
+            while (end := self._kernel.advance()) not in (FULL, STUCK):
+                if end == INPUTS:
+                    times = at.t + at.size * stages.method.c
+                    self._kernel.input[...], at.given = self._made.inputs(times), 1
+                elif end == START:
+                    self._start()
+        finally:
+            stages.scale = float(at.scale)
+            self.steps = self._made.batch()
+        if end == STUCK:
+            raise stuck(self._name, self.now)
+
+    def settle(self, good: int, resolution: float) -> None:
+        """Let only the first of the steps stay, or none of all (-1); others are shorter."""
+        at, count = self._at, len(self.steps)
+        if good < count:
+            before = int(at.number)
+            finer = min(resolution / self.resolution, 1.0) ** (1.0 / self.stages.order)
+            self._go_back(good)
+            at.h *= finer
+            at.stale = 1
+            self._repeated += before - int(at.number)
+            if good < 0:
+                self._origin = self._point()
+            self.stages.scale = float(at.scale)
+        self.steps = ()
+
+    def _follow(self, last: int) -> None:
+        """Let the next batch begin behind a step of the one before it."""
+        if last:
+            for name in ("a", "lam", "h"):
+                self._kernel.steps[name][0] = self._kernel.steps[name][last]
+        self._at.count = 0
+
+    def _start(self) -> None:
+        """Consistent accelerations where the kernel has none."""
+        k = self._kernel
+        found = self.stages.first(float(self._at.t), k.y.copy(), k.v.copy())
+        k.a[...], k.lam[...], k.torque[...] = found.a, found.lam, found.torque
+
+    def _point(self) -> dict[str, Any]:
+        """Where the run is: it can go on from here once more."""
+        point = {name: getattr(self._at, name) for name in _POINT}
+        return point | {name: getattr(self._kernel, name).copy() for name in _STATE}
+
+    def _go_back(self, good: int) -> None:
+        """To where a step of the batch began, or to the start of the run."""
+        k, at, steps = self._kernel, self._at, self._kernel.steps
+        if good < 0:
+            for name in _STATE:
+                getattr(k, name)[...] = self._origin[name]
+            for name in _POINT:
+                setattr(at, name, self._origin[name])
+            at.count = 0
+            return
+        step = good + 1
+        for name in _STATE:
+            getattr(k, name)[...] = steps[f"{name}0"][step]
+        for name in ("t", "ceiling", "before", "refused", "scale"):
+            setattr(at, name, float(steps[name][step]))
+        at.h = float(steps["next"][step])
+        for name in ("number", "stop", "follows"):
+            setattr(at, name, int(k.integers[name][step]))
+        at.count = good

@@ -1,0 +1,110 @@
+"""What a run prescribes in time as a table of polynomials, which the compiled march reads.
+
+Between corners motors and loads move smoothly: polynomials through Chebyshev points of pieces, that
+are halved until round-off is all they miss between the points. What is not so smooth (samples,
+other interpolations) has no table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.kernel.march import Table
+
+_NODES = 25  # and as many less one between them
+_ROUND_OFF = 3e-14  # of the largest value of a kind: what may be missed; seen: 2e-15
+# Of it: what may be missed where a half misses as much as its whole: the function's own round-off,
+# or a kink so small.
+_NOISE, _NO_BETTER = 1e-11, 0.5
+_ROUNDS = 4  # times that a piece is halved, at the most
+_CORNER_GAP = 1e-9  # of the whole: a piece ends just before its corner, where inputs may jump
+_AT_CORNER = 1e-12  # of the whole: what round-off moves a corner by
+
+
+def tabulated(
+    function: Callable[[Array], Array],
+    kinds: Sequence[slice],
+    start: float,
+    end: float,
+    corners: Sequence[float],
+) -> Table | None:
+    """The table of a function of time; None where it is not smooth between its corners.
+
+    Args:
+        function: Of times (k,) in s: columns, shape (k, n).
+        kinds: Columns of one kind, whose round-off is alike.
+        start, end: Of the run, s.
+        corners: Times in s at which the function may jump, or its rates.
+    """
+    span = end - start
+    gap = _CORNER_GAP * span
+    inside = [c for c in sorted(set(corners)) if start + gap < c < end - gap]
+    ends = np.array([start, *inside, end])
+    begin, until = ends[:-1] + gap, ends[1:] - gap
+    whole = np.array([start, *(c for c in corners if start < c < end), end])
+    corner_value, size = function(whole), np.full(len(kinds), 1e-300)
+    done: list[tuple[Array, Array, Array]] = []
+    before = np.full((len(kinds), len(begin)), np.inf)
+    for _ in range(_ROUNDS):
+        middle, half = 0.5 * (begin + until), 0.5 * (until - begin)
+        values, missed = _pieces(function, middle, half)
+        size = np.maximum(size, [np.abs(values[..., k]).max(initial=0.0) for k in kinds])
+        worst = np.stack([missed[:, k].max(axis=1, initial=0.0) for k in kinds]) / size[:, None]
+        noise = (worst <= _NOISE) & (worst > _NO_BETTER * before)
+        good = np.all((worst <= _ROUND_OFF) | noise, axis=0)
+        done.append((middle[good], half[good], values[good]))
+        if good.all():
+            break
+        begin, until, middle = begin[~good], until[~good], middle[~good]
+        begin, until = np.concatenate([begin, middle]), np.concatenate([middle, until])
+        before = np.tile(worst[:, ~good], 2)
+    else:
+        return None
+    middle, half, value = (np.concatenate(parts) for parts in zip(*done, strict=True))
+    order = np.argsort(middle)
+    middle, half, value = middle[order], half[order], value[order]
+    # Between two pieces, in the gap of a corner, either holds.
+    rest = (middle + half, middle, half, value, whole, corner_value, _AT_CORNER * span)
+    return Table(_nodes(), _weights(), *rest)
+
+
+def _pieces(function: Callable[[Array], Array], middle: Array, half: Array) -> tuple[Array, Array]:
+    """Values at the nodes of pieces, (pieces, nodes, n), and misses between, (pieces, n)."""
+    at = np.concatenate([_nodes(), _between()])
+    found = function((middle[:, None] + half[:, None] * at).ravel())
+    values, wanted = np.split(found.reshape(len(middle), len(at), -1), [_NODES], axis=1)
+    return values, np.abs(_interpolation() @ values - wanted).max(axis=1, initial=0.0)
+
+
+@cache
+def _angles() -> Array:
+    return np.asarray(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+
+
+@cache
+def _nodes() -> Array:
+    """Zeros of the Chebyshev polynomial."""
+    return np.asarray(np.cos(_angles()))
+
+
+@cache
+def _weights() -> Array:
+    """Barycentric weights of the nodes."""
+    return np.asarray(np.where(np.arange(_NODES) % 2, -1.0, 1.0) * np.sin(_angles()))
+
+
+@cache
+def _between() -> Array:
+    """Points between the nodes."""
+    return np.asarray(np.cos(_angles()[:-1] + 0.5 * np.pi / _NODES))
+
+
+@cache
+def _interpolation() -> Array:
+    """Values at the nodes to those between them, shape (nodes - 1, nodes)."""
+    W = _weights() / (_between()[:, None] - _nodes())
+    return np.asarray(W / W.sum(axis=1, keepdims=True))

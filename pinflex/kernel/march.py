@@ -1,0 +1,254 @@
+"""The steps of a run, compiled: the arrays of a batch of steps and where the run is.
+
+The fields follow those of `March`, `Steps` and `Inputs` in source/march.h, which says what they
+hold. Step 0 of the arrays is the last one before the batch.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.errors import PinflexError
+from pinflex.kernel.memory import Block
+from pinflex.kernel.stages import StageKernel
+
+FULL, INPUTS, START, STUCK, PAUSED = range(5)
+_STATE = ("y", "v", "a", "lam", "torque")
+_STARTS = ("t", "y0", "v0", "a0", "lam0", "torque0")
+_STAGES = ("move", "turn", "a", "lam", "torque", "power", "position", "velocity")
+_POINTS = ("next", "ceiling", "before", "refused", "scale")
+_NUMBERS = (*_STARTS, "h", "coarseness", "rate", *_STAGES, *_POINTS)
+_INTEGERS = ("number", "stop", "follows", "tangent", "serial")
+
+
+class _Inputs(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("columns", "pieces", "nodes", "corners")),
+        *((name, ctypes.c_void_p) for name in ("node", "weight", "end", "middle", "half")),
+        *((name, ctypes.c_void_p) for name in ("value", "corner", "corner_value")),
+        ("gap", ctypes.c_double),
+    ]
+
+
+class _Steps(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in (*_NUMBERS, *_INTEGERS)]
+
+
+class _March(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("capacity", "count", "tangents", "tangent")),
+        *((name, ctypes.c_int64) for name in ("stops", "stop", "follows")),
+        *((name, ctypes.c_int64) for name in ("stale", "number", "unjudged", "given")),
+        *((name, ctypes.c_int64) for name in ("most", "measured", "by_mass")),
+        *((name, ctypes.c_int64) for name in ("iterations", "refreshed", "factored")),
+        *((name, ctypes.c_int64) for name in ("rejected", "unresolved")),
+        *((name, ctypes.c_void_p) for name in ("stages", "inputs")),
+        ("steps", _Steps),
+        *((name, ctypes.c_void_p) for name in ("stop_at", "basis", "basis_0", "last")),
+        *((name, ctypes.c_void_p) for name in ("tangent_at", "measured_at", "weight", "input")),
+        *((name, ctypes.c_void_p) for name in ("start_lu", "start_x", "start_pivot")),
+        ("t", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("y", "v", "a", "lam", "torque")),
+        *((name, ctypes.c_double) for name in ("h", "ceiling", "before", "refused", "scale")),
+        *((name, ctypes.c_double) for name in ("factored_h", "size", "resolution", "least")),
+        *((name, ctypes.c_double) for name in ("round_off", "seen", "open")),
+        *((name, ctypes.c_double) for name in ("slow", "same_step")),
+        *((name, ctypes.c_double) for name in ("idle_from", "idle_to", "memory", "order")),
+        *((name, ctypes.c_double) for name in ("first", "shortest", "held", "growth", "patience")),
+    ]
+
+
+@dataclass(frozen=True)
+class Table:
+    """What is prescribed in time: motors' position, velocity, acceleration, and shares of loads.
+
+    Attributes:
+        node, weight: Of every piece, on (-1, 1), shape (nodes,).
+        end, middle, half: Of the pieces, s, shape (pieces,).
+        value: At the nodes, shape (pieces, nodes, columns).
+        corner: Times in s with values of their own. corner_value: Shape (corners, columns).
+        gap: How near a corner a time is at it, s.
+    """
+
+    node: Array
+    weight: Array
+    end: Array
+    middle: Array
+    half: Array
+    value: Array
+    corner: Array
+    corner_value: Array
+    gap: float
+
+
+def no_table(columns: int) -> Table:
+    """Inputs that are given stage by stage."""
+    none = np.zeros(0)
+    values = np.zeros((0, 0, columns))
+    return Table(none, none, none, none, none, values, none, np.zeros((0, columns)), 0.0)
+
+
+@dataclass(frozen=True)
+class Marched:
+    """A system, as the steps of a run need it.
+
+    Attributes:
+        basis, basis_0: Values at the nodes, and at 0 and the nodes, to coefficients of powers.
+        last: Stages to the last Legendre coefficient, shape (s,).
+        measured: Velocity rows that norms count. weight: Their weight; None: the mass matrix.
+        stops: Ends in s that steps have to meet.
+    """
+
+    basis: Array
+    basis_0: Array
+    last: Array
+    measured: IntArray
+    weight: Array | None
+    stops: Sequence[float]
+
+
+class MarchKernel:
+    """The arrays of one run, and where it is.
+
+    Attributes:
+        at: The C structure: where the run is, its settings and counts.
+        steps: Arrays of the steps by name, shape (capacity + 1, ...).
+        tangents: M, C, K and J of each tangent, flat.
+        y, v, a, lam, torque: The state that the next step starts from.
+        input: Inputs of the stages, shape (s, columns), where they are given.
+    """
+
+    def __init__(self, stages: StageKernel, given: Marched, table: Table, capacity: int) -> None:
+        n, s, steps = stages.counts, stages.counts["s"], capacity + 1
+        nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
+        size, count = n["free"] + rows, len(given.measured)
+        _check(stages, given, table)
+        shapes = dict.fromkeys(("t", "h", "coarseness", "rate", *_POINTS), ()) | {
+            "y0": (nq,), "v0": (nv,), "a0": (nv,), "lam0": (rows,), "torque0": (motors,),
+            "move": (s, nv), "turn": (s, nv), "a": (s, nv), "lam": (s, rows),
+            "torque": (s, motors), "power": (s, 2), "position": (s, motors),
+            "velocity": (s, motors),
+        }  # fmt: skip
+        of_steps = Block({name: (steps, *shapes[name]) for name in _NUMBERS}, {})
+        integers = Block(
+            dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (size,)},
+            {"measured_at": given.measured}, np.int64,
+        )  # fmt: skip
+        # One tangent more than steps of a batch and the one in use: for starts.
+        zeros = {
+            "tangent_at": (capacity + 2, nv * (3 * nv + rows)), "input": (s, _columns(stages)),
+            "start_lu": (2, size, size), "start_x": (2 * size + nv + rows,),
+            "y": (nq,), "v": (nv,), "a": (nv,), "lam": (rows,), "torque": (motors,),
+        }  # fmt: skip
+        weight = np.zeros((count, count)) if given.weight is None else given.weight
+        values = {"stop_at": np.array(given.stops, dtype=float), "weight": weight}
+        values |= {name: getattr(given, name) for name in ("basis", "basis_0", "last")}
+        numbers, inputs = Block(zeros, values), _inputs(table)
+        self._keep = (stages, of_steps, integers, numbers, inputs)
+        self.steps, self.integers = of_steps.arrays, integers.arrays
+        at = numbers.arrays
+        self.tangents, self.input = at["tangent_at"], at["input"]
+        self.y, self.v, self.a, self.lam, self.torque = (at[name] for name in _STATE)
+        pointers = numbers.addresses | {
+            name: integers.addresses[name] for name in ("measured_at", "start_pivot")
+        }
+        self.at = _March(
+            capacity=capacity, tangents=capacity + 1, stops=len(given.stops), measured=count,
+            by_mass=int(given.weight is None), stale=1, stages=stages.address,
+            inputs=ctypes.addressof(inputs[1]),
+            steps=_Steps(
+                **of_steps.addresses, **{name: integers.addresses[name] for name in _INTEGERS}
+            ),
+            **pointers,
+        )  # fmt: skip
+        self._functions, self._tables = stages.functions, stages.tables
+        self._call = (stages.tables, stages.work, ctypes.addressof(self.at))
+        self._state = (nq, nv, nv, rows, motors, 2)
+
+    def advance(self) -> int:
+        """Steps until the batch is full, or something else has to answer."""
+        return int(self._functions.pinflex_march(*self._call))
+
+    def begin(self) -> bool:
+        """Consistent a, lam and torque at t, y and v; False where they are not unique."""
+        return bool(self._functions.pinflex_begin(*self._call))
+
+    def correct(self, run: MarchKernel, W: Array, end_a: Array | None, given: Array | None) -> bool:
+        """Steps of a run once more, from this state on; False where equations are singular.
+
+        Args:
+            run: Its steps, with one stage less. W: Stages of the run to these, (s, s - 1).
+            end_a: Accelerations at the end of the step before (nv,); None: there is none.
+            given: Inputs of the stages, shape (steps, s, columns), where there is no table.
+        """
+        s, count = len(self.input), int(run.at.count)
+        if W.shape != (s, len(run.input)) or count > self.at.capacity:
+            raise PinflexError(f"kernel: {W.shape} weights for {count} steps.")
+        if given is not None and given.shape != (count, *self.input.shape):
+            raise PinflexError(f"kernel: inputs of {given.shape}.")
+        arrays = (None if x is None else _numbers(x) for x in (W, end_a, given))
+        kept = tuple(arrays)
+        pointers = (None if x is None else x.ctypes.data for x in kept)
+        tables, work, at = self._call
+        done = self._functions.pinflex_correct_steps(
+            tables, work, run._call[2], at, count, *pointers
+        )
+        return bool(done)
+
+    def samples(self, t: Array, of: IntArray, inputs: Array | None) -> tuple[Array, ...]:
+        """States at times: y, v, a, lam, torque and work.
+
+        Args:
+            t: Times in s, shape (k,). of: The step that each lies in, shape (k,).
+            inputs: Shape (k, columns), where there is no table of them.
+        """
+        t, of = _numbers(t), np.ascontiguousarray(of, dtype=np.int64)
+        if of.shape != t.shape or np.any(of < 0) or np.any(of > self.at.count):
+            raise PinflexError("kernel: samples outside the steps.")
+        given = None if inputs is None else _numbers(inputs)
+        if given is not None and given.shape != (len(t), self.input.shape[1]):
+            raise PinflexError(f"kernel: inputs of {given.shape}.")
+        found = tuple(np.empty((len(t), width)) for width in self._state)
+        self._functions.pinflex_samples(
+            self._tables, self._call[2], len(t), t.ctypes.data, of.ctypes.data,
+            None if given is None else given.ctypes.data, *(x.ctypes.data for x in found),
+        )  # fmt: skip
+        return found
+
+
+def _columns(stages: StageKernel) -> int:
+    return 3 * stages.counts["motors"] + stages.counts["forces"]
+
+
+def _check(stages: StageKernel, given: Marched, table: Table) -> None:
+    """Raise where sizes or rows are not those of the stages."""
+    n, s, columns = stages.counts, stages.counts["s"], _columns(stages)
+    if table.value.shape[2] != columns or table.corner_value.shape[1] != columns:
+        raise PinflexError(f"kernel: inputs of {table.value.shape[2]} columns, not {columns}.")
+    if np.any(given.measured < 0) or np.any(given.measured >= n["nv"]):
+        raise PinflexError("kernel: measured: a row that is none.")
+    count = len(given.measured)
+    if given.weight is not None and given.weight.shape != (count, count):
+        raise PinflexError(f"kernel: a weight of {given.weight.shape}, not {(count, count)}.")
+    shapes = tuple(x.shape for x in (given.basis, given.basis_0, given.last))
+    if shapes != ((s, s), (s + 1, s + 1), (s,)):
+        raise PinflexError(f"kernel: {shapes} weights of {s} stages.")
+
+
+def _inputs(table: Table) -> tuple[Block, _Inputs]:
+    names = ("node", "weight", "end", "middle", "half", "value", "corner", "corner_value")
+    block = Block({}, {name: getattr(table, name) for name in names})
+    pieces, nodes, columns = table.value.shape
+    return block, _Inputs(
+        columns=columns, pieces=pieces, nodes=nodes, corners=len(table.corner), gap=table.gap,
+        **block.addresses,
+    )  # fmt: skip
+
+
+def _numbers(x: Array | Sequence[float]) -> Array:
+    return np.ascontiguousarray(x, dtype=np.float64)

@@ -1,0 +1,186 @@
+/* One attempt at a step: stages predicted by the step before, Newton's iteration, and what the
+   step leaves. Its coarseness is the last Legendre coefficient of the displacement over the largest
+   displacement so far. The same as `Stages.step` in pinflex/integrators/radau.py, which says more. */
+#include "march.h"
+#include "newton.h"
+
+void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
+                     const double *a, const double *lam, const double *scale, double *M, double *C,
+                     double *K, double *J);
+
+/* Inputs at the stages, and where the step starts. */
+void take_inputs(const Tables *t, March *m, double h) {
+  Stages *st = m->stages;
+  Int n = m->inputs->columns, motors = st->motors;
+  copy(st->y0, m->y, t->nq);
+  copy(st->v0, m->v, t->nv);
+  for (Int i = 0; i < st->s; i++) {
+    double *x = m->input + i * n;
+    if (!m->given) prescribed(m->inputs, m->t + h * st->c[i], x);
+    copy(st->position + i * motors, x, motors);
+    copy(st->velocity + i * motors, x + motors, motors);
+    copy(st->scale + i * t->forces, x + 3 * motors, t->forces);
+  }
+}
+
+/* Stages from the polynomials of the last step, continued: x_i = sum_k L_k(1 + h c_i / h_last) x_k,
+   or from the start. */
+static void predict(const Tables *t, March *m, double h) {
+  Stages *st = m->stages;
+  Int s = st->s, nv = t->nv, rows = t->closures, motors = st->motors, last = m->count;
+  const double *a = m->steps.a + last * s * nv, *lam = m->steps.lam + last * s * rows;
+  for (Int i = 0; i < s; i++) {
+    double *to_a = st->a + i * nv, *to_lam = st->lam + i * rows;
+    if (!m->follows) {
+      copy(to_a, m->a, nv);
+      copy(to_lam, m->lam, rows);
+    } else {
+      double x = 1.0 + h / m->steps.h[last] * st->c[i];
+      for (Int j = 0; j < nv; j++) to_a[j] = 0.0;
+      for (Int j = 0; j < rows; j++) to_lam[j] = 0.0;
+      for (Int k = 0; k < s; k++) {
+        double w = 0.0;
+        for (Int p = s - 1; p >= 0; p--) w = w * x + m->basis[p * s + k];
+        for (Int j = 0; j < nv; j++) to_a[j] += w * a[k * nv + j];
+        for (Int j = 0; j < rows; j++) to_lam[j] += w * lam[k * rows + j];
+      }
+    }
+    const double *given = m->input + i * m->inputs->columns + 2 * motors;
+    for (Int k = 0; k < motors; k++) to_a[st->motor_v[k]] = given[k];
+  }
+  for (Int j = 0; j < s * nv; j++) st->turn[j] = st->change[j] = 0.0;
+}
+
+/* Room for a tangent that no step of the batch was solved by. */
+static Int free_tangent(const March *m) {
+  for (Int slot = 0; slot < m->tangents; slot++) {
+    int used = 0;
+    for (Int k = 1; k <= m->count; k++) used |= m->steps.tangent[k] == slot;
+    if (!used) return slot;
+  }
+  return m->tangent;
+}
+
+/* A new tangent at the stage in the middle. */
+static void refresh(const Tables *t, char *memory, March *m) {
+  Stages *st = m->stages;
+  Int k = st->s / 2, nv = t->nv, square = nv * nv;
+  m->tangent = free_tangent(m);
+  double *M = m->tangent_at + m->tangent * tangent_width(t), *C = M + square, *K = C + square;
+  pinflex_tangent(t, memory, 1, st->y + k * t->nq, st->v + k * nv, st->a + k * nv,
+                  st->lam + k * t->closures, st->scale + k * t->forces, M, C, K, K + square);
+  for (Int i = 0; m->by_mass && i < m->measured; i++)
+    for (Int j = 0; j < m->measured; j++)
+      m->weight[i * m->measured + j] = M[m->measured_at[i] * nv + m->measured_at[j]];
+  m->stale = 0, m->factored_h = 0.0, m->refreshed++;
+}
+
+/* Factors of Newton's matrices for a step, where they are not at hand. */
+int factor(const Tables *t, March *m, double h) {
+  Stages *st = m->stages;
+  Int n = st->free, nv = t->nv, square = nv * nv;
+  const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
+  if (fabs(m->factored_h - h) <= m->same_step * h) return 1;
+  for (Int i = 0; i < n; i++)
+    for (Int j = 0; j < n; j++) {
+      const double *at = M + st->free_at[i] * nv + st->free_at[j];
+      st->M[i * n + j] = at[0], st->C[i * n + j] = at[square], st->K[i * n + j] = at[2 * square];
+    }
+  for (Int k = 0; k < t->closures; k++)
+    for (Int j = 0; j < n; j++) st->J[k * n + j] = J[k * nv + st->free_at[j]];
+  if (!pinflex_factor(t, st)) return 0;
+  m->factored_h = h, m->factored++;
+  return 1;
+}
+
+static int iterate(const Tables *t, char *memory, March *m, Newton *n) {
+  Stages *st = m->stages;
+  double trace = 0.0;
+  pinflex_place(t, st);
+  if (m->stale) refresh(t, memory, m), n->fresh = 0;
+  if (!factor(t, m, st->h)) return 0;
+  for (Int i = 0; i < m->measured; i++) trace += m->weight[i * (m->measured + 1)];
+  n->round_off = m->round_off * sqrt(trace);
+  for (;;) {
+    int end = newton(t, memory, st, n);
+    m->iterations += end == AGED ? 0 : n->iteration < n->most ? n->iteration + 1 : n->most;
+    if (end != AGED) return end == CONVERGED;
+    refresh(t, memory, m);
+    if (!factor(t, m, st->h)) return 0;
+  }
+}
+
+int attempt(const Tables *t, char *memory, March *m, double h) {
+  Stages *st = m->stages;
+  Newton n = {.most = m->most, .placed = 1, .fresh = -1, .measured = m->measured,
+              .measured_at = m->measured_at, .weight = m->weight, .least = m->least,
+              .open = m->open, .scale = m->scale};
+  double trace = 0.0, *sum = st->part;
+  st->h = h;
+  take_inputs(t, m, h);
+  predict(t, m, h);
+  if (!iterate(t, memory, m, &n)) return 0;
+  m->stale = n.iteration > 0 && n.rate > m->slow;
+  m->scale = fmax(fmax(m->scale, reached(t, st, &n)), 1e-300);
+  for (Int i = 0; i < m->measured; i++) {
+    trace += m->weight[i * (m->measured + 1)], sum[i] = 0.0;
+    for (Int k = 0; k < st->s; k++)
+      sum[i] += m->last[k] * st->move[k * t->nv + m->measured_at[i]];
+  }
+  double seen = fmax(m->scale, m->seen * sqrt(trace) / m->resolution);
+  m->steps.coarseness[m->count + 1] = sqrt(fabs(weighed(&n, sum))) / seen;
+  m->steps.rate[m->count + 1] = n.rate;
+  return 1;
+}
+
+/* The forces in the rows of the motors with the last correction in them:
+   r + M da + h C A da + K dz - J' dlam. */
+static void motor_forces(const Tables *t, const March *m, double *torque) {
+  const Stages *st = m->stages;
+  Int s = st->s, n = st->free, nv = t->nv, square = nv * nv, rows = t->closures;
+  const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
+  for (Int i = 0; i < s; i++)
+    for (Int k = 0; k < st->motors; k++) {
+      Int row = st->motor_v[k];
+      double sum = st->r[i * nv + row];
+      for (Int j = 0; j < n; j++) {
+        const double *at = M + row * nv + st->free_at[j];
+        double dv = 0.0;
+        for (Int l = 0; l < s; l++) dv += st->A[i * s + l] * st->da[l * n + j];
+        sum += at[0] * st->da[i * n + j] + at[square] * st->h * dv
+               + at[2 * square] * st->change[i * nv + st->free_at[j]];
+      }
+      for (Int j = 0; j < rows; j++) sum -= st->dlam[i * rows + j] * J[j * nv + row];
+      torque[i * st->motors + k] = sum;
+    }
+}
+
+/* The step with its last correction in everything that follows from it. */
+void keep(const Tables *t, March *m, double h) {
+  Stages *st = m->stages;
+  Steps *to = &m->steps;
+  Int k = m->count + 1, s = st->s, nv = t->nv, n = st->free, motors = st->motors;
+  double *torque = to->torque + k * s * motors, *move = to->move + k * s * nv;
+  to->t[k] = m->t, to->h[k] = h, to->tangent[k] = m->tangent;
+  to->serial[k] = m->refreshed;
+  copy(to->y0 + k * t->nq, m->y, t->nq);
+  copy(to->v0 + k * nv, m->v, nv);
+  copy(to->a0 + k * nv, m->a, nv);
+  copy(to->lam0 + k * t->closures, m->lam, t->closures);
+  copy(to->torque0 + k * motors, m->torque, motors);
+  copy(to->turn + k * s * nv, st->turn, s * nv);
+  copy(to->a + k * s * nv, st->a, s * nv);
+  copy(to->lam + k * s * t->closures, st->lam, s * t->closures);
+  copy(to->position + k * s * motors, st->position, s * motors);
+  copy(to->velocity + k * s * motors, st->velocity, s * motors);
+  for (Int i = 0; i < s * nv; i++) move[i] = st->move[i] + st->change[i];
+  motor_forces(t, m, torque);
+  for (Int i = 0; i < s; i++) {
+    double *v = st->v + i * nv, *power = to->power + 2 * (k * s + i);
+    for (Int j = 0; j < n; j++)
+      for (Int l = 0; l < s; l++)
+        v[st->free_at[j]] += h * st->A[i * s + l] * st->da[l * n + j];
+    power[0] = 0.0, power[1] = dissipation(t, v);
+    for (Int j = 0; j < motors; j++) power[0] += torque[i * motors + j] * v[st->motor_v[j]];
+  }
+}

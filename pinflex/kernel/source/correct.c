@@ -1,0 +1,110 @@
+/* The steps of a run once more with one stage more, from the start that the corrections so far have
+   led to: what they differ by is the error of the run (pinflex/integrators/corrector.py). */
+#include "march.h"
+#include <stddef.h>
+
+void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
+                       const double *A, const double *lam, const double *scale, double *R,
+                       double *C);
+
+/* Where a step starts: at the end of the correction before it; after a switch of motion or loads
+   accelerations begin anew. */
+static void restart(const Tables *t, const March *run, March *m, Int k, const double *end_a) {
+  const Steps *x = &run->steps;
+  const double *a = x->a0 + k * t->nv;
+  Int same = end_a != NULL, motors = m->stages->motors;
+  m->t = x->t[k];
+  if (!end_a) {
+    copy(m->y, x->y0 + k * t->nq, t->nq);
+    copy(m->v, x->v0 + k * t->nv, t->nv);
+  }
+  for (Int i = 0; same && i < t->nv; i++) same = a[i] == end_a[i];
+  if (same) return;
+  copy(m->a, a, t->nv);
+  copy(m->lam, x->lam0 + k * t->closures, t->closures);
+  copy(m->torque, x->torque0 + k * motors, motors);
+}
+
+/* out_i = sum_j W_ij x_j of arrays (., n) */
+static void weighted(Int rows, Int s, Int n, const double *W, const double *x, double *out) {
+  for (Int i = 0; i < rows * n; i++) out[i] = 0.0;
+  for (Int i = 0; i < rows; i++)
+    for (Int j = 0; j < s; j++)
+      for (Int d = 0; d < n; d++) out[i * n + d] += W[i * s + j] * x[j * n + d];
+}
+
+/* Stages from the polynomials of the step. */
+static void guess(const Tables *t, const March *run, March *m, Int k, const double *W) {
+  Stages *st = m->stages;
+  Int s = run->stages->s, nv = t->nv, rows = t->closures, motors = st->motors;
+  weighted(st->s, s, nv, W, run->steps.a + k * s * nv, st->a);
+  weighted(st->s, s, nv, W, run->steps.turn + k * s * nv, st->turn);
+  weighted(st->s, s, rows, W, run->steps.lam + k * s * rows, st->lam);
+  for (Int i = 0; i < st->s; i++)
+    for (Int j = 0; j < motors; j++)
+      st->a[i * nv + st->motor_v[j]] = m->input[i * m->inputs->columns + 2 * motors + j];
+  for (Int i = 0; i < st->s * nv; i++) st->change[i] = 0.0;
+}
+
+/* Answer of the stages to the error so far, by the tangent alone: r = K (dy + h c dv) + C dv. */
+static void follow(const Tables *t, const March *run, March *m, Int k) {
+  Stages *st = m->stages;
+  Int n = st->free, nv = t->nv, rows = t->closures;
+  double *dy = st->move, *moved = st->da; /* both free until the stages are placed */
+  displacement(t, st, run->steps.y0 + k * t->nq, m->y, dy);
+  const double *v = run->steps.v0 + k * nv;
+  for (Int i = 0; i < st->s; i++) {
+    for (Int j = 0; j < n; j++) {
+      Int row = st->free_at[j];
+      moved[j] = dy[row] + st->h * st->c[i] * (m->v[row] - v[row]);
+    }
+    for (Int l = 0; l < n; l++) {
+      double sum = 0.0;
+      for (Int j = 0; j < n; j++) {
+        Int row = st->free_at[j];
+        sum += st->K[l * n + j] * moved[j] + st->C[l * n + j] * (m->v[row] - v[row]);
+      }
+      st->r[i * nv + st->free_at[l]] = sum;
+    }
+    for (Int l = 0; l < rows; l++) {
+      double sum = 0.0;
+      for (Int j = 0; j < n; j++) sum += st->J[l * n + j] * moved[j];
+      st->open[i * rows + l] = sum;
+    }
+  }
+  pinflex_correct(t, st);
+}
+
+/* Correct `count` steps of a batch. end_a: accelerations (nv,) at the end of the step before them;
+   NULL: there is none. given: inputs (count, s, columns), or NULL. Steps that contracted by more than
+   `slow` are corrected twice. 0 where equations are singular. */
+EXPORT int pinflex_correct_steps(const Tables *t, char *memory, const March *run, March *m, Int count,
+                                 const double *W, const double *end_a, const double *given) {
+  Stages *st = m->stages;
+  const Steps *x = &run->steps;
+  Int s = run->stages->s, columns = m->inputs->columns;
+  m->tangent_at = run->tangent_at;
+  for (Int k = 1; k <= count; k++) {
+    double h = x->h[k];
+    m->count = k - 1, m->tangent = x->tangent[k], st->h = h, m->given = given != NULL;
+    if (m->refreshed != x->serial[k]) m->refreshed = x->serial[k], m->factored_h = 0.0;
+    restart(t, run, m, k, end_a);
+    if (given) copy(m->input, given + (k - 1) * st->s * columns, st->s * columns);
+    take_inputs(t, m, h);
+    guess(t, run, m, k, W);
+    if (!factor(t, m, h)) return 0;
+    if (end_a) follow(t, run, m, k);
+    for (int again = x->rate[k] > m->slow; again >= 0; again--) {
+      pinflex_place(t, st);
+      pinflex_residuals(t, memory, st->s, st->y, st->v, st->a, st->lam, st->scale, st->r, st->open);
+      pinflex_correct(t, st);
+      m->iterations++;
+    }
+    keep(t, m, h);
+    m->steps.coarseness[k] = x->coarseness[k], m->steps.rate[k] = x->rate[k];
+    m->count = k;
+    advance(t, m);
+    end_a = x->a + (k * s + s - 1) * t->nv;
+  }
+  return 1;
+}

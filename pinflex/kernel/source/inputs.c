@@ -1,0 +1,42 @@
+/* What is prescribed in time: on each piece the polynomial through values x_k at nodes z_k,
+
+     x(t) = (sum_k w_k x_k / (z - z_k)) / (sum_k w_k / (z - z_k)),   z = (t - middle) / half
+
+   Source: Berrut and Trefethen (2004), eq. 4.2: exact to a few units of round-off. */
+#include "march.h"
+
+static Int piece_of(const Inputs *in, double time) {
+  Int low = 0, high = in->pieces - 1;
+  while (low < high) {
+    Int middle = (low + high) / 2;
+    if (time > in->end[middle])
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  return low;
+}
+
+void prescribed(const Inputs *in, double time, double *out) {
+  Int n = in->columns;
+  for (Int k = 0; k < in->corners; k++)
+    if (fabs(time - in->corner[k]) <= in->gap) {
+      copy(out, in->corner_value + k * n, n);
+      return;
+    }
+  Int piece = piece_of(in, time);
+  const double *x = in->value + piece * in->nodes * n;
+  double z = (time - in->middle[piece]) / in->half[piece], sum = 0.0;
+  for (Int i = 0; i < n; i++) out[i] = 0.0;
+  for (Int k = 0; k < in->nodes; k++) {
+    double away = z - in->node[k];
+    if (away == 0.0) {
+      copy(out, x + k * n, n);
+      return;
+    }
+    double w = in->weight[k] / away;
+    sum += w;
+    for (Int i = 0; i < n; i++) out[i] += w * x[k * n + i];
+  }
+  for (Int i = 0; i < n; i++) out[i] /= sum;
+}

@@ -1,0 +1,124 @@
+/* The steps of a run, one after the other, until a batch is full or something else has to answer:
+   the same decisions as `_March` in pinflex/integrators/march.py, which says more. */
+#include "march.h"
+#include <time.h>
+
+enum { FULL, INPUTS, START, STUCK, PAUSED };
+
+/* Length of the next step: equal pieces up to a stop that is near. */
+static double length(const March *m) {
+  double ahead = m->stop_at[m->stop] - m->t, pieces = ceil(ahead / m->h - 1e-9);
+  return pieces < 4.0 ? ahead / pieces : m->h;
+}
+
+/* Once more without a prediction and with a new tangent, then shorter. */
+static void after_failure(March *m, double size) {
+  m->rejected++, m->stale = 1, m->h = size;
+  if (!m->follows) m->ceiling = m->h = 0.4 * size;
+  m->follows = 0;
+}
+
+static double grown(const March *m, double coarseness) {
+  return 0.9 * pow(m->resolution / fmax(coarseness, 1e-300), 1.0 / m->order);
+}
+
+/* What the next step may be longer by. */
+static double growth(const March *m, double coarseness) {
+  return fmin(grown(m, coarseness), fmax(grown(m, m->held * m->before), 1.0));
+}
+
+/* The state after the step that is kept as number `count`. */
+void advance(const Tables *t, March *m) {
+  const Stages *st = m->stages;
+  const Steps *x = &m->steps;
+  Int k = m->count, s = st->s, nv = t->nv, motors = st->motors, end = k * s + s - 1;
+  for (Int l = 0; l < s; l++)
+    for (Int i = 0; i < nv; i++)
+      m->v[i] += x->h[k] * st->A[(s - 1) * s + l] * x->a[(k * s + l) * nv + i];
+  for (Int i = 0; i < motors; i++) m->v[st->motor_v[i]] = x->velocity[end * motors + i];
+  m->t = x->t[k] + x->h[k];
+  retract(t, st, x->y0 + k * t->nq, x->move + end * nv, m->y);
+  if (st->prescribed) write_motors(st, x->position + end * motors, m->y);
+  copy(m->a, x->a + end * nv, nv);
+  copy(m->lam, x->lam + end * t->closures, t->closures);
+  copy(m->torque, x->torque + end * motors, motors);
+}
+
+/* Keep a step with the point that it goes on from, and go there; whether a stop is met. */
+static int accept(const Tables *t, March *m, double size, double factor, double scale) {
+  Steps *x = &m->steps;
+  Int k = m->count + 1;
+  double coarseness = x->coarseness[k], h = m->h;
+  keep(t, m, size);
+  x->next[k] = m->h, x->ceiling[k] = m->ceiling, x->before[k] = m->before;
+  x->refused[k] = m->refused, x->scale[k] = scale, x->number[k] = m->number;
+  x->stop[k] = m->stop, x->follows[k] = m->follows;
+  m->count = k;
+  advance(t, m);
+  if (!(m->idle_from < factor && factor < m->idle_to))
+    h = size * fmin(fmax(factor, 0.5), 3.0);
+  m->ceiling *= m->growth;
+  m->h = fmin(h, m->ceiling);
+  m->before = fmax(coarseness, m->memory * m->before);
+  m->refused = INFINITY, m->follows = 1, m->number++;
+  if (m->t < m->stop_at[m->stop] - m->shortest) return 0;
+  m->t = m->stop_at[m->stop]; /* two that differ by round-off are one */
+  while (m->stop < m->stops && !(m->stop_at[m->stop] > m->t + m->shortest)) m->stop++;
+  if (m->stop == m->stops) return 0;
+  m->follows = 0, m->h = fmin(m->h, m->first);
+  return 1;
+}
+
+static int stuck(const March *m) { return m->h < m->shortest; }
+
+static double now(void) {
+  struct timespec x;
+  timespec_get(&x, TIME_UTC);
+  return (double)x.tv_sec + 1e-9 * (double)x.tv_nsec;
+}
+
+/* One attempt; -1 to go on. */
+static int once(const Tables *t, char *memory, March *m) {
+  double size = m->size, scale = m->scale;
+  int solved = attempt(t, memory, m, size);
+  m->given = 0;
+  if (!solved) {
+    after_failure(m, size);
+    return -1;
+  }
+  double coarseness = m->steps.coarseness[m->count + 1], factor = growth(m, coarseness);
+  if (coarseness > m->resolution && !(m->unjudged && m->number == 0)) {
+    if (coarseness < 0.5 * m->refused) {
+      m->rejected++, m->h = size * fmin(fmax(factor, 0.3), 0.7), m->refused = coarseness;
+      return -1;
+    }
+    m->unresolved++, factor = 1.0;
+  }
+  int met = accept(t, m, size, factor, scale);
+  return met && (m->inputs->pieces == 0 || !begin(t, memory, m)) ? START : -1;
+}
+
+/* Steps until the batch is full or the run ends (FULL), inputs are needed at the stages of a step
+   of `size` (INPUTS), a start has to be found elsewhere (START), no step is short enough (STUCK), or
+   the patience is at its end (PAUSED): signals are seen outside. */
+EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
+  double until = now() + m->patience;
+  while (m->count < m->capacity && m->stop < m->stops) {
+    if (stuck(m)) return STUCK;
+    if (!m->given) {
+      m->size = length(m);
+      if (m->inputs->pieces == 0) return INPUTS;
+    }
+    int end = once(t, memory, m);
+    if (end >= 0) return end;
+    if (now() > until) return PAUSED;
+  }
+  return FULL;
+}
+
+/* The start at t, y and v from the inputs there; 0 where another has to find it. */
+EXPORT int pinflex_begin(const Tables *t, char *memory, March *m) {
+  int found = begin(t, memory, m);
+  m->given = 0;
+  return found;
+}

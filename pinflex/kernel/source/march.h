@@ -1,0 +1,91 @@
+/* A run by collocation: what is prescribed in time, the steps of a batch, and where the run is. */
+#ifndef PINFLEX_MARCH_H
+#define PINFLEX_MARCH_H
+
+#include "stages.h"
+
+/* Columns position | velocity | acceleration of the motors | shares of the loads: values at the
+   nodes of pieces of time, and by themselves at corners, where they may jump. */
+typedef struct {
+  Int columns, pieces, nodes, corners;
+  const double *node, *weight;         /* of every piece, on (-1, 1) */
+  const double *end, *middle, *half;   /* of the pieces, s */
+  const double *value;                 /* (pieces, nodes, columns) */
+  const double *corner, *corner_value; /* s, (corners, columns) */
+  double gap;                          /* how near a corner a time is at it, s */
+} Inputs;
+
+/* Steps, one after the other: where each starts, its stages, and what the run was to do there.
+   Arrays are (steps, .) and (steps, s, .). */
+typedef struct {
+  double *t, *y0, *v0, *a0, *lam0, *torque0;       /* start */
+  double *h, *coarseness, *rate;
+  double *move, *turn, *a, *lam, *torque, *power;  /* stages */
+  double *position, *velocity;                     /* of the motors at the stages */
+  double *next, *ceiling, *before, *refused, *scale; /* the point it goes on from, see March */
+  Int *number, *stop, *follows, *tangent, *serial;
+} Steps;
+
+/* Where a run is, its settings, and its counts. Step 0 is the last one before the batch. */
+typedef struct {
+  Int capacity, count;               /* of the steps: room, and how many there are */
+  Int tangents, tangent;             /* room for tangents, and the one in use */
+  Int stops, stop;                   /* ends that steps have to meet, and the next of them */
+  Int follows;                       /* whether step `count` predicts the next one */
+  Int stale, number, unjudged, given;
+  Int most, measured, by_mass;
+  Int iterations, refreshed, factored, rejected, unresolved;
+  Stages *stages;
+  const Inputs *inputs;
+  Steps steps;
+  const double *stop_at;             /* s */
+  const double *basis, *basis_0;     /* values at the nodes (and at 0) to coefficients of powers */
+  const double *last;                /* stages to the last Legendre coefficient */
+  double *tangent_at;                /* M, C, K (nv, nv) and J (rows, nv), one after the other */
+  const Int *measured_at;
+  double *weight;                    /* of the norm, (measured, measured) */
+  double *input;                     /* (s, columns) */
+  double *start_lu, *start_x;        /* complex */
+  Int *start_pivot;
+  double t, *y, *v, *a, *lam, *torque; /* the state the next step starts from */
+  double h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
+  double factored_h, size;           /* s: of the factors, and of the step to come */
+  double resolution, least, round_off, seen, open, slow, same_step;
+  double idle_from, idle_to, memory, order, first, shortest, held, growth, patience;
+} March;
+
+/* inputs.c: all columns at a time */
+void prescribed(const Inputs *in, double time, double *out);
+
+/* place.c: y = y0 (+) move, and the move from y0 to y; prescribed motors where they are told to be */
+void retract(const Tables *t, const Stages *st, const double *y0, const double *move, double *y);
+void displacement(const Tables *t, const Stages *st, const double *y0, const double *y,
+                  double *move);
+void write_motors(const Stages *st, const double *position, double *y);
+
+/* newton.c: complex LU, columns one after the other */
+int decompose(double *re, double *im, Int n, Int *pivot);
+void substitute(const double *re, const double *im, Int n, const Int *pivot, double *x, double *y);
+int pinflex_factor(const Tables *t, const Stages *st);
+
+/* attempt.c: the step of length h; 0: Newton does not get there. take_inputs: where it starts, and
+   what is prescribed at its stages. factor: for a step of length h, where that is not at hand. keep:
+   as step `count` + 1. */
+int attempt(const Tables *t, char *memory, March *m, double h);
+void take_inputs(const Tables *t, March *m, double h);
+int factor(const Tables *t, March *m, double h);
+void keep(const Tables *t, March *m, double h);
+
+/* march.c: the state after the step that is kept as number `count` */
+void advance(const Tables *t, March *m);
+
+/* start.c: a, lam and torque that belong to t, y and v; 0 where they are not unique */
+int begin(const Tables *t, char *memory, March *m);
+
+static inline Int tangent_width(const Tables *t) { return t->nv * (3 * t->nv + t->closures); }
+
+static inline void copy(double *to, const double *from, Int n) {
+  for (Int i = 0; i < n; i++) to[i] = from[i];
+}
+
+#endif
