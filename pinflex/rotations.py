@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pinflex.arrays import Array
@@ -73,3 +75,30 @@ def quaternion_vector(q: Array) -> Array:
         sine < 1e-150, 2.0, 2.0 * np.arctan2(sine, q[..., 3:]) / np.maximum(sine, 1e-150)
     )
     return np.asarray(ratio * q[..., :3])
+
+
+def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
+    """A rotation whose z (or x) axis is the given one, the identity where it can be.
+
+    Args:
+        z: Axis of any length that becomes z; None: not given.
+        x: Axis of any length that becomes x, where z is None.
+    """
+    if z is None and x is None:
+        return np.eye(3)
+    k, wish = (2, z) if z is not None else (0, x)
+    axis = np.array(wish, float) / np.linalg.norm(np.array(wish, float))
+    helper = np.eye(3)[(k + 1) % 3]
+    if abs(axis @ helper) > 0.9:
+        helper = np.eye(3)[(k + 2) % 3]
+    second = helper - axis * (axis @ helper)
+    second /= np.linalg.norm(second)
+    columns = [np.zeros(3)] * 3
+    columns[k] = axis
+    if abs(helper[(k + 1) % 3]) > 0.5:
+        columns[(k + 1) % 3] = second
+        columns[(k + 2) % 3] = np.cross(axis, second)
+    else:
+        columns[(k + 2) % 3] = second
+        columns[(k + 1) % 3] = np.cross(second, axis)
+    return np.column_stack(columns)

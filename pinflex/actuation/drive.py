@@ -34,6 +34,11 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
 
     Inverse kinematics runs on a coarse grid; a quintic Hermite interpolant through its positions,
     velocities and accelerations carries it to every step, refined until it is exact to 1e-10.
+
+    Args:
+        mechanism: Mechanism.
+        motion: Of motors or of the platform.
+        t: Times [s], increasing, shape (nt,).
     """
     t = np.asarray(t, float)
     if motion.target == "joints":
@@ -45,7 +50,13 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
 def path_between(
     mechanism: Mechanism, motion: Motion, start: float, end: float
 ) -> Callable[[Array], MotorPath]:
-    """Motor motion as a function of times in [start, end] s."""
+    """Motor motion as a function of times in [start, end] s.
+
+    Args:
+        mechanism: Mechanism.
+        motion: Of motors or of the platform.
+        start, end: First and last time that it will be asked for [s].
+    """
     if motion.target == "joints":
         return _path(joint_curve(mechanism, motion))
     return _interpolated(mechanism, motion, start, end)[0]
@@ -110,13 +121,28 @@ class TorqueDrive:
     forward: Callable[[Array], Array]
 
     def torque(self, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
-        """Motor torques at step k in the state (y, v), shape (nm,)."""
+        """Motor torques at step k in the state (y, v), shape (nm,).
+
+        Args:
+            k: Step of the path.
+            path: Motion that the motors should have.
+            axes: Where their positions and velocities are in y and v.
+            y: Coordinates [q (rad | m); eta (m)], shape (nq,).
+            v: Velocity, shape (nv,).
+        """
         position = path.position[k] - axes.read(y)
         velocity = path.velocity[k] - v[axes.v_at]
         return np.asarray(self.feed_forward[k] + self.kp * position + self.kd * velocity)
 
     def pull(self, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
-        """Motor torques at the times of a path in the states (y, v), shape (k, nm)."""
+        """Motor torques at the times of a path in the states (y, v), shape (k, nm).
+
+        Args:
+            path: Motion that the motors should have, at k times.
+            axes: Where their positions and velocities are in y and v.
+            y: Coordinates [q (rad | m); eta (m)], shape (k, nq).
+            v: Velocities, shape (k, nv).
+        """
         error, rate = path.position - axes.read(y), path.velocity - v[:, axes.v_at]
         return np.asarray(self.forward(path.t) + self.kp * error + self.kd * rate)
 
@@ -140,7 +166,12 @@ def kinks(path: MotorPath) -> frozenset[int]:
 
 
 def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:
-    """Times in s at which a motion or a load switches: where a piece of it ends."""
+    """Times in s at which a motion or a load switches: where a piece of it ends.
+
+    Args:
+        motion: Motion of the scene.
+        loads: Its loads.
+    """
     times = set(motion.switches)
     for force, _ in loads.forces:
         times |= {force.start, force.start + force.ramp}
@@ -153,6 +184,10 @@ def sample_times(motion: Motion, end: float) -> tuple[float, ...]:
     """Times in s up to `end` of the samples of a motion: its pieces are polynomials between them.
 
     A periodic one comes round until then.
+
+    Args:
+        motion: One of kind sampled.
+        end: Last time [s].
     """
     times = np.asarray(motion.spec["t"], float)
     rounds = range(int(np.ceil(end / times[-1])) if motion.spec["periodic"] else 1)

@@ -35,8 +35,12 @@ class Feedback:
 
 
 def place(mechanism: Mechanism, control: Control, prescribed: bool) -> Feedback:
-    """Find the rows and columns of a control; `prescribed` says what the motors are.
+    """Find the rows and columns of a control.
 
+    Args:
+        mechanism: Mechanism.
+        control: What is measured and driven.
+        prescribed: Whether the motors follow the motion exactly; a control of one is then refused.
     Raises:
         DescriptionError: A name or a place that does not exist.
     """
@@ -132,7 +136,13 @@ class FeedbackState:
         self.u = np.zeros(len(feedback.control.drives))
 
     def force(self, t: float, y: Array, v: Array) -> Array:
-        """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule."""
+        """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule.
+
+        Args:
+            t: Time [s].
+            y: Coordinates, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
         one, self._t = self.feedback, t
         self.m = one.S @ self._dynamics.difference(one.home, y)
         before = self.m if self._m_old is None else self._m_old
@@ -152,7 +162,12 @@ class FeedbackState:
         self._m_old, self._total_old = self.m.copy(), self.total.copy()
 
     def gains(self, y: Array, v: Array) -> tuple[Array, Array]:
-        """Derivatives of the force by y and by v at a state, each (nv, nv)."""
+        """Derivatives of the force by y and by v at a state, each (nv, nv).
+
+        Args:
+            y: Coordinates, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
         t = self._t
         self.force(t, y, v)
         one, law = self.feedback, self.feedback.control.law

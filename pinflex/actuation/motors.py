@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion, from_spec, hold
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,12 @@ class MotorAxes:
     paired: IntArray
 
     def write(self, y: Array, angle: Array) -> None:
-        """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq)."""
+        """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq).
+
+        Args:
+            y: Coordinates, shape (..., nq); they are changed.
+            angle: Motor positions [rad | m], shape (..., nm).
+        """
         if not len(self.paired):
             y[..., self.q_at] = angle
             return
@@ -76,7 +84,12 @@ def motor_axes(mechanism: Mechanism) -> MotorAxes:
 def joint_curve(
     mechanism: Mechanism, motion: Motion
 ) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """Motion of the motors as a function of times (nt,): what `joint_path` answers."""
+    """Motion of the motors as a function of times (nt,): what `joint_path` answers.
+
+    Args:
+        mechanism: Mechanism.
+        motion: Of motors; those that it does not name hold home.
+    """
     axes = motor_axes(mechanism)
     names = list(mechanism.description.actuated)
     home = axes.read(mechanism.home)
@@ -100,7 +113,13 @@ def joint_curve(
 
 
 def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
-    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
+    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm).
+
+    Args:
+        mechanism: Mechanism.
+        motion: Of motors; those that it does not name hold home.
+        t: Times [s], shape (nt,).
+    """
     return joint_curve(mechanism, motion)(t)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 # Of many instants every so manyth is known before the others; of a motion at least so many.
 _EVERY, _LEAST = 16, 6
@@ -76,7 +78,14 @@ def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
 def nominal_and_more(
     mechanism: Mechanism, motion: Motion, t: Array, more: Array
 ) -> tuple[Nominal, Nominal]:
-    """As `nominal`, and at other times `more` between the first and the last of t at once."""
+    """As `nominal`, and at other times `more` between the first and the last of t at once.
+
+    Args:
+        mechanism: Mechanism.
+        motion: Of motors or of the platform.
+        t: Times [s], increasing, shape (nt,).
+        more: Other times [s], in any order.
+    """
     t = np.array(t, float)
     found = _known(mechanism, motion, t)
     if found is not None:
@@ -116,7 +125,14 @@ def _closed_loops(path: Path, t: Array) -> Nominal:
 
 
 def between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> Nominal:
-    """The nominal motion at other times t within those of a known one, on the same branch."""
+    """The nominal motion at other times t within those of a known one, on the same branch.
+
+    Args:
+        mechanism: Mechanism.
+        motion: Of motors or of the platform.
+        known: The nominal motion at times around t.
+        t: Times [s], shape (nt,).
+    """
     if motion.target == "joints" and mechanism.rigid.closed.n == 0:
         return _open_tree(mechanism, motion, t)
     path = Path(mechanism, motion)

@@ -61,7 +61,13 @@ class Sampler:
         return tuple(float(t) for t in np.union1d(samples, late[late < end]))
 
     def reach(self, t: float, y: Array, v: Array) -> None:
-        """Measure where a sample is due at t (s), and apply the outputs that are due."""
+        """Measure where a sample is due at t (s), and apply the outputs that are due.
+
+        Args:
+            t: Time [s].
+            y: Coordinates there, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
         early = _EARLY * self.period
         while self._next * self.period <= t + early:
             self._sample(self._next * self.period, y, v)
@@ -70,7 +76,12 @@ class Sampler:
             self._hold(*self._waiting.popleft())
 
     def signals(self, t: Array, y: Array) -> Signals:
-        """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq)."""
+        """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq).
+
+        Args:
+            t: Times [s], shape (nt,).
+            y: Coordinates there, shape (nt, nq).
+        """
         times = np.array([when for when, _ in self._log])
         at = np.searchsorted(times, t + _EARLY * self.period, side="right") - 1
         u = np.array([u for _, u in self._log])[np.maximum(at, 0)]
@@ -110,13 +121,24 @@ class Sampler:
 
 
 def drives_motors(mechanism: Mechanism, control: Control) -> bool:
-    """Whether a control drives a motor of the mechanism."""
+    """Whether a control drives a motor of the mechanism.
+
+    Args:
+        mechanism: Mechanism.
+        control: What is measured and driven.
+    """
     motors = mechanism.description.actuated
     return any(isinstance(d, Effort) and d.joint in motors for d in control.drives)
 
 
 def require_instants(mechanism: Mechanism, control: Control, end: float) -> None:
-    """Raise where a run of `end` (s) would have far too many samples."""
+    """Raise where a run of `end` (s) would have far too many samples.
+
+    Args:
+        mechanism: Mechanism, whose key `limit` allows more.
+        control: A digital one.
+        end: Of the run [s].
+    """
     assert control.period is not None
     require_steps(mechanism, int(min(np.ceil(end / control.period), 1e12)), end, "control.period")
 

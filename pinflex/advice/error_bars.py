@@ -53,7 +53,15 @@ def error_bars(result: Result, mechanism: Mechanism, motion: Motion, static: boo
 def model_error(
     mechanism: Mechanism, motion: Motion, end: float, static: bool, level: str = "coupled"
 ) -> tuple[Errors, str]:
-    """What a level of a scene leaves out by output, relative; and against what, or why not."""
+    """What a level of a scene leaves out by output, relative; and against what, or why not.
+
+    Args:
+        mechanism: Mechanism.
+        motion: What it is to do.
+        end: Last time [s].
+        static: Whether it starts in equilibrium.
+        level: Level whose error is asked for.
+    """
     why = not_probed(mechanism)
     if why:
         return {}, f"{NOT_MEASURED}: {why}"
@@ -80,13 +88,13 @@ def not_probed(mechanism: Mechanism) -> str:
     return ""
 
 
-def finer_model(mechanism: Mechanism, segments: int = 1) -> tuple[Mechanism, str]:
+def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
     """The scene with all deformations, second order and more segments; and what that is.
 
     Raises:
         DescriptionError: There is no such model.
     """
-    for more in (segments, 0):  # a link under a sleeve takes one only
+    for more in (1, 0):  # a link under a sleeve takes one segment only
         changes = []
         for part in beams(mechanism):
             at = f"flexible.{part.link}"
@@ -104,9 +112,7 @@ def finer_model(mechanism: Mechanism, segments: int = 1) -> tuple[Mechanism, str
         except PinflexError:
             if not more:
                 raise
-    words = (
-        "one more segment" if more == 1 else f"{more} more segments" if more else "one more mode"
-    )
+    words = "one more segment" if more else "one more mode"
     return finer, f"{words}, second order, stretch and twist: {n} coordinates"
 
 
@@ -120,6 +126,13 @@ def apart(
 ) -> Errors:
     """Largest differences of a level of one model from all of another, by output.
 
+    Args:
+        mechanism: The model in question.
+        finer: The other one.
+        motion: What both are to do.
+        end: Last time [s].
+        static: Whether they start in equilibrium.
+        level: Level of the model in question.
     Raises:
         ConvergenceError: Linear vibration does not describe the motion.
     """

@@ -232,6 +232,10 @@ def subspace(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
     Free rigid coordinates and elastic drives stay; a link that is not in `parts` is rigid. The
     functions of a smaller basis are combinations of those of a larger one: found by least squares
     at sections.
+
+    Args:
+        system: A flexible system.
+        parts: Other bodies for its links, by name.
     """
     m = int(system.rigid.nv)
     kept = [*system.free[system.free < m], *(m + gear.eta for gear in system.expansion.drives)]

@@ -157,7 +157,12 @@ def _candidates(rich: Mechanism) -> Iterator[tuple[str, tuple[str, ...], int | N
 
 
 def overrides(mechanism: Mechanism, parts: Mapping[str, FlexiblePart]) -> tuple[str, ...]:
-    """Changes of the YAML that turn a mechanism's links into `parts`; equal ones by a glob."""
+    """Changes of the YAML that turn a mechanism's links into `parts`; equal ones by a glob.
+
+    Args:
+        mechanism: Mechanism.
+        parts: Its flexible links as they should be, by name.
+    """
     wanted: dict[str, dict[str, str]] = {}
     for link, old in mechanism.parts.items():
         if link not in parts:

@@ -18,6 +18,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies import beam
+from pinflex.bodies.beam_check import DIRECTIONS, checked_density
 from pinflex.bodies.beam_matrices import beam_energy, craig_bampton
 from pinflex.bodies.curvature import Curvature, curvature
 from pinflex.bodies.damping import damping
@@ -32,15 +33,12 @@ from pinflex.bodies.family import (
     sines,
 )
 from pinflex.bodies.ritz8 import ritz8
-from pinflex.description.flexible import BEAM_BASES, BOUNDARIES, ORDERS
-from pinflex.errors import DescriptionError, nearest
+from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.bodies.superelement import Superelement
     from pinflex.description.flexible import FlexibleLink
-
-DIRECTIONS = ("u", "v", "w", "p")
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +152,7 @@ def flexible_body(
         length: Length of the beam (m).
         rho: Density (kg/m^3); None: that of the material.
     """
-    density = _checked_density(link, planes, length, rho)
+    density = checked_density(link, planes, length, rho)
     families, slices, K, M = _directions(link, planes, length, density)
     n, D = len(K), damping(link, slices, K, M)
     section, rotary = link.section, link.rotary_inertia
@@ -277,44 +275,3 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
     # Stretch and twist live far above bending: two internal modes fewer cost nothing there.
     n = basis.internal + 2 if direction in BENDING else max(basis.internal - 2, 0) + 1
     return polynomial(length, n, direction, ratio, ratio > 0.0 and link.rotary_inertia)
-
-
-def _checked_density(
-    link: FlexibleLink, planes: Sequence[str], length: float, rho: float | None
-) -> float:
-    """Density (kg/m^3) of a link whose numbers make sense; anything else is an error."""
-    basis, section, material = link.basis, link.section, link.material
-
-    def wrong(key: str, text: str) -> DescriptionError:
-        return DescriptionError(f"flexible.{link.link}{key}: {text}", link=link.link)
-
-    if not planes or not set(planes) <= set(DIRECTIONS):
-        text = f"directions {tuple(planes)} are not some of {DIRECTIONS}. Name those that deform."
-        raise wrong("", text)
-    for key, name, known in (
-        ("kind", basis.kind, BEAM_BASES),
-        ("order", basis.order, ORDERS),
-        ("boundary", basis.boundary, BOUNDARIES),
-    ):
-        if name not in known:
-            raise wrong(f".basis.{key}", f'unknown {key} "{name}".{nearest(name, known)}')
-    what = {"assumed": "assumed modes", "finite_element": f"{basis.order} elements"}
-    if link.shear and what.get(basis.kind, "cubic elements") != "cubic elements":
-        text = f"{what[basis.kind]} have no shear. Use finite_element of order cubic, or "
-        raise wrong(".shear", text + "craig_bampton.")
-    density = material.rho if rho is None else rho
-    if density is None:
-        text = "the density is to follow from the mass in the URDF, but rho is not given. "
-        raise wrong(".material.rho", text + "Give a number.")
-    sizes = {"length": length, "material.E": material.E, "material.rho": density}
-    sizes |= {"material.G": material.G} if link.shear or "p" in planes else {}
-    needs = [key for d, key in (("v", "Iz"), ("w", "Iy"), ("p", "J")) if d in planes]
-    needs += ["ky", "kz"] if link.shear else []
-    sizes |= {f"section.{key}": getattr(section, key) for key in ("A", *needs)}
-    sizes |= {"basis.elements": basis.elements, "basis.modes": basis.modes}
-    for key, value in sizes.items():
-        if not 0.0 < value < np.inf:
-            raise wrong(f".{key}", f"{value!r} is not a finite number above 0. Give one.")
-    if basis.internal < 0:
-        raise wrong(".basis.internal", f"{basis.internal} is negative. Give 0, 1, 2, ...")
-    return density

@@ -27,7 +27,12 @@ def union(breaks: Sequence[Array]) -> Array:
 
 
 def first_order(families: Mapping[str, Family], slices: Mapping[str, slice], x: Array) -> Array:
-    """Rows (u, v, w, rz, ry, rx) at x, shape (nx, 6, n)."""
+    """Rows (u, v, w, rz, ry, rx) at x, shape (nx, 6, n).
+
+    Args:
+        families, slices: Functions of each direction, and their place in eta.
+        x: Positions along the beam [m], shape (nx,).
+    """
     Phi = np.zeros((len(x), 6, _width(slices)))
     values = {d: family.evaluate(x) for d, family in families.items()}
     for row, direction, field, sign in _FIRST_ORDER:
@@ -61,22 +66,8 @@ def second_order(
     G = np.zeros((len(x), len(rows), n, n))
     if len(x) == 0:
         return G
-    breaks = union([f.breaks for f in families.values()])
-    knots = np.unique(np.concatenate([breaks, x]))
-    points, weights = quadrature(knots, max(f.gauss for f in families.values()))
-    s, shape = points.ravel(), points.shape
-    F = {d: family.evaluate(s) for d, family in families.items()}
-    index = np.searchsorted(knots, x)
-
-    def split(values: Array) -> Array:
-        return values.reshape(*shape, -1)
-
-    def integral(left: Array, right: Array, weight: Array) -> Array:
-        """Integral over 0..x of left_i right_j weight, shape (nx, ni, nj)."""
-        parts = np.swapaxes(split(left) * weight[..., None], 1, 2) @ split(right)
-        total = np.zeros((shape[0] + 1, *parts.shape[1:]))
-        np.cumsum(parts, axis=0, out=total[1:])
-        return np.asarray(total[index])
+    integral = _Integral(families, x)
+    s, F = integral.s, {d: family.evaluate(integral.s) for d, family in families.items()}
 
     def add(row: int, a: str, b: str, block: Array) -> None:
         """Put the bilinear form eta_a' block eta_b into 1/2 eta' G eta of a row."""
@@ -91,23 +82,48 @@ def second_order(
         rot, df, curv = F[d].rot, F[d].df, F[d].curv
         shear = df - rot if families[d].shear else None
         # -rot v' + rot^2 / 2 = -v'^2 / 2 + (v' - rot)^2 / 2
-        shortening = integral(df, df, weights)
+        shortening = integral(df, df)
         if shear is not None:
-            shortening -= integral(shear, shear, weights)
+            shortening -= integral(shear, shear)
         add(0, d, d, -0.5 * shortening)
         if "u" in F:
-            add(own, d, "u", integral(rot, F["u"].df, weights))
+            add(own, d, "u", integral(rot, F["u"].df))
         if "p" in F:
             p = F["p"].f
-            turning = integral(curv, p, weights)
+            turning = integral(curv, p)
             add(turn, d, "p", -turning)
-            drift = x[:, None, None] * turning - integral(curv, p, weights * points)
+            drift = x[:, None, None] * turning - integral(curv, p, s)
             if shear is not None:
-                drift += integral(shear, p, weights)
+                drift += integral(shear, p)
             add(across, d, "p", sign * drift)
     if "v" in F and "w" in F:
-        add(5, "v", "w", -integral(F["v"].curv, F["w"].rot, weights))
+        add(5, "v", "w", -integral(F["v"].curv, F["w"].rot))
     return G
+
+
+class _Integral:
+    """Integrals from the root to positions x (m), shape (nx,), of products of two fields.
+
+    Attributes:
+        s: Points (m) at which the fields are to be given, shape (ns,).
+    """
+
+    def __init__(self, families: Mapping[str, Family], x: Array) -> None:
+        breaks = union([f.breaks for f in families.values()])
+        knots = np.unique(np.concatenate([breaks, x]))
+        points, self._weights = quadrature(knots, max(f.gauss for f in families.values()))
+        self.s, self._last = points.ravel(), np.searchsorted(knots, x)
+
+    def __call__(self, left: Array, right: Array, factor: Array | None = None) -> Array:
+        """Integral of left_i right_j factor, shape (nx, ni, nj)."""
+        pieces, weights = self._weights.shape, self._weights
+        if factor is not None:
+            weights = weights * factor.reshape(pieces)
+        weighted = left.reshape(*pieces, -1) * weights[..., None]
+        parts = np.swapaxes(weighted, 1, 2) @ right.reshape(*pieces, -1)
+        total = np.zeros((pieces[0] + 1, *parts.shape[1:]))
+        np.cumsum(parts, axis=0, out=total[1:])
+        return np.asarray(total[self._last])
 
 
 def _width(slices: Mapping[str, slice]) -> int:

@@ -20,7 +20,14 @@ if TYPE_CHECKING:
 def beam_energy(
     link: FlexibleLink, direction: str, family: Family, rho: float
 ) -> tuple[Array, Array]:
-    """Stiffness and mass matrix of one direction, end masses included, each (n, n)."""
+    """Stiffness and mass matrix of one direction, end masses included, each (n, n).
+
+    Args:
+        link: The flexible link.
+        direction: u, v, w or p.
+        family: Its n functions.
+        rho: Density [kg/m^3].
+    """
     section, E, G = link.section, link.material.E, link.material.G
     shear = 0.0
     if direction == "u":

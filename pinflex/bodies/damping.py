@@ -14,7 +14,13 @@ if TYPE_CHECKING:
 
 
 def damping(link: FlexibleLink, slices: Mapping[str, slice], K: Array, M: Array) -> Array:
-    """Damping matrix of a body, direction by direction, from its stiffness and mass, (n, n)."""
+    """Damping matrix of a body, direction by direction, from its stiffness and mass, (n, n).
+
+    Args:
+        link: The flexible link, with its Rayleigh or modal damping.
+        slices: Place of each direction in eta.
+        K, M: Stiffness and mass, shape (n, n).
+    """
     alpha, beta = link.rayleigh
     D = np.zeros_like(K)
     for at in slices.values():
@@ -25,7 +31,12 @@ def damping(link: FlexibleLink, slices: Mapping[str, slice], K: Array, M: Array)
 
 
 def modal_damping(K: Array, M: Array, ratio: float) -> Array:
-    """D = M V diag(2 zeta omega) V' M of the modes V held at the root, V' M V = 1."""
+    """D = M V diag(2 zeta omega) V' M of the modes V held at the root, V' M V = 1.
+
+    Args:
+        K, M: Stiffness and mass, shape (n, n).
+        ratio: zeta of every mode [-].
+    """
     L = np.linalg.cholesky(M)
     half = np.linalg.solve(L, K)
     squares, U = np.linalg.eigh(np.linalg.solve(L, half.T))

@@ -127,32 +127,26 @@ def hermite(
         raise DescriptionError(
             f'order: "{order}" elements have no shear. Use order "cubic" with shear.', order=order
         )
-    size = length / elements
-    powers = _HERMITE[kind]
-    per_node = len(powers) // 2
-    scale = np.tile(size ** np.arange(per_node), 2)[:, None]
-    turn = None
-    if bending and shear_ratio:
-        powers, turn = _friedman_kosmatka(12.0 * shear_ratio / size**2)
-        turn = _from_powers(turn * scale / size)
-    value = _from_powers(powers * scale)
-    if turn is None:
-        turn = _derivative(value, size) if bending else value
+    size, per_node = length / elements, len(_HERMITE[kind]) // 2
+    value, turn = _element(kind, size, bending, shear_ratio)
     held = 0 if root == "free" else 2 if bending else 1
     rate = ("node", "slope", "curvature") if bending else ("node", "rate")
     labels = [f"{rate[k]} {node}" for node in range(elements + 1) for k in range(per_node)]
     first = per_node * np.arange(elements)[:, None]
     dofs = first + np.arange(2 * per_node) - held  # held ones become -1, -2: spare columns
-    return _piecewise(
-        length,
-        elements,
-        value,
-        turn,
-        dofs,
-        tuple(labels[held:]),
-        value.shape[1],
-        bending and shear_ratio > 0.0,
-    )
+    names, shear = tuple(labels[held:]), bending and shear_ratio > 0.0
+    return _piecewise(length, elements, value, turn, dofs, names, value.shape[1], shear)
+
+
+def _element(kind: str, size: float, bending: bool, shear_ratio: float) -> tuple[Array, Array]:
+    """Values and rotations of the functions of one element of a size (m), Legendre coefficients."""
+    powers = _HERMITE[kind]
+    scale = np.tile(size ** np.arange(len(powers) // 2), 2)[:, None]
+    if bending and shear_ratio:
+        powers, turn = _friedman_kosmatka(12.0 * shear_ratio / size**2)
+        return _from_powers(powers * scale), _from_powers(turn * scale / size)
+    value = _from_powers(powers * scale)
+    return value, _derivative(value, size) if bending else value
 
 
 def polynomial(
@@ -209,7 +203,11 @@ def assumed(length: float, boundary: str, modes: int) -> Family:
 
 
 def sines(length: float, modes: int) -> Family:
-    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
+    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root.
+
+    Args:
+        length: L [m]. modes: Number of functions.
+    """
     return _modal(beam_modes.sine_modes(modes, length), bending=False)
 
 

@@ -107,7 +107,14 @@ def read(path: Path, interfaces: Mapping[str, Region], scale: float, where: str)
 
 
 def checked(cells: Any, element: Any, interfaces: Mapping[str, Region], where: str) -> Mesh:
-    """The mesh with its interfaces, if every cell has a volume and all hang together."""
+    """The mesh with its interfaces, if every cell has a volume and all hang together.
+
+    Args:
+        cells: Mesh of scikit-fem, coordinates in m.
+        element: Its element.
+        interfaces: Group of faces, or box [m], of each interface by name.
+        where: Place in the description, for messages.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -159,14 +166,25 @@ def _region(basis: Any, region: Region, name: str, where: str) -> IntArray:
 
 
 def inside(nodes: Array, box: Sequence[float]) -> IntArray:
-    """Numbers of the nodes (nn, 3) in a box x0 y0 z0 x1 y1 z1, its faces included."""
+    """Numbers of the nodes (nn, 3) in a box x0 y0 z0 x1 y1 z1, its faces included.
+
+    Args:
+        nodes: Places [m], shape (nn, 3).
+        box: x0, y0, z0, x1, y1, z1 [m].
+    """
     slack = 1e-9 * float(np.ptp(nodes, axis=0).max())
     low, high = np.array(box[:3]) - slack, np.array(box[3:]) + slack
     return np.flatnonzero(np.all((nodes >= low) & (nodes <= high), axis=1))
 
 
 def require_area(nodes: Array, region: IntArray, where: str) -> IntArray:
-    """An interface turns with its nodes: fewer than three, or all in a line, leave it loose."""
+    """An interface turns with its nodes: fewer than three, or all in a line, leave it loose.
+
+    Args:
+        nodes: Places [m], shape (nn, 3).
+        region: Numbers of the interface's nodes.
+        where: Place in the description, for messages.
+    """
     arms = nodes[region] - nodes[region].mean(axis=0) if len(region) else np.zeros((1, 3))
     spread = np.linalg.svd(arms, compute_uv=False)
     if len(region) < 3 or spread[1] < 1e-6 * np.ptp(nodes, axis=0).max():

@@ -12,9 +12,16 @@ Source: Shabana (2013), inertia shape integrals.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.bodies.solid import Solid
 
 _SMALL = 1e-4  # share of a modal mass a dropped field may carry: 5e-5 of a frequency
 CROSS = np.zeros((3, 3, 3))  # CROSS[a] p = e_a x p
@@ -27,6 +34,11 @@ def mass_points(Z: Array, n: int) -> tuple[Array, Array, float]:
 
     Mass, centre, second moments and the couplings of rigid with elastic motion are exact; of the
     elastic part, fields with less than `_SMALL` of the energy of a coordinate are left out.
+
+    Args:
+        Z: Products z' M z of the fields 1, x, y, z, then u, v, w of each coordinate, shape (4 + 3
+            n, 4 + 3 n).
+        n: Number of coordinates.
     """
     L = np.linalg.cholesky(Z[:4, :4])
     couple = np.linalg.solve(L, Z[:4, 4:])
@@ -54,6 +66,10 @@ def section_fits(nodes: Array, x: Array) -> Array:
     """Rows (u, v, w, rz, ry, rx) of sections from nodal displacements, shape (nx, 6, nn, 3).
 
     Weighted least squares of a rigid section whose motion is quadratic in x, near each section.
+
+    Args:
+        nodes: Places [m], shape (nn, 3).
+        x: Sections along the span [m], increasing, shape (nx,).
     """
     length = float(x[-1] - x[0])
     out = np.zeros((len(x), 6, len(nodes), 3))
@@ -78,6 +94,13 @@ def outer_mass(nodes: Array, z: Array, lumps: Array, x: Array, back: Array) -> t
 
     The acceleration is linear in z, so point forces f_k give it everywhere, and the mass beyond x
     (row sums of the mass matrix) then needs sum_k f_k z_k' Z^-1 int_{>x} z dm.
+
+    Args:
+        nodes: Places [m], shape (nn, 3).
+        z: Fields of `mass_points` at the nodes, shape (nn, d).
+        lumps: Mass of each node [kg], shape (nn,).
+        x: Sections along the span [m], increasing, shape (nx,).
+        back: Products z' M u of a field u -> its values at the points, shape (ns, d).
     """
     beyond = np.array([nodes[:, 0] > at for at in x], dtype=float)
     edge = np.array([np.abs(nodes[:, 0] - at) < 1e-9 * x[-1] for at in x], dtype=float)
@@ -86,3 +109,47 @@ def outer_mass(nodes: Array, z: Array, lumps: Array, x: Array, back: Array) -> t
     force = share @ z @ back.T
     moments = np.einsum("xi,id,ia->xad", share, z, nodes, optimize=True) @ back.T
     return force, moments.transpose(0, 2, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class MassPoints:
+    """Weighted points with the inertia of a body in f = 4 + 3 n fields: 1, x, y, z, the shapes.
+
+    Attributes:
+        z: The fields at the nodes, shape (nodes, f). fields: At the points, shape (ns, f).
+        weights: Mass of each point (kg), shape (ns,).
+        onto: Products z' M u of any field u -> its values at the points, shape (ns, f): the
+            projection that keeps these products.
+        error: Largest error of the points in the products, as a share of the largest entries.
+    """
+
+    __repr__ = brief
+
+    z: Array
+    fields: Array
+    weights: Array
+    onto: Array
+    error: float
+
+    @classmethod
+    def of(cls, solid: Solid, shapes: Array) -> MassPoints:
+        """The points of a solid.
+
+        Args:
+            solid: Body with its nodes and mass matrix.
+            shapes: Displacements of its nodes by coordinates, shape (nodes, 3, n).
+        """
+        z = np.column_stack([np.ones(len(solid.nodes)), solid.nodes, *shapes.transpose(1, 0, 2)])
+        weights, points, error = mass_points(z.T @ (solid.mass @ z), shapes.shape[2])
+        onto = np.linalg.pinv((points * weights[:, None]).T, rcond=1e-9)
+        return cls(z, points, weights, np.asarray(onto, dtype=float), error)
+
+    def project(self, solid: Solid, field: Array) -> Array:
+        """Values of a field at the points, shape (ns, the rest).
+
+        Args:
+            solid: The body.
+            field: At its nodes, shape (nodes, ...).
+        """
+        products = self.z.T @ (solid.mass @ field.reshape(len(self.z), -1))
+        return np.asarray(self.onto @ products)

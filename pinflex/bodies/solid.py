@@ -94,6 +94,9 @@ class Field:
 
         int C (H1' H2)_sym : grad(v), from their gradients H (ne, nq, 3, 3): the part of the
         Green-Lagrange strain that is bilinear in them.
+
+        Args:
+            one, two: Gradients H of the two, shape (ne, nq, 3, 3).
         """
         H = np.swapaxes(one, 2, 3) @ two
         return self.force(self._stress(0.5 * (H + np.swapaxes(H, 2, 3))))
@@ -148,17 +151,8 @@ class Field:
         return np.asarray(total[corners] / share[corners][:, None, None])
 
 
-def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
-    """Assemble stiffness and mass of a mesh.
-
-    K = int B' C B dV, mass = int rho N' N dV, with quadratic displacements.
-
-    Args:
-        mesh: The mesh. material: Isotropic, with its density.
-        where: Place in the description, for messages.
-    """
-    from scipy.sparse import coo_array
-
+def _density(material: Material, where: str) -> float:
+    """Density (kg/m^3) of a material whose numbers are those of one isotropic solid, in SI."""
     if material.rho is None or not -1.0 < material.nu < 0.5:
         text = f"rho = {material.rho}, nu = {material.nu:g}: a solid needs a density and nu < 0.5."
         raise DescriptionError(f"{where}.material: {text} Give both.")
@@ -174,6 +168,21 @@ def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
             f"{where}.material: sound would travel at {speed:.3g} m/s (E = {material.E:g} Pa, "
             f"rho = {material.rho:g} kg/m^3), which no solid does. Use SI units: Pa, kg/m^3, m."
         )
+    return material.rho
+
+
+def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
+    """Assemble stiffness and mass of a mesh.
+
+    K = int B' C B dV, mass = int rho N' N dV, with quadratic displacements.
+
+    Args:
+        mesh: The mesh. material: Isotropic, with its density.
+        where: Place in the description, for messages.
+    """
+    from scipy.sparse import coo_array
+
+    rho = _density(material, where)
     field = Field(mesh, material)
     grad, dx, nodes, value = field.points
     ne, nb, _, nq = grad.shape
@@ -195,7 +204,7 @@ def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
         ),
         shape=(3 * count, 3 * count),
     ).tocsc()
-    masses = material.rho * ((value * dx[:, None]) @ value.transpose(0, 2, 1))
+    masses = rho * ((value * dx[:, None]) @ value.transpose(0, 2, 1))
     M = coo_array(
         (
             masses.reshape(-1),

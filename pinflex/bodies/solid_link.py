@@ -244,6 +244,10 @@ def equivalent_section(body: FlexibleBody, density: float | None) -> Section:
     """The round section of a uniform rod with the span and the volume of the body.
 
     For pictures and the nominal stresses along the span; stresses of the solid are at its nodes.
+
+    Args:
+        body: A reduced solid.
+        density: [kg/m^3]; None: that of steel.
     """
     volume = float(body.mass.sum()) / (density or 7850.0)
     return Section.circle(2.0 * float(np.sqrt(volume / (np.pi * body.length))))

@@ -120,7 +120,12 @@ def summary(body: FlexibleBody, count: int = 12) -> str:
 
 
 def save(body: FlexibleBody, path: str | Path) -> Path:
-    """Write the modal data, with units, K, M and D (in the coordinates of the body), as a .npz."""
+    """Write the modal data, with units, K, M and D (in the coordinates of the body), as a .npz.
+
+    Args:
+        body: The flexible body.
+        path: File to write; .npz is appended where it has no such ending.
+    """
     path = Path(path)
     data = modal_data(body)
     arrays = {key: np.asarray(value) for key, value in data.items()}

@@ -23,7 +23,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies import damping
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.bodies.moments import CROSS, mass_points, outer_mass, section_fits
+from pinflex.bodies.moments import CROSS, MassPoints, outer_mass, section_fits
 from pinflex.bodies.second_order import second_order_shapes
 from pinflex.bodies.solid import Solid
 from pinflex.errors import DescriptionError
@@ -132,51 +132,35 @@ def reduce(
     T, moving = _rigid_regions(solid, [r for _, r in regions], centres)
     shapes, K, squares = _craig_bampton(solid, T, moving, modes, where)
     n = shapes.shape[2]
-    mass = solid.mass
-    M = np.sum([shapes[:, c].T @ (mass @ shapes[:, c]) for c in range(3)], axis=0)
+    M = np.sum([shapes[:, c].T @ (solid.mass @ shapes[:, c]) for c in range(3)], axis=0)
     M = 0.5 * (M + M.T)
-    bends = None
-    solve = _factor(T.T @ solid.K @ T, where)
-    if second_order and solid.field is not None:
-        bends = second_order_shapes(solid, T, moving, shapes, solve)
     D = rayleigh[0] * M + rayleigh[1] * K
     if modal_damping:
         D = D + damping.modal_damping(K, M, modal_damping)
-    # Mass points.
-    z = np.column_stack([np.ones(len(solid.nodes)), solid.nodes, *shapes.transpose(1, 0, 2)])
-    Z = z.T @ (mass @ z)
-    weights, points, error = mass_points(Z, n)
-    ns = len(weights)
-    Phi = points[:, 4:].reshape(ns, 3, n)
-    # Coefficients of any field on the points: the projection that keeps its products with z.
-    onto = np.asarray(np.linalg.pinv((points * weights[:, None]).T, rcond=1e-9), dtype=float)
-    G = None
-    if bends is not None:
-        G = (onto @ (z.T @ (mass @ bends[0].reshape(len(z), -1)))).reshape(ns, 3, n, n)
+    solve = _factor(T.T @ solid.K @ T, where)
+    bends = None
+    if second_order and solid.field is not None:
+        bends = second_order_shapes(solid, T, moving, shapes, solve)
     nodes = tuple(
         Node(name, at, _node_rows(np.eye(n), k), bends and _node_rows(bends[1], k))
         for k, ((name, _), at) in enumerate(zip(regions[1:], centres[1:], strict=True))
     )
+    mass = MassPoints.of(solid, shapes)
+    ns = len(mass.weights)
     x = np.linspace(0.0, length, SECTIONS)
     rows, curved = _sections(solid, x, shapes, bends, nodes)
-    lumps = np.asarray(mass.sum(axis=1)).reshape(-1)
-    outer, arms = outer_mass(solid.nodes, z, lumps, x, onto)
+    lumps = np.asarray(solid.mass.sum(axis=1)).reshape(-1)
+    outer, arms = outer_mass(solid.nodes, mass.z, lumps, x, mass.onto)
     corners, triangles = np.arange(0), np.zeros((0, 3), dtype=np.intp)
     stress = None
     if solid.field is not None:
         corners, triangles = solid.field.surface()
-        # Stress from forces, not from the shapes: those bend the ends of a rod where no moment is.
-        need = np.zeros((3 * len(z), ns, 3))
-        for c in range(3):
-            need[c::3, :, c] = mass @ (z @ onto.T)
-        loads = np.column_stack([T.T @ need.reshape(3 * len(z), -1), np.eye(T.shape[1], moving)])
-        answer = (T @ solve(-loads)).reshape(len(z), 3, -1)
-        stress = solid.field.stress_rows(answer, corners)
+        stress = solid.field.stress_rows(_unit_answers(solid, mass, T, moving, solve), corners)
     extra = Superelement(
-        points=points[:, 1:4],
+        points=mass.fields[:, 1:4],
         nodes=nodes,
         held=(regions[0][0], centres[0]),
-        inertia_error=error,
+        inertia_error=mass.error,
         held_frequencies=np.sqrt(squares) / (2.0 * np.pi),
         x=x,
         Phi=rows,
@@ -198,10 +182,10 @@ def reduce(
         slices={},
         labels=tuple(labels),
         second_order=bends is not None,
-        x=points[:, 1],
-        mass=weights,
-        Phi=Phi,
-        G=G,
+        x=mass.fields[:, 1],
+        mass=mass.weights,
+        Phi=mass.fields[:, 4:].reshape(ns, 3, n),
+        G=None if bends is None else mass.project(solid, bends[0]).reshape(ns, 3, n, n),
         xt=none,
         It=none,
         Phi_t=np.zeros((0, n)),
@@ -216,6 +200,20 @@ def reduce(
         root_moves=False,
         solid=extra,
     )
+
+
+def _unit_answers(solid: Solid, mass: MassPoints, T: Any, moving: int, solve: Any) -> Array:
+    """Displacements (nodes, 3, 3 ns + 6 interfaces) under unit loads of points and interfaces.
+
+    Stress comes from these forces, not from the shapes: those bend the ends of a rod where no
+    moment is.
+    """
+    nn = len(mass.z)
+    need = np.zeros((3 * nn, len(mass.weights), 3))
+    for c in range(3):
+        need[c::3, :, c] = solid.mass @ (mass.z @ mass.onto.T)
+    loads = np.column_stack([T.T @ need.reshape(3 * nn, -1), np.eye(T.shape[1], moving)])
+    return np.asarray((T @ solve(-loads)).reshape(nn, 3, -1))
 
 
 def _rigid_regions(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,38 +83,46 @@ def write(study: Bench, whole: bool = False) -> str:
     points = sorted((p for p in study.points if not p.failed), key=lambda p: p.cpu)
     shown = points if whole else [p for p in points if id(p) in best]
     failures = [p for p in study.points if p.failed]
-    outputs = list(study.own_error)
-    rows = [
-        [p.case.method, p.case.setting, str(p.case.modes if p.case.modes is not None else "-"),
-         number(p.wall), number(p.cpu), *(f"{p.errors[name]:.1e}" for name in outputs),
-         "*" if id(p) in best else ""]
-        for p in shown
-    ]  # fmt: skip
-    header = "|".join(
-        ["method", "setting", study.key or "modes", "wall s", "CPU s"]
-        + [name.replace("platform ", "") for name in outputs]
-        + ["Pareto"]
-    )
+    beside = {
+        "slower and worse than one of these": len(points) - len(shown),
+        "failed": len(failures),
+    }
     own = ", ".join(f"{name} {error:.1e}" for name, error in study.own_error.items())
-    failed = [paragraph(f"{p.case.method}, {p.case.setting}: {p.failed}", indent="  ") + "\n"
-              for p in failures if whole]  # fmt: skip
-    left = [] if whole else [
-        f"{n} {what}" for n, what in (
-            (len(points) - len(shown), "slower and worse than one of these"),
-            (len(failures), "failed"),
-        ) if n
-    ]  # fmt: skip
-    more = paragraph(f"{'; '.join(left)}: -v shows them.") + "\n" if left else ""
     return (
-        table(f"{study.name}: time and relative error", header, rows, (12, 20))
+        _points(study, shown, best)
         + "\n\n"
         + paragraph(advice(study))
         + "\n\n"
         + paragraph(f"Reference: {study.reference}. Its own error: {own}.")
         + "\n"
-        + more
-        + "".join(failed)
+        + (_reasons(failures) if whole else _hidden(beside))
     )
+
+
+def _points(study: Bench, points: Sequence[Point], best: Container[int]) -> str:
+    """A row for each point; a star for those that no other beats in everything, by their id."""
+    outputs = list(study.own_error)
+    header = ["method", "setting", study.key or "modes", "wall s", "CPU s"]
+    header += [name.replace("platform ", "") for name in outputs] + ["Pareto"]
+    rows = [
+        [p.case.method, p.case.setting, str(p.case.modes if p.case.modes is not None else "-"),
+         number(p.wall), number(p.cpu), *(f"{p.errors[name]:.1e}" for name in outputs),
+         "*" if id(p) in best else ""]
+        for p in points
+    ]  # fmt: skip
+    return table(f"{study.name}: time and relative error", "|".join(header), rows, (12, 20))
+
+
+def _reasons(failures: Sequence[Point]) -> str:
+    """Why each of them failed, a paragraph each."""
+    texts = (f"{p.case.method}, {p.case.setting}: {p.failed}" for p in failures)
+    return "".join(paragraph(text, indent="  ") + "\n" for text in texts)
+
+
+def _hidden(counts: Mapping[str, int]) -> str:
+    """How many points are not shown, by what they are."""
+    some = [f"{n} {what}" for what, n in counts.items() if n]
+    return paragraph(f"{'; '.join(some)}: -v shows them.") + "\n" if some else ""
 
 
 def advice(study: Bench) -> str:

@@ -117,9 +117,11 @@ def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, A
     if args.view is not None:
         from pinflex.viewer.view import write_runs_html
 
-        named = {f"coupled, {level} command": x.run for level, x in runs.items()}
+        named = {f"coupled, {level} command": x for level, x in runs.items()}
         ideal = next(iter(runs.values())).ideal
-        files.append(write_runs_html(named, args.view, rigid=ideal))
+        off_path = {words: x.off_path for words, x in named.items()}
+        shown = {words: x.run for words, x in named.items()}
+        files.append(write_runs_html(shown, args.view, rigid=ideal, off_path=off_path))
     return files
 
 

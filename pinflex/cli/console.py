@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 
 def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
-    """Write the figure and the YAML that --plot and --output ask for; their paths."""
+    """Write the figure and the YAML that --plot and --output ask for; their paths.
+
+    Args:
+        found: What was found.
+        args: The parsed command line.
+    """
     files = []
     if args.plot is not None:
         found.plot(args.plot)

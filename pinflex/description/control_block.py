@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,37 +39,73 @@ def read_control(
         name: schema.mapping(item, schema.at(where, name), KEYS, ("measure", "drive"))
         for name, item in block.items()
     }
-    read = [_entry(x, schema.at(where, n), urdf, motors, period) for n, x in entries.items()]
-    if not read:
-        if period is not None:
-            raise DescriptionError(
-                f"{where}: nothing that is measured and driven. Write NAME: {{measure, drive, kp}}."
-            )
-        return None
-    kp, ki, kd = np.array([one["gains"] for one in read]).T
-    target = [one["target"] for one in read]
-    common: dict[str, Any] = {
-        "measures": tuple(one["measure"] for one in read),
-        "drives": tuple(one["drive"] for one in read),
-        "names": tuple(entries),
+    read = {
+        name: _entry(item, schema.at(where, name), urdf, motors, period)
+        for name, item in entries.items()
     }
+    if read:
+        return _control(read, urdf, period, delay)
+    if period is not None:
+        raise DescriptionError(
+            f"{where}: nothing that is measured and driven. Write NAME: {{measure, drive, kp}}."
+        )
+    return None
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One measure, one drive and what is between them.
+
+    Attributes:
+        gains: kp, ki, kd, which act on measure - target.
+        target: Of the measure [rad | m]; 0 where the motion gives it.
+        follow: Whether the motion gives the target.
+        forward: Whether the torque of the rigid mechanism is added.
+        limit: Largest output [N m | N | V]; 0: the usual one of the drive.
+    """
+
+    measure: Deflection | Travel
+    drive: Voltage | Effort
+    gains: tuple[float, ...]
+    target: float
+    follow: bool
+    forward: bool
+    limit: float
+
+
+def _control(
+    read: Mapping[str, _Entry], urdf: Source, period: float | None, delay: float
+) -> Control:
+    """The law of all entries, continuous without a period [s]."""
+    entries = tuple(read.values())
+    kp, ki, kd = np.array([one.gains for one in entries]).T
+    target = [one.target for one in entries]
+    drives = tuple(one.drive for one in entries)
+    common: dict[str, Any] = {
+        "measures": tuple(one.measure for one in entries), "drives": drives, "names": tuple(read)
+    }  # fmt: skip
     if period is None:
         return Control(law=pid(kp, ki, kd, target), **common)
-    # The YAML's gains act on m - target, those of digital_pid on target - m.
-    law = digital_pid(-kp, -ki, -kd, period=period, reference=target)
+    usual = effort_limits(urdf.text, drives)
     return Control(
-        law=law, period=period, delay=delay,
-        limit=tuple(
-            one["limit"] or usual
-            for one, usual in zip(read, effort_limits(urdf.text, common["drives"]), strict=True)
-        ),
-        follow=tuple(one["follow"] for one in read),
-        rigid_torque=tuple(one["forward"] for one in read), **common,
-    )  # fmt: skip
+        # The YAML's gains act on m - target, those of digital_pid on target - m.
+        law=digital_pid(-kp, -ki, -kd, period=period, reference=target),
+        period=period,
+        delay=delay,
+        limit=tuple(one.limit or most for one, most in zip(entries, usual, strict=True)),
+        follow=tuple(one.follow for one in entries),
+        rigid_torque=tuple(one.forward for one in entries),
+        **common,
+    )
 
 
 def effort_limits(urdf: str, drives: Sequence[Voltage | Effort]) -> tuple[float, ...]:
-    """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none."""
+    """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none.
+
+    Args:
+        urdf: Text of the URDF.
+        drives: What is driven; a patch has no limit there.
+    """
     known = limits(urdf)
     efforts = [known.get(d.joint, Limits()).effort if isinstance(d, Effort) else 0.0
                for d in drives]  # fmt: skip
@@ -88,41 +125,50 @@ def _times(given: Mapping[str, Any], where: str) -> tuple[float | None, float]:
 
 def _entry(
     block: Mapping[str, Any], where: str, urdf: Source, motors: Sequence[str], period: float | None
-) -> dict[str, Any]:
-    """One measure, one drive and what is between them."""
+) -> _Entry:
     places = {key: schema.at(where, key) for key in KEYS}
     follow = block.get("target") == _MOTION
-    late = [key for key in SAMPLED if key in block] + (["target: motion"] if follow else [])
-    if period is None and late:
-        raise DescriptionError(
-            f"{where}: {late[0]}: only a digital controller has it. Write control.period in s."
-        )
-    found: dict[str, Any] = {
-        "measure": _measure(block["measure"], places["measure"], urdf),
-        "drive": _drive(block["drive"], places["drive"], urdf),
-        "gains": [schema.number(block.get(k, 0.0), places[k], of="gain") for k in GAINS],
-        "follow": follow,
-        "target": 0.0 if follow else schema.number(block.get("target", 0.0), places["target"],
-                                                   of="gain"),
-        "limit": schema.number(block["limit"], places["limit"], above=0.0) if "limit" in block
-                 else 0.0,
-    }  # fmt: skip
-    usual = FORWARD[0] if follow and _is_motor(found["drive"], motors) else FORWARD[1]
-    forward = schema.choice(block.get("forward", usual), places["forward"], FORWARD)
-    found["forward"] = forward == FORWARD[0]
-    for asked, what in ((follow, "measure"), (found["forward"], "drive")):
-        if asked and not _is_motor(found[what], motors):
-            raise DescriptionError(
-                f"{where}.{what}: no motor, and the motion tells what motors do. Motors: "
-                f"{', '.join(motors) or 'none'}."
-            )
-    if not any(found["gains"]) and not found["forward"]:
+    if period is None:
+        _refuse_sampled(block, where)
+    measure = _measure(block["measure"], places["measure"], urdf)
+    drive = _drive(block["drive"], places["drive"], urdf)
+    gains = tuple(schema.number(block.get(k, 0.0), places[k], of="gain") for k in GAINS)
+    target = 0.0 if follow else block.get("target", 0.0)
+    target = schema.number(target, places["target"], of="gain")
+    limit = schema.number(block["limit"], places["limit"], above=0.0) if "limit" in block else 0.0
+    usual = FORWARD[0] if follow and _is_motor(drive, motors) else FORWARD[1]
+    forward = FORWARD[0] == schema.choice(block.get("forward", usual), places["forward"], FORWARD)
+    if follow:
+        _require_motor(measure, f"{where}.measure", motors)
+    if forward:
+        _require_motor(drive, f"{where}.drive", motors)
+    if not any(gains) and not forward:
         raise DescriptionError(f"{where}: it does nothing. Give kp, ki or kd.")
-    return found
+    return _Entry(measure, drive, gains, target, follow, forward, limit)
+
+
+def _refuse_sampled(block: Mapping[str, Any], where: str) -> None:
+    """Keys that only a digital controller has."""
+    sampled = [key for key in SAMPLED if key in block]
+    sampled += ["target: motion"] if block.get("target") == _MOTION else []
+    if sampled:
+        raise DescriptionError(
+            f"{where}: {sampled[0]}: only a digital controller has it. Write control.period in s."
+        )
 
 
 def _is_motor(one: Deflection | Travel | Voltage | Effort, motors: Sequence[str]) -> bool:
     return isinstance(one, Travel | Effort) and one.joint in motors
+
+
+def _require_motor(
+    one: Deflection | Travel | Voltage | Effort, where: str, motors: Sequence[str]
+) -> None:
+    if not _is_motor(one, motors):
+        raise DescriptionError(
+            f"{where}: no motor, and the motion tells what motors do. Motors: "
+            f"{', '.join(motors) or 'none'}."
+        )
 
 
 def _measure(value: object, where: str, urdf: Source) -> Deflection | Travel:

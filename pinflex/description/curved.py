@@ -31,27 +31,29 @@ _FLAT = 1e-9  # of the square of the distances: three points on one line
 
 
 def straightened(
-    block: dict[str, Any], place: Mapping[str, str], tree: Source
+    block: dict[str, Any], where: str, tree: Source
 ) -> tuple[dict[str, Any], Source] | None:
     """The YAML and the robot with chains of straight links; None where no link is curved.
 
     Args:
-        block: The parsed YAML. place: Of each of its keys. tree: The robot's file.
+        block: The parsed YAML.
+        where: Place of its key `flexible`, for messages.
+        tree: The robot's file.
     """
     raw = block.get("flexible")
     if not isinstance(raw, dict) or not any(_curved(spec) for spec in raw.values()):
         return None
     root, found = ET.fromstring(tree.text.strip()), dict[str, Any]()
-    for link, spec in flexible.expand(raw, place["flexible"], tree).items():
+    for link, spec in flexible.expand(raw, where, tree).items():
         if not _curved(spec):
             found[link] = spec
             continue
-        where = schema.at(place["flexible"], link)
-        corners = _corners(spec, where)
-        _require_straight_keys(spec, where)
+        at = schema.at(where, link)
+        corners = _corners(spec, at)
+        _require_straight_keys(spec, at)
         names = [f"{link}_{k}" for k in range(1, len(corners))]
         found |= _pieces(spec, names, f"{link}_end")
-        _rebuild(root, tree, link, [*names, f"{link}_end"], corners, where)
+        _rebuild(root, tree, link, [*names, f"{link}_end"], corners, at)
     text = ET.tostring(root, encoding="unicode")
     written = sources.read(text, tree.file, tree.package_dirs)
     return {**block, "flexible": found}, replace(written, notes=tree.notes)
@@ -147,21 +149,13 @@ def _rebuild(
                 f"{where}: its pieces are called {names[0]} to {names[-1]}, but {tree.file} has a "
                 f"link {name} or a joint {name}_joint. Rename that."
             )
-    own = next(e for e in root.findall("link") if (e.get("name") or "").strip() == link)
+    own = next(e for e in root.findall("link") if _name(e, "name") == link)
     for element in list(own):
         own.remove(element)
     for joint in root.findall("joint"):
         parent = joint.find("parent")
-        if parent is None or (parent.get("link") or "").strip() != link:
-            continue
-        origin = joint.find("origin")
-        if origin is None:
-            origin = ET.SubElement(joint, "origin")
-        point = np.array([float(x) for x in origin.get("xyz", "0 0 0").split()])
-        k = int(np.argmin(np.linalg.norm(corners - point, axis=1)))
-        if k:  # at the first corner it stays on the link itself
-            parent.set("link", names[k])
-            origin.set("xyz", _text(point - corners[k]))
+        if parent is not None and _name(parent, "link") == link:
+            _hang(joint, parent, names, corners)
     before, at = link, np.zeros(3)
     for name, corner in zip(names, corners, strict=True):
         ET.SubElement(root, "link", name=name)
@@ -170,6 +164,22 @@ def _rebuild(
         ET.SubElement(joint, "child", link=name)
         ET.SubElement(joint, "origin", xyz=_text(corner - at))
         before, at = name, corner
+
+
+def _hang(joint: ET.Element, parent: ET.Element, names: Sequence[str], corners: Array) -> None:
+    """Let a joint of the curved link start at the nearest corner, at the same place."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    point = np.array([float(x) for x in origin.get("xyz", "0 0 0").split()])
+    k = int(np.argmin(np.linalg.norm(corners - point, axis=1)))
+    if k:  # at the first corner it stays on the link itself
+        parent.set("link", names[k])
+        origin.set("xyz", _text(point - corners[k]))
+
+
+def _name(element: ET.Element, key: str) -> str:
+    return (element.get(key) or "").strip()
 
 
 def _text(point: Array) -> str:

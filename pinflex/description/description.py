@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -11,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from pinflex.description import curved, fields, flexible, ranges, schema, sources
+from pinflex.description import curved, fields, flexible, motion_block, schema, sources, yaml_text
 from pinflex.description.control import Control
 from pinflex.description.control_block import read_control
 from pinflex.description.couplings import SINGLE, Coupling, couplings, read_actuated
@@ -144,7 +143,7 @@ class Description:
     def flexible_blocks(self) -> dict[str, Any]:
         """The YAML block of every flexible link, by link."""
         label = f"{self.name}.yaml"
-        raw = schema.mapping(schema.load(self.yaml_text, label), label)
+        raw = schema.mapping(yaml_text.load(self.yaml_text, label), label)
         tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
         return flexible.expand(raw.get("flexible") or {}, schema.at(label, "flexible"), tree)
 
@@ -168,7 +167,7 @@ class Description:
         if not changes:
             return self
         label = f"{self.name}.yaml"
-        raw = schema.mapping(schema.load(self.yaml_text, label), label)
+        raw = schema.mapping(yaml_text.load(self.yaml_text, label), label)
         tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
         tree = dataclasses.replace(tree, notes=self.notes)
         if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
@@ -176,7 +175,7 @@ class Description:
             raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
         before = raw.get("urdf")
         for assignment in changes:
-            schema.set_path(raw, assignment)
+            yaml_text.set_path(raw, assignment)
         return _describe(
             _dumped(raw), self.name, self.path, tree if raw.get("urdf") == before else None
         )
@@ -195,7 +194,12 @@ def read(source: str | Path) -> Description:
 
 
 def from_text(text: str, path: Path) -> Description:
-    """A description of a YAML text that is to stand at `path`; the file need not be there."""
+    """A description of a YAML text that is to stand at `path`; the file need not be there.
+
+    Args:
+        text: The YAML.
+        path: Where it is to stand; files that it names are found from there.
+    """
     return _describe(text, path.stem, path, None)
 
 
@@ -203,23 +207,14 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
     """Check the whole YAML text; `tree` spares reading the robot's file again."""
     file = f"{name}.yaml" if path is None else path.name
     place = {key: schema.at(file, key) for key in KEYS}
-    block = schema.mapping(schema.load(text, file), file, KEYS, ("urdf",))
+    block = schema.mapping(yaml_text.load(text, file), file, KEYS, ("urdf",))
     folder = Path() if path is None else path.parent
     if tree is None:
         tree = sources.find(schema.text(block["urdf"], place["urdf"]), folder, place["urdf"])
-    if tree.loops or tree.blocks:  # written out: the YAML text says all that its file does not
-        block = schema.mapping(tree.joined(block), file, KEYS)
-        text = _dumped(block)
-    straight = curved.straightened(block, place, tree)
-    if straight is not None:  # written out, as loops are
-        block, tree = straight
-        text = _dumped(block)
+    block, tree, text = _written_out(block, text, file, tree)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
-    kinds = {j: extra.type for j, extra in joints.items() if extra.type is not None}
-    types = {joint.name: joint.type for joint in tree.joints.values()} | kinds
-    if values.get("base") == "free_flyer":
-        types["root_joint"] = "floating"
+    types = _joint_types(tree, joints, values.get("base", "fixed"))
     loops = read_loops(block.get("loops", {}), place["loops"], tree)
     if "platform" in block:
         values["platform"] = frame(block["platform"], place["platform"], tree)
@@ -235,8 +230,10 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
         has_platform = "platform" in block
-        written = _measured(block["motion"], types)
-        values["motion"] = _motion(written, place["motion"], folder, actuated, has_platform)
+        written = motion_block.without_units(block["motion"], types)
+        values["motion"] = motion_block.read_motion(
+            written, place["motion"], folder, actuated, has_platform
+        )
     return Description(
         name=name,
         path=path,
@@ -257,6 +254,27 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         notes=tree.notes,
         **values,
     )
+
+
+def _written_out(
+    block: dict[str, Any], text: str, file: str, tree: Source
+) -> tuple[dict[str, Any], Source, str]:
+    """Block, robot and YAML text, which says all that the robot's file does not (loops, chains)."""
+    if tree.loops or tree.blocks:
+        block = schema.mapping(tree.joined(block), file, KEYS)
+        text = _dumped(block)
+    straight = curved.straightened(block, schema.at(file, "flexible"), tree)
+    if straight is None:
+        return block, tree, text
+    block, tree = straight
+    return block, tree, _dumped(block)
+
+
+def _joint_types(tree: Source, joints: Mapping[str, JointExtra], base: str) -> dict[str, str]:
+    """Type of every joint: the URDF's, unless the YAML says another."""
+    types = {joint.name: joint.type for joint in tree.joints.values()}
+    types |= {name: extra.type for name, extra in joints.items() if extra.type is not None}
+    return types | ({"root_joint": "floating"} if base == "free_flyer" else {})
 
 
 def _dumped(raw: Mapping[str, Any]) -> str:
@@ -298,42 +316,3 @@ def _beside_motors(
             "between motor and link. For an elastic gear write drive: {gear: ..., motor_inertia: "
             "..., stiffness: ...}. A spring that does act beside the motor is `parallel_spring`."
         )
-
-
-def _measured(motion: object, types: Mapping[str, str]) -> object:
-    """A motion whose displacements have no units: "3 deg" is a number of rad.
-
-    Args:
-        motion: The parsed block. types: Of the joints.
-    """
-    if not isinstance(motion, dict) or motion.get("kind") == "spin_up":  # those are speeds
-        return motion
-    found = dict(motion)
-    kinds = {"platform": dict.fromkeys("xyz", "prismatic"), "joints": types}
-    for target, of in kinds.items():
-        if isinstance(found.get(target), dict):
-            found[target] = {
-                name: ranges.measured(value, schema.quantity(of.get(name, "")))
-                for name, value in found[target].items()
-            }
-    return found
-
-
-def _motion(
-    value: object, where: str, folder: Path, actuated: tuple[str, ...], has_platform: bool
-) -> dict[str, Any]:
-    from pinflex.description import motion  # late: a description without a motion does not need it
-
-    block = copy.deepcopy(schema.mapping(value, where))
-    if isinstance(block.get("file"), str):
-        block["file"] = str(folder.resolve() / block["file"])  # found from any folder
-    checked = motion.from_spec(block, where)
-    if checked.target == "platform" and not has_platform:
-        raise DescriptionError(
-            f"{where}: moves the platform, but the description names none. Add `platform: FRAME`."
-        )
-    if checked.target == "joints":
-        place = schema.at(where, "joints")
-        for name in checked.names:
-            schema.known(name, place, actuated, "joint with a motor")
-    return block

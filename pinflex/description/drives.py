@@ -86,7 +86,12 @@ class Drive:
 
 
 def read_friction(value: object, where: str) -> Friction:
-    """The block `friction`."""
+    """The block `friction`.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+    """
     keys = fields.names_of(Friction)
     block = schema.mapping(value, where, keys)
     place = {key: schema.at(where, key) for key in keys}

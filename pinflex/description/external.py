@@ -68,7 +68,13 @@ class FrameSpring:
 
 
 def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ...]:
-    """The block `forces`, in file order."""
+    """The block `forces`, in file order.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+        urdf: Links and joints there are.
+    """
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
@@ -88,7 +94,13 @@ def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ..
 
 
 def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, ...]:
-    """The block `springs`, in file order."""
+    """The block `springs`, in file order.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+        urdf: Links and joints there are.
+    """
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)

@@ -19,9 +19,13 @@ Reader = Callable[[object, str], Any]
 
 
 def key(default: Any, reader: Reader, **about: Any) -> Any:
-    """A field that `reader(value, where)` reads; `about`: further metadata.
+    """A field that a reader reads.
 
-    `form` there is what the value looks like, as JSON Schema says it.
+    `about` is further metadata; `form` in it is what the value looks like, as JSON Schema says it.
+
+    Args:
+        default: Value of a key that is not written.
+        reader: Takes the parsed value and its place; returns the value or raises.
     """
     return dataclasses.field(default=default, metadata={"read": reader, **about})
 
@@ -35,7 +39,14 @@ def real(
     above: float = -math.inf,
     **about: Any,
 ) -> Any:
-    """A finite number in bounds and in the range of its quantity (`ranges.RANGES`)."""
+    """A finite number in bounds and in the range of its quantity (`ranges.RANGES`).
+
+    Args:
+        default: Value of a key that is not written.
+        of: Quantity, whose range also holds and whose units may be written.
+        low, high: Bounds that are allowed themselves, SI.
+        above: Bound that is not.
+    """
     bounds = {"minimum": low, "maximum": high, "exclusiveMinimum": above}
     form: dict[str, Any] = {"type": "number"} | {
         k: v for k, v in bounds.items() if math.isfinite(v)
@@ -48,13 +59,23 @@ def real(
 
 
 def whole(default: Any, low: int, high: int | None = None, **about: Any) -> Any:
-    """A whole number in bounds."""
+    """A whole number in bounds.
+
+    Args:
+        default: Value of a key that is not written.
+        low, high: Bounds that are allowed themselves; None: a thousand million.
+    """
     form = {"type": "integer", "minimum": low} | ({} if high is None else {"maximum": high})
     return key(default, lambda v, at: schema.integer(v, at, low, high), form=form, **about)
 
 
 def word(default: Any, choices: Collection[str], **about: Any) -> Any:
-    """One of the choices, which may be a table that grows."""
+    """One of the choices, which may be a table that grows.
+
+    Args:
+        default: Value of a key that is not written.
+        choices: The words, which may be a table that grows.
+    """
     form = {"enum": choices}  # as it is when it is asked for
     return key(
         default, lambda v, at: schema.choice(v, at, choices), choices=choices, form=form, **about

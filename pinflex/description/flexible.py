@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
-from pinflex.description import fields, material, schema, section, solid_keys
+from pinflex.description import fields, material, schema, section, solid_keys, yaml_text
 from pinflex.description.frames import frame
 from pinflex.description.link_mass import AsBuilt, EndMass, read_as_built, read_end_mass
 from pinflex.description.material import Material
@@ -208,7 +208,7 @@ def _links(key: str, where: str, urdf: Source) -> list[str]:
     links: list[str] = []
     for part in (p.strip() for p in key.split(",")):
         matches = [part] if part in urdf.links else []
-        if not matches and schema.WILD.search(part):
+        if not matches and yaml_text.WILD.search(part):
             matches = [link for link in urdf.links if fnmatchcase(link, part)]
         if not matches:
             raise DescriptionError(
@@ -285,7 +285,12 @@ def from_spec(
 
 
 def basis_from_spec(spec: object, where: str) -> Basis:
-    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
+    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect.
+
+    Args:
+        spec: The parsed block.
+        where: Its place.
+    """
     every = tuple(key for keys in BASES.values() for key in keys)
     block = schema.mapping(spec, where, ("kind", *every))
     kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), BASES)
@@ -308,7 +313,12 @@ def basis_from_spec(spec: object, where: str) -> Basis:
 
 
 def damping_scope(spec: object, where: str) -> tuple[object, str]:
-    """The block without `scope`, and the scope: links (default), or system (Rayleigh only)."""
+    """The block without `scope`, and the scope: links (default), or system (Rayleigh only).
+
+    Args:
+        spec: The parsed block.
+        where: Its place.
+    """
     if not isinstance(spec, dict) or "scope" not in spec:
         return spec, "links"
     rest = {key: value for key, value in spec.items() if key != "scope"}
@@ -323,7 +333,11 @@ def damping_scope(spec: object, where: str) -> tuple[object, str]:
 
 
 def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:
-    """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}."""
+    """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}.
+
+    Args:
+        spec: The parsed block without `scope`. where: Its place.
+    """
     block = schema.mapping(spec, where, ("rayleigh", "modal"))
     if len(block) != 1:
         raise DescriptionError(

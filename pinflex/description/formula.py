@@ -128,7 +128,12 @@ def _check(node: ast.AST, where: str, called: bool) -> None:
 
 
 def evaluate(tree: ast.expr, t: Array) -> Array:
-    """Value and first two derivatives at times t (s), shape (3, nt)."""
+    """Value and first two derivatives at times t (s), shape (3, nt).
+
+    Args:
+        tree: A formula of t that `parse` has checked.
+        t: Times [s], shape (nt,).
+    """
     with np.errstate(all="ignore"):
         return _jet(tree, np.array([t, np.ones_like(t), np.zeros_like(t)]))
 

@@ -23,7 +23,13 @@ def frame(value: object, where: str, urdf: Source) -> str:
 
 
 def frames(value: object, where: str, urdf: Source) -> tuple[str, ...]:
-    """A list of different frames."""
+    """A list of different frames.
+
+    Args:
+        value: The parsed list.
+        where: Its place.
+        urdf: Links and joints there are; a joint names the link that it carries.
+    """
     found: list[str] = []
     for i, item in enumerate(schema.items(value, where)):
         name = frame(item, f"{where}[{i}]", urdf)
@@ -37,7 +43,12 @@ def frames(value: object, where: str, urdf: Source) -> tuple[str, ...]:
 
 
 def by_joint(block: Mapping[str, Any], urdf: Source) -> dict[str, str]:
-    """Frames of a checked YAML that joints name: the link of each such joint."""
+    """Frames of a checked YAML that joints name: the link of each such joint.
+
+    Args:
+        block: The parsed YAML, checked.
+        urdf: Links and joints there are.
+    """
     asked: list[Any] = [block.get("platform"), *(block.get("frames") or ())]
     for group in ("loops", "forces", "springs", "flexible"):
         for item in (block.get(group) or {}).values():

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pinflex.description import schema, urdf
+from pinflex.description import schema, urdf, yaml_text
 from pinflex.description.files import MOST_TEXT, require_regular
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError, nearest
@@ -32,7 +32,7 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     Args:
         text: The YAML. file: Its name. package_dirs: The first one is its folder.
     """
-    block = schema.mapping(schema.load(text, file), file)
+    block = schema.mapping(yaml_text.load(text, file), file)
     if "urdf" in block:
         raise DescriptionError(f"{file}: urdf: is a description itself. Give `pinflex` this file.")
     robot = _beside(Path(package_dirs[0]) if package_dirs else Path(), file)

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from pinflex.description import schema
+from pinflex.description import yaml_text
 from pinflex.errors import DescriptionError
 
 _DIGITS = 1e-8  # relative or absolute; nine digits are written
@@ -23,7 +23,7 @@ def with_home(text: str, values: Mapping[str, float | list[float]], file: str) -
     Raises:
         DescriptionError: The block cannot be told from the rest (anchors shared with other blocks).
     """
-    before = schema.load(text, file)
+    before = yaml_text.load(text, file)
     changed = _changed(text, values, before)
     if not _only_home_differs(changed, before, values, file):
         lines = _lines(values, "\r\n" if "\r\n" in text else "\n")
@@ -67,7 +67,7 @@ def _only_home_differs(
 ) -> bool:
     """Whether the changed text says the values, and everything else as before."""
     try:
-        after = schema.load(changed, file)
+        after = yaml_text.load(changed, file)
         now = after.pop("home")
         if after != {k: v for k, v in before.items() if k != "home"}:
             return False

@@ -67,7 +67,13 @@ class JointExtra:
 
 
 def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra]:
-    """The block `joints`, by joint name."""
+    """The block `joints`, by joint name.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+        urdf: Links and joints there are.
+    """
     return {
         name: _joint(name, item, schema.at(where, name), urdf)
         for name, item in schema.mapping(value, where).items()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pinflex.description import schema
 from pinflex.errors import DescriptionError
@@ -106,21 +107,11 @@ def from_spec(spec: object, where: str = "material") -> Material:
     }
     if "nu" in block:
         given["nu"] = schema.number(block["nu"], place["nu"], high=0.5, above=-1)
-    E, nu, G = _elastic(given, base, where)
-    rho = base.rho if base is not None else None
-    if "rho" in block:
-        rho = _density(block["rho"], place["rho"])
-    custom = Material(E, G, rho, nu)
-    if base is not None:
-        custom = replace(custom, name=base.name, yield_strength=base.yield_strength)
-    if "yield_strength" in block:
-        strength = schema.number(
-            block["yield_strength"], place["yield_strength"], above=0, of="elasticity"
-        )
-        custom = replace(custom, yield_strength=strength)
-    if "name" in block:
-        custom = replace(custom, name=schema.text(block["name"], place["name"]))
-    return custom
+    changes: dict[str, Any] = dict(zip(("E", "nu", "G"), _elastic(given, base, where), strict=True))
+    for key, reader in (("rho", _density), ("yield_strength", _strength), ("name", schema.text)):
+        if key in block:
+            changes[key] = reader(block[key], place[key])
+    return Material(**{"rho": None} | changes) if base is None else replace(base, **changes)
 
 
 def _elastic(
@@ -142,6 +133,10 @@ def _elastic(
             "has -1 < nu <= 0.5. Correct one, or add nu if the material is not isotropic."
         )
     return E, nu, given["G"]
+
+
+def _strength(value: object, where: str) -> float:
+    return schema.number(value, where, above=0, of="elasticity")
 
 
 def _density(value: object, where: str) -> float | None:

@@ -50,7 +50,12 @@ class Robot:
     loops: dict[str, Any] = field(default_factory=dict)
 
     def note(self, element: Element, text: str) -> None:
-        """Say what is not taken over."""
+        """Say what is not taken over.
+
+        Args:
+            element: Whose line is named.
+            text: A sentence.
+        """
         self.values.notes.append(f"{element.place}: {text}")
 
 
@@ -194,9 +199,23 @@ def _limits(robot: Robot, data: JointData) -> tuple[float, float] | None:
 
 
 def _fill(robot: Robot, body: Element, name: str, matrix: Array, kind: str) -> None:
-    """Mass and shapes of a body, then the bodies on it."""
+    """Mass, shapes and sites of a body, then the bodies on it."""
     values = robot.values
-    given = body.child("inertial")
+    total, visuals = _mass_and_shapes(robot, body, kind)
+    robot.tree.load(name, total, visuals, matrix)
+    for site, shift, own in _inside(robot, body, "site", np.eye(4), kind):
+        if site.get("name"):
+            placed = matrix @ shift @ values.pose(site, values.of(site, own))
+            robot.sites[site.get("name", "")] = (name, placed)
+    for element in body.all():
+        if element.tag not in _BODY:
+            robot.note(element, f"<{element.tag}> in the body {name} is not taken over.")
+    _children(robot, body, name, matrix, kind)
+
+
+def _mass_and_shapes(robot: Robot, body: Element, kind: str) -> tuple[Inertia, tuple[Visual, ...]]:
+    """Of one body in its own frame; the inertia of its geoms where it is not written."""
+    values, given = robot.values, body.child("inertial")
     mode = values.compiler.get("inertiafromgeom", "auto")
     by_geoms = mode == "true" or (mode == "auto" and given is None)
     total = Inertia()
@@ -212,15 +231,7 @@ def _fill(robot: Robot, body: Element, name: str, matrix: Array, kind: str) -> N
             total = total + inertia.moved(shift)
         if visual is not None and int(attributes.get("group", "0")) < _GROUPS:
             visuals.append(Visual(visual.kind, shift @ visual.matrix, visual.values))
-    robot.tree.load(name, total, tuple(visuals), matrix)
-    for site, shift, own in _inside(robot, body, "site", np.eye(4), kind):
-        if site.get("name"):
-            placed = matrix @ shift @ values.pose(site, values.of(site, own))
-            robot.sites[site.get("name", "")] = (name, placed)
-    for element in body.all():
-        if element.tag not in _BODY:
-            robot.note(element, f"<{element.tag}> in the body {name} is not taken over.")
-    _children(robot, body, name, matrix, kind)
+    return total, tuple(visuals)
 
 
 def _inside(
@@ -246,5 +257,11 @@ def _plain(values: Array) -> list[float]:
 
 
 def relative(robot: Robot, body: str, matrix: Array) -> Array:
-    """A pose of the world in a body's own frame, as the file draws it."""
+    """A pose of the world in a body's own frame, as the file draws it.
+
+    Args:
+        robot: The file as read so far.
+        body: Name of the body.
+        matrix: Pose in the world, shape (4, 4).
+    """
     return inverse(robot.poses[body]) @ matrix

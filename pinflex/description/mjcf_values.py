@@ -66,7 +66,12 @@ class Values:
             self._read_class(child, child.get("class", ""), own)
 
     def of(self, element: Element, childclass: str) -> dict[str, str]:
-        """Attributes of an element, with the defaults of its class under them."""
+        """Attributes of an element, with the defaults of its class under them.
+
+        Args:
+            element: An element.
+            childclass: Default class of the body around it, for an element that names none.
+        """
         name = element.get("class") or childclass
         known(name, self.classes, element, "default class")
         return {**self.classes[name].get(element.tag, {}), **element.attrib}
@@ -78,7 +83,12 @@ class Values:
     # Poses -----------------------------------------------------------------------------------
 
     def pose(self, element: Element, values: dict[str, str]) -> Array:
-        """The pose of a body, inertial, geom or site."""
+        """The pose of a body, inertial, geom or site.
+
+        Args:
+            element: An element, for messages.
+            values: Its attributes, defaults included.
+        """
         shift = numbers(values.get("pos", "0 0 0"), element, "pos", 3)
         return pose(self._rotation(element, values), shift)
 
@@ -110,7 +120,12 @@ class Values:
     # Geoms -----------------------------------------------------------------------------------
 
     def ends(self, element: Element, values: dict[str, str]) -> tuple[Array, float | None]:
-        """Pose of a geom, and its half length where `fromto` gives it."""
+        """Pose of a geom, and its half length where `fromto` gives it.
+
+        Args:
+            element: A geom, for messages.
+            values: Its attributes, defaults included.
+        """
         if "fromto" not in values:
             return self.pose(element, values), None
         six = numbers(values["fromto"], element, "fromto", 6)
@@ -120,7 +135,12 @@ class Values:
         return pose(along_z(axis), (a + b) / 2), float(np.linalg.norm(a - b) / 2)
 
     def mesh_file(self, element: Element, name: str) -> tuple[str, Array]:
-        """File of a mesh asset, relative to the model's folder, and its scale."""
+        """File of a mesh asset, relative to the model's folder, and its scale.
+
+        Args:
+            element: The geom that names the mesh.
+            name: Of the asset.
+        """
         mesh = self.meshes[known(name, self.meshes, element, "mesh")]
         values = self.of(mesh, "main")
         below = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
@@ -130,7 +150,14 @@ class Values:
 
 
 def read_root(text: str, file: str, folder: Path, depth: int = 0) -> Element:
-    """The root of an MJCF with its <include> files in place."""
+    """The root of an MJCF with its <include> files in place.
+
+    Args:
+        text: The XML.
+        file: Its name, for messages.
+        folder: Folder that included files are named from.
+        depth: How many files include this one.
+    """
     if depth > 8:
         raise DescriptionError(f"{file}: <include> goes 8 files deep. Break the circle.")
     root = parse(text, file, "mujoco", "an MJCF")
@@ -156,7 +183,13 @@ def _include(element: Element, folder: Path, depth: int) -> None:
 
 
 def unit(vector: Array, element: Element, key: str) -> Array:
-    """The vector with length 1."""
+    """The vector with length 1.
+
+    Args:
+        vector: Not zero, shape (3,).
+        element: Where it stands, for messages.
+        key: Its attribute.
+    """
     size = float(np.linalg.norm(vector))
     if size < _SHORTEST:
         raise DescriptionError(
@@ -166,7 +199,12 @@ def unit(vector: Array, element: Element, key: str) -> Array:
 
 
 def quaternion(values: Array, element: Element) -> Array:
-    """Rotation matrix of a quaternion w x y z, not necessarily of length 1."""
+    """Rotation matrix of a quaternion w x y z, not necessarily of length 1.
+
+    Args:
+        values: w x y z, shape (4,).
+        element: Where it stands, for messages.
+    """
     w, x, y, z = unit(values, element, "quat")
     return np.array(
         [
@@ -187,7 +225,12 @@ def along_z(axis: Array) -> Array:
 
 
 def inertial(values: Values, element: Element) -> Inertia:
-    """The <inertial> of a body, in the body's frame."""
+    """The <inertial> of a body, in the body's frame.
+
+    Args:
+        values: What attributes mean.
+        element: The <inertial>.
+    """
     mass = float(numbers(element.get("mass"), element, "mass", 1, "mass")[0])
     if "fullinertia" in element.attrib:
         xx, yy, zz, xy, xz, yz = numbers(
@@ -275,7 +318,13 @@ def _mesh(
 
 
 def mesh_inertia(values: Values, element: Element, given: dict[str, str]) -> Inertia:
-    """Inertia of a closed mesh of even density, by the divergence theorem (coal)."""
+    """Inertia of a closed mesh of even density, by the divergence theorem (coal).
+
+    Args:
+        values: What attributes mean.
+        element: The geom.
+        given: Its attributes, defaults included.
+    """
     file, scale = values.mesh_file(element, given.get("mesh", ""))
     try:
         import coal  # type: ignore[import-untyped,unused-ignore]

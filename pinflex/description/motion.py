@@ -291,8 +291,13 @@ KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampl
 def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion:
     """The motion of a YAML mapping {kind: ..., keyword arguments of its constructor, shaper}.
 
-    `where` is the key path to name in errors; `file` is relative to `folder`. A shaper without
-    frequencies, which only the mechanism knows, is left to `levels.excited.default_motion`.
+    A shaper without frequencies, which only the mechanism knows, is left to
+    `levels.excited.default_motion`.
+
+    Args:
+        spec: The mapping.
+        where: Key path to name in errors.
+        folder: Of the YAML file; `file` is relative to it.
     """
     if not isinstance(spec, Mapping):
         raise keys.bad(
@@ -302,15 +307,7 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
     asked = shaping.read(given.pop("shaper", None), f"{where}.shaper")
     if not isinstance(kind, str) or kind not in KINDS:
         raise keys.bad(f"{where}.kind", f"{shown(kind)} is no motion.{nearest(str(kind), KINDS)}")
-    known = inspect.signature(KINDS[kind]).parameters
-    needed = [key for key, p in known.items() if p.default is p.empty]
-    for key in (*given, *needed):
-        if key not in known:
-            raise keys.bad(
-                f"{where}.{key}", f"no such key of a {kind} motion.{nearest(key, known)}"
-            )
-        if key not in given:
-            raise keys.bad(f"{where}.{key}", f"missing. A {kind} motion needs {', '.join(needed)}.")
+    _require_keys(given, kind, where)
     if isinstance(given.get("file"), str):
         given["file"] = Path(folder or ".") / given["file"]
     try:
@@ -320,3 +317,16 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
     if asked is None or not asked.frequencies:
         return made
     return shaping.shaped(made, asked.kind, asked.frequencies, asked.damping)
+
+
+def _require_keys(given: Mapping[str, Any], kind: str, where: str) -> None:
+    """Keys are the arguments of the kind's constructor, and those without a default are there."""
+    known = inspect.signature(KINDS[kind]).parameters
+    needed = [key for key, p in known.items() if p.default is p.empty]
+    for key in (*given, *needed):
+        if key not in known:
+            raise keys.bad(
+                f"{where}.{key}", f"no such key of a {kind} motion.{nearest(key, known)}"
+            )
+        if key not in given:
+            raise keys.bad(f"{where}.{key}", f"missing. A {kind} motion needs {', '.join(needed)}.")

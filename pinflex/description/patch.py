@@ -28,7 +28,12 @@ class Patch:
     constant: float
 
     def require_on_beam(self, where: str, length: float) -> None:
-        """Raise where the patch does not lie on a beam of a length [m]."""
+        """Raise where the patch does not lie on a beam of a length [m].
+
+        Args:
+            where: Place of the link in the description.
+            length: Of the beam [m].
+        """
         if 0.0 <= self.start < self.end <= length * (1.0 + 1e-9):
             return
         raise DescriptionError(

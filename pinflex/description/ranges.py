@@ -83,7 +83,13 @@ def units_of(of: str | None) -> str:
 
 
 def within(value: float, where: str, of: str) -> float:
-    """The number, if its quantity may be so large; zero passes."""
+    """The number, if its quantity may be so large; zero passes.
+
+    Args:
+        value: The number, SI.
+        where: Its place.
+        of: Quantity of `RANGES`.
+    """
     allowed = RANGES[of]
     if value == 0 or allowed.least <= abs(value) <= allowed.most:
         return value

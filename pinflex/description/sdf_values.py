@@ -42,12 +42,23 @@ def name_of(element: Element) -> str:
 
 
 def text_of(element: Element, tag: str) -> str:
-    """The text of a child, without blanks around it."""
+    """The text of a child, without blanks around it.
+
+    Args:
+        element: The parent.
+        tag: Of its child.
+    """
     return (element.findtext(tag) or "").strip()
 
 
 def value_of(element: Element, tag: str, default: float = 0.0) -> float:
-    """The number of a child."""
+    """The number of a child.
+
+    Args:
+        element: The parent.
+        tag: Of its child.
+        default: Of a child that is absent or empty.
+    """
     text = text_of(element, tag)
     try:
         return float(text) if text else default
@@ -101,7 +112,14 @@ def poses(model: Element) -> dict[str, Array]:
 
 
 def axis_of(reading: Reading, joint: Element, name: str, tag: str = "axis") -> Array:
-    """Unit axis of a joint in the model's frame."""
+    """Unit axis of a joint in the model's frame.
+
+    Args:
+        reading: The model, with its poses.
+        joint: The element.
+        name: Of the joint.
+        tag: axis or axis2.
+    """
     element = joint.child(tag)
     xyz = None if element is None else element.child("xyz")
     vector = np.array([0.0, 0.0, 1.0]) if xyz is None else numbers(xyz.text, xyz, tag, 3)

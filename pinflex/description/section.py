@@ -78,8 +78,7 @@ class Section:
         J = a b^3 (1/3 - 0.21 (b/a) (1 - b^4 / (12 a^4))), a >= b (within 0.2 % of the series).
 
         Args:
-            width: Size along z [m].
-            thickness: Size along y [m].
+            width, thickness: Sizes along z and along y [m].
             where: Place in a file, for messages.
         Source: Young, Budynas, Roark's Formulas (7th ed.), table 10.1, case 4, for J; for Wt see
             `torsion.rectangle_modulus`; shear factors 5/6 from the shear energy.
@@ -106,6 +105,8 @@ class Section:
     def circle(cls, diameter: float, where: str = "section") -> Section:
         """A solid circle of the given diameter [m].
 
+        Args:
+            diameter: [m]. where: Place in a file, for messages.
         Source: shear factor 6 (1 + nu) / (7 + 6 nu), Cowper (1966), with nu = 0.3: 0.886.
         """
         _check(where, diameter=diameter)
@@ -115,6 +116,8 @@ class Section:
     def tube(cls, diameter: float, wall: float, where: str = "section") -> Section:
         """A round tube of the given outer diameter and wall [m].
 
+        Args:
+            diameter, wall: Outer one, and thickness [m]. where: Place in a file, for messages.
         Source: shear factor of Cowper (1966) for a hollow circle, with nu = 0.3.
         """
         _check(where, diameter=diameter, wall=wall)
@@ -156,10 +159,8 @@ class Section:
         J = sum b t^3 / 3 over the centre lines (open thin walls; fillets and warping left out).
 
         Args:
-            width: Width of the flanges, along z [m].
-            height: Overall height, along y [m].
-            flange: Thickness of a flange [m].
-            web: Thickness of the web [m].
+            width, height: Of the flanges along z, and overall along y [m].
+            flange, web: Thickness of a flange and of the web [m].
             where: Place in a file, for messages.
         Source: Timoshenko, Goodier, Theory of Elasticity, section 112, for J and tau = T t / J;
             the shear factors are area ratios: the web along y, 5/6 of the flanges along z.
@@ -207,8 +208,7 @@ class Section:
 
         Args:
             A: Area [m^2].
-            Iy: int z^2 dA [m^4].
-            Iz: int y^2 dA [m^4].
+            Iy, Iz: int z^2 dA and int y^2 dA [m^4].
             J: Torsion constant [m^4], at most Iy + Iz.
             Wt: Torsion modulus [m^3]; default J over the smaller side of the rectangle below.
             fibres: Corners (y, z) [m], in order, which are also drawn; default: those of the

@@ -38,7 +38,12 @@ class Shaper:
         return float(self.times[-1])
 
     def residual(self, frequency: Array | float, damping: float = 0.0) -> Array:
-        """Vibration after the last impulse over that after one impulse, by frequency [Hz]."""
+        """Vibration after the last impulse over that after one impulse, by frequency [Hz].
+
+        Args:
+            frequency: Of the mode [Hz], shape (n,).
+            damping: Its damping ratio [-].
+        """
         omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency, float))[:, None]
         damped = omega * np.sqrt(1.0 - damping**2)
         size = self.shares * np.exp(-damping * omega * (self.duration - self.times))
@@ -64,7 +69,12 @@ class ShaperSpec:
 
 
 def read(value: object, where: str) -> ShaperSpec | None:
-    """The block `shaper`: {kind, frequencies, damping} or {kind, modes}, or the kind alone."""
+    """The block `shaper`: {kind, frequencies, damping} or {kind, modes}, or the kind alone.
+
+    Args:
+        value: The parsed block; None: no shaper.
+        where: Its place.
+    """
     if value is None:
         return None
     block = {"kind": value} if isinstance(value, str) else value

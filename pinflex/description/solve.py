@@ -187,7 +187,12 @@ _KEYS = fields.names_of(SolveSpec)
 
 
 def read_solve(value: object, where: str) -> SolveSpec:
-    """The block `solve`; a key without effect is an error."""
+    """The block `solve`; a key without effect is an error.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+    """
     block = schema.mapping(value, where, _KEYS)
     place = {key: schema.at(where, key) for key in _KEYS}
     spec = _spec(SolveSpec(), block, place)

@@ -73,7 +73,13 @@ def register(suffix: str, reader: Reader) -> None:
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
-    """The contents of a robot's file by the reader of its suffix; of any other suffix as URDF."""
+    """The contents of a robot's file by the reader of its suffix; of any other suffix as URDF.
+
+    Args:
+        text: Of the file.
+        file: Its name, with the suffix.
+        package_dirs: Folders in which `package://` files are looked up.
+    """
     reader = READERS.get(Path(file).suffix.lower(), urdf.check)
     source = reader(text, file, package_dirs)
     # The name says what the text is now, so that it can be read again.
@@ -112,7 +118,12 @@ def find(source: str, folder: Path, where: str) -> Source:
 
 
 def read_text(path: Path, where: str) -> str:
-    """The text of a file that must be readable UTF-8."""
+    """The text of a file that must be readable UTF-8.
+
+    Args:
+        path: The file.
+        where: Place that names it, for messages.
+    """
     require_regular(path, MOST_TEXT, f"{where}: {path.name}")
     try:
         return path.read_text(encoding="utf-8-sig")

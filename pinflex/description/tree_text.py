@@ -16,7 +16,12 @@ from pinflex.errors import DescriptionError
 
 
 def pose(rotation: Array | None = None, shift: Array | None = None) -> Array:
-    """A pose as a matrix, shape (4, 4)."""
+    """A pose as a matrix, shape (4, 4).
+
+    Args:
+        rotation: Shape (3, 3); None: none.
+        shift: [m], shape (3,); None: none.
+    """
     matrix = np.eye(4)
     if rotation is not None:
         matrix[:3, :3] = rotation
@@ -56,7 +61,12 @@ def from_rpy(angles: Array) -> Array:
 
 
 def turn(axis: Array, angle: float) -> Array:
-    """Rotation about a unit axis [rad], shape (3, 3)."""
+    """Rotation about a unit axis [rad], shape (3, 3).
+
+    Args:
+        axis: Unit vector, shape (3,).
+        angle: [rad].
+    """
     x = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * x + (1 - np.cos(angle)) * x @ x)
 
@@ -136,7 +146,12 @@ class Tree:
         self.joints: set[str] = set()
 
     def root(self, name: str, matrix: Array | None = None) -> None:
-        """Add the first link."""
+        """Add the first link.
+
+        Args:
+            name: Of the link.
+            matrix: Its pose as the file draws it, shape (4, 4); None: the origin.
+        """
         self.links[name] = _Link(np.eye(4) if matrix is None else matrix, Inertia(), ())
 
     def add(self, name: str, parent: str, joint: Joint, matrix: Array) -> None:
@@ -156,13 +171,26 @@ class Tree:
         self.joints.add(joint.name)
 
     def follow(self, joint: str, leader: str, ratio: float, offset: float) -> None:
-        """Let a joint follow another: position = ratio times the leader's + offset."""
+        """Let a joint follow another.
+
+        Args:
+            joint: Name of the one that follows.
+            leader: Name of the other.
+            ratio: Its position over the leader's [-, or rad and m].
+            offset: Its position where the leader's is 0 [rad | m].
+        """
         link = next(link for link, (_, j) in self.carriers.items() if j.name == joint)
         parent, carrier = self.carriers[link]
         self.carriers[link] = parent, replace(carrier, mimic=(leader, ratio, offset))
 
     def mark(self, name: str, link: str, matrix: Array) -> str:
-        """Add a massless link on a fixed joint, and return its name."""
+        """Add a massless link on a fixed joint, and return its name.
+
+        Args:
+            name: Of the new link.
+            link: The one that carries it.
+            matrix: Its pose as the file draws it, shape (4, 4).
+        """
         self.add(name, link, Joint(f"{name}_mount"), matrix)
         return name
 

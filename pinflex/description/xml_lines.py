@@ -39,14 +39,26 @@ class Element(ET.Element):
 
 
 def refuse_doctype(text: str, file: str, what: str) -> None:
-    """A document type can hold entities that grow without bound, and robots have no use for one."""
+    """A document type can hold entities that grow without bound, and robots have no use for one.
+
+    Args:
+        text: The XML.
+        file: Its name, for the message.
+        what: Kind of file, for the message.
+    """
     first, *rest = text.split("<!--")
     if _DOCTYPE.search(first + "".join(x.partition("-->")[2] for x in rest)):
         raise DescriptionError(f"{file}: holds a <!DOCTYPE>, which {what} must not. Remove it.")
 
 
 def malformed(file: str, line: int, error: Exception) -> DescriptionError:
-    """The refusal of text that is no XML."""
+    """The refusal of text that is no XML.
+
+    Args:
+        file: Its name.
+        line: Where the reader gave up.
+        error: What it said.
+    """
     return DescriptionError(
         f"{file}, line {line}: malformed XML: {str(error).split(':')[0]}. Correct the line.",
         line=line,
@@ -130,7 +142,14 @@ def unused(element: Element, taken: Collection[str], children: bool = False) -> 
 
 
 def known(name: str, names: Collection[str], element: Element, what: str) -> str:
-    """A name that the file defines."""
+    """A name that the file defines.
+
+    Args:
+        name: The name that an element writes.
+        names: Those that the file defines.
+        element: Where it is written.
+        what: What it names, for the message.
+    """
     if name not in names:
         raise DescriptionError(f'{element.place}: no such {what}: "{name}".{nearest(name, names)}')
     return name

@@ -90,7 +90,13 @@ class March:
         self._gains = np.array([[1.0], [gamma * h], [scheme.mass_factor]])
 
     def control(self, k: int, y: Array, v: Array) -> None:
-        """Let the feedback act at a state of step k."""
+        """Let the feedback act at a state of step k.
+
+        Args:
+            k: Number of the step.
+            y: Coordinates, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
         if self.feedback is not None:
             self.control_force = self.feedback.force(float(self.path.t[k]), y, v)
 
@@ -199,6 +205,10 @@ class March:
         The scheme's own solution meets J v = 0 only to O(h^2); an exact v0 is off that solution and
         rings in lam. The normal part of v0 is set so that the first step ends with the multipliers
         that belong to its pose and velocity (cf. Arnold, Bruels and Cardona 2015, section 5).
+
+        Args:
+            first: State with consistent accelerations.
+            k: Number of its step.
         """
         dynamics, newton = self.dynamics, self.newton
         if not newton.rows:
@@ -223,6 +233,11 @@ class March:
         """Consistent accelerations and multipliers, s = a(t + (alpha_m - alpha_f) h), at step k.
 
         The slope of a comes from a second consistent state a fraction of a step away.
+
+        Args:
+            y: Coordinates on the closures, shape (nq,).
+            v: Velocity, shape (nv,).
+            k: Number of the step.
         """
         dynamics, path, drive, scheme = self.dynamics, self.path, self.drive, self.scheme
         motors, motor_a = self.motors, path.acceleration
@@ -249,7 +264,12 @@ class March:
         return Step(y.copy(), v.copy(), a, s, lam, torque)
 
     def set_scale(self, now: Step, k: int) -> None:
-        """Acceleration scale of a run at step k, before it moves: what static forces could do."""
+        """Acceleration scale of a run at step k, before it moves: what static forces could do.
+
+        Args:
+            now: State at the step.
+            k: Its number.
+        """
         dynamics, newton, t = self.dynamics, self.newton, float(self.path.t[k])
         newton.refresh(now, t)
         still, straight = np.zeros(dynamics.system.nv), now.y.copy()

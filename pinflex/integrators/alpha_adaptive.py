@@ -122,7 +122,13 @@ class AlphaSteps:
         self.march.slow = True
 
     def first(self, t: float, y: Array, v: Array) -> State:
-        """Consistent accelerations, multipliers and torques at (y, v)."""
+        """Consistent accelerations, multipliers and torques at (y, v).
+
+        Args:
+            t: Time [s].
+            y: Coordinates on the closures, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
         self._between(t, self.march.h)
         now = self.march.first(y, v, 0)
         if not len(self._origin):
@@ -148,6 +154,10 @@ class AlphaSteps:
     def step(self, start: State, h: float, last: AlphaStep | None) -> AlphaStep:
         """The step of length h (s) from a state; the one before it predicts.
 
+        Args:
+            start: State at its beginning.
+            h: Length [s].
+            last: The step before it; None: there is none.
         Raises:
             StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
         """
@@ -221,7 +231,13 @@ class AlphaSteps:
         return np.array([0.5 * step.h * (step.start.power + step.end.power) for step in steps])
 
     def dense(self, steps: Sequence[AlphaStep], t: Array, of: IntArray) -> States:
-        """States at times t (k,) in s, of (k,): the step that each lies in."""
+        """States at times t (k,) in s, of (k,): the step that each lies in.
+
+        Args:
+            steps: Accepted steps.
+            t: Times [s], shape (k,).
+            of: Number of the step that each time lies in, shape (k,).
+        """
         within = [self._within(steps[k], t[of == k]) for k in np.unique(of)]
         return States(*(np.concatenate(part) for part in zip(*within, strict=True)))
 

@@ -51,6 +51,9 @@ class PiecewiseChebyshev:
     def between(self, values: Array, t: Array) -> Array:
         """Values at the nodes, (pieces, n + 1, width), interpolated to times t, (len(t), width).
 
+        Args:
+            values: At the nodes, shape (pieces, n + 1, width).
+            t: Times [s], shape (nt,).
         Source: Berrut and Trefethen (2004), eq. 5.4: barycentric weights of Chebyshev points.
         """
         n = values.shape[1] - 1

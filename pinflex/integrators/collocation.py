@@ -50,7 +50,12 @@ class Collocation:
         return _monomials(self.s, False), _monomials(self.s, True)
 
     def at(self, x: Array, integrals: int = 0) -> Array:
-        """Weights of the stages for their polynomial, or an integral of it, at x, (len(x), s)."""
+        """Weights of the stages for their polynomial, or an integral of it, at x, (len(x), s).
+
+        Args:
+            x: Places in the step, 0 to 1.
+            integrals: How often it is integrated from the start.
+        """
         powers = np.arange(self.s)
         rows = np.asarray(x, float)[:, None] ** powers
         for k in range(1, integrals + 1):

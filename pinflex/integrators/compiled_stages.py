@@ -31,7 +31,16 @@ class CompiledStages:
         self._prescribed, self._free = len(rows.motor_v) > 0, rows.free_at
 
     def begin(self, start: Any, t: Array, path: Any, a: Array, lam: Array, turn: Array) -> None:
-        """Take over a step: its start, the motors at the stages t (s), and a guess."""
+        """Take over a step: its start, the motors at the stages t (s), and a guess.
+
+        Args:
+            start: State at the beginning of the step.
+            t: Times of the stages [s], shape (s,).
+            path: Motion of the motors there.
+            a: Guess of the accelerations, shape (s, nv).
+            lam: Guess of the multipliers, shape (s, rows).
+            turn: Guess of the turns, shape (s, nv).
+        """
         k = self.kernel
         k.y0[...], k.v0[...] = start.y, start.v
         if self._prescribed:
@@ -41,7 +50,12 @@ class CompiledStages:
         k.a[...], k.lam[...], k.turn[...], k.change[...] = a, lam, turn, 0.0
 
     def solve(self, r: Array, c: Array) -> tuple[Array, Array]:
-        """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows)."""
+        """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows).
+
+        Args:
+            r: Residual forces [N | N m], shape (s, n).
+            c: Closures [m | rad], shape (s, rows).
+        """
         k = self.kernel
         k.r[:, self._free], k.open[...] = r, c
         k.solve()

@@ -46,19 +46,24 @@ def consistent_acceleration(
         _, J = dynamics.close(y)
         S[:n, n:], S[n:, :n] = J[:, free].T, J[:, free]
         b[n:] = -dynamics.closure_bias(y, v) - J[:, held] @ a_held
+    solution = _solved(S, b, n)
+    a[free] = solution[:n]
+    return a, -solution[n:]
+
+
+def _solved(S: Array, b: Array, n: int) -> Array:
+    """Solution of S x = b, its first n rows and columns scaled by the diagonal in place.
+
+    Massless coordinates (torsion without inertia) make S singular: their balance is algebraic and
+    the least-norm answer only seeds the first step.
+    """
     size = np.abs(np.diag(S))
     scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size, initial=0.0)), 1e-300)))
     scale[n:] = 1.0
     S *= scale[:, None] * scale
     b *= scale
-    # Massless coordinates (torsion without inertia) make S singular: their balance is algebraic and
-    # the least-norm answer only seeds the first step.
-    if n + rows == 0:
-        solution = np.zeros(0)
-    elif np.linalg.cond(S) < 1e14:
-        solution = np.linalg.solve(S, b)
-    else:
-        solution = np.linalg.lstsq(S, b, rcond=1e-13)[0]
-    solution = scale * solution
-    a[free] = solution[:n]
-    return a, -solution[n:]
+    if not len(b):
+        return b
+    if np.linalg.cond(S) < 1e14:
+        return np.asarray(scale * np.linalg.solve(S, b))
+    return np.asarray(scale * np.linalg.lstsq(S, b, rcond=1e-13)[0])

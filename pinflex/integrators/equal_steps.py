@@ -50,42 +50,11 @@ def integrate(
         ConvergenceError: With `.result` (a Run) up to the last good step.
         MotionError: A sleeve leaves its beam; likewise.
     """
-    system, t, steps = dynamics.system, path.t, len(path.t) - 1
+    t, steps, begin = path.t, len(path.t) - 1, resume[0]
     march = March(mechanism, dynamics, path, scheme, drive, tolerance, feedback)
-    acting = march.feedback
-    signals = None if acting is None else acting.signals(steps + 1)
-    Y, V = np.empty((steps + 1, system.nq)), np.empty((steps + 1, system.nv))
-    A, L = np.empty_like(V), np.empty((steps + 1, system.closed.n))
-    S = np.empty_like(V)
-    T, power = np.empty((steps + 1, len(system.motors))), np.zeros((steps + 1, 2))
-    begin, now = resume[0], resume[1] or march.first(*start, resume[0])
-
-    def run(upto: int, stopped: str = "") -> Run:
-        counts: dict[str, float] = {
-            "steps": upto - begin,
-            "newton": march.iterations,
-            "tangents": march.newton.count,
-        }
-        k = slice(begin, upto + 1)
-        work = np.zeros((upto + 1 - begin, 2))
-        np.cumsum(0.5 * march.h * (power[k][1:] + power[k][:-1]), axis=0, out=work[1:])
-        return Run(
-            system, t[k], Y[k], V[k], A[k], L[k], T[k], counts,
-            {"integrator": scheme.name, "dt": march.h, "gamma": scheme.gamma}, work, (), stopped,
-            None if signals is None else signals.at(k), s=S[k],
-        )  # fmt: skip
-
-    def keep(k: int, now: Step) -> None:
-        Y[k], V[k], A[k], S[k], L[k], T[k] = now.y, now.v, now.a, now.s, now.lam, now.torque
-        power[k] = now.torque @ now.v[system.motors], dynamics.losses(now.y, now.v)
-        if acting is not None and signals is not None:
-            march.control(k, now.y, now.v)
-            assert march.control_force is not None
-            acting.keep()
-            signals.u[k], signals.measured[k] = acting.u, acting.m
-            power[k, 0] += float(march.control_force @ now.v)
-
-    keep(begin, now)
+    record = _Record(march, t, begin)
+    now = resume[1] or march.first(*start, begin)
+    record.keep(begin, now)
     march.set_scale(now, begin)
     k, last, fresh = begin, now, kinks(path) | (set() if resume[1] else {begin})
     try:
@@ -98,21 +67,62 @@ def integrate(
             guess = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam
             last, now = now, march.step(now, guess, k)
             dynamics.require_on_beams(now.y, mechanism.name, float(t[k]))
-            keep(k, now)
+            record.keep(k, now)
             if progress is not None and k % 64 == 0:
                 progress(k, steps)
     except MotionError as error:
-        error.result = run(k - 1, str(error))
+        error.result = record.run(k - 1, str(error))
         raise
     except KeyboardInterrupt:
-        raise RunInterrupted(run(max(k - 1, begin), "interrupted")) from None
+        raise RunInterrupted(record.run(max(k - 1, begin), "interrupted")) from None
     except (NoConvergence, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
-        good = max(k - 1, begin)
-        raise _diverged(
-            mechanism, march, t[max(k, 1)], max(k, 1), r, run(good, "diverged")
-        ) from None
-    return run(steps)
+        so_far = record.run(max(k - 1, begin), "diverged")
+        raise _diverged(mechanism, march, t[max(k, 1)], max(k, 1), r, so_far) from None
+    return record.run(steps)
+
+
+class _Record:
+    """States, multipliers, torques and powers at the steps of a march, from step `begin` on."""
+
+    def __init__(self, march: March, t: Array, begin: int) -> None:
+        self._march, self._t, self._begin = march, t, begin
+        self._system = system = march.dynamics.system
+        self._y, self._v = np.empty((len(t), system.nq)), np.empty((len(t), system.nv))
+        self._a, self._s = np.empty_like(self._v), np.empty_like(self._v)
+        self._lam = np.empty((len(t), system.closed.n))
+        self._torque = np.empty((len(t), len(system.motors)))
+        self._power = np.zeros((len(t), 2))
+        self._signals = None if march.feedback is None else march.feedback.signals(len(t))
+
+    def keep(self, k: int, now: Step) -> None:
+        """Record step k; a feedback goes on from there."""
+        march, signals = self._march, self._signals
+        self._y[k], self._v[k], self._a[k], self._s[k] = now.y, now.v, now.a, now.s
+        self._lam[k], self._torque[k] = now.lam, now.torque
+        losses = march.dynamics.losses(now.y, now.v)
+        self._power[k] = now.torque @ now.v[self._system.motors], losses
+        if march.feedback is not None and signals is not None:
+            march.control(k, now.y, now.v)
+            assert march.control_force is not None
+            march.feedback.keep()
+            signals.u[k], signals.measured[k] = march.feedback.u, march.feedback.m
+            self._power[k, 0] += float(march.control_force @ now.v)
+
+    def run(self, upto: int, stopped: str = "") -> Run:
+        """The steps up to one as a run; work by the trapezoidal rule."""
+        march, k = self._march, slice(self._begin, upto + 1)
+        steps = upto - self._begin
+        counts = {"steps": steps, "newton": march.iterations, "tangents": march.newton.count}
+        settings = {"integrator": march.scheme.name, "dt": march.h, "gamma": march.scheme.gamma}
+        power, work = self._power[k], np.zeros((steps + 1, 2))
+        np.cumsum(0.5 * march.h * (power[1:] + power[:-1]), axis=0, out=work[1:])
+        signals = None if self._signals is None else self._signals.at(k)
+        return Run(
+            self._system, self._t[k], self._y[k], self._v[k], self._a[k], self._lam[k],
+            self._torque[k], dict(counts), dict(settings), work, (), stopped, signals,
+            s=self._s[k],
+        )  # fmt: skip
 
 
 def _diverged(

@@ -33,7 +33,12 @@ class Instant:
     J: Array
 
     def toward(self, other: Instant, part: float) -> Instant:
-        """Straight line through two instants, at `part` of the way (beyond 1: extrapolated)."""
+        """Straight line through two instants, at `part` of the way (beyond 1: extrapolated).
+
+        Args:
+            other: The instant that part 1 is.
+            part: 0 to 1, or beyond.
+        """
         pairs = ((self.M, other.M), (self.C, other.C), (self.K, other.K))
         M, C, K = (a + part * (b - a) for a, b in pairs)
         r = self.r + part * (other.r - self.r)
@@ -89,7 +94,15 @@ def _start(now: Instant, d: Array) -> State:
 
 
 def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterator[State]:
-    """Newmark, or another member of the alpha family (pinflex.integrators.schemes)."""
+    """Newmark, or another member of the alpha family (pinflex.integrators.schemes).
+
+    Args:
+        scheme: Coefficients.
+        at: The system at step k.
+        count: Number of steps.
+        h: Step [s].
+        d: First deviation, at rest, shape (n,).
+    """
     factor, beta, gamma = scheme.mass_factor, scheme.beta, scheme.gamma
     solve = _Factored()
 
@@ -115,6 +128,11 @@ def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterat
 def central_difference(at: At, count: int, h: float, d: Array) -> Iterator[State]:
     """Explicit: balance at t, d at t + h on its closures; stable for h < 2 / omega_max.
 
+    Args:
+        at: The system at step k.
+        count: Number of steps.
+        h: Step [s].
+        d: First deviation, at rest, shape (n,).
     Raises:
         DescriptionError: The step is too long, with the longest one that is stable.
     """
@@ -165,7 +183,14 @@ def stable_step(now: Instant) -> float:
 
 
 def houbolt(at: At, count: int, h: float, d: Array) -> Iterator[State]:
-    """Third-order backward differences; two Newmark steps (1/2, 1/4) start it."""
+    """Third-order backward differences; two Newmark steps (1/2, 1/4) start it.
+
+    Args:
+        at: The system at step k.
+        count: Number of steps.
+        h: Step [s].
+        d: First deviation, at rest, shape (n,).
+    """
     past: list[Array] = []
     for state in alpha(newmark(), at, min(3, count), h, d):
         past.append(state.d)
@@ -182,7 +207,15 @@ def houbolt(at: At, count: int, h: float, d: Array) -> Iterator[State]:
 
 
 def wilson_theta(at: At, count: int, h: float, d: Array, theta: float = 1.4) -> Iterator[State]:
-    """Linear acceleration over a step theta h; unconditionally stable from theta = 1.37 on."""
+    """Linear acceleration over a step theta h; unconditionally stable from theta = 1.37 on.
+
+    Args:
+        at: The system at step k.
+        count: Number of steps.
+        h: Step [s].
+        d: First deviation, at rest, shape (n,).
+        theta: Length over h of the step on which the acceleration is linear [-].
+    """
     if theta < 1.37:
         raise DescriptionError(
             f"solve.theta: {theta}: Wilson's method is unconditionally stable from 1.37 on. "
@@ -205,7 +238,12 @@ def wilson_theta(at: At, count: int, h: float, d: Array, theta: float = 1.4) -> 
 
 
 def with_multipliers(now: Instant, d: Array, v: Array, a: Array) -> State:
-    """The state with the multipliers that balance it best, each row weighted by its mass."""
+    """The state with the multipliers that balance it best, each row weighted by its mass.
+
+    Args:
+        now: The system at this time.
+        d, v, a: Deviation and its rates, shape (n,).
+    """
     if not len(now.J):
         return State(d, v, a, np.zeros(0))
     load = now.M @ a + now.C @ v + now.K @ d + now.r

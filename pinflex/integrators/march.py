@@ -44,7 +44,13 @@ class Keeper(Protocol):
         """Record the last steps of a run that has broken off."""
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
-        """The samples so far as a run."""
+        """The samples so far as a run.
+
+        Args:
+            cost: Counts by name.
+            settings: What the method used.
+            stopped: Why it ended early; "": it did not.
+        """
 
 
 # A diverging iteration overflows before it is caught.

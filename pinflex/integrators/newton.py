@@ -52,7 +52,13 @@ class Newton:
         self.stuck = False
 
     def refresh(self, step: Step, t: float, exact: bool = False) -> None:
-        """New tangent at a state at time t (s); raises numpy's LinAlgError when it is singular."""
+        """New tangent at a state at time t (s); raises numpy's LinAlgError when it is singular.
+
+        Args:
+            step: Last state that is known.
+            t: Time [s].
+            exact: Whether the rates of second-order rows count, as where links accelerate wildly.
+        """
         scheme, h, n = self.scheme, self.h, self.n
         weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
         state = step.y, step.v, step.a, step.lam
@@ -99,6 +105,10 @@ class Newton:
         The first correction is the predictor's error, the second what it bent the equations by;
         only from then on do ratios show how the iteration contracts. Where a step ends before
         that, the rate of an earlier one holds as long as its second correction was like this one.
+
+        Args:
+            iteration: Number of the correction, from 0.
+            size: Its norm, as by `size`.
         """
         rate = 0.5
         if iteration >= 1:
@@ -119,12 +129,22 @@ class Newton:
         """Whether forces balance to a goal (or round-off) and loops are shut to round-off.
 
         Next to a singular pose round-off alone moves the weak direction by more than the goal.
+
+        Args:
+            r: Residual forces of the free rows [N | N m], shape (n,).
+            c: Closures [m | rad], shape (rows,).
+            goal: Norm of r that is small enough.
         """
         force = float(np.sqrt(r @ (r / np.maximum(self.weight, 1e-300))))
         return force <= max(goal, self.noise) and float(np.abs(c).max(initial=0.0)) < 1e-13
 
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
-        """ds (n,) and dlam (rows,) from the residual."""
+        """ds (n,) and dlam (rows,) from the residual.
+
+        Args:
+            r: Residual forces of the free rows [N | N m], shape (n,).
+            c: Closures [m | rad], shape (rows,).
+        """
         b = np.empty(self.n + self.rows)
         np.negative(r, out=b[: self.n])
         if self.rows:

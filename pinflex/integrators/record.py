@@ -52,7 +52,12 @@ class Record:
         return found._replace(work=found.work + before[of])
 
     def take(self, steps: Sequence[Any], found: States | None = None) -> int:
-        """Record steps, and the states at their samples where they are known already."""
+        """Record steps, and the states at their samples where they are known already.
+
+        Args:
+            steps: Accepted steps, in order.
+            found: States at the samples in them; None: not known yet.
+        """
         if not steps:
             return 0
         found = self.ahead(steps) if found is None else found
@@ -68,7 +73,13 @@ class Record:
         self.take(steps)
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
-        """The samples so far as a run."""
+        """The samples so far as a run.
+
+        Args:
+            cost: Counts by name.
+            settings: What the method used.
+            stopped: Why it ended early; "": it did not.
+        """
         y, v, a, lam, torque, work = (column[: self.count] for column in self._columns())
         return Run(
             self.system, self.t[: self.count], y, v, a, lam, torque, cost, settings, work, (),

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.actuation.nominal import Nominal
-from pinflex.actuation.signals import Signals
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.system import System
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.actuation.nominal import Nominal
+    from pinflex.actuation.signals import Signals
+    from pinflex.mechanics.system import System
 
 
 @dataclass(frozen=True)

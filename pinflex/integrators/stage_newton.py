@@ -100,7 +100,14 @@ class StageNewton:
         self.tangents = self.factors = 0
 
     def refresh(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> None:
-        """Tangent at a state at time t (s)."""
+        """Tangent at a state at time t (s).
+
+        Args:
+            y: Coordinates, shape (nq,).
+            v, a: Velocity and acceleration, shape (nv,).
+            lam: Multipliers [N | N m], shape (rows,).
+            t: Time [s].
+        """
         *parts, J = self._dynamics.tangent(y, v, a, lam, t)
         if self._drive is not None:
             for part, gain in zip(parts[1:], (self._drive.kd, self._drive.kp), strict=True):
@@ -140,7 +147,12 @@ class StageNewton:
         self.h = h
 
     def step(self, r: Array, c: Array) -> tuple[Array, Array]:
-        """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows)."""
+        """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows).
+
+        Args:
+            r: Residual forces [N | N m], shape (s, n).
+            c: Closures [m | rad], shape (s, rows).
+        """
         n = len(self.free)
         if self._compiled is not None:
             return self._compiled.solve(r, c)

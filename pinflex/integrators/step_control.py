@@ -94,6 +94,10 @@ class March:
         """Let only the first of the pending steps stay, or none of all (-1).
 
         Those that replace the others are shorter by what their resolution asks for.
+
+        Args:
+            good: Number of the last pending step that stays; -1: none.
+            resolution: Local error that the next ones are asked for.
         """
         if good < len(self.pending):
             back = self._origin if good < 0 else self.pending[good][0]
@@ -195,14 +199,24 @@ class March:
 
 
 def stops_of(t: Array, breaks: Sequence[float]) -> tuple[float, ...]:
-    """Times in s at which steps end: breaks within the run, and its end."""
+    """Times in s at which steps end: breaks within the run, and its end.
+
+    Args:
+        t: Samples [s], shape (nt,).
+        breaks: Times at which the motion or a load switches [s].
+    """
     first, last = float(t[0]), float(t[-1])
     ends = last - SHORTEST * (last - first)
     return *(b for b in sorted(set(breaks)) if first < b < ends), last
 
 
 def stuck(name: str, now: Any) -> ConvergenceError:
-    """Steps have become too short to go on: because the motion runs away, or for another reason."""
+    """Steps have become too short to go on: because the motion runs away, or for another reason.
+
+    Args:
+        name: Of the mechanism.
+        now: Last state.
+    """
     fastest = float(np.max(np.abs(now.v), initial=0.0))
     if not np.isfinite(fastest) or fastest > _RUNS_AWAY:
         why = (

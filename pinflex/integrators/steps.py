@@ -39,7 +39,13 @@ class Recorded(Protocol):
     dynamics: Equations
 
     def dense(self, steps: Sequence[Any], t: Array, of: IntArray) -> States:
-        """States at times t (k,) in s, of (k,): the step that each lies in."""
+        """States at times t (k,) in s, of (k,): the step that each lies in.
+
+        Args:
+            steps: Accepted steps.
+            t: Times [s], shape (k,).
+            of: Number of the step that each time lies in, shape (k,).
+        """
 
     def works(self, steps: Sequence[Any]) -> Array:
         """Work of the motors and of the damping in each step, J, shape (k, 2)."""
@@ -75,10 +81,22 @@ class Steps(Recorded, Protocol):
         """The method, for reports."""
 
     def first(self, t: float, y: Array, v: Array) -> Any:
-        """Consistent accelerations, multipliers and torques at (y, v)."""
+        """Consistent accelerations, multipliers and torques at (y, v).
+
+        Args:
+            t: Time [s].
+            y: Coordinates on the closures, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
 
     def step(self, start: Any, h: float, last: Any) -> Any:
-        """The step of length h (s) from a state; the one before it, or None, predicts."""
+        """The step of length h (s) from a state; the one before it, or None, predicts.
+
+        Args:
+            start: State at its beginning.
+            h: Length [s].
+            last: The step before it; None: there is none.
+        """
 
     def end(self, step: Any) -> Any:
         """The state after a step."""
@@ -91,6 +109,11 @@ class Steps(Recorded, Protocol):
 
 
 def largest(moves: Array, weight: Array) -> float:
-    """Largest norm of displacements (k, n) in a weight (n, n)."""
+    """Largest norm of displacements (k, n) in a weight (n, n).
+
+    Args:
+        moves: Displacements, shape (k, n).
+        weight: Symmetric and positive, shape (n, n).
+    """
     square = float(((moves @ weight) * moves).sum(axis=1).max(initial=0.0))
     return math.sqrt(square) if square > 0.0 else abs(square)  # not a number stays one

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,15 +20,12 @@ from pinflex.doors import door
 from pinflex.errors import DescriptionError, MotionError, nearest
 from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
-from pinflex.inversion.exact import invert
-from pinflex.inversion.flat import flat
 from pinflex.inversion.grid import instants_over
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import rest_needed
 from pinflex.inversion.limits import require_within_curves, require_within_limits
-from pinflex.inversion.series import rigid_guess, series
-from pinflex.inversion.target import delayed, target
-from pinflex.levels.rigid import solve_rigid
+from pinflex.inversion.on_grid import on_grid
+from pinflex.inversion.target import target
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.drives import drives
 from pinflex.solver.solve import default_motion
@@ -246,27 +243,11 @@ def _on_grid(
     wanted = target(mechanism, motion, t, ahead, coordinates)
     instant = Instant(mechanism, wanted)
     kept = slice(n)
-    slow = series(instant, kept)
-    answer, iterations = slow.found, 0
-    apart = instant.axes.read(slow.found.y) - wanted.motors
-    missed = _at_platform(wanted.gain[kept], apart[kept])
-    error = slow.error
-    smooth = flat(mechanism, motion, wanted) if level == "exact" else None
-    if smooth is not None:
-        none = np.zeros((len(t), instant.rows))
-        answer = Balanced(smooth.poses(t), none, smooth.torque(t))
-        error = _at_platform(wanted.gain[kept], np.tile(smooth.error, (n, 1)))
-    elif level == "exact":
-        exact = invert(instant, slow.found)
-        answer, iterations = exact.found, exact.iterations
-        error = _at_platform(wanted.gain[kept], exact.error[kept])
-    elif level == "rigid":
-        torque = solve_rigid(mechanism, delayed(motion, ahead), t).torque
-        answer, error = replace(rigid_guess(instant)[0], torque=torque), missed
-    position = instant.axes.read(answer.y)
+    answer = on_grid(instant, motion, level, kept)
+    position = instant.axes.read(answer.found.y)
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
-    curve = smooth.position if smooth is not None else spline(t, position)
+    curve = answer.curve or spline(t, position)
     found = Command(
         name=mechanism.name,
         level=level,
@@ -276,15 +257,15 @@ def _on_grid(
         position=position[kept],
         velocity=curve(t[kept], 1),
         acceleration=curve(t[kept], 2),
-        torque=answer.torque[kept],
+        torque=answer.found.torque[kept],
         before=ahead,
         after=behind,
         coordinates=wanted.names,
         reference=wanted.position[kept],
-        error=error,
-        changes=slow.changes if level == "quasistatic" else (),
-        iterations=iterations,
-        drives=_both_sides(instant, answer, curve, kept),
+        error=answer.error,
+        changes=answer.changes,
+        iterations=answer.iterations,
+        drives=_both_sides(instant, answer.found, curve, kept),
         limit_curves={
             name: extra.drive.limit_curve
             for name, extra in mechanism.description.joints.items()
@@ -292,12 +273,7 @@ def _on_grid(
         },
         curve=curve,
     )
-    return found, missed
-
-
-def _at_platform(gain: Array, moves: Array) -> Array:
-    """Largest platform motion that moves of the motors (nt, nm) make, shape (k,)."""
-    return np.asarray(np.max(np.abs(np.einsum("tkm,tm->tk", gain, moves)), axis=0))
+    return found, answer.missed
 
 
 def _both_sides(

@@ -58,6 +58,9 @@ class Inverted:
 def invert(instant: Instant, start: Balanced) -> Inverted:
     """Solve for all instants at once, from the quasistatic motion.
 
+    Args:
+        instant: Equations along the path.
+        start: The quasistatic motion.
     Raises:
         ConvergenceError: The iterations do not settle: the motion is too fast for the grid or
             for the mechanism.

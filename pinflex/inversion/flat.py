@@ -50,7 +50,12 @@ class Flat:
     error: Array
 
     def twist(self, t: Array, order: int) -> Array:
-        """Rates of T / K at times, of order 0 to 2, shape (nt, nm)."""
+        """Rates of T / K at times, of order 0 to 2, shape (nt, nm).
+
+        Args:
+            t: Times [s], shape (nt,).
+            order: Of the derivative by time.
+        """
         found, of, ends = (
             np.zeros((len(t), len(self.rows))),
             self.pieces.of(t),
@@ -64,7 +69,12 @@ class Flat:
         return found
 
     def position(self, t: Array, order: int = 0) -> Array:
-        """Rates of the motor positions at times, of order 0 to 2, shape (nt, nm)."""
+        """Rates of the motor positions at times, of order 0 to 2, shape (nt, nm).
+
+        Args:
+            t: Times [s], shape (nt,).
+            order: Of the derivative by time.
+        """
         path = nominal(self.mechanism, self.motion, t)
         rigid = (self.axes.read(path.q), path.v[:, self.rows], path.a[:, self.rows])[order]
         if order == 0 and len(self.axes.paired):

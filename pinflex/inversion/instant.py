@@ -93,7 +93,14 @@ class Instant:
         return np.flatnonzero(np.append(True, new))
 
     def tangents(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> Tangents:
-        """Derivatives of the rows at instant k."""
+        """Derivatives of the rows at instant k.
+
+        Args:
+            k: Number of the instant.
+            y: Coordinates, shape (nq,).
+            v, a: Velocity and acceleration, shape (nv,).
+            lam: Multipliers of the closures [N | N m], shape (rows,).
+        """
         d = self.dynamics
         *parts, J = d.tangent(y, v, a, lam, float(self.target.t[k]))
         M, C, K = (x[self.free] for x in parts)
@@ -119,6 +126,10 @@ def balanced(instant: Instant, guess: Balanced, v: Array, a: Array) -> Balanced:
     Some instants at a time by one tangent; where that does not contract, half as many. Those of a
     rest are one.
 
+    Args:
+        instant: Equations along the path.
+        guess: Poses to begin with.
+        v, a: Velocities and accelerations, shape (nt, nv).
     Raises:
         ConvergenceError: No pose found at an instant: the platform cannot be there.
     """

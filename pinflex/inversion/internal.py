@@ -25,7 +25,12 @@ _PERIODS = 1.0  # of the slowest vibration, after and before a motion
 
 
 def zeros(mechanism: Mechanism, coordinates: tuple[str, ...] | None = None) -> Array:
-    """Poles of the internal dynamics at home, at rest [1/s], complex, slowest first."""
+    """Poles of the internal dynamics at home, at rest [1/s], complex, slowest first.
+
+    Args:
+        mechanism: Flexible mechanism with a platform.
+        coordinates: Platform coordinates that are held; default: as in `command`.
+    """
     at = target(mechanism, hold(duration=1.0), np.linspace(0.0, 1.0, 3), 0.0, coordinates)
     instant = Instant(mechanism, at, rubs=False)
     guess, v, a = rigid_guess(instant)

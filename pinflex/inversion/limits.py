@@ -16,7 +16,12 @@ if TYPE_CHECKING:
 
 
 def require_within_limits(mechanism: Mechanism, found: Command) -> None:
-    """Refuse torques and speeds of joints beyond the URDF's."""
+    """Refuse torques and speeds of joints beyond the URDF's.
+
+    Args:
+        mechanism: With the limits of its URDF.
+        found: The command.
+    """
     known = limits(mechanism.description.urdf_text)
     for k, name in enumerate(mechanism.description.actuated):
         limit = known.get(name, Limits())
@@ -36,7 +41,12 @@ def require_within_limits(mechanism: Mechanism, found: Command) -> None:
 
 
 def require_within_curves(mechanism: Mechanism, found: Command) -> None:
-    """Refuse what is beyond the limit curve of a drive."""
+    """Refuse what is beyond the limit curve of a drive.
+
+    Args:
+        mechanism: With the drives of its description.
+        found: The command.
+    """
     for name, side in found.drives.items():
         curve = np.array(found.limit_curves[name])
         if not len(curve):

@@ -164,17 +164,12 @@ def linearise(
     H, order = _output_rows(mechanism, dynamics, found.y, wanted)
     P, compliance, frequencies = _kept(N, K, M, modes)
 
-    # x = (p, theta, p', theta'): modal coordinates and prescribed motors, then their rates.
+    A, B = _state_matrices(P, W, (M, C, K), F)
     n, nt = P.shape[1], W.shape[1]
-    T, size = np.hstack([P, W]), n + nt
-    A, B = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, nt + F.shape[1]))
-    A[:size, size:] = np.eye(size)
-    A[size : size + n, :size], A[size : size + n, size:] = -P.T @ K @ T, -P.T @ C @ T
-    B[size : size + n, :nt], B[size : size + n, nt:] = -P.T @ M @ W, P.T @ F
-    B[size + n :, :nt] = np.eye(nt)
-    by_x = np.hstack([T - compliance @ K @ W @ _last(nt, size), np.zeros((len(T), size))])
+    still = np.zeros((system.nv, n + nt))
+    by_x = np.hstack([np.hstack([P, W]) - compliance @ K @ W @ _last(nt, n + nt), still])
     by_u = np.hstack([-compliance @ M @ W, compliance @ F])
-    C_out, D_out = np.zeros((len(H), 2 * size)), np.zeros((len(H), B.shape[1]))
+    C_out, D_out = np.zeros((len(H), len(A))), np.zeros((len(H), B.shape[1]))
     for rate in range(len(RATES)):  # position, velocity, acceleration
         at = order == rate
         C_out[at], D_out[at] = H[at] @ by_x, H[at] @ by_u
@@ -184,6 +179,24 @@ def linearise(
         A, B, C_out, D_out, tuple(states + [f"{s}'" for s in states]), inputs,
         tuple(f"{text} [{_unit(text)}]" for text in wanted), found.y, frequencies,
     )  # fmt: skip
+
+
+def _state_matrices(
+    P: Array, W: Array, matrices: tuple[Array, Array, Array], F: Array
+) -> tuple[Array, Array]:
+    """A and B of x = (p, theta, p', theta'): modes P, motors prescribed along W, their rates.
+
+    Inputs are the accelerations of those motors, then forces F; `matrices` are M, C and K.
+    """
+    M, C, K = matrices
+    n, nt = P.shape[1], W.shape[1]
+    T, size = np.hstack([P, W]), n + nt
+    A, B = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, nt + F.shape[1]))
+    A[:size, size:] = np.eye(size)
+    A[size : size + n, :size], A[size : size + n, size:] = -P.T @ K @ T, -P.T @ C @ T
+    B[size : size + n, :nt], B[size : size + n, nt:] = -P.T @ M @ W, P.T @ F
+    B[size + n :, :nt] = np.eye(nt)
+    return A, B
 
 
 def _inputs(

@@ -44,7 +44,12 @@ class Target:
 
 
 def delayed(motion: Motion, before: float) -> Motion:
-    """The motion with a rest of `before` [s] ahead of it."""
+    """The motion with a rest of `before` [s] ahead of it.
+
+    Args:
+        motion: Any motion.
+        before: Rest ahead of it [s].
+    """
     law = motion.law
 
     def later(t: Array) -> tuple[Array, Array, Array]:
@@ -94,11 +99,7 @@ def target(
     gain = np.array([_by_motors(mechanism, *pair) for pair in zip(closed, J, strict=True)])
     nm = len(axes.v_at)
     chosen = tuple(names or (motion.names if motion.target == "platform" else ()))
-    if not chosen:
-        size = np.linalg.norm(position[:, :3] - position[0, :3], axis=1).max()
-        unit = np.array([1.0, 1.0, 1.0, size, size, size])[:, None]
-        kept, _ = independent_rows(gain[0] * unit, PLATFORM_COORDINATES)
-        chosen = tuple(PLATFORM_COORDINATES[k] for k in kept[:nm])
+    chosen = chosen or _independent(position, gain[0], nm)
     if len(chosen) > nm:
         raise DescriptionError(
             f"{mechanism.name}: {len(chosen)} platform coordinates ({', '.join(chosen)}) for {nm} "
@@ -116,6 +117,17 @@ def target(
             "start. Name other platform coordinates."
         )
     return Target(t, before, chosen, position[:, columns], motors, gain, idle, path)
+
+
+def _independent(position: Array, gain: Array, count: int) -> tuple[str, ...]:
+    """Platform coordinates that motors move independently, at most `count` of them.
+
+    Rotations are weighed by the size of the path `position` (nt, 6), in m; `gain` is (6, nm).
+    """
+    size = np.linalg.norm(position[:, :3] - position[0, :3], axis=1).max()
+    unit = np.array([1.0, 1.0, 1.0, size, size, size])[:, None]
+    kept, _ = independent_rows(gain * unit, PLATFORM_COORDINATES)
+    return tuple(PLATFORM_COORDINATES[k] for k in kept[:count])
 
 
 def _by_motors(mechanism: Mechanism, closed: Array, J: Array) -> Array:

@@ -14,6 +14,7 @@ from pinflex.inversion.command import Command
 from pinflex.inversion.target import delayed
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
+from pinflex.results.views import Deviation
 from pinflex.rotations import rotation_vector
 
 _SAMPLES = 401
@@ -28,7 +29,7 @@ class Followed:
         during, after: Largest distance from the path while it moves and in the rest after it [m].
         turned_during, turned_after: The same of its orientation [rad].
         swing: Largest peak-to-peak motion along an axis in the rest after it [m].
-        distance: From the path, at the times of the run [m], shape (nt,).
+        off_path: From the path, in the coordinates that the command imposes; zero in the others.
         run: The coupled run. ideal: The rigid mechanism on the path.
     """
 
@@ -37,7 +38,7 @@ class Followed:
     turned_during: float
     turned_after: float
     swing: float
-    distance: Array
+    off_path: Deviation
     run: Result
     ideal: Result
 
@@ -60,10 +61,9 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
     path = delayed(motion, found.before)
     ideal = solve(mechanism, path, level="rigid", samples=_SAMPLES, until=until)
     (p, R), (p_ideal, R_ideal) = _pose(run, frame), _pose(ideal, frame)
-    names = [[name for name in found.coordinates if len(name) == n] for n in (1, 2)]
-    shift = (p - p_ideal)[:, ["xyz".index(name) for name in names[0]]]
-    turn = rotation_vector(R @ R_ideal.transpose(0, 2, 1))
-    turn = turn[:, ["xyz".index(name[1]) for name in names[1]]]
+    imposed = np.array([name in found.coordinates for name in ("x", "y", "z", "rx", "ry", "rz")])
+    shift = (p - p_ideal) * imposed[:3]
+    turn = rotation_vector(R @ R_ideal.transpose(0, 2, 1)) * imposed[3:]
     moving = run.t <= until - found.after
     swing = np.ptp(shift[~moving], axis=0) if np.any(~moving) else np.zeros(0)
 
@@ -76,7 +76,7 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
         turned_during=largest(turn, moving),
         turned_after=largest(turn, ~moving),
         swing=float(np.max(swing, initial=0.0)),
-        distance=np.linalg.norm(shift, axis=1),
+        off_path=Deviation(run.t, shift, turn),
         run=run,
         ideal=ideal,
     )

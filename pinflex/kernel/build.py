@@ -51,7 +51,12 @@ def here() -> str:
 
 
 def name_of(target: str, build: str) -> str:
-    """File name of a library."""
+    """File name of a library.
+
+    Args:
+        target: Such as linux-x86_64.
+        build: Such as baseline.
+    """
     return f"kernel-{target}-{build}{TARGETS[target][2]}"
 
 

@@ -45,7 +45,12 @@ ARMS = (
 
 
 def build(arm: Arm, segments: int = 4) -> Mechanism:
-    """rho A = 1, G A = E A; a hinge cuts the arm in the middle."""
+    """The mechanism of an arm: rho A = 1, G A = E A; a hinge cuts it in the middle.
+
+    Args:
+        arm: Its numbers.
+        segments: Bodies of each beam.
+    """
     half = SPAN / (1 + arm.hinged)
     bodies = [Body("arm", "base", "continuous")]
     if arm.hinged:
@@ -68,7 +73,14 @@ flexible:
 
 
 def struck(m: Mechanism, y: Array, v: Array, jump: float) -> Array:
-    """v after the root's speed has jumped: other momenta stay, M_ff dv_f + M_fm jump = 0."""
+    """v after the root's speed has jumped: other momenta stay, M_ff dv_f + M_fm jump = 0.
+
+    Args:
+        m: The arm.
+        y: Coordinates, shape (nq,).
+        v: Velocity before, shape (nv,).
+        jump: Change of the root's speed [rad/s].
+    """
     M, free, motors = Equations(m.flexible).mass(y), m.flexible.free, m.flexible.motors
     after = v.copy()
     after[motors] += jump
@@ -79,7 +91,14 @@ def struck(m: Mechanism, y: Array, v: Array, jump: float) -> Array:
 
 
 def conserved(m: Mechanism, run: Run, omega: float, every: int) -> Array:
-    """T + V - omega H, J, shape (nt,)."""
+    """T + V - omega H [J], shape (nt,).
+
+    Args:
+        m: The arm.
+        run: A run of it.
+        omega: Speed of its root [rad/s].
+        every: Instants between two rows.
+    """
     d, rows = Equations(run.system), []
     for y, v in zip(run.y[::every], run.v[::every], strict=True):
         energy = sum(d.energies(y, v, 0.0))
@@ -91,7 +110,12 @@ def conserved(m: Mechanism, run: Run, omega: float, every: int) -> Array:
 
 
 def swing(arm: Arm, h: float) -> tuple[Array, Array, Array, Array]:
-    """Times, tip places, and what is conserved during and after the turn."""
+    """Times, tip places, and what is conserved during and after the turn.
+
+    Args:
+        arm: Its numbers.
+        h: Step [s].
+    """
     m, omega = build(arm), TURN / arm.turn
     t = np.linspace(0.0, arm.turn, round(arm.turn / h) + 1)[:, None]
     path = MotorPath(t[:, 0], omega * t, omega + 0 * t, 0 * t)

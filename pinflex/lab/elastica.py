@@ -15,7 +15,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.lab.extrapolation import by_count, extrapolated
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
-from pinflex.lab.scene import Body, scene
+from pinflex.lab.scene import SPACE_BEAM, Body, scene
 from pinflex.levels.quasistatic import rest, static_equilibrium
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_pose
@@ -34,10 +34,10 @@ COUNTS = (6, 8, 10, 12)
 FROM = "extrapolated from 6, 8, 10, 12"
 
 
-def tip_pose(m: Mechanism, frame: str = "tip") -> pin.SE3:
-    """Pose of a frame at the static equilibrium."""
+def tip_pose(m: Mechanism) -> pin.SE3:
+    """Pose of the frame `tip` at the static equilibrium."""
     rest = static_equilibrium(m)
-    return frame_pose(Equations(m.flexible), rest.y, m.frame(frame))
+    return frame_pose(Equations(m.flexible), rest.y, m.frame("tip"))
 
 
 def cantilever(
@@ -148,7 +148,12 @@ BEND = (47.150096, 15.684690, 53.475478)  # [m] tip at P = 600, kGA = 5/6 GA: Co
 
 
 def arc(pieces: int, load: float) -> Mechanism:
-    """An eighth of a circle of radius 100 as straight, flexible chords."""
+    """An eighth of a circle of radius 100 as straight, flexible chords.
+
+    Args:
+        pieces: Number of chords.
+        load: Force at the tip [N].
+    """
     turn = np.pi / 4 / pieces
     chord = 2 * 100.0 * np.sin(turn / 2)
     bodies = []
@@ -169,11 +174,7 @@ flexible:
       kz: {5 / 6!r}}}
     basis: {{kind: craig_bampton, internal: 0}}
     up: [0, 0, 1]
-    bending_y: true
-    bending_z: true
-    torsion: true
-    axial: true
-    shear: true
+    {SPACE_BEAM}
 """
     return scene("arc", bodies, yaml)
 
@@ -191,7 +192,12 @@ def bend() -> Outcome:
 
 
 def frame(load: float, segments: int) -> Mechanism:
-    """A right-angle frame of two flat arms, clamped, with an in-plane load at the free end."""
+    """A right-angle frame of two flat arms, clamped, with an in-plane load at the free end.
+
+    Args:
+        load: Force at the free end [N].
+        segments: Bodies of each arm.
+    """
     E, nu, h, w = 71.24e9, 0.31, 0.03, 0.0006
     G = E / (2 * (1 + nu))
     bodies = (

@@ -24,11 +24,22 @@ def extrapolated(sizes: Sequence[float], values: Sequence[Array], order: int) ->
 
 
 def by_step(run: Callable[[float], Array], steps: Sequence[float]) -> tuple[Array, Array]:
-    """What `run` gives with the finest of several steps, and extrapolated (order 2)."""
+    """What `run` gives with the finest of several steps, and extrapolated (order 2).
+
+    Args:
+        run: A number, or numbers, by step.
+        steps: Steps [s].
+    """
     values = [run(h) for h in steps]
     return values[int(np.argmin(steps))], extrapolated(steps, values, 2)
 
 
 def by_count(run: Callable[[int], Array], counts: Sequence[int], order: int) -> Array:
-    """What `run` gives with 1/count extrapolated to zero."""
+    """What `run` gives with 1/count extrapolated to zero.
+
+    Args:
+        run: A number, or numbers, by count.
+        counts: Such as numbers of segments.
+        order: Of the first term that is taken away.
+    """
     return extrapolated([1.0 / n for n in counts], [run(n) for n in counts], order)

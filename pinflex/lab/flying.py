@@ -21,7 +21,12 @@ STEP = 1.25e-3  # [s]
 
 
 def beam(segments: int, load: bool) -> Mechanism:
-    """A beam of 10 m from (6, 0) to (0, 8); EA = GA = 1e4, EI = 100, rho A = 1, rho I = 10."""
+    """A beam of 10 m from (6, 0) to (0, 8); EA = GA = 1e4, EI = 100, rho A = 1, rho I = 10.
+
+    Args:
+        segments: Bodies of the beam.
+        load: Whether the kick acts.
+    """
     bodies = (
         Body("slide", "base", "prismatic", xyz=(6, 0, 0), axis=(1, 0, 0)),
         Body("lift", "slide", "prismatic", axis=(0, 1, 0)),
@@ -45,7 +50,13 @@ flexible:
 
 
 def invariants(mechanism: Mechanism, run: Run, every: int) -> Array:
-    """Centre of mass x, y, momentum p_x, p_y, angular momentum about it, energy; (nt, 6)."""
+    """Centre of mass x, y, momentum p_x, p_y, angular momentum about it, energy; (nt, 6).
+
+    Args:
+        mechanism: The beam.
+        run: A run of it.
+        every: Instants between two rows.
+    """
     d = Equations(run.system)
     rows = []
     for y, v in zip(run.y[::every], run.v[::every], strict=True):
@@ -57,7 +68,12 @@ def invariants(mechanism: Mechanism, run: Run, every: int) -> Array:
 
 
 def flight(segments: int, h: float) -> Array:
-    """Invariants every 0.1 s: 26 rows of the kick, 26 after it."""
+    """Invariants every 0.1 s: 26 rows of the kick, 26 after it.
+
+    Args:
+        segments: Bodies of the beam.
+        h: Step [s].
+    """
     kicked, free = beam(segments, True), beam(segments, False)
     every = round(0.1 / h)
     first = release(kicked, KICK, h, tolerance=1e-10)

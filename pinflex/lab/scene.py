@@ -30,6 +30,14 @@ PLANE_BEAM = """bending_y: true
     rotary_inertia: true"""
 
 
+# Keys of one with those of a beam in space.
+SPACE_BEAM = """bending_y: true
+    bending_z: true
+    torsion: true
+    axial: true
+    shear: true"""
+
+
 @dataclass(frozen=True)
 class Body:
     """A URDF link and the joint that carries it, NAME_joint; without mass it is a frame."""
@@ -72,7 +80,13 @@ def urdf(bodies: Sequence[Body]) -> str:
 
 
 def scene(name: str, bodies: Sequence[Body], yaml: str) -> Mechanism:
-    """Write NAME.urdf and NAME.yaml to a passing folder and load them as a user would."""
+    """Write NAME.urdf and NAME.yaml to a passing folder and load them as a user would.
+
+    Args:
+        name: Of the model.
+        bodies: Links with their joints.
+        yaml: The YAML without its key `urdf`.
+    """
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / f"{name}.urdf").write_text(urdf(bodies), encoding="utf-8")
         path = Path(folder) / f"{name}.yaml"
@@ -114,13 +128,26 @@ def release(
 
 
 def energy(mechanism: Mechanism, run: Run, every: int = 1) -> Array:
-    """Kinetic and potential energy of a run, J, shape (nt,)."""
+    """Kinetic and potential energy of a run, J, shape (nt,).
+
+    Args:
+        mechanism: Mechanism.
+        run: A run of it.
+        every: Instants between two values.
+    """
     dynamics = Equations(run.system)
     return np.asarray(np.sum(dynamics.energies(run.y[::every], run.v[::every], 0.0), axis=0))
 
 
 def frame_positions(mechanism: Mechanism, run: Run, name: str, steps: Sequence[int]) -> Array:
-    """World positions of a frame at some steps, m, shape (len(steps), 3)."""
+    """World positions of a frame at some steps, m, shape (len(steps), 3).
+
+    Args:
+        mechanism: Mechanism.
+        run: A run of it.
+        name: Of the frame.
+        steps: Numbers of the instants.
+    """
     dynamics = Equations(run.system)
     here = run.system.expansion.frames[name]
     _, p = Frame(dynamics.model, here).pose(dynamics.joint_poses(run.y[list(steps)]))

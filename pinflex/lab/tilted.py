@@ -14,7 +14,7 @@ import numpy as np
 from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
-from pinflex.lab.scene import Body, scene
+from pinflex.lab.scene import SPACE_BEAM, Body, scene
 from pinflex.mechanics.mechanism import Mechanism
 
 OUT_OF_PLANE = 4.262e-3  # [m] largest of the hinge C; the project's limit is 1 %
@@ -37,11 +37,7 @@ def four_bar(segments: int) -> Mechanism:
     material: {{E: 2.07e11, nu: 0.3, rho: 7800}}
     section: {{shape: rectangle, width: {side}, thickness: {side}}}
     up: [0, 0, 1]
-    bending_y: true
-    bending_z: true
-    torsion: true
-    axial: true
-    shear: true
+    {SPACE_BEAM}
     segments: {segments}"""
         for name, side in (("ab", 0.016), ("bc", 0.016), ("cd", 0.008))
     )
@@ -57,7 +53,12 @@ motion: {{kind: formula, joints: {{ab_joint: -0.6*t}}, duration: {UNTIL}}}
 
 
 def height(segments: int, h: float) -> tuple[Array, Array]:
-    """Times [s] and z of C [m]."""
+    """Times [s] and z of C [m].
+
+    Args:
+        segments: Bodies of each bar.
+        h: Step [s].
+    """
     r = solve(four_bar(segments), dt=h, until=UNTIL, samples=601, rho_inf=0.6)
     return r.t, r.frame("cd").position[:, 2]
 

@@ -152,7 +152,12 @@ def text(found: Verification) -> str:
 
 
 def case_text(name: str, records: Sequence[Record]) -> str:
-    """The table of one case, and what there is to say about what did not pass."""
+    """The table of one case, and what there is to say about what did not pass.
+
+    Args:
+        name: Of the case.
+        records: Its checks.
+    """
     first = records[0]
     rows = [[r.mark, r.quantity, *_figures(r)] for r in records]
     head = f"{name}   [{first.source}; {first.seconds:.1f} s]"
@@ -206,7 +211,12 @@ small { color: #5b6b7b } img { max-width: 100% }
 
 
 def write_page(found: Verification, path: str | Path) -> Path:
-    """Write one self-contained HTML page: tables, and plots of measured against reference."""
+    """Write one self-contained HTML page: tables, and plots of measured against reference.
+
+    Args:
+        found: Cases and their checks.
+        path: The file.
+    """
     from pinflex.recovery.meta import version
 
     path = Path(path)

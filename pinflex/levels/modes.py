@@ -147,7 +147,14 @@ def _about(
 def linearised(
     mechanism: Mechanism, dynamics: Equations, q: Array | None, preload: str
 ) -> tuple[Array, Array]:
-    """The pose y that is linearised about, and the stiffness there, as in `modes`."""
+    """The pose y that is linearised about, and the stiffness there, as in `modes`.
+
+    Args:
+        mechanism: Mechanism.
+        dynamics: Workspace of its flexible system.
+        q: Rigid pose, shape (nq,); None: home.
+        preload: "gravity" or "none".
+    """
     if preload not in ("gravity", "none"):
         raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
     if preload == "none":
@@ -158,7 +165,13 @@ def linearised(
 
 
 def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
-    """Basis of what the closures leave of the free coordinates, shape (free, n)."""
+    """Basis of what the closures leave of the free coordinates, shape (free, n).
+
+    Args:
+        dynamics: Equations.
+        y: Coordinates, shape (nq,).
+        free: Velocity rows that are free.
+    """
     if not dynamics.system.closed.n:
         return np.eye(len(free))
     return null_space(dynamics.close(y).J[:, free])
@@ -167,6 +180,8 @@ def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
 def condensed(K: Array, M: Array) -> tuple[Array, Array, Array]:
     """Unit-mass modes of what has mass, and the compliance of what has none.
 
+    Args:
+        K, M: Stiffness and mass of the motions that are left, shape (n, n).
     Returns:
         Modes x (n, k), the massless coordinates following statically; compliance (n, n) of the
         massless ones with the others held; omega^2 (k,).

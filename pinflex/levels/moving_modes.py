@@ -98,7 +98,13 @@ def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:
 
 
 def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
-    """The sample of a run of this mechanism that is nearest to a time [s]."""
+    """The sample of a run of this mechanism that is nearest to a time [s].
+
+    Args:
+        mechanism: The mechanism that was solved.
+        result: Its run, of a level in which links deform.
+        time: [s].
+    """
     k = int(np.argmin(np.abs(result.t - time)))
     system, arrays = mechanism.flexible, result.arrays
     if "eta" not in arrays and system.n_eta:

@@ -70,7 +70,11 @@ class Outputs:
         self._before: tuple[Run, tuple[Array, Array]] | None = None
 
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:
-        """Relative difference of two runs at the same samples, by output."""
+        """Relative difference of two runs at the same samples, by output.
+
+        Args:
+            coarse, fine: Runs with the same samples; the second is the reference.
+        """
         if np.ptp(fine.y, axis=0).max(initial=0.0) < REST:
             return {}  # at rest: round-off is all that differs
         found = {
@@ -176,14 +180,26 @@ class Outputs:
 
 
 def platform_poses(mechanism: Mechanism, dynamics: Equations, y: Array) -> tuple[Array, Array]:
-    """Position (m), shape (n, 3), and rotation (n, 3, 3) of the platform at poses y (n, nq)."""
+    """Position (m), shape (n, 3), and rotation (n, 3, 3) of the platform at poses y (n, nq).
+
+    Args:
+        mechanism: Mechanism with a platform.
+        dynamics: Equations of the system that was run.
+        y: Coordinates, shape (n, nq).
+    """
     platform = dynamics.system.expansion.frames[str(mechanism.description.platform)]
     R, p = Frame(dynamics.model, platform).pose(dynamics.joint_poses(y))
     return p, R
 
 
 def relative_size(key: str, apart: Array, size: Array) -> float | None:
-    """Largest distance over the largest size of an output, or None where nothing can be said."""
+    """Largest distance over the largest size of an output, or None where nothing can be said.
+
+    Args:
+        key: Of the output: some are not judged below a size of their own (`LEAST_SIZES`).
+        apart: Distances, any shape.
+        size: Sizes, any shape.
+    """
     scale = float(np.max(size, initial=0.0))
     far = float(np.max(apart, initial=0.0))
     if key in LEAST_SIZES:
@@ -201,14 +217,22 @@ def _history(apart: Array, size: Array, keep: slice = slice(None)) -> History:
 
 
 def relative(a: Array, b: Array) -> float:
-    """Largest difference of two histories over the largest value of the second."""
+    """Largest difference of two histories over the largest value of the second.
+
+    Args:
+        a, b: Histories of one shape.
+    """
     scale = float(np.max(np.abs(b), initial=0.0))
     apart = float(np.max(np.abs(a - b), initial=0.0))
     return apart / scale if scale > 0 else np.inf if apart > 0 else 0.0
 
 
 def mean_square(a: Array, b: Array) -> float | None:
-    """Root mean square of a difference over that of the second, or None where both are zero."""
+    """Root mean square of a difference over that of the second, or None where both are zero.
+
+    Args:
+        a, b: Histories of one shape.
+    """
     if not (np.any(b) or np.any(a)):
         return None
     size = float(np.sqrt(np.mean(np.square(b))))
@@ -216,7 +240,11 @@ def mean_square(a: Array, b: Array) -> float | None:
 
 
 def between(a: Array, b: Array) -> Array:
-    """Rotation vectors from a to b, shape (n, 3): small ones, by their skew part."""
+    """Rotation vectors from a to b, shape (n, 3): small ones, by their skew part.
+
+    Args:
+        a, b: Rotation matrices, shape (n, 3, 3).
+    """
     turn = np.matmul(a.transpose(0, 2, 1), b)
     skew = turn - turn.transpose(0, 2, 1)
     return 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)

@@ -174,7 +174,14 @@ def rest(
     free_motors: bool = False,
     dynamics: Equations | None = None,
 ) -> Equilibrium:
-    """`static_equilibrium` for those who look at `unstable` themselves, on their workspace."""
+    """`static_equilibrium` for those who look at `unstable` themselves, on their workspace.
+
+    Args:
+        mechanism: Mechanism.
+        q: Rigid pose, shape (nq,); default: home.
+        free_motors: Whether motors move until nothing pushes them.
+        dynamics: Workspace of the flexible mechanism; default: a new one.
+    """
     dynamics = dynamics or Equations(mechanism.flexible)
     system = mechanism.flexible
     free = np.arange(system.nv) if free_motors else system.free
@@ -189,7 +196,16 @@ def rest(
 def unstable_directions(
     dynamics: Equations, y: Array, v: Array, a: Array, lam: Array, t: float, free: IntArray
 ) -> int:
-    """Number of directions that the closures allow in which the tangent stiffness is negative."""
+    """Number of directions that the closures allow in which the tangent stiffness is negative.
+
+    Args:
+        dynamics: Equations.
+        y: Coordinates, shape (nq,).
+        v, a: Velocity and acceleration, shape (nv,).
+        lam: Multipliers of the closures [N | N m], shape (rows,).
+        t: Time [s].
+        free: Velocity rows that may move.
+    """
     K, J = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
     return negative_directions(K[np.ix_(free, free)], J[:, free])
 

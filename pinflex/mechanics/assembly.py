@@ -21,6 +21,7 @@ CLOSED = 1e-12
 # Ratio of singular values below which rows or motions count as dependent: genuine dependence gives
 # 1e-16 (exact zero rows) to 1e-10 (rows that cancel), a usable mechanism stays above 1e-4.
 RANK = 1e-8
+_ITERATIONS = 60  # of Newton on the closures; a step is 1 rad or m at most
 # Ratio at which a pose counts as singular for the motors.
 SINGULAR = 1e-6
 
@@ -73,7 +74,12 @@ class Units:
 
 
 def units(dynamics: Equations, home: Array) -> Units:
-    """Units of the closure Jacobian of a rigid mechanism."""
+    """Units of the closure Jacobian of a rigid mechanism.
+
+    Args:
+        dynamics: Equations of the rigid mechanism.
+        home: Closed pose q, shape (nq,).
+    """
     closed, length = dynamics.system.closed, size_of(dynamics.kinematics(home))
     rows = np.full(closed.n, 1.0 / length)
     rows[closed.dot_rows] = 1.0
@@ -86,22 +92,19 @@ def units(dynamics: Equations, home: Array) -> Units:
     return Units(length, rows, columns)
 
 
-def close_loops(
-    dynamics: Equations, y: Array, moving: IntArray, iterations: int = 60
-) -> tuple[Array, float]:
+def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array, float]:
     """Newton with step halving on c(y) = 0 over some velocity rows.
 
     Args:
         dynamics: Workspace.
         y: Guess, shape (nq,).
         moving: Velocity rows that may move.
-        iterations: Limit.
     Returns:
         The pose, and the largest |c| there (the caller judges it).
     """
     c, J = dynamics.close(y)
     size = float(np.max(np.abs(c), initial=0.0))
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         if size < CLOSED * 1e-2:
             break
         step = -_least_norm(J[:, moving], c)
@@ -154,7 +157,14 @@ def singular_ratio(J: Array) -> float:
 
 
 def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, str]:
-    """Names of the loop and of the coordinates in the weakest motion of a closure Jacobian."""
+    """Names of the loop and of the coordinates in the weakest motion of a closure Jacobian.
+
+    Args:
+        J: Jacobian without units (`Units`), shape (rows, columns); rows beyond those of the loops
+            are other constraints.
+        rows: The loops of its first rows.
+        columns: Name of each column.
+    """
     U, _, Vt = np.linalg.svd(J, full_matrices=True)
     weak = np.abs(Vt[-1])
     largest = [columns[k] for k in np.argsort(-weak)[:3] if weak[k] > 0.2 * weak.max()]
@@ -172,6 +182,12 @@ def require_regular(
 ) -> float:
     """Singular-value ratio of the passive closure Jacobian; raises where the motors lose command.
 
+    Args:
+        dynamics: Equations of the rigid mechanism.
+        y: Pose q, shape (nq,).
+        motors: Velocity rows that are locked; the others are passive.
+        names: Of every velocity row, for the message.
+        where: Place in the description or in time, for the message.
     Raises:
         SingularityError: With the loop, the motion and sigma_min.
     """

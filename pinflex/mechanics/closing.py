@@ -58,6 +58,10 @@ def limits_of(written: pin.Model, model: pin.Model) -> Limits:
     """Limits of a URDF for a model with the same joints (one in which the beams are none).
 
     Only joints of one coordinate have them; lower >= upper means that nobody wrote any.
+
+    Args:
+        written: The URDF's own model.
+        model: Model with joints of the same names; its order of q and v counts.
     """
     lower, upper = np.full(int(model.nq), -np.inf), np.full(int(model.nq), np.inf)
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,7 @@ from pinflex.description.loops import WORLD, Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment, gear_name
 from pinflex.mechanics.poses import support
 from pinflex.mechanics.slider import Contact, Sleeve
+from pinflex.rotations import axis_frame
 from pinflex.text import brief
 
 _AXES = "xyz"
@@ -168,10 +170,8 @@ def closures(
     for number, loop in enumerate(loops):
         rows.add(number, loop, sleeves)
     sides = [e[0] for e in ends] + [e[1] for e in ends]
-    turns = [axis_frame(loop.axis, None) for loop in loops] + [_turn_b(loop) for loop in loops]
-    support_a, support_b = (_supports(model, at) for at in (sides[: len(ends)], sides[len(ends) :]))
-    points = np.array(rows.points, dtype=np.intp).reshape(-1, 2)
-    dots = np.array(rows.dots, dtype=np.intp).reshape(-1, 3)
+    turns = [*map(_turn_a, loops), *map(_turn_b, loops)]
+    support_a, support_b = _supports(model, sides).reshape(2, len(loops), int(model.nv))
     loop_of = np.array(rows.owner, dtype=np.intp)
     return Closures(
         names=tuple(loop.name for loop in loops),
@@ -180,18 +180,12 @@ def closures(
         loop_of=loop_of,
         bodies=np.array([s.joint for s in sides], dtype=np.intp),
         local=_local(sides, turns),
-        point_rows=points[:, 0].copy(),
-        point_axes=points[:, 1].copy(),
-        dot_rows=dots[:, 0].copy(),
-        dot_a=dots[:, 1].copy(),
-        dot_b=dots[:, 2].copy(),
-        distance_rows=np.array([d[0] for d in rows.distances], dtype=np.intp),
-        lengths=np.array([d[1] for d in rows.distances], dtype=float),
         support_a=support_a,
         support_b=support_b,
         row_mask=(support_b - support_a)[loop_of],
         contacts=tuple(rows.contacts),
         coupled=_coupled(couplings, model),
+        **rows.arrays(),
     )
 
 
@@ -268,12 +262,30 @@ class _Rows:
             labels.extend(names)
         self.owner.extend([number] * (len(labels) - len(self.owner)))
 
+    def arrays(self) -> dict[str, Any]:
+        """Rows of the three sorts, as `Closures` holds them."""
+        points = np.array(self.points, dtype=np.intp).reshape(-1, 2).T
+        dots = np.array(self.dots, dtype=np.intp).reshape(-1, 3).T
+        distances = np.array(self.distances, dtype=float).reshape(-1, 2).T
+        names = ("point_rows", "point_axes", "dot_rows", "dot_a", "dot_b")
+        arrays = {n: column.copy() for n, column in zip(names, (*points, *dots), strict=True)}
+        return {
+            **arrays,
+            "distance_rows": distances[0].astype(np.intp),
+            "lengths": distances[1].copy(),
+        }
+
+
+def _turn_a(loop: Loop) -> Array:
+    """Frame a in its link: its z is the axis of the loop."""
+    return axis_frame(loop.axis, None)
+
 
 def _turn_b(loop: Loop) -> Array:
     """Frame b in its link; a universal joint holds a's axis (z) perpendicular to b's (x here)."""
     if "axis_b" in loop_kind(loop.kind).keys:
         return axis_frame(None, loop.axis_b)
-    return axis_frame(loop.axis, None)
+    return _turn_a(loop)
 
 
 def _ends(
@@ -293,25 +305,3 @@ def _ends(
     beam = sleeve.placement
     along = other.placement * pin.SE3(beam.rotation, np.zeros(3))
     return Attachment(here.joint, here.placement * beam), Attachment(other.joint, along)
-
-
-def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
-    """A rotation whose z (or x) axis is the given one, the identity where it can be."""
-    if z is None and x is None:
-        return np.eye(3)
-    k, wish = (2, z) if z is not None else (0, x)
-    axis = np.array(wish, float) / np.linalg.norm(np.array(wish, float))
-    helper = np.eye(3)[(k + 1) % 3]
-    if abs(axis @ helper) > 0.9:
-        helper = np.eye(3)[(k + 2) % 3]
-    second = helper - axis * (axis @ helper)
-    second /= np.linalg.norm(second)
-    columns = [np.zeros(3)] * 3
-    columns[k] = axis
-    if abs(helper[(k + 1) % 3]) > 0.5:
-        columns[(k + 1) % 3] = second
-        columns[(k + 2) % 3] = np.cross(axis, second)
-    else:
-        columns[(k + 2) % 3] = second
-        columns[(k + 1) % 3] = np.cross(second, axis)
-    return np.column_stack(columns)

@@ -57,5 +57,11 @@ class ClosureRows:
         self.contacts = [ContactRows(contact) for contact in closed.contacts]
 
     def at(self, poses: Array, eta: Array, Q: Array) -> ClosureState:
-        """The closures at joint poses (n, joints, 12), see `JointPoses`, eta and Q, (n, ...)."""
+        """The closures at joint poses (n, joints, 12), see `JointPoses`, eta and Q, (n, ...).
+
+        Args:
+            poses: Joint poses, shape (n, joints, 12), see `JointPoses`.
+            eta: Elastic coordinates, shape (n, n_eta).
+            Q: Expanded configurations, shape (n, nQ).
+        """
         return ClosureState(self, poses.reshape(-1, 12), eta, Q)

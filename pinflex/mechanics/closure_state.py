@@ -132,7 +132,12 @@ class ClosureState:
         return np.array(found).reshape(self._n, len(self._rows.contacts), 3, 7)
 
     def forces(self, lam: Array, J: Array) -> Array:
-        """J_Q' lam, shape (n, nV), for multipliers (n, rows) and world Jacobians J (n, 6, nV)."""
+        """Generalised forces J_Q' lam of the closures in expanded coordinates, shape (n, nV).
+
+        Args:
+            lam: Multipliers [N | N m], shape (n, rows).
+            J: World Jacobians of the joints, shape (n, 6, nV).
+        """
         force: Array = (lam[:, None] @ self.jacobian(J))[:, 0]
         return force
 

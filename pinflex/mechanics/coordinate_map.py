@@ -198,13 +198,24 @@ class Configuration:
             yield block, rate[0]
 
     def bend(self, k: int, eta: Array) -> Array:
-        """G eta of the curved rows of block k, (bodies, Rc, width), for one eta (n_eta,)."""
+        """G eta of the curved rows of block k, (bodies, Rc, width), for one eta (n_eta,).
+
+        Args:
+            k: Number of the block.
+            eta: Elastic coordinates of one state, shape (n_eta,).
+        """
         bodies, _, width = self._map.blocks[k].Phi.shape
         side = eta[self._map.blocks[k].eta].reshape(bodies, 1, width)
         return np.asarray(np.matmul(side, self._map.G[k]).reshape(bodies, -1, width))
 
     def times_curved(self, D: Array, k: int, factor: Array) -> Array:
-        """Columns of D (m, nV) at the curved rows of block k, times (bodies, Rc, width)."""
+        """Columns of D (m, nV) at the curved rows of block k, times (bodies, Rc, width).
+
+        Args:
+            D: Rows by expanded velocities, shape (m, nV).
+            k: Number of the block.
+            factor: One matrix for each body of the block, shape (bodies, Rc, width).
+        """
         found: Array = self._columns(D[None], k, factor[None])[0]
         return found
 

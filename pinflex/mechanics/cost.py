@@ -23,7 +23,12 @@ _FIELDS = 26  # numbers at each: displacements, resultants, stresses, three line
 
 
 def per_body(spec: FlexibleLink, planes: Sequence[str]) -> tuple[int, int]:
-    """Elastic coordinates of one body of a link, and velocity coordinates of its stations."""
+    """Elastic coordinates of one body of a link, and velocity coordinates of its stations.
+
+    Args:
+        spec: The flexible link.
+        planes: Its directions among u, v, w, p.
+    """
     basis = spec.basis
     bending, other = sum(d in planes for d in "vw"), sum(d in planes for d in "up")
     order = 3 if basis.order == "quintic" else 2
@@ -39,7 +44,14 @@ def per_body(spec: FlexibleLink, planes: Sequence[str]) -> tuple[int, int]:
 
 
 def require_memory(where: str, spec: FlexibleLink, planes: Sequence[str], limit: float) -> None:
-    """Raise where the bodies of one link would take more memory than is taken without asking."""
+    """Raise where the bodies of one link would take more memory than is taken without asking.
+
+    Args:
+        where: Place of the link in the description, for the message.
+        spec: The flexible link.
+        planes: Its directions among u, v, w, p.
+        limit: The key `limit`, a factor on `MEMORY`.
+    """
     n, rows = per_body(spec, planes)
     total = rows * spec.segments
     # Workspaces, G and its copies, and matrices of all elastic coordinates.
@@ -107,7 +119,12 @@ def require_steps(mechanism: Any, steps: float, end: float, key: str) -> None:
 
 
 def require_samples(mechanism: Any, samples: int) -> None:
-    """Raise where the samples of a run would not fit."""
+    """Raise where the samples of a run would not fit.
+
+    Args:
+        mechanism: A Mechanism.
+        samples: Instants that the result is to keep.
+    """
     limit, system = mechanism.description.limit, mechanism.flexible
     fields = _STATIONS * _FIELDS * len(mechanism.parts)
     size = 8.0 * samples * (6.0 * system.nv + fields + 20.0 * len(mechanism.links))

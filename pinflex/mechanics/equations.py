@@ -22,13 +22,7 @@ from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled, on_kernel
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
-from pinflex.mechanics.evaluated import (
-    Energies,
-    IterationMatrix,
-    JointForces,
-    Residual,
-    Tangent,
-)
+from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
 from pinflex.mechanics.geometry import Geometry, spans
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
@@ -78,8 +72,6 @@ class Equations(Geometry):
         """Pinocchio where mass and derivatives couple all rows of a child of the base."""
         cut = any(part.cut for part in self.system.parts)
         return self._whole if cut else self.pinocchio
-
-    # Forces --------------------------------------------------------------------------------
 
     def residual(
         self,
@@ -163,8 +155,6 @@ class Equations(Geometry):
             angle[..., k] = np.arctan2(y[..., s.q_at[k] + 1], y[..., s.q_at[k]])
         return angle
 
-    # Matrices, at one state ----------------------------------------------------------------
-
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
         if self.in_parts and self.compiled is not None:
@@ -175,7 +165,11 @@ class Equations(Geometry):
         return here.both_sides(self._coupled.mass(here.Q[0]))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
-        """Exact derivatives at t (s), y (nq,), v and a (nv,), lam (rows,)."""
+        """Exact derivatives by y, v and a, and the closure Jacobian.
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m. t: Time in s.
+        """
         if (compiled := self.compiled) is not None:
             return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
@@ -235,8 +229,6 @@ class Equations(Geometry):
             follow, load, t,
         )  # fmt: skip
         return found, J_c
-
-    # Joint forces --------------------------------------------------------------------------
 
     def joint_forces(
         self,
@@ -301,7 +293,11 @@ class Equations(Geometry):
     # Energies ------------------------------------------------------------------------------
 
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
-        """Energies at y (nq,) or (n, nq), v (nv,) or (n, nv), and times t (s), shape (n,)."""
+        """Kinetic energy, and potentials of weight, links, and of springs and loads, J.
+
+        Args:
+            y: Shape (nq,) or (n, nq). v: Shape (nv,) or (n, nv). t: Time in s, one or shape (n,).
+        """
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
         found, times = np.zeros((4, len(Y))), np.broadcast_to(t, len(Y))
         for s in spans(len(Y)):
@@ -321,7 +317,11 @@ class Equations(Geometry):
                          for *at, when in zip(poses, J, t, strict=True)]  # fmt: skip
 
     def losses(self, y: Array, v: Array) -> float:
-        """Power that damping and friction take at y (nq,) and v (nv,), W."""
+        """Power that damping and friction take, W.
+
+        Args:
+            y: Shape (nq,). v: Shape (nv,).
+        """
         power = float(self.system.dissipation(v)) if self.damped or self.rubbed else 0.0
         if self.loaded:
             at = self.kinematics(y, v)

@@ -129,7 +129,12 @@ def gear_name(joint: str) -> str:
 
 
 def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:
-    """Where the q and v of the rigid model sit in Q and V."""
+    """Where the q and v of the rigid model sit in Q and V.
+
+    Args:
+        rigid: Model without stations.
+        model: Expanded model, which has joints of the same names.
+    """
     q_at = np.empty(rigid.nq, dtype=np.intp)
     v_at = np.empty(rigid.nv, dtype=np.intp)
     for joint, name in zip(rigid.joints[1:], rigid.names[1:], strict=True):

@@ -76,17 +76,13 @@ class _Assembler:
             body = pin.FrameType.BODY
             self.model.addFrame(pin.Frame(link.name, here.joint, 0, here.placement, body))
         part = self.parts.get(link.name)
-        if part is None:
-            self._append(here, link.inertia)
-            for child in self.children[number]:
-                self._child(child, here, self.links[child].placement)
-        elif not self.flexible:
-            for inertia in part.rigid_inertias():
-                self._append(here, inertia)
-            for child in self.children[number]:
-                self._child(child, here, self.links[child].placement)
-        else:
+        if part is not None and self.flexible:
             self._flexible_link(number, here, part)
+            return
+        for inertia in (link.inertia,) if part is None else part.rigid_inertias():
+            self._append(here, inertia)
+        for child in self.children[number]:
+            self._child(child, here, self.links[child].placement)
 
     def _matters(self, number: int) -> bool:
         """A massless, fixed frame that nothing refers to needs no section of its own."""
@@ -341,7 +337,12 @@ def _bounded(joint: pin.JointModel) -> pin.JointModel:
 
 
 def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
-    """Pinocchio's own model as an expansion with nothing added."""
+    """Pinocchio's own model as an expansion with nothing added.
+
+    Args:
+        model: Model of Pinocchio.
+        links: Its links, for their frames.
+    """
     frames: dict[str, Attachment] = {}
     for link in links:
         frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]

@@ -52,13 +52,25 @@ class Frame:
 
 
 def frame_pose(system: Geometry, y: Array, place: Attachment) -> pin.SE3:
-    """Pose of a frame in the world at y (nq,)."""
+    """Pose of a frame in the world at y (nq,).
+
+    Args:
+        system: Geometry of a system.
+        y: Coordinates, shape (nq,).
+        place: Joint that carries the frame, and where on it.
+    """
     R, p = Frame(system.model, place).pose(system.joint_poses(y))
     return pin.SE3(R[0], p[0])
 
 
 def frame_jacobian(system: Geometry, y: Array, place: Attachment) -> Array:
-    """Velocity of a frame's origin and its angular velocity, world axes, at y (nq,): (6, nv)."""
+    """Velocity of a frame's origin and its angular velocity by velocity rows, world axes, (6, nv).
+
+    Args:
+        system: Geometry of a system.
+        y: Coordinates, shape (nq,).
+        place: Joint that carries the frame, and where on it.
+    """
     found: Array = Frame(system.model, place).jacobian(system.kinematics(y))[0]
     return found
 
@@ -109,7 +121,11 @@ class PlatformCoordinates:
         return swept[:, self._columns]
 
     def error(self, values: Array, wanted: Array) -> Array:
-        """values - wanted, angles within half a turn, shape (..., k)."""
+        """values - wanted, angles within half a turn, shape (..., k).
+
+        Args:
+            values, wanted: Coordinates [m | rad], shape (..., k).
+        """
         error = values - wanted
         turned = (error[..., self.turning] + np.pi) % (2.0 * np.pi) - np.pi
         error[..., self.turning] = turned

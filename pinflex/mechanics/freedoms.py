@@ -275,7 +275,12 @@ class Freedoms:
 
 
 def allowed(J: Array, locked: IntArray) -> Array:
-    """Orthonormal basis of the motions that closures and locked rows leave, shape (nv, k)."""
+    """Orthonormal basis of the motions that closures and locked rows leave, shape (nv, k).
+
+    Args:
+        J: Closure Jacobian, shape (rows, nv).
+        locked: Velocity rows that do not move.
+    """
     nv = J.shape[1]
     passive = np.setdiff1d(np.arange(nv), locked)
     N = np.zeros((nv, 0))

@@ -8,14 +8,17 @@ Present only where a scene has it; the viscous part is among the dampers. F v >=
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.description import Description
 from pinflex.description.drives import Friction
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.description.description import Description
 
 _NONE = np.zeros(0)
 _SPEEDS, _ROUNDS = 3001, 5  # a maximum is flat: three digits of its place are six of its height
@@ -77,7 +80,12 @@ def _excess(rubs: Friction) -> float:
 
 
 def joint_friction(description: Description, model: pin.Model) -> DryFriction:
-    """Dry friction of the joints of a description."""
+    """Dry friction of the joints of a description.
+
+    Args:
+        description: Scene, with the URDF's friction among its joints.
+        model: Rigid model, whose velocity rows count.
+    """
     found = []
     for name, extra in description.joints.items():
         rubs = extra.friction

@@ -87,7 +87,12 @@ class Geometry:
         return Whole(self.model, self.data)
 
     def integrate(self, y: Array, dy: Array) -> Array:
-        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,)."""
+        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,).
+
+        Args:
+            y: Coordinates, shape (nq,).
+            dy: Velocity rows times time, shape (nv,).
+        """
         if self.vector_space:
             return y + dy
         moved = np.empty_like(y)
@@ -97,7 +102,11 @@ class Geometry:
         return moved
 
     def difference(self, y0: Array, y1: Array) -> Array:
-        """dy that takes y0 to y1, shape (nv,)."""
+        """dy that takes y0 to y1, shape (nv,).
+
+        Args:
+            y0, y1: Coordinates, shape (nq,).
+        """
         if self.vector_space:
             return y1 - y0
         n, m = self.nq_rigid, self.n_rigid
@@ -123,7 +132,12 @@ class Geometry:
         return out
 
     def kinematics(self, y: Array, v: Array | None = None) -> Kinematics:
-        """Joints and closures at y (nq,) or (n, nq); with v, the rates of the Jacobians too."""
+        """Joints and closures at y (nq,) or (n, nq); with v, the rates of the Jacobians too.
+
+        Args:
+            y: Coordinates, shape (nq,) or (n, nq).
+            v: Velocities, shape (nv,) or (n, nv); None: no rates.
+        """
         return self._kinematics(y, v, False)
 
     def _kinematics(self, y: Array, v: Array | None, passing: bool) -> Kinematics:
@@ -172,18 +186,34 @@ class Geometry:
         return found
 
     def require_on_beams(self, y: Array, where: str, t: float | None = None) -> None:
-        """Raise a MotionError where a sleeve has left its beam at y (nq,), at a time t (s)."""
+        """Raise a MotionError where a sleeve has left its beam at y (nq,), at a time t (s).
+
+        Args:
+            y: Coordinates, shape (nq,).
+            where: Begins the message.
+            t: Time [s] for the message.
+        """
         closed = self.kinematics(y).closed if self.system.closed.contacts else None
         for one in closed.contacts if closed is not None else ():
             one.require_on_beam(self.system.closed.names[one.loop], where, t)
 
     def closure_bias(self, y: Array, v: Array) -> Array:
-        """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv)."""
+        """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv).
+
+        Args:
+            y: Coordinates, shape (nq,) or (n, nq).
+            v: Velocities, shape (nv,) or (n, nv).
+        """
         gamma = self.bias_of(self._kinematics(y, v, True), np.atleast_2d(v))
         return gamma[0] if y.ndim == 1 else gamma
 
     def bias_of(self, at: Kinematics, V: Array) -> Array:
-        """gamma (n, rows) where joints move with V (n, nv)."""
+        """gamma (n, rows) where joints move with V (n, nv).
+
+        Args:
+            at: Kinematics with rates, n states.
+            V: Their velocities in minimal coordinates, shape (n, nv).
+        """
         if at.closed is None:
             return np.zeros((len(V), 0))
         here = at.here

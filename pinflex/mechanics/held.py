@@ -45,7 +45,13 @@ def _base_rows(base: str) -> IntArray:
 
 
 def idle_of(system: System, description: Description, home: Array) -> Idle:
-    """The idle freedoms at home, a free base among them."""
+    """The idle freedoms at home, a free base among them.
+
+    Args:
+        system: Rigid system with independent closure rows and elastic joints held.
+        description: Scene, with the key `idle`.
+        home: Closed pose q, shape (nq,).
+    """
     if description.idle == "free":
         return Idle()
     # A loop to the ground determines the base as it does any other body.
@@ -66,7 +72,14 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
 
 
 def at_rest(system: System, description: Description, home: Array, names: Sequence[str]) -> Array:
-    """Home with the elastic joints where their springs are slack, unless `home` places them."""
+    """Home with the elastic joints where their springs are slack, unless `home` places them.
+
+    Args:
+        system: Rigid system with independent closure rows and elastic joints held.
+        description: Scene, with the key `home`.
+        home: Closed pose q, shape (nq,).
+        names: Of every velocity row.
+    """
     s = system.springs
     moved = home.copy()
     for k in np.flatnonzero(np.isin(s.v_at, system.held)):

@@ -61,7 +61,12 @@ def coordinate_names(model: pin.Model) -> tuple[str, ...]:
 
 
 def motor_rows(description: Description, model: pin.Model) -> IntArray:
-    """Velocity rows of the actuated joints."""
+    """Velocity rows of the actuated joints.
+
+    Args:
+        description: Scene, with the key `actuated`.
+        model: Rigid model.
+    """
     rows: list[int] = []
     for name in description.actuated:
         joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
@@ -75,14 +80,24 @@ def motor_rows(description: Description, model: pin.Model) -> IntArray:
 
 
 def add_rotors(model: pin.Model, description: Description) -> None:
-    """Write the rotors' inertias to the model's armature."""
+    """Write the rotors' inertias to the model's armature.
+
+    Args:
+        model: Rigid model; it is changed.
+        description: Scene: inertias behind the gear [kg m^2 | kg].
+    """
     for name, extra in description.joints.items():
         if extra.armature:
             model.armature[_rows_of(model, name)] = extra.armature
 
 
 def joint_springs(description: Description, model: pin.Model) -> tuple[Springs, Array]:
-    """Springs, and the dampers' coefficients (nv,) [N m s/rad | N s/m], of the rigid joints."""
+    """Springs, and the dampers' coefficients (nv,) [N m s/rad | N s/m], of the rigid joints.
+
+    Args:
+        description: Scene, with the URDF's damping among its joints.
+        model: Rigid model.
+    """
     damping = np.zeros(model.nv)
     found: list[tuple[int, int, int, float, float]] = []
     for name, extra in description.joints.items():

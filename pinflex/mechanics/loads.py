@@ -45,7 +45,13 @@ class Loads:
 def loads(
     forces: Sequence[FrameForce], springs: Sequence[FrameSpring], frames: Mapping[str, Attachment]
 ) -> Loads:
-    """Place the described loads and springs on a model."""
+    """Place the described loads and springs on a model.
+
+    Args:
+        forces: Forces and moments at frames.
+        springs: Springs and dampers between frames.
+        frames: Where each frame sits in the model.
+    """
     return Loads(
         tuple((f, frames[f.frame]) for f in forces),
         tuple((s, frames[s.frame_a], frames[s.frame_b]) for s in springs),
@@ -64,7 +70,12 @@ class LoadRows:
         }
 
     def at(self, poses: Array, J: Array) -> LoadState:
-        """The loads at joint poses (joints, 12), see `JointPoses`, and world Jacobians (6, nV)."""
+        """The loads at joint poses (joints, 12), see `JointPoses`, and world Jacobians (6, nV).
+
+        Args:
+            poses: Joint poses, shape (joints, 12), see `JointPoses`.
+            J: World Jacobian, shape (6, nV).
+        """
         return LoadState(self, poses, J)
 
 
@@ -78,7 +89,12 @@ class LoadState:
         }
 
     def wrenches(self, V: Array, t: float) -> dict[int, Array]:
-        """World wrench [force; moment about the origin] by joint, at time t (s)."""
+        """World wrench [force; moment about the origin] by joint, at time t (s).
+
+        Args:
+            V: Expanded velocity, shape (nV,): dampers act against it.
+            t: Time [s].
+        """
         total = {joint: np.zeros(6) for joint in self._support}
         for force, place in self._given.forces:
             p, F, M = self._load(force, place, t)
@@ -93,7 +109,12 @@ class LoadState:
         return total
 
     def generalized(self, V: Array, t: float) -> Array:
-        """Generalised forces J' W at time t (s), shape (nV,)."""
+        """Generalised forces J' W at time t (s), shape (nV,).
+
+        Args:
+            V: Expanded velocity, shape (nV,).
+            t: Time [s].
+        """
         f = np.zeros(self._J.shape[1])
         for joint, wrench in self.wrenches(V, t).items():
             f += self._support[joint] * (wrench @ self._J)
@@ -122,6 +143,12 @@ class LoadState:
         """w_v d/dv + w_y d/dy of -J' W, without what moves along with the bodies, (nv, nv).
 
         The change of a damper's direction with its speed is left out (zero at rest).
+
+        Args:
+            times_map: Takes rows (k, nV) of expanded to rows (k, nv) of minimal velocities.
+            t: Time [s].
+            w_v: Weight of the derivative by velocity.
+            w_y: Weight of the derivative by position.
         """
         J = self._J
         lifted = {joint: times_map(J * mask) for joint, mask in self._support.items()}

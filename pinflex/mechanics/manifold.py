@@ -22,6 +22,8 @@ _TIMES = np.array(
     dtype=float,
 ).reshape(4, 16)
 
+# Coordinates that add up; (cos, sin) of an angle; a unit quaternion; what Pinocchio must move.
+_KINDS = ("plain", "circle", "sphere", "other")
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # axes after x, y, z, and before them
 
 
@@ -35,26 +37,25 @@ class Manifold:
     def __init__(self, dynamics: Equations, told: Sequence[int] | IntArray = ()) -> None:
         """`told`: rows of single-axis joints whose coordinates the caller writes."""
         self._dynamics = dynamics
-        joints = [j for j in dynamics.system.rigid.joints[1:] if j.nv]
-        plain = [j for j in joints if j.nq == j.nv]
-        circles = [j for j in joints if j.nq == 2 > j.nv]
-        spheres = [j for j in joints if j.shortname() == "JointModelSpherical"]
-        self._easy = len(plain) + len(circles) + len(spheres) == len(joints)
-        self.turning = len(plain) + len(circles) < len(joints)
-        circles = [j for j in circles if j.idx_v not in told]
-        self._q, self._v = _rows(plain)
-        self._circle_q = np.array([j.idx_q for j in circles], dtype=np.intp)
-        self._circle_v = np.array([j.idx_v for j in circles], dtype=np.intp)
-        self._sphere_q, self._sphere_v = (
-            np.array([first + np.arange(n) for first in at], dtype=np.intp).reshape(-1, n)
-            for n, at in (
-                (4, [j.idx_q for j in spheres]),
-                (3, [j.idx_v for j in spheres]),
-            )
-        )
+        joints: dict[str, list[pin.JointModel]] = {kind: [] for kind in _KINDS}
+        for joint in dynamics.system.rigid.joints[1:]:
+            if joint.nv:
+                joints[_kind(joint)].append(joint)
+        self._easy = not joints["other"]
+        self.turning = bool(joints["sphere"] or joints["other"])
+        self._q, self._v = _rows(joints["plain"])
+        circles = [j for j in joints["circle"] if j.idx_v not in told]
+        self._circle_q, self._circle_v = _first_rows(circles)
+        q, v = _first_rows(joints["sphere"])
+        self._sphere_q, self._sphere_v = q[:, None] + np.arange(4), v[:, None] + np.arange(3)
 
     def retract(self, y: Array, moves: Array) -> Array:
-        """Shape (k, nq), for moves (k, nv) from one pose y (nq,) or from each of (k, nq)."""
+        """Poses that moves lead to, shape (k, nq).
+
+        Args:
+            y: Pose that all moves start from, shape (nq,), or one for each, shape (k, nq).
+            moves: Exponential coordinates, rates times time, shape (k, nv).
+        """
         d = self._dynamics
         if d.vector_space:
             return y + moves
@@ -77,7 +78,11 @@ class Manifold:
         return out
 
     def log(self, y0: Array, y1: Array) -> Array:
-        """Moves (k, nv) that take poses y0 to y1, each (k, nq); zero in the rows told."""
+        """Moves that take poses y0 to y1, shape (k, nv); zero in the rows that the caller writes.
+
+        Args:
+            y0, y1: Poses, shape (k, nq).
+        """
         d = self._dynamics
         if d.vector_space:
             return y1 - y0
@@ -96,7 +101,13 @@ class Manifold:
         return moves
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
-        """What the rates of the exponential coordinates of moves differ from v by, (k, nv)."""
+        """Rates of the exponential coordinates less the velocities, shape (k, nv).
+
+        Args:
+            y: Pose that the moves start from, shape (nq,).
+            moves: Exponential coordinates, shape (k, nv).
+            v: Velocities at their ends, shape (k, nv).
+        """
         d, turn = self._dynamics, np.zeros_like(v)
         if self._easy:
             at = self._sphere_v
@@ -106,6 +117,21 @@ class Manifold:
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
         turn[:, :n] = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
         return turn
+
+
+def _kind(joint: pin.JointModel) -> str:
+    """How a joint moves, one of `_KINDS`."""
+    if joint.nq == joint.nv:
+        return "plain"
+    if joint.nq == 2 > joint.nv:
+        return "circle"
+    return "sphere" if joint.shortname() == "JointModelSpherical" else "other"
+
+
+def _first_rows(joints: Sequence[pin.JointModel]) -> tuple[IntArray, IntArray]:
+    """First row in q and in v of each joint."""
+    rows = np.array([(j.idx_q, j.idx_v) for j in joints], dtype=np.intp).reshape(-1, 2)
+    return rows[:, 0].copy(), rows[:, 1].copy()
 
 
 def _rows(joints: Sequence[pin.JointModel]) -> tuple[IntArray, IntArray]:

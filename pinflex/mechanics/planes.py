@@ -34,7 +34,12 @@ class LeftOut:
 
 
 def plane_of(links: Sequence[Link], gravity: Array) -> tuple[list[pin.SE3], Array | None]:
-    """Poses of the links at zero joint angles, and the normal of the plane all motion stays in."""
+    """Poses of the links at zero joint angles, and the normal of the plane all motion stays in.
+
+    Args:
+        links: Links, each after its parent.
+        gravity: World frame [m/s^2], shape (3,).
+    """
     poses: list[pin.SE3] = []
     for link in links:
         above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
@@ -80,7 +85,12 @@ def _common_axis(links: Sequence[Link], poses: Sequence[pin.SE3]) -> Array | Non
 
 
 def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
-    """Those of a beam's planes about which the description says `auto`; one always stays."""
+    """Those of a beam's planes about which the description says `auto`; one always stays.
+
+    Args:
+        spec: The flexible link.
+        planes: Its active directions among u, v, w, p.
+    """
     if spec.basis.kind in solid_keys.KINDS or len(planes) < 2:
         return ()
     asked = _asked(spec)
@@ -90,7 +100,13 @@ def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
 def any_undecided(
     description: Description, links: Sequence[Link], given: Collection[str] = ()
 ) -> bool:
-    """Whether `auto` asks for a look at what deforms, in any link but those of given bodies."""
+    """Whether `auto` asks for a look at what deforms, in any link but those of given bodies.
+
+    Args:
+        description: Scene.
+        links: Links, each after its parent.
+        given: Links whose bodies come from elsewhere.
+    """
     index = {link.name: number for number, link in enumerate(links)}
     poses, normal = plane_of(links, np.array(description.gravity, float))
     for spec in description.flexible:
@@ -118,7 +134,15 @@ def active_planes(
     normal: Array | None,
     out: Sequence[LeftOut],
 ) -> tuple[tuple[str, ...], str]:
-    """Active directions: what was asked, and otherwise what the scene excites enough to matter."""
+    """Active directions: what was asked, and otherwise what the scene excites enough to matter.
+
+    Args:
+        where: Place of the link in the description, for the message.
+        spec: The flexible link.
+        world: Beam frame in the world at zero joint angles.
+        normal: Normal of the plane of all motion, shape (3,); None: a spatial scene.
+        out: Directions found to matter too little.
+    """
     if normal is None:
         auto = dict.fromkeys("uvwp", True)
         reason = "spatial scene"

@@ -79,7 +79,13 @@ def as_matrices(poses: Array) -> Array:
 
 
 def local_wrench(poses: Array, wrench: Array) -> Array:
-    """World wrenches about the origin (..., 6), in the joint frames of poses (..., 12) instead."""
+    """World wrenches about the origin (..., 6), in the joint frames of poses (..., 12) instead.
+
+    Args:
+        poses: Joint poses, shape (..., 12), see `JointPoses`.
+        wrench: [force; moment about the world origin] in world axes (N, N m), shape (..., 6); it is
+            overwritten.
+    """
     turned = poses[..., :9].reshape(*poses.shape[:-1], 3, 3)  # columns first
     both = wrench.reshape(*wrench.shape[:-1], 2, 3)
     arm = (poses[..., 9:] @ SKEW).reshape(turned.shape)  # p x (.)
@@ -88,7 +94,12 @@ def local_wrench(poses: Array, wrench: Array) -> Array:
 
 
 def support(model: pin.Model, joint: int) -> Array:
-    """1 for the velocity rows that move a joint, else 0, shape (nV,)."""
+    """1 for the velocity rows that move a joint, else 0, shape (nV,).
+
+    Args:
+        model: Model of Pinocchio.
+        joint: Number of the joint in it.
+    """
     found = np.zeros(int(model.nv))
     for above in list(model.supports[joint])[1:]:  # the first is the world
         step = model.joints[above]

@@ -99,7 +99,15 @@ def shares(
     system: System,
     home: Array,
 ) -> dict[str, dict[Key, float]]:
-    """Shares of each deformation in compliance, sag, holding torques and inertia loads, by case."""
+    """Shares of each deformation in compliance, sag, holding torques and inertia loads, by case.
+
+    Args:
+        description: Scene, with its forces and motion.
+        links: Links, each after its parent.
+        parts: Flexible links by name, with every direction in doubt active.
+        system: The flexible mechanism made of them.
+        home: Closed rigid pose, shape (nq,).
+    """
     look = _Look(system, home)
     found: dict[str, dict[Key, float]] = {}
     stretch = min(p.length / (p.spec.material.E * p.spec.section.A) for p in parts.values())

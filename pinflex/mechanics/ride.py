@@ -70,7 +70,12 @@ class Split:
 
 
 def end_riders(spec: FlexibleLink, length: float) -> tuple[Rider, ...]:
-    """The end masses `root` and `tip` of a description, as riders."""
+    """The end masses `root` and `tip` of a description, as riders.
+
+    Args:
+        spec: The flexible link.
+        length: Place of the tip along the beam [m].
+    """
     ends: tuple[tuple[float, EndMass | None], ...] = ((0.0, spec.root), (length, spec.tip))
     return tuple(
         Rider(x, pin.Inertia(end.mass, np.zeros(3), np.diag(np.array(end.inertia, float))))
@@ -152,7 +157,14 @@ def moved(split: Split, stretch: float) -> Split:
 def weighed(
     body: FlexibleBody, link: FlexibleLink, shares: Split, riders: Sequence[Rider]
 ) -> FlexibleBody:
-    """A body with its share of mass, and its mass and damping matrix with the riders."""
+    """A body with its share of mass, and its mass and damping matrix with the riders.
+
+    Args:
+        body: A body with the whole density of its beam, or one segment of it.
+        link: Its description: damping, and number of segments.
+        shares: Shares of the density that stations carry.
+        riders: Inertias fixed to its sections; they count in M unless the link has segments.
+    """
     inertia = None if body.inertia is None else shares.turning * body.inertia
     mass, It = shares.share * body.mass, shares.turning * body.It
     M = np.einsum("k,kai,kaj->ij", mass, body.Phi, body.Phi)

@@ -19,7 +19,15 @@ _HERE = 1e-9  # m
 def span(
     where: str, spec: FlexibleLink, number: int, links: Sequence[Link], index: Mapping[str, int]
 ) -> tuple[Array, Array]:
-    """Both ends of the span in the link's frame: joint to next joint unless told otherwise."""
+    """Both ends of the span in the link's frame: joint to next joint unless told otherwise.
+
+    Args:
+        where: Place of the link in the description, for the message.
+        spec: The flexible link.
+        number: Of the link among `links`.
+        links: Links, each after its parent.
+        index: Number of every frame's link by name.
+    """
     start = np.zeros(3) if spec.start is None else _point(where, spec.start, number, links, index)
     if spec.end is not None:
         return start, _point(where, spec.end, number, links, index)
@@ -58,6 +66,14 @@ def require_carrying(
     """Refuse a beam to an `end` whose load is fixed to the link at the root, beside the beam.
 
     URDFs often split one arm into two links fixed to each other; the second carries the elbow.
+
+    Args:
+        where: Place of the link in the description, for the message.
+        description: Scene: frames that loops, forces and springs act on.
+        spec: The flexible link.
+        number: Of the link among `links`.
+        links: Links, each after its parent.
+        index: Number of every frame's link by name.
     """
     if spec.end is None or spec.end == spec.link:
         return
@@ -143,7 +159,14 @@ def joint_axis(link: Link) -> tuple[float, float, float] | None:
 def placed_beam(
     where: str, spec: FlexibleLink, links: Sequence[Link], index: Mapping[str, int]
 ) -> tuple[pin.SE3, float]:
-    """Beam frame in the link's frame, and the span."""
+    """Beam frame in the link's frame, and the span.
+
+    Args:
+        where: Place of the link in the description, for the message.
+        spec: The flexible link.
+        links: Links, each after its parent.
+        index: Number of every frame's link by name.
+    """
     number = index[spec.link]
     start, end = span(where, spec, number, links, index)
     return beam_frame(where, spec, links[number], start, end)
@@ -152,7 +175,14 @@ def placed_beam(
 def beam_frame(
     where: str, spec: FlexibleLink, link: Link, start: Array, end: Array
 ) -> tuple[pin.SE3, float]:
-    """Beam frame in the link's frame, x along the span and z up, and the length in m."""
+    """Beam frame in the link's frame, x along the span and z up, and the length in m.
+
+    Args:
+        where: Place of the link in the description, for the message.
+        spec: The flexible link, with `up` and `length` where they are written.
+        link: The link that it is.
+        start, end: Ends of the span in the link's frame [m], shape (3,).
+    """
     span = end - start
     length = float(np.linalg.norm(span))
     if length < 1e-9:

@@ -108,26 +108,38 @@ def rigid_system(
         rows = np.concatenate([kept, every.n + np.arange(spun)])
         system = replace(system, closed=both.select(rows))
     system = replace(system, held=np.union1d(elastic, idle.held).astype(np.intp))
-    dynamics = Equations(system)
-    if every.n:
-        dynamics.require_on_beams(home, where)
     sigma = float("nan")
     if every.n:
+        dynamics = Equations(system)
+        dynamics.require_on_beams(home, where)
         if redundant:
             _refuse_singular_home(description, dynamics, home, redundant, every, kept)
         if len(motors) + len(system.held) >= nv - len(kept) - spun:
-            locked = np.union1d(motors, system.held).astype(np.intp)
-            try:
-                sigma = assembly.require_regular(dynamics, home, locked, names, where)
-            except SingularityError as error:
-                why = axis_hint(dynamics, description.loops, home)
-                raise SingularityError(f"{error}{why}", **error.data) from None
-    mobility = nv - len(kept) - spun - len(system.held)
+            sigma = _sigma_at_home(dynamics, description, home, names, where)
     joined = len(coupled)
     report = LoopReport(
-        every.n - joined, len(kept) - joined, redundant, mobility, sigma, closed.starts, joined
+        every.n - joined,
+        len(kept) - joined,
+        redundant,
+        nv - len(kept) - spun - len(system.held),
+        sigma,
+        closed.starts,
+        joined,
     )
     return Assembled(system, home, report, idle, ground)
+
+
+def _sigma_at_home(
+    dynamics: Equations, description: Description, home: Array, names: Sequence[str], where: str
+) -> float:
+    """How far home is from a singular pose with motors and held joints locked; 1 is best."""
+    system = dynamics.system
+    locked = np.union1d(system.motors, system.held).astype(np.intp)
+    try:
+        return assembly.require_regular(dynamics, home, locked, names, where)
+    except SingularityError as error:
+        why = axis_hint(dynamics, description.loops, home)
+        raise SingularityError(f"{error}{why}", **error.data) from None
 
 
 def _ground(description: Description, tree: Expansion, guess: Array) -> dict[str, pin.SE3]:

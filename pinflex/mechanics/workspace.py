@@ -42,7 +42,12 @@ def acquire(model: pin.Model) -> pin.Data:
 
 
 def release(model: pin.Model, data: pin.Data) -> None:
-    """Keep a workspace that is not needed now, in place of the oldest spare ones."""
+    """Keep a workspace that is not needed now, in place of the oldest spare ones.
+
+    Args:
+        model: Model that the workspace belongs to.
+        data: The workspace, which its owner no longer uses.
+    """
     if _runs or size(model) <= _BUDGET:
         _spare[next(_number)] = model, data
         _make_room()

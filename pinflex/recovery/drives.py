@@ -25,7 +25,12 @@ from pinflex.mechanics.mechanism import Mechanism
 
 
 def drives(mechanism: Mechanism, run: Run) -> dict[str, Array]:
-    """Arrays of a Result by flat key, drive/JOINT/...; empty where no joint has a drive."""
+    """Arrays of a Result by flat key, drive/JOINT/...; empty where no joint has a drive.
+
+    Args:
+        mechanism: Mechanism.
+        run: A run of it.
+    """
     out: dict[str, Array] = {}
     for name, extra in mechanism.description.joints.items():
         if extra.drive is not None:

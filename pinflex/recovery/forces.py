@@ -98,6 +98,11 @@ def slide(model: pin.Model, joint: int, rows: IntArray) -> int:
     """The translation at the bottom of an interface's chain of joints.
 
     Its force has all six components, about the displaced section, in the beam frame.
+
+    Args:
+        model: Expanded model.
+        joint: The last joint of the chain.
+        rows: Velocity rows of the interface's forces, the first at the bottom.
     """
     while model.joints[joint].idx_v != rows[0]:
         joint = int(model.parents[joint])

@@ -35,7 +35,14 @@ def grades(run: Run, arrays: Mapping[str, Array], balance: float | None) -> dict
 def sentences(
     run: Run, arrays: Mapping[str, Array], balance: float, found: Mapping[str, str]
 ) -> list[str]:
-    """One for each that is not good, with what to do."""
+    """One for each that is not good, with what to do.
+
+    Args:
+        run: The run.
+        arrays: Arrays of its result, by flat key.
+        balance: Energy that is missing, over the largest that there is [-].
+        found: Grades by check.
+    """
     texts, linear = [], run.path is not None
     if found.get("closure", GOOD) != GOOD:
         why, bent = "it is linear, and " if linear else "", 1e3 * _deflection(run, arrays)

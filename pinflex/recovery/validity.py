@@ -162,7 +162,13 @@ def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
 
 
 def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:
-    """One sentence for each link and limit that the run passes, with what to change."""
+    """One sentence for each link and limit that the run passes, with what to change.
+
+    Args:
+        mechanism: Mechanism.
+        run: A run of it.
+        found: Monitors of each flexible link.
+    """
     texts = []
     for name, m in found.items():
         part = mechanism.parts[name]

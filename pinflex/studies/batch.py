@@ -123,6 +123,10 @@ def keys(description: Description, cases: Iterable[Any], *about: Any) -> list[st
 
     These are the version, the texts of the model, the contents of the files that it or a case
     names, the case itself and `about` (plain JSON values: level, outputs, ...).
+
+    Args:
+        description: The model.
+        cases: What is solved, plain JSON values.
     """
     cases = list(cases)
     model = hashlib.sha256(version().encode())

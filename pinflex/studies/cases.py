@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.description import schema
+from pinflex.description import schema, yaml_text
 from pinflex.errors import DescriptionError
 from pinflex.writing import plain
 
@@ -31,7 +31,7 @@ def values(text: str, where: str) -> list[Any]:
     text = text.strip()
     span = _RANGE.fullmatch(text)
     if span is None:
-        found = schema.load(f"[{text}]", where)
+        found = yaml_text.load(f"[{text}]", where)
         if not found:
             raise DescriptionError(f"{where}: no value. Write v, or v,w,..., or a:b:n.")
         return list(found)
@@ -54,7 +54,12 @@ def values(text: str, where: str) -> list[Any]:
 
 
 def parsed(assignments: Iterable[str], option: str) -> dict[str, list[Any]]:
-    """Values by key from texts "key=values", such as an option takes on the command line."""
+    """Values by key from texts "key=values", such as an option takes on the command line.
+
+    Args:
+        assignments: Texts "key=values".
+        option: Name of the option, for messages.
+    """
     found: dict[str, list[Any]] = {}
     for text in assignments:
         key, sign, rest = (part.strip() for part in text.partition("="))
@@ -68,7 +73,12 @@ def parsed(assignments: Iterable[str], option: str) -> dict[str, list[Any]]:
 
 
 def listed(parameters: Mapping[str, object], where: str) -> dict[str, list[Any]]:
-    """The same from Python: a text is read as above, anything with many entries is a list."""
+    """The same from Python: a text is read as above, anything with many entries is a list.
+
+    Args:
+        parameters: Values by key.
+        where: Begins messages.
+    """
     found = {}
     for key, given in parameters.items():
         place = f"{where}: {key}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 from pinflex.description.drives import Friction
 from pinflex.studies.check import Check
@@ -43,44 +44,57 @@ def write(c: Check) -> str:
 
 
 def _head(c: Check) -> str:
-    r = c.report
-    gravity = "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2"
-    closed = plural(c.joints, "joint coordinate")
-    if c.loops:
-        closed += f" - {plural(r.rank, 'independent closure row')}"
-    if c.elastic_joints:
-        closed += f" - {plural(len(c.elastic_joints), 'elastic joint')}"
-    if r.coupled:
-        closed += f" - {r.coupled} coupled"
-    idle = c.joints - r.rank * bool(c.loops) - r.coupled - len(c.elastic_joints) - r.mobility
-    if idle:
-        closed += f" - {idle} idle"
-    motors = plural(len(c.motors), "motor") if c.motors else "none"
-    if c.motors:
-        motors += f" ({', '.join(c.motors)})"
-    gears = sum(x.drive is not None and x.drive.stiffness is not None for x in c.drives)
-    rows = [
-        ("URDF", f"{c.urdf}, base {c.base}"),
-        ("gravity", gravity),
-        ("mobility", f"{r.mobility} = {closed}{'' if c.loops else ', no loops'}"),
-        ("motors", motors),
-        (
-            "elastic",
-            f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
-            + (f" and {plural(gears, 'elastic drive')}" if gears else "")
-            + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else ""),
-        ),
-        *([("coupled", "; ".join(c.couplings))] if c.couplings else []),
-        *([("dynamics", c.urdf_dynamics)] if c.urdf_dynamics else []),
-        *([("idle", f"{', '.join(c.idle)}: nothing hangs on it, held at home")] if c.idle else []),
-        ("platform", c.platform or "none named: no deviation can be reported"),
-        ("motion", c.motion),
-    ]
-    if c.by_joint:
-        named = ", ".join(f"{joint} (link {link})" for joint, link in c.by_joint.items())
-        rows.append(("frames", f"named by the joint that carries them: {named}"))
-    lines = [paragraph(text, " " * 12, f"  {name:<10}") for name, text in rows]
+    """The model in a few rows, those with nothing to say left out."""
+    rows = {
+        "URDF": f"{c.urdf}, base {c.base}",
+        "gravity": "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2",
+        "mobility": _mobility(c),
+        "motors": _counted("motor", c.motors) if c.motors else "none",
+        "elastic": _elastic(c),
+        "coupled": "; ".join(c.couplings),
+        "dynamics": c.urdf_dynamics,
+        "idle": f"{', '.join(c.idle)}: nothing hangs on it, held at home" if c.idle else "",
+        "platform": c.platform or "none named: no deviation can be reported",
+        "motion": c.motion,
+        "frames": _renamed(c.by_joint),
+    }
+    lines = [paragraph(text, " " * 12, f"  {name:<10}") for name, text in rows.items() if text]
     return "\n".join([c.name, *lines])
+
+
+def _mobility(c: Check) -> str:
+    """Mobility as the difference that it is: coordinates less all that holds or follows."""
+    r, elastic = c.report, len(c.elastic_joints)
+    rank = r.rank if c.loops else 0
+    idle = c.joints - rank - elastic - r.coupled - r.mobility
+    held = (
+        (bool(c.loops), plural(rank, "independent closure row")),
+        (elastic, plural(elastic, "elastic joint")),
+        (r.coupled, f"{r.coupled} coupled"),
+        (idle, f"{idle} idle"),
+    )
+    terms = [plural(c.joints, "joint coordinate"), *(text for some, text in held if some)]
+    return f"{r.mobility} = {' - '.join(terms)}{'' if c.loops else ', no loops'}"
+
+
+def _elastic(c: Check) -> str:
+    """Elastic coordinates and where they are."""
+    gears = sum(x.drive is not None and x.drive.stiffness is not None for x in c.drives)
+    text = f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
+    text += f" and {plural(gears, 'elastic drive')}" if gears else ""
+    return text + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else "")
+
+
+def _counted(noun: str, names: Sequence[str]) -> str:
+    return f"{plural(len(names), noun)} ({', '.join(names)})"
+
+
+def _renamed(by_joint: Mapping[str, str]) -> str:
+    """Frames that the YAML names by the joint that carries them."""
+    if not by_joint:
+        return ""
+    named = ", ".join(f"{joint} (link {link})" for joint, link in by_joint.items())
+    return f"named by the joint that carries them: {named}"
 
 
 def _loop_table(c: Check) -> str:

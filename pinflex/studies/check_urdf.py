@@ -15,46 +15,38 @@ _SOME = 6  # names listed before "..."
 def ignored(description: Description) -> list[str]:
     """Sentences on what the URDF says of joints and transmissions and has no effect."""
     tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
-    found = []
-    if not description.use_urdf_dynamics:
-        for key in ("damping", "friction"):
-            names = _moving(tree, key)
-            if names:
-                found.append(
-                    f"{key} in the URDF is not used ({_list(names)}): use_urdf_dynamics is false."
-                )
-    several = [
-        name
-        for key in ("damping", "friction")
-        for name in _moving(tree, key)
-        if description.use_urdf_dynamics and tree.joints[name].type in ("floating", "planar")
-    ]
-    if several:
-        found.append(
-            f"damping and friction in the URDF are not used in joints of several freedoms "
-            f"({_list(several)})."
-        )
     geared = [
         f"{name} {joint.reduction:g}"
         for name, joint in tree.joints.items()
         if abs(joint.reduction or 1.0) != 1.0 and not _driven(description, name)
     ]
-    if geared:
-        found.append(
-            f"gear ratios of the URDF's transmissions are not used ({_list(geared)}): they count "
-            "where joints.NAME.drive says what the motor is."
-        )
-    mimicking = [
+    leaders = {name: joint.mimic[0] for name, joint in tree.joints.items() if joint.mimic}
+    notes = {
+        **_unused_rubbing(tree, description.use_urdf_dynamics),
+        "gear ratios of the URDF's transmissions are not used ({}): they count where "
+        "joints.NAME.drive says what the motor is.": geared,
+        "mimic in the URDF names joints that are not there ({}): these joints move by themselves. "
+        "Write joints.NAME.follows in the YAML if they should not.": [
+            name for name, leader in leaders.items() if leader not in tree.joints
+        ],
+    }
+    return [text.format(_list(names)) for text, names in notes.items() if names]
+
+
+def _unused_rubbing(tree: Source, dynamics: bool) -> dict[str, list[str]]:
+    """Sentences on damping and friction without effect, with the joints that they are about."""
+    moving = {key: _moving(tree, key) for key in ("damping", "friction")}
+    if not dynamics:
+        text = "{} in the URDF is not used ({{}}): use_urdf_dynamics is false."
+        return {text.format(key): names for key, names in moving.items()}
+    several = [
         name
-        for name, joint in tree.joints.items()
-        if joint.mimic is not None and joint.mimic[0] not in tree.joints
+        for names in moving.values()
+        for name in names
+        if tree.joints[name].type in ("floating", "planar")
     ]
-    if mimicking:
-        found.append(
-            f"mimic in the URDF names joints that are not there ({_list(mimicking)}): these joints "
-            "move by themselves. Write joints.NAME.follows in the YAML if they should not."
-        )
-    return found
+    text = "damping and friction in the URDF are not used in joints of several freedoms ({})."
+    return {text: several}
 
 
 def used(description: Description) -> str:
@@ -95,7 +87,13 @@ def _driven(description: Description, name: str) -> bool:
 def beyond_limits(
     description: Description, mechanism: Mechanism, holding: tuple[float, ...] | None
 ) -> list[str]:
-    """Motors whose home position or holding torque is beyond the URDF's limits."""
+    """Motors whose home position or holding torque is beyond the URDF's limits.
+
+    Args:
+        description: With its URDF's limits.
+        mechanism: The same, loaded.
+        holding: Torque or force of each motor at home [N m | N]; None: not known.
+    """
     known = limits(description.urdf_text)
     at_home = motor_axes(mechanism).read(mechanism.home)
     found = []

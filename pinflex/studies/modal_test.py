@@ -89,7 +89,7 @@ def modal_test(
         pulse: Width of the half sine, s. noise: Rms noise over rms response.
         across: Direction of hits and measurement: beam y or z. seed: Of noise and hit strength.
     """
-    from scipy.signal import cont2discrete, lfilter
+    from scipy.signal import lfilter
 
     part = mechanism.parts.get(link)
     if part is None:
@@ -111,13 +111,7 @@ def modal_test(
     hammer = np.where(t < pulse, np.sin(np.pi * t / pulse), 0.0)
     force = np.empty((len(at), repeats, n))
     response = np.empty((len(at), repeats, points, n))
-    filters = []
-    for omega, ratio in zip(2 * np.pi * f, zeta, strict=True):
-        A = np.array([[0.0, 1.0], [-(omega**2), -2 * ratio * omega]])
-        B, C, D = np.array([[0.0], [1.0]]), A[1:], np.array([[1.0]])
-        Ad, Bd, Cd, Dd, _ = cont2discrete((A, B, C, D), 1 / rate, method="foh")
-        top = np.polyadd(np.poly(Ad - Bd @ Cd), (Dd[0, 0] - 1.0) * np.poly(Ad))
-        filters.append((top, np.poly(Ad)))
+    filters = [_filter(2 * np.pi * a, b, rate) for a, b in zip(f, zeta, strict=True)]
     for i in range(len(at)):
         for k in range(repeats):
             force[i, k] = hammer * (1.0 + 0.2 * generator.standard_normal())
@@ -128,6 +122,20 @@ def modal_test(
     frequency, frf = _h1(force, response, rate)
     exact = np.column_stack([f, zeta])
     return ModalTest(link, x, at, t, force[:, 0], response[:, 0], frequency, frf, exact)
+
+
+def _filter(omega: float, ratio: float, rate: float) -> tuple[Array, Array]:
+    """Digital filter from the force on a mode to its acceleration, sampled `rate` times a second.
+
+    Polynomials of numerator and denominator; exact for a force that is linear between samples.
+    """
+    from scipy.signal import cont2discrete
+
+    A = np.array([[0.0, 1.0], [-(omega**2), -2 * ratio * omega]])
+    B, C, D = np.array([[0.0], [1.0]]), A[1:], np.array([[1.0]])
+    Ad, Bd, Cd, Dd, _ = cont2discrete((A, B, C, D), 1 / rate, method="foh")
+    top = np.polyadd(np.poly(Ad - Bd @ Cd), (Dd[0, 0] - 1.0) * np.poly(Ad))
+    return np.asarray(top, float), np.asarray(np.poly(Ad), float)
 
 
 def _ratio(damping: float | Mapping[float, float], frequency: float) -> float:
@@ -147,7 +155,15 @@ def _h1(force: Array, response: Array, rate: float) -> tuple[Array, Array]:
 
 
 def point_rows(mechanism: Mechanism, y: Array, link: str, x: Array, across: str) -> Array:
-    """Rows that give the speed of the centre line at x along the beam's own y or z, (nx, nv)."""
+    """Rows that give the speed of the centre line at x along the beam's own y or z, (nx, nv).
+
+    Args:
+        mechanism: Mechanism.
+        y: Coordinates, shape (nq,).
+        link: A flexible one.
+        x: Places along its beam [m], shape (nx,).
+        across: y or z.
+    """
     dynamics = Equations(mechanism.flexible)
     system = mechanism.flexible
     slot = next(s for s in system.expansion.slots if s.link == link)

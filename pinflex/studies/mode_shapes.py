@@ -25,6 +25,11 @@ def first_modes(found: Modes, count: int, zeros: bool = False) -> Modes:
     """The first of all modes that have a stiffness; those at 0 Hz are only counted, or `zeros`.
 
     A frequency at the round-off of the highest one is zero.
+
+    Args:
+        found: All modes, slowest first.
+        count: How many.
+        zeros: Whether those at 0 Hz are among them.
     """
     f = found.frequencies
     alive = np.abs(f) > _ROUND_OFF * np.max(np.abs(f), initial=0.0)
@@ -49,6 +54,10 @@ def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
 
     Displacements are measured from the pose that was linearised about, sag included; fields that a
     shape without size does not have (stress, forces) are left out.
+
+    Args:
+        mechanism: Mechanism.
+        found: Modes of it.
     """
     dynamics = Equations(mechanism.flexible)
     return [

@@ -29,7 +29,12 @@ _UNITS = {
 
 
 def check_outputs(names: Iterable[str], level: str | None) -> tuple[str, ...]:
-    """The wanted groups in the order of `OUTPUTS`; unknown ones and levels are named."""
+    """The wanted groups in the order of `OUTPUTS`; unknown ones and levels are named.
+
+    Args:
+        names: Groups of outputs.
+        level: Level of the runs; None: that of the YAML.
+    """
     wanted = list(names)
     for name in wanted:
         if name not in OUTPUTS:

@@ -54,7 +54,7 @@ def figure(commands: Mapping[str, Command], runs: Mapping[str, Followed]) -> Fig
     fig, axes = panels(3, 1, 6.6, None, sharex=True)
     error, moves, torque = axes[:, 0]
     for k, (level, x) in enumerate(runs.items()):
-        error.semilogy(x.run.t, 1e3 * np.maximum(x.distance, _LEAST), color=COLOURS[k], lw=1.0,
+        error.semilogy(x.run.t, 1e3 * np.maximum(x.off_path.norm, _LEAST), color=COLOURS[k], lw=1.0,
                        label=f"{level} command")  # fmt: skip
     error.set_ylabel("platform off its path [mm]")
     error.legend(frameon=False, fontsize=8, ncols=2)

@@ -56,7 +56,12 @@ def reason(error: PinflexError) -> str:
 
 
 def why_missing(record: Outcomes, level: str) -> str:
-    """Why a level is missing, and the file that holds what there is of it."""
+    """Why a level is missing, and the file that holds what there is of it.
+
+    Args:
+        record: What the levels gave.
+        level: One that failed.
+    """
     partial = record.partial.get(level)
     text = reason(record.unsolved[level])
     if partial is not None:
@@ -111,7 +116,13 @@ def starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) 
 
 
 def remark(mechanism: Mechanism, record: Outcomes, run: Result) -> str:
-    """Remark for a reader of the run alone, in a line."""
+    """Remark for a reader of the run alone, in a line.
+
+    Args:
+        mechanism: Scene.
+        record: What all levels gave.
+        run: The run.
+    """
     said = []
     lost = falls(record)
     if lost is not None and run.level != "quasistatic":

@@ -141,14 +141,24 @@ class ModalState:
         return K[square], M[square], J[:, self.free]
 
     def derivatives(self, at: At, h: float) -> Array:
-        """d ln(frequency) of all modes by differences of +-h at the held, then the led state."""
+        """d ln(frequency) of all modes by differences of +-h at the held, then the led state.
+
+        Args:
+            at: Design at a logarithm of the parameter over its first value.
+            h: Half the difference of logarithms.
+        """
         found = np.zeros(len(self.omega2))
         for group, form in self.forms(at, h):
             found[group] = np.linalg.eigvalsh(form)
         return found
 
     def forms(self, at: At, h: float) -> list[tuple[Array, Array]]:
-        """d ln(frequency) as a form on the shapes of each frequency, with their places."""
+        """d ln(frequency) as a form on the shapes of each frequency, with their places.
+
+        Args:
+            at: Design at a logarithm of the parameter over its first value.
+            h: Half the difference of logarithms.
+        """
         designs = [at(s) for s in (-h, h)]
         sides = [Equations(design.flexible) for design in designs]
         held = [self._held(side, d) for side, d in zip(sides, designs, strict=True)]

@@ -119,7 +119,12 @@ class Evaluator:
         return f"{name} = {found[name]:.4g} where {limit} is asked"
 
     def design(self, x: Array, continuous: bool) -> Design:
-        """What is told of the design at a point."""
+        """What is told of the design at a point.
+
+        Args:
+            x: Logarithms of the parameters over their first values, shape (parameters,).
+            continuous: Whether all of them are numbers between bounds, and not chosen from values.
+        """
         (found,) = self([x])
         assert found is not None
         slope, rates = self.slopes(x)

@@ -35,7 +35,12 @@ class Limit:
         return self.value * base[self.output] if self.relative else self.value
 
     def margin(self, value: float, base: Mapping[str, float]) -> float:
-        """ln of how far a value keeps within the limit: 0.01 is one per cent, negative beyond."""
+        """ln of how far a value keeps within the limit: 0.01 is one per cent, negative beyond.
+
+        Args:
+            value: Of the output, SI.
+            base: Outputs of the first design.
+        """
         sign = -1.0 if self.upper else 1.0
         limit = self.number(base)
         if value > 0 and limit > 0:

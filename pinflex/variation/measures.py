@@ -45,6 +45,9 @@ def unit(name: str) -> str:
 def check_names(names: Iterable[str], mechanism: Mechanism) -> tuple[str, ...]:
     """The names, if each is an output.
 
+    Args:
+        names: Outputs.
+        mechanism: The scene: its motors.
     Raises:
         DescriptionError: Another name, with the nearest.
     """
@@ -104,29 +107,45 @@ def available(
     wanted = tuple(names)
     heads = {name.partition(".")[0] for name in wanted}
     found: dict[str, float] = {}
-    if "mass" in heads:
-        found["mass"] = float(sum(i.mass for i in mechanism.flexible.expansion.model.inertias))
-    if "sag" in heads:
-        found |= _sag(mechanism)
-    if "stiffness" in heads:
-        values = free_stiffness(platform_compliance(mechanism))
-        found |= {f"stiffness.{axis}": float(k) for axis, k in zip(AXES, values, strict=True)}
+    for head, values in _OF_HOME.items():
+        if head in heads:
+            found |= values(mechanism)
     groups = [group for group in ("frequency", *RUNS) if group in heads]
     if mechanism.description.motion is None and mechanism.description.solve.until is None:
         groups = [group for group in groups if group not in RUNS]
     if groups:
         found |= _numbers(scene_outputs(mechanism, level, groups))
     found |= {short: found[full] for short, full in _SHORT.items() if full in found}
-    for kind in ("torque.peak", "torque.rms"):
-        each = [value for name, value in found.items() if name.startswith(f"{kind}.")]
-        if each:
-            found[kind] = max(each)
+    found |= _of_all_motors(found)
     return {name: found[name] for name in wanted if name in found}
+
+
+def _of_all_motors(found: Mapping[str, float]) -> dict[str, float]:
+    """Largest torque of any motor, by kind."""
+    each = {
+        kind: [value for name, value in found.items() if name.startswith(f"{kind}.")]
+        for kind in ("torque.peak", "torque.rms")
+    }
+    return {kind: max(values) for kind, values in each.items() if values}
+
+
+def _mass(mechanism: Mechanism) -> dict[str, float]:
+    bodies = mechanism.flexible.expansion.model.inertias
+    return {"mass": float(sum(body.mass for body in bodies))}
+
+
+def _stiffness(mechanism: Mechanism) -> dict[str, float]:
+    values = free_stiffness(platform_compliance(mechanism))
+    return {f"stiffness.{axis}": float(k) for axis, k in zip(AXES, values, strict=True)}
 
 
 def _sag(mechanism: Mechanism) -> dict[str, float]:
     found = statics(mechanism)
     return {} if found.full is None else {"sag": float(np.linalg.norm(found.full.position))}
+
+
+# Outputs that need neither modes nor a run.
+_OF_HOME = {"mass": _mass, "sag": _sag, "stiffness": _stiffness}
 
 
 def _numbers(values: Mapping[str, object]) -> dict[str, float]:

@@ -101,6 +101,10 @@ class ModalData:
         """Residuals of frequencies, then of shapes if they have a standard deviation.
 
         From afar shapes count as much as frequencies do.
+
+        Args:
+            mechanism: A design.
+            coarse: From afar.
         """
         state = ModalState(mechanism)
         places, _, calculated = self._paired(state, mechanism)
@@ -118,7 +122,13 @@ class ModalData:
         return np.concatenate([first, apart.ravel()])
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By logarithms of the parameters: implicit for frequencies, differences for shapes."""
+        """By logarithms of the parameters: implicit for frequencies, differences for shapes.
+
+        Args:
+            designs: What varies.
+            values: By key, SI.
+            base: The design of these values.
+        """
         m = len(self.frequencies)
         state = ModalState(base)
         places = state.elastic[self._paired(state, base)[0]]

@@ -65,7 +65,12 @@ class ResponseData:
         return np.stack([H[:, outputs.index(o), place.index(i)] for o, i in self.pairs], axis=1)
 
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
-        """Real and imaginary parts; from afar the logarithm of the magnitude and the phase."""
+        """Real and imaginary parts; from afar the logarithm of the magnitude and the phase.
+
+        Args:
+            mechanism: A design.
+            coarse: From afar.
+        """
         H = self._model(mechanism)
         if coarse:
             least = 1e-6 * np.max(np.abs(self.values), axis=0)  # a zero has no logarithm
@@ -75,7 +80,13 @@ class ResponseData:
         return np.concatenate([apart.real.ravel(), apart.imag.ravel()])
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By the logarithms of the parameters."""
+        """By the logarithms of the parameters.
+
+        Args:
+            designs: What varies.
+            values: By key, SI.
+            base: The design of these values.
+        """
         return differences(self.rows, designs, values)
 
     def text(self, mechanism: Mechanism) -> str:
@@ -144,11 +155,22 @@ class HistoryData:
         return np.asarray(CubicSpline(run.t, found)(self.t))
 
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
-        """All samples of all columns."""
+        """All samples of all columns.
+
+        Args:
+            mechanism: A design.
+            coarse: From afar; the same here.
+        """
         return np.asarray(((self._model(mechanism) - self.values) / self._std).ravel())
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By the logarithms of the parameters."""
+        """By the logarithms of the parameters.
+
+        Args:
+            designs: What varies.
+            values: By key, SI.
+            base: The design of these values.
+        """
         return differences(self.rows, designs, values)
 
     def text(self, mechanism: Mechanism) -> str:

@@ -58,7 +58,12 @@ class Variants:
         return dict(zip(keys(self.parameters), found, strict=True))
 
     def scaled(self, parameter: Parameter, logarithm: float) -> Mechanism:
-        """The robot with one parameter multiplied by e^logarithm."""
+        """The robot with one parameter multiplied by e^logarithm.
+
+        Args:
+            parameter: The one that changes.
+            logarithm: Of its value over the first one.
+        """
         return self.at({parameter.key: parameter.value * math.exp(logarithm)})
 
 

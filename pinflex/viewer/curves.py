@@ -8,6 +8,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
+from pinflex.results.views import Deviation
 from pinflex.rotations import rotation_vector
 from pinflex.viewer.frames import FrameLocator
 
@@ -26,12 +27,15 @@ def with_rigid_torque(run: Result, rigid: Result) -> Result:
     return Result(run.t, {**run.arrays, RIGID_TORQUE: _at(rigid, "torque", run.t)}, run.meta)
 
 
-def track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
+def track(
+    result: Result, rigid: Result | None, off_path: Deviation | None = None
+) -> dict[str, Any] | None:
     """Path of the platform (or of the tip that moves most) and how far it is from rigid.
 
     Args:
         result: The run.
         rigid: The same motion without elasticity, or None: as the run itself has it.
+        off_path: From a wanted path, which is told in place of that from rigid.
     """
     name, angle = result.meta.get("platform"), np.zeros(len(result.t))
     if name and f"frame/{name}/position" in result.arrays:
@@ -47,7 +51,10 @@ def track(result: Result, rigid: Result | None) -> dict[str, Any] | None:
     other = position if other is None else other
     disp = position - other
     deviation = np.linalg.norm(disp, axis=1)
+    if off_path is not None:
+        deviation, angle = off_path.norm, off_path.angle
     path = {"name": name, "rigid": other, "disp": disp, "deviation": deviation, "angle": angle}
+    path["off"] = "rigid" if off_path is None else "path"
     fine, finer = deviation.max() < 1e-5, angle.max() < 1e-4
     path |= {"factor": 1e6, "unit": "µm"} if fine else {"factor": 1e3, "unit": "mm"}
     path |= {"angle_factor": 1e6 if finer else 1e3, "angle_unit": "µrad" if finer else "mrad"}
@@ -97,8 +104,8 @@ def plots(
     panels = _torques(result, rigid, keep)
     if path is not None and float(path["deviation"].max()) > 0.0:
         curve = _curve(path["name"], path["factor"] * path["deviation"][keep], 0)
-        title = f"{path['name']} off rigid"
-        panels.append({"title": title, "unit": path["unit"], "curves": [curve]})
+        title = f"{path['name']} off {path['off']}"
+        panels.append({"title": title, "unit": path["unit"], "curves": [curve], "deviation": True})
     if stress:
         curves = [_curve(n, 1e-6 * s[keep], i) for i, (n, s) in enumerate(stress.items())]
         panels.append({"title": "peak von Mises", "unit": "MPa", "curves": curves})

@@ -16,6 +16,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
+from pinflex.results.views import Deviation
 from pinflex.viewer.curves import plots, track
 from pinflex.viewer.frames import FrameLocator
 from pinflex.viewer.links import (
@@ -66,6 +67,7 @@ def build_scenes(
     rigid: Result | None = None,
     scale: float | str = "auto",
     meshes: Sequence[str | Path] | None = (),
+    off_path: Sequence[Deviation | None] = (),
 ) -> list[dict[str, Any]]:
     """Scenes of runs of one mechanism, alike in instants, stations and magnification.
 
@@ -74,8 +76,11 @@ def build_scenes(
         rigid: As in `build_scene`.
         scale: As in `build_scene`.
         meshes: As in `build_scene`.
+        off_path: Of each run from the path that its platform should follow; default from rigid.
     """
-    drawn = [_drawn(result, rigid, meshes, _stations(results)) for result in results]
+    away = off_path or [None] * len(results)
+    at = _stations(results)
+    drawn = [_drawn(r, rigid, meshes, at, d) for r, d in zip(results, away, strict=True)]
     drawn = [_with_links(d, drawn) for d in drawn]
     keep = _instants(drawn)
     scenes = [_scene(d, rigid, k) for d, k in zip(drawn, keep, strict=True)]
@@ -101,13 +106,14 @@ def _drawn(
     rigid: Result | None,
     meshes: Sequence[str | Path] | None,
     at: Mapping[tuple[str, int], IntArray],
+    off_path: Deviation | None,
 ) -> _Drawn:
     skins, missing = ({}, []) if meshes is None else surfaces(result, meshes)
     count = {name: len(result.arrays[f"link/{name}/x"]) for name in result.links}
     links = {n: link_geometry(result, n, skins.get(n), at[n, count[n]]) for n in result.links}
     locator = FrameLocator(result)
     bodies = skeletons(result, locator, skins)
-    return _Drawn(result, links, bodies, track(result, rigid), locator, missing)
+    return _Drawn(result, links, bodies, track(result, rigid, off_path), locator, missing)
 
 
 def _with_links(drawn: _Drawn, others: Sequence[_Drawn]) -> _Drawn:

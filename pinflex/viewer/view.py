@@ -25,6 +25,7 @@ from typing import Any
 from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.result import Result
+from pinflex.results.views import Deviation
 from pinflex.text import brief
 from pinflex.viewer.links import FIELDS
 from pinflex.viewer.packing import Coarse, deflated, pack
@@ -37,7 +38,8 @@ MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of
 PLAYER = (
     *("load", "state", "layout", "theme", "viewer", "meshes", "sweep", "base", "bodies", "links"),
     *("arrows", "paths", "scene", "motion", "ghost", "camera", "compass", "colours", "legend"),
-    *("labels", "hover", "chart", "plots", "beam", "export", "controls", "player"),
+    *("labels", "hover", "chart", "zoom", "names", "plots", "beam", "table", "export", "controls"),
+    "player",
 )
 STYLE = ("theme", "layout", "stage", "dock", "beam", "small")
 # Steps of the largest number of an array of a link, where a millionth is more than can be seen:
@@ -134,6 +136,7 @@ def write_runs_html(
     limit: float | None = None,
     meshes: Sequence[str | Path] | None = (),
     first: str | None = None,
+    off_path: Mapping[str, Deviation] | None = None,
 ) -> Path:
     """Write one page on which runs of one mechanism are switched, overlaid and subtracted.
 
@@ -148,6 +151,8 @@ def write_runs_html(
         limit: As in `write_html`.
         meshes: As in `write_html`.
         first: Words of the run shown at first; default the first.
+        off_path: By the same words, distance of the platform from the path that it should follow,
+            told in place of that from the rigid mechanism.
     """
     if not runs:
         raise DescriptionError("view: no run was given. Give at least one.")
@@ -156,7 +161,8 @@ def write_runs_html(
         rigid = next((run for run in results if run.level == "rigid"), None)
     page = _settings(results, field, limit)
     page["first"] = 0 if first is None else list(runs).index(first)
-    scenes = build_scenes(results, rigid, _scale(scale), meshes)
+    away = [(off_path or {}).get(words) for words in runs]
+    scenes = build_scenes(results, rigid, _scale(scale), meshes, away)
     scenes = [s | {"label": words} for s, words in zip(scenes, runs, strict=True)]
     return _write(scenes, path, title or scenes[0]["name"], page)
 

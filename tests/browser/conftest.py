@@ -11,6 +11,7 @@ import pytest
 from pinflex.results.result import Result
 from pinflex.viewer.view import write_html
 from tests.browser.chromium import CHROMIUM, DRIVER, Browser
+from tests.browser.made_up import half_bent
 from tests.synthetic import synthetic_result
 
 URDF = """<robot name="3rrr"><link name="base"/>{}</robot>""".format(
@@ -34,6 +35,13 @@ def run() -> Result:
 def page(run: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     rigid = synthetic_result("rigid", samples=121)
     return write_html(run, tmp_path_factory.mktemp("view") / "run.html", rigid=rigid)
+
+
+@pytest.fixture(scope="session")
+def levels(run: Result) -> dict[str, Result]:
+    """The rigid robot, one that bends half as much and stops early, and the run itself."""
+    rigid = synthetic_result("rigid", samples=121)
+    return {"rigid": rigid, "quasistatic": half_bent(run), "coupled": run}
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ import numpy as np
 
 from pinflex.results.result import Result
 
+FALLEN = "t = 0.2 s: no equilibrium: the load can be put on to 95 % only."
 EVIL = "</script><script>window.evil=1</script>"
 
 
@@ -64,3 +65,26 @@ def shape(run: Result, frequency: float, size: float) -> Result:
         lift = wave[:, None, None] * bow[:, None] * np.array([0.0, 0.0, 0.01])
         arrays[f"link/{name}/centreline"] = rigid + lift
     return Result(t, arrays, {**run.meta, "frames": [], "platform": None, "actuated": []})
+
+
+def half_bent(run: Result) -> Result:
+    """A run that bends half as much and ends early, where it falls."""
+    arrays = dict(run.arrays)
+    for name in run.links:
+        rigid = run.arrays[f"link/{name}/centreline_rigid"]
+        line = run.arrays[f"link/{name}/centreline"]
+        arrays[f"link/{name}/centreline"] = rigid + 0.5 * (line - rigid)
+    for key in ("torque", *(f"link/{name}/stress/von_mises" for name in run.links)):
+        arrays[key] = 0.5 * run.arrays[key]
+    arrays = {k: v if k.endswith("/x") else v[:100] for k, v in arrays.items()}
+    about = {"level": "quasistatic", "status": "failed", "message": FALLEN, "warnings": []}
+    return Result(run.t[:100], arrays, {**run.meta, **about})
+
+
+def with_strength(run: Result, strength: float) -> Result:
+    """The run with links of a yield strength [Pa]."""
+    links = {
+        name: {**about, "material": {**about["material"], "yield_strength": strength}}
+        for name, about in run.meta["links"].items()
+    }
+    return Result(run.t, run.arrays, {**run.meta, "links": links})

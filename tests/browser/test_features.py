@@ -11,8 +11,9 @@ import pytest
 
 import pinflex as pf
 from pinflex.results.result import Result
+from pinflex.results.views import Deviation
 from pinflex.viewer.curves import with_rigid_torque
-from pinflex.viewer.scene import build_scene
+from pinflex.viewer.scene import build_scene, build_scenes
 from pinflex.viewer.view import write_html
 from tests.browser.chromium import Browser
 from tests.synthetic import synthetic_result
@@ -94,6 +95,20 @@ def test_the_deviation_of_the_platform_is_told_in_its_unit(
     assert float(told.split("mm, ")[1].split(" mrad")[0]) == pytest.approx(
         1e3 * np.linalg.norm(away.rotation[25]), rel=5e-3
     )
+
+
+def test_of_a_wanted_path_the_distance_from_it_is_told(run: Result) -> None:
+    """A command imposes some coordinates; the rigid mechanism may be off in the others."""
+    rigid, n = synthetic_result("rigid", samples=121), len(run.t)
+    imposed = Deviation(run.t, np.linspace(0, 2e-6, 3 * n).reshape(n, 3), np.zeros((n, 3)))
+    told, alone = build_scenes([run, run], rigid, off_path=[imposed, None])
+    assert told["track"]["deviation"] == pytest.approx(imposed.norm)
+    assert told["track"]["unit"] == "µm"
+    titles = [
+        [p["title"] for p in scene["plots"] if "off" in p["title"]] for scene in (told, alone)
+    ]
+    assert titles == [["platform off path"], ["platform off rigid"]]
+    assert told["largest"] == pytest.approx(alone["largest"], rel=0.5)  # the drawing is the same
 
 
 def test_without_loop_it_stops_at_the_end_and_starts_again_from_there(

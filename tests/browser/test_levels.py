@@ -13,25 +13,7 @@ from pinflex.viewer.scene import build_scenes
 from pinflex.viewer.verdicts import verdicts
 from pinflex.viewer.view import view, write_runs_html
 from tests.browser.chromium import Browser
-from tests.synthetic import synthetic_result
-
-FALLEN = "t = 0.2 s: no equilibrium: the load can be put on to 95 % only."
-
-
-@pytest.fixture(scope="session")
-def levels(run: Result) -> dict[str, Result]:
-    """The rigid robot, one that bends half as much and stops early, and the run itself."""
-    arrays = dict(run.arrays)
-    for name in run.links:
-        rigid = run.arrays[f"link/{name}/centreline_rigid"]
-        line = run.arrays[f"link/{name}/centreline"]
-        arrays[f"link/{name}/centreline"] = rigid + 0.5 * (line - rigid)
-    for key in ("torque", *(f"link/{name}/stress/von_mises" for name in run.links)):
-        arrays[key] = 0.5 * run.arrays[key]
-    arrays = {k: v if k.endswith("/x") else v[:100] for k, v in arrays.items()}
-    about = {"level": "quasistatic", "status": "failed", "message": FALLEN, "warnings": []}
-    half = Result(run.t[:100], arrays, {**run.meta, **about})
-    return {"rigid": synthetic_result("rigid", samples=121), "quasistatic": half, "coupled": run}
+from tests.browser.made_up import FALLEN
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
+import zlib
 
 import numpy as np
 import pytest
@@ -27,7 +30,10 @@ def test_a_command_is_written_and_held_against_a_forward_run(capsys, fourbar, tm
     found = json.loads(done.out)
     assert [path.rpartition(".")[2] for path in found["files"]] == ["csv", "png", "html"]
     assert figure.stat().st_size > 2e4
-    assert page.stat().st_size > 3e5  # two runs
+    packed = re.search(r'id="pinflex-data">([^<]+)', page.read_text("utf-8"))
+    assert packed is not None
+    data = zlib.decompress(base64.b64decode(packed[1]))
+    assert data.count(b" off path") == 2  # a plot of each run
     exact, rigid = found["followed"]["exact"], found["followed"]["rigid"]
     assert exact["during"] < 1e-2 * rigid["during"]  # of 66 nm
     table = np.genfromtxt(file, delimiter=",", names=True)

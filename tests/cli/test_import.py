@@ -12,7 +12,7 @@ import yaml
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.description import schema
+from pinflex.description import yaml_text
 from pinflex.description.json_schema import json_schema
 from tests.unit.description.test_formats import BARS, INERTIA, gepetto
 
@@ -154,10 +154,10 @@ def test_the_shipped_models_are_what_the_schema_says() -> None:
     files = sorted((ROOT / "models").glob("*/*.yaml"))
     assert len(files) > 12
     for path in files:
-        raw = schema.load(path.read_text("utf-8"), path.name)
+        raw = yaml_text.load(path.read_text("utf-8"), path.name)
         if "urdf" in raw:
             assert [error.message for error in validator.iter_errors(raw)] == []
-    raw = schema.load((ROOT / "models/delta/delta.yaml").read_text("utf-8"), "delta")
+    raw = yaml_text.load((ROOT / "models/delta/delta.yaml").read_text("utf-8"), "delta")
     joint = {"joint": "motor_1"}
     entry = {"measure": joint, "drive": joint, "kp": -1.0, "target": "motion", "limit": 3.0}
     assert validator.is_valid(raw | {"control": {"period": 0.001, "delay": 0, "hub": entry}})

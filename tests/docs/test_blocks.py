@@ -14,7 +14,7 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import build_parser, main
 from pinflex.description.json_schema import json_schema
-from pinflex.description.schema import load
+from pinflex.description.yaml_text import load
 from tests.docs.blocks import PAGES, ROOT, Block, blocks
 
 RUN = [block for block in blocks("python", "sh") if not block.reason]

@@ -394,7 +394,7 @@ def messages() -> str:
         for option in OPTIONS:
             shown = ", ".join(f"{k}={v!r}" for k, v in option.items())
             add(f"solve({shown})", lambda option=option: _solved(scene, option))
-        load = description.schema.load
+        load = description.yaml_text.load
         for title, lines, reader in (
             ("section", SECTIONS, section.from_spec),
             ("material", MATERIALS, material.from_spec),

@@ -10,7 +10,10 @@ import pytest
 import pinflex as pf
 
 ROOT = Path(pf.__file__).parent
-COMPLETE = ("results", "solver", "viewer")  # packages all of whose public functions do
+COMPLETE = (  # packages all of whose public functions do
+    *("actuation", "advice", "cli", "description", "inversion", "kernel", "lab", "levels"),
+    *("recovery", "results", "solver", "viewer"),
+)
 FILES = {name: Path(*module.split(".")) for name, module in pf._MODULE.items()}
 WHERE = {name: ROOT.parent / f"{file}.py" for name, file in FILES.items()}
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from pinflex.arrays import Array
-from pinflex.description import description, schema
+from pinflex.description import description, schema, yaml_text
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PLANAR, SPATIAL = ("3rrr", "race_r1"), ("3rrs", "race_r2")
@@ -43,7 +43,7 @@ class Home:
 
 
 def load_home(name: str) -> Home:
-    raw = schema.load((MODELS / name / f"{name}.yaml").read_text(), name)
+    raw = yaml_text.load((MODELS / name / f"{name}.yaml").read_text(), name)
     model = pin.buildModelFromUrdf(str(MODELS / name / f"{name}.urdf"))
     data, q = model.createData(), pin.neutral(model)
     ball = None
@@ -321,7 +321,7 @@ def test_the_spinning_beam_has_the_stiffness_and_mass_of_the_benchmark() -> None
 
 
 def test_the_cantilever_bends_over_its_thin_side_under_gravity() -> None:
-    raw = schema.load((MODELS / "cantilever/cantilever.yaml").read_text(), "cantilever")
+    raw = yaml_text.load((MODELS / "cantilever/cantilever.yaml").read_text(), "cantilever")
     model = pin.buildModelFromUrdf(str(MODELS / "cantilever/cantilever.urdf"))
     assert model.nv == 0
     assert model.inertias[0].mass == pytest.approx(7850 * 0.5 * 0.020 * 0.002, rel=WRITTEN)
@@ -335,7 +335,7 @@ def test_the_cantilever_bends_over_its_thin_side_under_gravity() -> None:
 def test_the_ur5_spans_run_between_its_joint_axes() -> None:
     loaders = pytest.importorskip("example_robot_data")
     model = loaders.load("ur5").model
-    raw = schema.load((MODELS / "ur5/ur5.yaml").read_text(), "ur5")
+    raw = yaml_text.load((MODELS / "ur5/ur5.yaml").read_text(), "ur5")
     assert model.existFrame(raw["platform"])
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))

@@ -1,6 +1,6 @@
 /* arrows.js: forces and torques in the drawing. */
 /* Arrows start at joints, which lie inside of meshes: they are drawn over everything. */
-const onTop = (colour) => phong(colour, {depthTest: false, transparent: true});
+const onTop = (name) => inTheme(phong(0xffffff, {depthTest: false, transparent: true}), name);
 const lifted = (group) => group.children.forEach((mesh, i) => { mesh.renderOrder = 8 + i; });
 
 function arrow(size, colour, root) {
@@ -26,7 +26,7 @@ function arrow(size, colour, root) {
 }
 
 function arc(size, root) {
-  const n = 33, radius = 0.055 * size, group = new THREE.Group(), material = onTop(COLOUR.torque);
+  const n = 33, radius = 0.055 * size, group = new THREE.Group(), material = onTop("--torque");
   const sweep = new Sweep(circle(0.0038 * size, 8), n, material), head = new THREE.Mesh(new THREE.ConeGeometry(0.011 * size, 0.028 * size, 16), material);
   const c = new Float32Array(3 * n), e = V(), f = V(), p = V();
   group.add(sweep.mesh, head);
@@ -58,9 +58,9 @@ function arc(size, root) {
 function makeArrows(run, root) {
   const size = run.size, s = {};
   s.forceMax = Math.max(0, ...run.forces.map((f) => norms(f.vector)));
-  s.forces = s.forceMax > 0 ? run.forces.map((f) => ({data: f, arrow: arrow(size, COLOUR.force, root)})) : [];
+  s.forces = s.forceMax > 0 ? run.forces.map((f) => ({data: f, arrow: arrow(size, "--force", root)})) : [];
   s.torqueMax = Math.max(0, ...run.torques.map((f) => maxAbs(f.value)));
-  s.torques = s.torqueMax > 0 ? run.torques.map((f) => ({data: f, ...(f.linear ? {arrow: arrow(size, COLOUR.torque, root)} : arc(size, root))})) : [];
+  s.torques = s.torqueMax > 0 ? run.torques.map((f) => ({data: f, ...(f.linear ? {arrow: arrow(size, "--torque", root)} : arc(size, root))})) : [];
   return s;
 }
 const norms = (v) => { let m = 0; for (let i = 0; i < v.length; i += 3) m = Math.max(m, Math.hypot(v[i], v[i + 1], v[i + 2])); return m; };

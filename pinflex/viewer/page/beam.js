@@ -81,11 +81,12 @@ function drawHistory() {
   const host = $("history"), q = beam.chosen, T = R.t;
   if (!q) return;
   const y = overTime(q, beam.station), twin = q.twin && resampled(overTime(q.twin, beam.station), otherRun().t, 1);
+  const ways = (twin ? [twin, y] : [y]).map((values) => windowed(T, values));
   const title = `${q.title} at x = ${digits(beam.x[beam.station])} mm`;
   const names = twin ? el("span", {class: "names"}, el("span", {class: "dash"}, `┄ ${otherName()}`)) : null;
-  beam.time = new Chart(host, {title, unit: q.unit, x: [T[0], T[T.length - 1]], y: rangeOf(y, twin ? twin.filter(isFinite) : []), xUnit: "s", names, pick: (t) => seek(t), label: `${title} over time, in ${q.unit}`}).draw();
-  if (twin) beam.time.add("curve rigid", 0).setAttribute("d", beam.time.way(...finite(T, twin)));
-  beam.time.add("curve", 0).setAttribute("d", beam.time.way(T, y));
+  beam.time = new Chart(host, {title, unit: q.unit, x: span(), y: rangeOf(...ways.map((way) => way[1])), close: !!S.zoom, xUnit: "s", names, pick: (t) => seek(t), zoom: zoomOf,
+    label: `${title} over time, in ${q.unit}`}).draw();
+  ways.forEach((way, i) => beam.time.add(i < ways.length - 1 ? "curve rigid" : "curve", 0).setAttribute("d", beam.time.way(...way)));
   beam.y = y;
 }
 function moveBeam(at) {

@@ -43,7 +43,7 @@ function pressed(name) {
 /* What the texts over the drawing leave free: shares of the width at the left and of the height above and below. */
 function margins(w, h) {
   const top = Math.min(0.3, 0.8 * ($("head").offsetHeight + 10) / h);
-  if (w < 620 && h > 420) return {side: 0, top, below: Math.min(0.25, 110 / h)};
+  if (innerWidth <= 620) return {side: 0, top, below: Math.min(0.25, ($("compass").offsetHeight ? 110 : 60) / h)};   // as small.css has it
   if (h < 480) return {side: Math.min(0.35, 140 / w), top, below: Math.min(0.15, 40 / h)};
   return {side: Math.min(0.35, 200 / w), top: 0.08, below: 0.05};
 }

@@ -2,18 +2,21 @@
 const LEFT = 42, RIGHT = 8, LOW = 16, HIGH = 5;    // [px] about the axes
 
 class Chart {
-  /* x: [first, last]; y: [lowest, highest]; xUnit: behind the last number; pick: called with x on a click or drag */
-  constructor(host, {title, unit, x, y, xUnit, names, pick, label}) {
+  /* x: [first, last]; y: [lowest, highest]; close: y without zero; xUnit: behind the last number; pick: called with x on a
+     click or drag; zoom: with the ends of a range, or null for all of it */
+  constructor(host, {title, unit, x, y, close, xUnit, names, pick, zoom, label}) {
     this.values = el("span", {class: "values"});
     this.figure = el("figure", {}, el("figcaption", {}, el("b", {}, title, el("span", {class: "unit"}, ` [${unit}]`)), this.values, names));
     host.append(this.figure);
-    this.spec = {x, y, xUnit, pick, label: label || `${title} in ${unit}`};
+    this.spec = {x, y, close, xUnit, pick, zoom, label: label || `${title} in ${unit}`};
   }
   draw() {                                         // once its place in the page is known
-    const {x, xUnit, pick, label} = this.spec, [a, b] = this.spec.y, box = this.figure;
+    const {x, xUnit, pick, zoom, close, label} = this.spec, [a, b] = this.spec.y, box = this.figure;
     const w = this.w = Math.max(box.clientWidth - 12, 60), h = this.h = Math.max(box.clientHeight - box.firstChild.offsetHeight - 8, 40);
     const svg = this.svg = el("svg", {role: "img", "aria-label": label, viewBox: `0 0 ${w} ${h}`, width: w, height: h});
-    const low = Math.min(a, 0), top = Math.max(b, 0) > low ? Math.max(b, 0) : low + 1, step = nice((top - low) / (h < 70 ? 2 : 3.2));
+    const low = close && a < b ? a : Math.min(a, 0), high = close && a < b ? b : Math.max(b, 0), top = high > low ? high : low + 1;
+    let step = nice((top - low) / (h < 70 ? 2 : 3.2));
+    while ((Math.ceil(top / step - 1e-6) - Math.floor(low / step + 1e-6)) * 14 > h - LOW - HIGH) step = nice(1.5 * step, true);   // [px] a line of text
     this.low = Math.floor(low / step + 1e-6) * step; this.top = Math.ceil(top / step - 1e-6) * step;
     for (let y = this.low; y <= this.top + step / 2; y += step) svg.append(
       el("line", {x1: LEFT, x2: w - RIGHT, y1: this.Y(y), y2: this.Y(y), class: Math.abs(y) < step / 2 ? "axis zero" : "axis"}),
@@ -22,18 +25,24 @@ class Chart {
     const ticks = [];
     for (let v = Math.ceil(x[0] / dx - 1e-6) * dx; v <= x[1] + dx / 1e3; v += dx) ticks.push(v);
     ticks.forEach((v, i) => {
-      const last = i === ticks.length - 1, words = `${minus(+v.toPrecision(6))}${last ? " " + xUnit : ""}`, end = last && this.X(v) + 3 * words.length > w;
-      svg.append(el("text", {x: end ? w : this.X(v), y: h - 3, "text-anchor": end ? "end" : "middle"}, words));
+      const last = i === ticks.length - 1, words = `${minus(+v.toPrecision(6))}${last ? " " + xUnit : ""}`, wide = 3 * words.length;
+      const [at, anchor] = last && this.X(v) + wide > w ? [w, "end"] : this.X(v) - wide < LEFT - 7 ? [LEFT - 3, "start"] : [this.X(v), "middle"];   // not below the numbers of y
+      svg.append(el("text", {x: at, y: h - 3, "text-anchor": anchor}, words));
     });
     if (pick) {
-      const drag = (e) => { if (e.type === "pointerdown" || e.buttons) pick(clamp(x[0] + (x[1] - x[0]) * (e.clientX - svg.getBoundingClientRect().left - LEFT) / (w - LEFT - RIGHT), ...x)); };
-      svg.addEventListener("pointerdown", drag); svg.addEventListener("pointermove", drag);
+      const drag = (e) => { if (e.type === "pointerdown" || e.buttons) pick(this.under(e)); };
+      if (zoom) zoomable(this);
+      else { svg.addEventListener("pointerdown", drag); svg.addEventListener("pointermove", drag); }
       svg.classList.add("picks");
     }
     this.cursor = el("line", {y1: 3, y2: h - LOW, class: "cursor"});
     svg.append(this.cursor);
     box.append(svg);
     return this;
+  }
+  under(e) {                                       // x below the pointer
+    const [a, b] = this.spec.x;
+    return clamp(a + (b - a) * (e.clientX - this.svg.getBoundingClientRect().left - LEFT) / (this.w - LEFT - RIGHT), a, b);
   }
   X(x) { const [a, b] = this.spec.x; return LEFT + (this.w - LEFT - RIGHT) * (x - a) / (b - a || 1); }
   Y(y) { return this.h - LOW - (this.h - LOW - HIGH) * (y - this.low) / (this.top - this.low || 1); }
@@ -47,6 +56,14 @@ class Chart {
     for (let i = 0; i < xs.length; i++) d += (i ? "L" : "M") + this.X(xs[i]).toFixed(1) + " " + this.Y(ys[i]).toFixed(1);
     return d;
   }
-  at(x) { const p = this.X(x).toFixed(3); this.cursor.setAttribute("x1", p); this.cursor.setAttribute("x2", p); }
+  at(x) {                                          // the cursor, unless it is beyond the range shown
+    const p = this.X(x).toFixed(3), [a, b] = this.spec.x, slack = 1e-6 * (b - a);
+    this.cursor.setAttribute("x1", p); this.cursor.setAttribute("x2", p);
+    this.cursor.classList.toggle("out", x < a - slack || x > b + slack);
+  }
 }
-const rangeOf = (...arrays) => { let a = 0, b = 0; for (const y of arrays) for (const v of y) { if (v < a) a = v; if (v > b) b = v; } return [a, b]; };
+const rangeOf = (...arrays) => {
+  let a = Infinity, b = -Infinity;
+  for (const y of arrays) for (const v of y) { if (v < a) a = v; if (v > b) b = v; }
+  return a > b ? [0, 0] : [a, b];
+};

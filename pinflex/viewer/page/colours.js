@@ -4,6 +4,7 @@ function fieldsShown() {
   const out = R.fields.slice(), has = (key) => scene.links.length && scene.links.every((b) => b.fields[key]);
   if (R.mode) return out;
   if (has("utilisation")) out.splice(1, 0, {key: "utilisation", label: "share of yield strength", unit: "%", factor: 100});
+  for (const [key, unit] of SECTION) if (R.links.some((k) => k.sections[key])) out.push({key, label: MEANING[key], unit, factor: 1, section: true});
   const away = otherRun() && scene.links.length ? maxAway() : null;
   if (away !== null) out.push({key: "difference", label: `distance from ${otherName()}`, ...(away < 1e-5 ? {unit: "µm", factor: 1e6} : {unit: "mm", factor: 1e3})});
   return out;

@@ -9,11 +9,15 @@ function set(change) {
     if (has("play")) { last = null; if (S.play && S.t >= R.t[R.t.length - 1]) S.t = R.t[0]; }
     if (has("diff")) S.field = S.diff ? (otherRun() ? "difference" : "displacement") : DATA.field;
     if (has("other") && S.diff) S.field = otherRun() ? "difference" : "displacement";
+    if (change.link != null) S.table = false;       // one panel at a time
+    else if (change.table) S.link = null;
     if (has("theme")) applyTheme();
+    if (has("shadow")) shade();
     if (has("other", "ghost")) chooseGhost();
     setColours();
-    if (has("plots", "ui", "other", "diff", "force")) { document.body.classList.toggle("bare", !S.ui); drawPlots(); viewer.resize(); }
-    if (has("link", "at", "other")) openBeam();
+    if (has("plots", "ui", "other", "diff", "force", "hide", "zoom")) { document.body.classList.toggle("bare", !S.ui); drawPlots(); viewer.resize(); }
+    if (has("link", "at", "other", "zoom", "table")) openBeam();
+    if (has("table", "link", "other", "diff", "force", "hide", "zoom")) openTable();
     if (has("ghost") && !cameraMoved) fitCamera();
     if (has("mag", "path")) drawPath();
     seek(S.t);
@@ -26,7 +30,7 @@ function showControls() {
   play.textContent = S.play ? "❚❚" : "▶";
   play.setAttribute("aria-label", S.play ? "pause" : "play");
   const possible = {force: scene.forces.length, torque: scene.torques.length, plots: R.plots.length, colours: R.fields.length,
-    peak: R.fields.length && !R.mode, names: scene.links.length, loop: true, diff: !R.mode && (comparable() || R.plots.some((p) => p.curves.some((c) => c.rigid)))};
+    peak: R.fields.length && !R.mode, names: scene.links.length, loop: true, table: R.plots.length, shadow: true, diff: !R.mode && (comparable() || R.plots.some((p) => p.curves.some((c) => c.rigid)))};
   for (const [k, has] of Object.entries(possible)) {
     $("opt-" + k).checked = S[k] && !!has;
     $("opt-" + k).disabled = !has;
@@ -67,7 +71,7 @@ function nextLink(n) {
 }
 function escape() {
   const menu = document.querySelector(".menu[open]");
-  if (menu) { menu.open = false; menu.firstChild.focus(); } else if (S.link !== null) closeBeam();
+  if (menu) { menu.open = false; menu.firstChild.focus(); } else if (S.link !== null) closeBeam(); else if (S.table) set({table: false});
 }
 function keys(e) {
   if (e.ctrlKey || e.metaKey || e.altKey) return;
@@ -79,7 +83,7 @@ function keys(e) {
   const n = e.shiftKey ? 10 : 1;
   const act = {" ": () => set({play: !S.play}), ArrowRight: () => step(n), ArrowLeft: () => step(-n), Home: () => step(-1e9), End: () => step(1e9),
     "+": () => stepMag(1), "=": () => stepMag(1), "-": () => stepMag(-1), w: worst, n: () => set({names: !S.names}), f: () => set({force: !S.force}),
-    l: () => nextLink(1), L: () => nextLink(-1), d: () => set({diff: !S.diff}), g: () => set({ghost: {over: "beside", beside: "off", off: "over"}[S.ghost]})}[e.key];
+    l: () => nextLink(1), L: () => nextLink(-1), d: () => set({diff: !S.diff}), t: () => set({table: !S.table}), z: () => zoomBy(0.5), Z: () => set({zoom: null}), g: () => set({ghost: {over: "beside", beside: "off", off: "over"}[S.ghost]})}[e.key];
   if (act) { act(); e.preventDefault(); }
 }
 

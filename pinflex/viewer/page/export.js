@@ -31,12 +31,16 @@ function ring(g, x, y) {
 }
 function image() { viewer.render(); place(); return compose(document.createElement("canvas")).toDataURL("image/png"); }
 function save(name, url) { el("a", {href: url, download: name}).click(); }
-function saveText(name, rows) {
-  const quoted = (v) => typeof v === "number" ? (isFinite(v) ? String(+v.toPrecision(7)) : "") : /[",\n]|^[=+\-@]/.test(v) ? `"${v.replaceAll('"', '""')}"` : v;
-  const text = rows.map((r) => r.map(quoted).join(",")).join("\n") + "\n", url = URL.createObjectURL(new Blob([text], {type: "text/csv"}));
+function saveFile(name, blob) {
+  const url = URL.createObjectURL(blob);
   save(name, url);
   setTimeout(() => URL.revokeObjectURL(url), 1e4);
   say(`${name} saved`);
+}
+function saveText(name, rows) {
+  const quoted = (v) => typeof v === "number" ? (isFinite(v) ? String(+v.toPrecision(7)) : "") : /[",\n]|^[=+\-@]/.test(v) ? `"${v.replaceAll('"', '""')}"` : v;
+  const text = rows.map((r) => r.map(quoted).join(",")).join("\n") + "\n";
+  saveFile(name, new Blob([text], {type: "text/csv"}));
   return text;
 }
 const fileName = (...parts) => [DATA.file, ...parts].filter(Boolean).map((p) => p.replace(/[^A-Za-z0-9._-]+/g, "-")).join("-");
@@ -84,16 +88,18 @@ function film() {
   compose(canvas);
   const parts = [], recorder = new MediaRecorder(canvas.captureStream(30)), loop = S.loop;
   recorder.ondataavailable = (e) => parts.push(e.data);
-  recorder.onstop = () => { save(`${fileName(levelName())}.webm`, URL.createObjectURL(new Blob(parts, {type: recorder.mimeType}))); $("film").classList.remove("on"); };
+  recorder.onstop = () => {
+    const kind = /mp4/.test(recorder.mimeType) ? "mp4" : "webm";   // as the browser has it
+    saveFile(`${fileName(levelName())}.${kind}`, new Blob(parts, {type: recorder.mimeType}));
+    $("film").classList.remove("on");
+  };
   $("film").classList.add("on");
-  seek(R.t[0]);
-  set({loop: false, play: true});
-  recorder.start();
   const draw = () => {
     viewer.render();
     compose(canvas);
     if (S.play) requestAnimationFrame(draw);
-    else { recorder.stop(); set({loop}); }
+    else { set({loop}); setTimeout(() => recorder.stop(), 300); }   // [ms] the last picture stays for a moment
   };
-  requestAnimationFrame(draw);
+  recorder.onstart = () => { seek(R.t[0]); set({loop: false, play: true}); draw(); };
+  recorder.start();
 }

@@ -49,6 +49,7 @@ function describe(b, i, u, point) {
   const mix = (a) => a[i] * (1 - u) + a[Math.min(i + 1, b.m - 1)] * u, at = instant(S.t), out = [b.data.name];
   out.push(`x = ${digits(1e3 * mix(b.data.x))} of ${digits(1e3 * b.data.length)} mm`);
   for (const f of fieldsShown()) {
+    if (f.section && f.key !== S.field) continue;  // of section forces only the one shown
     const all = fieldValues(b, f.key), own = b.onSurface(sourceOf(f.key));
     if (!all || (own && point == null)) continue;  // it has no value on the centreline
     const values = lerp(all, all.shape[1], at, new Float32Array(all.shape[1])), v = own ? values[point] : mix(values);

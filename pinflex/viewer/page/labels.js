@@ -5,9 +5,9 @@ function clock(t) {
   return R.mode ? `phase ${Math.round(360 * (t - a) / (b - a))}°` : `${t.toFixed(clockDigits())} s`;
 }
 function deviationText(at) {
-  const {name, deviation, factor, unit, angle, angle_factor, angle_unit} = R.track, a = mixed(angle, at), p = S.diff && otherRun() && plots.find((q) => q.p.apart);
+  const {name, off, deviation, factor, unit, angle, angle_factor, angle_unit} = R.track, a = mixed(angle, at), p = S.diff && otherRun() && plots.find((q) => q.p.apart);
   if (p) return `${name}: ${digits(mixed(p.p.curves[0].y, at))} ${unit} off ${otherName()}`;
-  return `${name}: ${digits(factor * mixed(deviation, at))} ${unit}${a > 0 ? `, ${digits(angle_factor * a)} ${angle_unit}` : ""} off rigid`;
+  return `${name}: ${digits(factor * mixed(deviation, at))} ${unit}${a > 0 ? `, ${digits(angle_factor * a)} ${angle_unit}` : ""} off ${off}`;
 }
 function refresh(at) {
   const end = R.t[R.t.length - 1], time = $("time");
@@ -23,6 +23,7 @@ function refresh(at) {
   for (const b of scene.links) for (let i = 0; i < b.now.length; i++)
     if (!scene.top || Math.abs(b.now[i]) > Math.abs(scene.top.link.now[scene.top.i])) scene.top = {link: b, i};
   movePlots(at);
+  moveTable(at);
   moveBeam(at);
 }
 function announce() {                              // for a screen reader, when the motion rests
@@ -84,25 +85,30 @@ function wantedMarks() {
   return want;
 }
 let marks = [];
+const OUT = 20;                                    // [px] beyond the edge: what stands there is out of sight
 function place() {
   if (!R || !scene) return;
   viewer.camera.updateMatrixWorld();
   const want = wantedMarks(), wide = $("stage").clientWidth, taken = [];
   while (marks.length < want.length) { const m = el("div"); $("labels").append(m); marks.push(m); }
   marks.forEach((m, i) => {
-    m.hidden = i >= want.length;
+    m.hidden = i >= want.length || want[i][0] !== "peak" && Math.abs(want[i][2][0] - wide / 2) > wide / 2 + OUT;
     if (m.hidden) return;
-    const [kind, text, [x, y]] = want[i], length = kind === "name" ? 90 : 7 * text.length + 14;
+    let [kind, text, [x, y]] = want[i];
+    const length = kind === "name" ? 90 : 7 * text.length + 14;
     const over = Math.max(0, x + length + 8 - wide), left = over > 0 && x - length > (small.matches ? 120 : 0);   // not over the legend
-    const box = [left ? x - length : x, y - 20, left ? x : x + length, y - 4];
+    const half = kind === "title" ? length / 2 : 0, box = [left ? x - length : x - half, y - (kind === "peak" ? 30 : 20), left ? x : x + length - half, y - 4];
+    const covers = (b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3];
+    if (kind === "title") { const up = taken.some(covers) ? 20 : 0; y -= up; box[1] -= up; box[3] -= up; }
     m.className = "mark " + kind + (left ? " left" : "");
     if (kind === "force" || kind === "torque") {    // the largest first; a value that would cover another is left out
-      m.hidden = taken.some((b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3]);
+      m.hidden = [headBox, ...taken].some(covers);
       if (m.hidden) return;
     }
-    if (kind !== "title") taken.push(box);
+    taken.push(box);
     m.textContent = text;
     m.style.setProperty("--shift", `${over && !left ? over : 0}px`);
-    m.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+    const inside = kind === "peak" ? x : clamp(x, left ? length : half, Math.max(wide - (left ? 0 : half || length), half));
+    m.style.transform = `translate(${inside.toFixed(1)}px, ${y.toFixed(1)}px)`;
   });
 }

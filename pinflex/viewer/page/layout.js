@@ -60,7 +60,7 @@ function exportMenu() {
     el("summary", {}, "Export"),
     el("div", {class: "list"},
       button("Picture (PNG)", savePicture, {title: "this instant, with its legend"}),
-      button("Film (WebM)", film, {id: "film", title: "one pass through the motion"}),
+      button("Film (video)", film, {id: "film", title: "one pass through the motion at the speed chosen, with its legend: WebM, or MP4 where the browser records that"}),
       button("Curves (CSV)", saveCurves, {title: "all plots over time"}),
       button("Copy link", copyLink, {id: "copy", hidden: location.protocol === "about:", title: "address of this page that shows just this"})));
 }
@@ -70,6 +70,7 @@ function displayMenu() {
     el("summary", {}, "Display"),
     el("div", {class: "panel"}, el("div", {class: "grid"},
       check("colours", "colours"), check("peak", "peak marker"), check("names", "link names"), check("plots", "plots"),
+      check("table", "table of curves"), check("shadow", "shadows", "soft shadows; off at first where the browser draws without a graphics processor: there they cost a third to a half of its speed"),
       check("force", "joint forces"), check("torque", "motor torques"), check("loop", "loop"), button("full screen", fullScreen, {id: "full", hidden: !document.fullscreenEnabled}),
       el("label", {class: "wide"}, "diagrams of ", select("link", "diagrams of link", [], (e) => set({link: e.target.value || null, at: null}))),
       el("label", {class: "wide"}, "path ", select("path", "path", [["true", "true scale"], ["magnified", "magnified"], ["off", "hidden"]],
@@ -82,7 +83,7 @@ function displayMenu() {
         button("auto", () => set({max: null}), {title: "largest value of the run"})),
       el("label", {class: "wide", title: "material limit: above it the colour changes"}, "limit ", positive("limit", "limit", {placeholder: "none"}))),
     el("p", {id: "notes"}),
-    el("p", {class: "help"}, "space play · ← → frame (shift: 10) · home end · + − magnify · w worst · 1–9 level · d difference · g rigid · l link · n names · f forces · esc close")));
+    el("p", {class: "help"}, "space play · ← → frame (shift: 10) · home end · + − magnify · w worst · 1–9 level · d difference · g rigid · l link · t table of curves · z Z zoom the plots, all of the run · n names · f forces · esc close")));
 }
 
 function compass() {
@@ -111,6 +112,7 @@ function dock() {
     el("div", {id: "plots", role: "group", "aria-label": "plots over time", tabindex: "0"}));
 }
 
+let headBox = [0, 0, 0, 0];                        // [px] which values at arrows leave free
 function buildPage() {
   $("app").append(
     el("main", {id: "stage"},
@@ -119,12 +121,17 @@ function buildPage() {
       head(), legend(), compass(),
       el("div", {id: "tools"}, exportMenu(), displayMenu()),
       el("div", {id: "tip", role: "tooltip", hidden: true})),
-    el("aside", {id: "beam", "aria-label": "link", hidden: true}),
+    el("aside", {id: "beam", class: "side", "aria-label": "link", hidden: true}),
+    el("aside", {id: "table", class: "side", "aria-label": "table of curves", tabindex: "0", hidden: true}),
     dock(),
     el("div", {id: "status", class: "unseen", role: "status", "aria-live": "polite"}));
   $("worst").append(el("span", {}, " instant"));
   arrange();
-  new ResizeObserver(() => $("stage").style.setProperty("--head", `${$("head").offsetTop + $("head").offsetHeight}px`)).observe($("head"));
+  new ResizeObserver(() => {
+    const {offsetLeft: left, offsetTop: top, offsetWidth: width, offsetHeight: height} = $("head");
+    headBox = [left, top, left + width, top + height];
+    $("stage").style.setProperty("--head", `${top + height}px`);
+  }).observe($("head"));
   for (const menu of document.querySelectorAll(".menu")) menu.addEventListener("toggle", () => {   // one at a time
     if (menu.open) for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.open = false;
   });

@@ -27,12 +27,15 @@ function linkFields(k, nt) {
   const m = k.x.length, move = new Float32Array(nt * m), out = {...k.fields, ...k.surface, displacement: move};
   move.shape = [nt, m];
   for (let i = 0; i < nt * m; i++) move[i] = Math.hypot(k.disp[3 * i], k.disp[3 * i + 1], k.disp[3 * i + 2]);
+  for (const [key] of SECTION) out[key] = k.sections[key] || NOTHING(nt, m);   // where it is nothing it is not kept
   if (k.strength > 0 && out.von_mises) {
     out.utilisation = out.von_mises.map((s) => 1e-6 * s / k.strength);
     out.utilisation.shape = out.von_mises.shape;
   }
   return out;
 }
+
+const NOTHING = (nt, m) => Object.assign(new Float32Array(nt * m), {shape: [nt, m]});
 
 /* Distance of a link from itself in another run at the same instants and stations, (nt, n); null where these differ. */
 function distance(k, other) {

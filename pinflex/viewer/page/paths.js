@@ -1,9 +1,9 @@
 /* paths.js: the way of the platform, thin, at true scale or magnified as the robot is. */
 function makePath(run, root) {
   if (!run.track || maxAbs(run.track.deviation) + spread(run.track.rigid) <= 1e-5 * run.size) return {};
-  const size = run.size, nt = run.t.length, over = (color) => new THREE.MeshBasicMaterial({color, fog: false, depthTest: false, transparent: true});
-  const width = 0.0009 * size, path = new Sweep(circle(width, 6), nt, over(COLOUR.path)), pathRigid = new Sweep(circle(0.65 * width, 6), nt, over(COLOUR.pathRigid));
-  const dot = new THREE.Mesh(ballGeometry, over(COLOUR.path)), pathGroup = new THREE.Group();
+  const size = run.size, nt = run.t.length, over = (name) => inTheme(new THREE.MeshBasicMaterial({fog: false, depthTest: false, transparent: true}), name);
+  const width = 0.0009 * size, path = new Sweep(circle(width, 6), nt, over("--path")), pathRigid = new Sweep(circle(0.65 * width, 6), nt, over("--path-rigid"));
+  const dot = new THREE.Mesh(ballGeometry, over("--path")), pathGroup = new THREE.Group();
   [pathRigid.mesh, path.mesh, dot].forEach((mesh, i) => { mesh.renderOrder = 5 + i; });   // seen through the platform
   dot.scale.setScalar(0.005 * size);
   pathRigid.set(run.track.rigid, across(run.track.rigid));

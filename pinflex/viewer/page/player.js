@@ -32,8 +32,11 @@ function show(index, from = {}) {
   chooseGhost();
   setColours();
   place3d();
+  if (S.link !== null) S.table = false;
+  if (S.zoom && !(S.zoom[0] < R.t[R.t.length - 1])) S.zoom = null;   // the other run ended before
   openBeam();
   drawPlots();
+  openTable();
   viewer.resize();
   drawPath();
   if (from.cam) {

@@ -8,7 +8,7 @@ function plotList() {
     const own = p.curves.filter((c) => !c.rigid), twin = other && other.plots.find((q) => q.title === p.title);
     if (!other) return S.diff ? less(p, own, p.curves.filter((c) => c.rigid)) : p;
     const pale = twin ? twin.curves.filter((c) => !c.rigid).map((c) => ({...c, rigid: true, y: resampled(c.y, other.t, UNITS[twin.unit] / UNITS[p.unit])})) : [];
-    if (S.diff && p.title.endsWith("off rigid")) return apart(p, other);
+    if (S.diff && p.deviation) return apart(p, other);
     return S.diff ? less(p, own, pale) : {...p, curves: own.concat(pale)};
   });
   if (S.force && scene.forces.length) list.push(forcePlot());
@@ -34,49 +34,31 @@ function forcePlot() {
 }
 
 function drawPlots() {
-  const host = $("plots"), list = R && S.plots ? plotList() : [], first = host.scrollLeft;
+  const host = $("plots"), list = R && S.plots ? plotList() : [], {scrollLeft: left, scrollTop: top} = host;
+  const names = () => [...host.querySelectorAll(".name")], focus = names().indexOf(document.activeElement);
   document.body.classList.toggle("plots", list.length > 0);
   host.replaceChildren();
   const column = getComputedStyle(host).flexDirection === "column", one = innerWidth < 620 || column;
-  const width = one ? host.clientWidth : host.clientWidth / Math.max(list.length, 1), T = R.t, x = [T[0], T[T.length - 1]];
+  const width = one ? host.clientWidth : host.clientWidth / Math.max(list.length, 1), x = list.length ? span() : null;
   plots = list.map((p) => {
-    const {names, line} = named(p, width);
-    return {p, names, chart: new Chart(host, {title: p.title, unit: p.unit, x, y: rangeOf(...p.curves.map((c) => c.y)), xUnit: "s", names: line, pick: (t) => seek(t), label: `${p.title} over time, in ${p.unit}`})};
+    const {values, shown, line} = caption(p, width), drawn = p.curves.filter(isShown).map((c) => ({...c, way: windowed(R.t, c.y)}));
+    const chart = new Chart(host, {title: p.title, unit: p.unit, x, y: rangeOf(...drawn.map((c) => c.way[1])), close: !!S.zoom, xUnit: "s", names: line,
+      pick: (t) => seek(t), zoom: zoomOf, label: `${p.title} over time, in ${p.unit}`});
+    chart.values.append(...shown);
+    return {p, values, drawn, chart};
   });
-  for (const {p, chart} of plots) {                // all in place before any is measured
+  for (const {chart, drawn} of plots) {            // all in place before any is measured
     chart.draw();
-    for (const c of p.curves.slice().sort((c, d) => d.rigid - c.rigid)) chart.add(c.rigid ? "curve rigid" : "curve", c.colour).setAttribute("d", chart.way(...finite(T, c.y)));
+    for (const c of drawn.sort((c, d) => d.rigid - c.rigid)) chart.add(c.rigid ? "curve rigid" : "curve", c.colour).setAttribute("d", chart.way(...c.way));
   }
-  host.scrollLeft = first;
+  host.scrollTo(left, top);
+  names()[focus]?.focus({preventScroll: true});    // just clicked, it goes on being the one
   movePlots(instant(S.t));
 }
-const finite = (x, y) => { const n = y.findIndex((v) => !isFinite(v)); return n < 0 ? [x, y] : [x.slice(0, n), y.slice(0, n)]; };
-
-/* Names of a plot's curves: before their values where there is room, without what all have in common
-   where there is less, in a line of their own where there is little, without values where those do not fit either. */
-function named(p, width) {
-  const some = p.curves.filter((c) => !c.rigid).slice(0, SERIES), full = some.map((c) => c.name), pale = p.curves.some((c) => c.rigid);
-  const line = (...parts) => parts.length ? el("span", {class: "names"}, ...parts) : null, dash = pale ? [el("span", {class: "dash"}, `┄ ${otherName()}`)] : [];
-  const longest = (y) => { let n = 0; for (let i = 0; i < y.length; i += 1 + (y.length >> 6)) n = Math.max(n, digits(y[i]).length); return n; };
-  const widths = some.reduce((n, c) => n + longest(c.y) + 2.5, 0);   // of the whole run: nothing jumps as it plays
-  if (some.length < 2) return {names: [""], line: line(...dash)};
-  const room = width / 6.6 - p.title.length - p.unit.length - 6, fits = (names) => names.join("").length + widths < room, short = shortened(full);
-  for (const names of [full, short]) if (fits(names)) return {names, line: line(...dash)};
-  return {names: 0.9 * widths < room ? some.map(() => "") : null, line: line(...dash, ...some.map((c, i) => el("span", {style: `color: ${series(c.colour)}`}, short[i])))};
-}
-function shortened(full) {
-  const common = (names) => { let n = 0; while (names.every((s) => n < s.length && s[n] === names[0][n])) n++; return n; };
-  const start = full[0].slice(0, common(full)).match(/^.*[_\W]/) || [""], back = (s) => [...s].reverse().join("");
-  const tail = full[0].slice(full[0].length - common(full.map(back))).match(/[_\W].*$/) || [""];
-  const brief = full.map((s) => s.slice(start[0].length, s.length - tail[0].length));
-  return brief.every((s) => /[a-z]/i.test(s)) ? brief : full;
-}
 function movePlots(at) {
-  for (const {p, chart, names} of plots) {
+  for (const {p, chart, values} of plots) {
     chart.at(S.t);
-    if (!names) continue;
-    const some = p.curves.filter((c) => !c.rigid).slice(0, SERIES);
-    chart.values.replaceChildren(...some.map((c, i) => el("span", {style: `color: ${series(c.colour)}`, title: c.name},
-      (names[i] ? names[i] + " " : "") + minus(digits(mixed(c.y, at))))));
+    const some = p.curves.filter((c) => !c.rigid);
+    if (values) values.forEach((v, i) => { v.textContent = isShown(some[i]) ? minus(digits(mixed(some[i].y, at))) : ""; });
   }
 }

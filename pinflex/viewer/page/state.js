@@ -10,7 +10,7 @@ const MAPS = {                                     // viridis and cividis read t
 };
 const OVER = [204, 0, 102];                        // above the limit: in none of the maps
 const COLOUR = {body: 0x758297, platform: 0x56637a, joint: 0x525e70, base: 0x9aa5b5, ghost: 0x7b8798, other: 0xe69f00,
-                path: 0xd55e00, pathRigid: 0x8f99a8, force: 0x0072b2, torque: 0xb0418a, plain: 0x8795a8};
+                plain: 0x8795a8};
 const reduced = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 /* ---------------------------------------------------------------- small helpers */
@@ -47,12 +47,14 @@ const say = (text) => { $("status").textContent = text; };   // to a screen read
 /* ---------------------------------------------------------------- state and its text form */
 const S = {run: 0, other: "rigid", diff: false, t: 0, mag: 1, field: "von_mises", map: "viridis", max: null, limit: DATA.limit,
            play: false, speed: 1, loop: true, colours: true, ghost: "over", path: "true", force: false, torque: false, names: false,
-           peak: true, plots: true, ui: true, link: null, at: null, theme: "auto"};
+           peak: true, plots: true, ui: true, link: null, at: null, theme: "auto",
+           table: false, hide: [], zoom: null, shadow: true};
 const DEFAULT = {};
 let R = null, scene = null;                        // the run shown and its drawn objects
 const KEYS = {other: "text", diff: "flag", colours: "flag", path: "text", force: "flag", torque: "flag", names: "flag", peak: "flag",
               plots: "flag", loop: "flag", ui: "flag", play: "flag", ghost: "text", field: "text", map: "text", max: "number",
-              limit: "number", speed: "number", mag: "number", t: "number", link: "text", at: "number", theme: "text"};
+              limit: "number", speed: "number", mag: "number", t: "number", link: "text", at: "number", theme: "text",
+              table: "flag", hide: "names", zoom: "span", shadow: "flag"};
 const WORDS = {ghost: ["off", "over", "beside"], map: ["viridis", "cividis", "turbo"], path: ["true", "magnified", "off"], theme: ["auto", "light", "dark"]};
 
 function readHash() {
@@ -62,6 +64,8 @@ function readHash() {
     const v = h.get(k), x = parseFloat(v);
     if (kind === "flag") out[k] = v === "1";
     else if (kind === "number") { if (isFinite(x)) out[k] = x; }
+    else if (kind === "names") out[k] = v.split("|").filter(Boolean);
+    else if (kind === "span") { const ends = v.split(",").map(Number); if (ends.length === 2 && ends.every(isFinite) && ends[0] < ends[1]) out[k] = ends; }
     else out[k] = v;
   }
   if (out.path === "0" || out.path === "1") out.path = out.path === "1" ? "true" : "off";
@@ -79,8 +83,8 @@ function hashText() {
   for (const k of ["t", "mag"]) h.set(k, +S[k].toPrecision(6));
   if (S.field) h.set("field", S.field);
   for (const [k, kind] of Object.entries(KEYS)) {
-    if (["t", "mag", "field", "play"].includes(k) || S[k] === DEFAULT[k] || S[k] == null) continue;
-    h.set(k, kind === "flag" ? +S[k] : S[k]);
+    if (["t", "mag", "field", "play"].includes(k) || String(S[k]) === String(DEFAULT[k]) || S[k] == null) continue;
+    h.set(k, kind === "flag" ? +S[k] : kind === "names" ? S[k].join("|") : S[k]);
   }
   if (cameraMoved) {
     const p = viewer.camera.position, q = viewer.controls.target;

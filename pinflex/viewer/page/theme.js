@@ -5,6 +5,14 @@ const style = (name) => getComputedStyle(document.documentElement).getPropertyVa
 const SERIES = 8;                                  // colours of curves in the style sheet
 const series = (i) => `var(--c${i % SERIES})`;
 
+/* A material of a colour of the style sheet, as its key in the legend. */
+const themed = [];
+function inTheme(material, name) {
+  themed.push([material, name]);
+  material.color.set(style(name));
+  return material;
+}
+
 let shown = null;
 function applyTheme() {
   const name = isDark() ? "dark" : "light";
@@ -19,6 +27,7 @@ function applyTheme() {
   if (viewer.scene.background) viewer.scene.background.dispose();
   viewer.scene.background = new THREE.CanvasTexture(canvas);
   viewer.scene.fog.color.set(style("--fog"));
+  for (const [material, name] of themed) material.color.set(style(name));
   if (R) { relight(); chooseGhost(); setColours(); }
   viewer.dirty();
 }

@@ -45,19 +45,28 @@ function makeViewer() {
     if (!R) return;
     if (!cameraMoved) fitCamera();
     setColours();
-    drawPlots();
     viewer.render();                                // at once: a screenshot may be taken before the next frame
     place();
   }).observe($("stage"));
+  new ResizeObserver(() => { if (R) drawPlots(); }).observe($("plots"));   // hidden ones have no size to be drawn in
   const gl = viewer.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
   soft = /swiftshader|llvmpipe|software/i.test(info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "");
   const wish = new URLSearchParams(location.hash.slice(1)), shadow = wish.get("shadow");   // still pictures ask for the best
-  viewer.renderer.shadowMap.enabled = shadow ? shadow === "1" : !soft;   // software drawing: half the speed with shadows
+  S.shadow = !soft;                                // software drawing: a third to a half slower with shadows
+  viewer.renderer.shadowMap.enabled = shadow ? shadow === "1" : S.shadow;
   viewer.renderer.shadowMap.type = THREE.PCFShadowMap;
   viewer.renderer.setPixelRatio(+wish.get("sharp") > 0 ? Math.min(+wish.get("sharp"), 4) : soft ? 1 : Math.min(devicePixelRatio, 2));
   viewer.controls.addEventListener("change", () => place());
   viewer.controls.addEventListener("start", () => { cameraMoved = true; pressed(null); });
   viewer.controls.addEventListener("end", writeHash);
+}
+
+function shade() {                                 // shadows on or off
+  if (viewer.renderer.shadowMap.enabled === S.shadow) return;
+  viewer.renderer.shadowMap.enabled = S.shadow;
+  viewer.scene.traverse((x) => { for (const m of [x.material].flat()) if (m) m.needsUpdate = true; });
+  relight();
+  viewer.dirty();
 }
 
 /* Light, grid and ground about a robot; returns the width of a cell of the grid. */

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import pinflex as pf
-from pinflex.description import schema
+from pinflex.description import yaml_text
 from pinflex.description.home_text import with_home
 
 POSE: dict[str, float | list[float]] = {"a": 2.5, "b": [0.5, 0.25], "c: d": 3.0}
@@ -39,9 +39,9 @@ LINES = "home:\n  a: 2.5\n  b: [0.5, 0.25]\n  'c: d': 3.0\n"
 def test_only_home_changes(before: str, after: str | None) -> None:
     changed = with_home(before, POSE, "x.yaml")
     assert after is None or changed == after
-    data = schema.load(changed, "x.yaml")
+    data = yaml_text.load(changed, "x.yaml")
     assert data.pop("home") == POSE
-    old = schema.load(before, "x.yaml")
+    old = yaml_text.load(before, "x.yaml")
     old.pop("home", None)
     assert data == old
 

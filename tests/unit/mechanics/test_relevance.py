@@ -16,7 +16,6 @@ from pinflex.studies.stiffness import platform_compliance
 from tests.scenes import Body, load
 
 ON = "bending_y: true\n    bending_z: true\n    torsion: true\n    axial: true"
-STRIP = "material: steel\n    section: {shape: rectangle, width: 0.02, thickness: 0.002}"
 EA = 2.0e11 * 0.02 * 0.02  # of BAR
 BAR = """
     material: {E: 2.0e11, nu: 0.3, rho: 7800}
