@@ -235,15 +235,50 @@ _HOME = {
     "studies.sweep": ("sweep",),
     "viewer.view": ("view",),
 }
+# Words of other toolkits, and what is called so here.
+_MEANT = {
+    "animate": "view",
+    "bode": "frequency_response",
+    "eig": "modes",
+    "eigenmodes": "modes",
+    "frf": "frequency_response",
+    "integrate": "solve",
+    "linearize": "linearise",
+    "load_urdf": "load",
+    "map": "pose_map",
+    "modal": "modes",
+    "monte_carlo": "scatter",
+    "natural_frequencies": "modes",
+    "optimise": "design",
+    "optimize": "design",
+    "read": "load",
+    "run": "solve",
+    "sensitivity": "sensitivities",
+    "show": "view",
+    "simulate": "solve",
+    "state_space": "linearise",
+    "stiffness": "platform_compliance",
+}
 _MODULE = {name: f"pinflex.{module}" for module, names in _HOME.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     """A public name, imported when it is first used (PEP 562)."""
     if name not in _MODULE:
-        raise AttributeError(f"module 'pinflex' has no attribute {name!r}")
+        said = f"module 'pinflex' has no attribute {name!r}.{_nearest(name)}"
+        raise AttributeError(said, name=name, obj=None)  # else Python adds a guess of its own
     value = globals()[name] = getattr(import_module(_MODULE[name]), name)
     return value
+
+
+def _nearest(name: str) -> str:
+    """The public name that a guess means, in a sentence; "" for what Python itself looks up."""
+    from difflib import get_close_matches
+
+    if name.startswith("_"):
+        return ""
+    found = [_MEANT[name]] if name in _MEANT else get_close_matches(name, __all__, 1, 0.7)
+    return "".join(f" Did you mean pf.{one}?" for one in found)
 
 
 def __dir__() -> list[str]:

@@ -10,7 +10,6 @@
 # exist, checked differences elsewhere.
 
 # %%
-import matplotlib.pyplot as plt
 import numpy as np
 
 import pinflex as pf
@@ -57,10 +56,7 @@ for (low, high), true in zip(found.intervals, (6.2e10, 7.6e10), strict=True):
     assert low < true < high
 
 # %%
-found.plot("fit.png")
-plt.figure(figsize=(8, 4), layout="constrained")
-plt.imshow(plt.imread("fit.png"))
-plt.axis("off");
+found.plot();
 
 # %% [markdown]
 # From a terminal: `pinflex sensitivity`, `pinflex design`, `pinflex fit`; scatter of many robots is

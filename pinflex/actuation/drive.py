@@ -174,9 +174,7 @@ def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:
     """
     times = set(motion.switches)
     for force, _ in loads.forces:
-        times |= {force.start, force.start + force.ramp}
-        if force.until is not None:
-            times.add(force.until)
+        times |= set(force.corners)
     return tuple(sorted(time for time in times if time > 0.0))
 
 

@@ -54,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.solver.solve import default_motion
     from pinflex.studies.cases import parsed
     from pinflex.studies.pose_map import pose_map
-    from pinflex.viewer.plot_map import check_figure, save_map
+    from pinflex.viewer.drawing import check_figure
+    from pinflex.viewer.plot_map import save_map
 
     out, options = batch.options(args)
     if args.plot is not None:

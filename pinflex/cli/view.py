@@ -61,7 +61,9 @@ the page, which switches, overlays and subtracts them; the last is shown first."
         help="serve the page to this machine only, until Ctrl-C (default: a free port)",
     )
     p.add_argument(
-        "--live", action="store_true", help="play in meshcat, this machine only, until Ctrl-C"
+        "--live",
+        action="store_true",
+        help="play in meshcat (pip install 'pinflex[live]'), this machine only, until Ctrl-C",
     )
 
 
@@ -85,6 +87,10 @@ def _run(args: argparse.Namespace) -> int:
     from pinflex.viewer import pictures, serve
     from pinflex.viewer.view import view
 
+    if args.live:
+        from pinflex.viewer.live import require_meshcat
+
+        require_meshcat()
     most = checked.MOST * (args.limit or 1.0)
     runs = [Result.load(file, most) for file in args.runs]
     result = runs[-1]

@@ -42,6 +42,17 @@ class FrameForce:
         """Whether it changes in time."""
         return self.start > 0 or self.until is not None or self.ramp > 0
 
+    @property
+    def potential(self) -> bool:
+        """Whether its force has one: constant in the world. A moment in space has none."""
+        return not self.follower and not self.timed
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Times at which it, or its slope, changes [s]."""
+        times = {self.start, self.start + self.ramp}
+        return tuple(sorted(times if self.until is None else times | {self.until}))
+
     def scale(self, t: float) -> float:
         """Share of the load that acts at a time t [s]."""
         if t < self.start or (self.until is not None and t > self.until):

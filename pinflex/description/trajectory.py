@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from pinflex.arrays import Array
 from pinflex.cards import card, grid
 from pinflex.description.laws import Kinematics
 from pinflex.doors import door
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -62,13 +65,17 @@ class Motion:
         p = self.evaluate(np.asarray(t, dtype=np.float64).reshape(-1))[0]
         return p if np.ndim(t) else p[0]
 
-    def plot(self, until: float | None = None) -> Any:
+    def plot(
+        self, until: float | None = None, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
         """Draw position, velocity and acceleration over time; returns the matplotlib axes.
 
         Args:
             until: End [s]; default: the duration.
+            panel: One alone: "position", "velocity" or "acceleration".
+            ax: Where to draw that; default: axes of a new figure.
         """
-        return door("viewer.plot_motion", "plot_motion")(self, until)
+        return door("viewer.plot_motion", "plot_motion")(self, until, panel, ax)
 
     def _repr_html_(self) -> str:
         p, v, a = self.evaluate(np.linspace(0.0, self.duration, 401))

@@ -55,9 +55,13 @@ class CompiledSteps:
         self.kernel = MarchKernel(of.compiled.kernel, marched, table, room)
         self.tangents = tangents or self.kernel
 
-    def inputs(self, t: Array) -> Array:
-        """Motors' position, velocity, acceleration and shares of loads at times (k,), (k, n)."""
-        return _inputs(self.of.path(t), self._compiled.compiled.scale(t))
+    def inputs(self, t: Array, seen: Array | None = None) -> Array:
+        """Motors' position, velocity, acceleration and shares of loads at times (k,), (k, n).
+
+        Args:
+            t: Times in s. seen: The same as loads see them, see `StageEquations.seen`.
+        """
+        return _inputs(self.of.path(t), self._compiled.compiled.scale(t if seen is None else seen))
 
     def batch(self) -> Batch:
         """The steps of the last call."""
@@ -108,7 +112,9 @@ def steps_of(stages: Stages, ends: tuple[float, float], stops: Sequence[float]) 
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
-    return CompiledSteps(stages, marched, tabulated(inputs, kinds, *ends, stops), TOGETHER)
+    # A load that switches is another at the end of one step than at the start of the next.
+    table = None if system.loads.timed else tabulated(inputs, kinds, *ends, stops)
+    return CompiledSteps(stages, marched, table, TOGETHER)
 
 
 def _inputs(path: MotorPath, scale: Array) -> Array:
@@ -228,7 +234,8 @@ class CompiledMarch:
             while (end := self._kernel.advance()) not in (FULL, STUCK):
                 if end == INPUTS:
                     times = at.t + at.size * stages.method.c
-                    self._kernel.input[...], at.given = self._made.inputs(times), 1
+                    given = self._made.inputs(times, stages.seen(times))
+                    self._kernel.input[...], at.given = given, 1
                 elif end == START:
                     self._start()
         finally:

@@ -62,7 +62,8 @@ class Corrector(StageEquations):
                 getattr(kernel, name)[...] = getattr(end, name)
         if self._made.table is None:
             t = [step.start.t + step.h * self.method.c for step in steps]
-            given = self._made.inputs(np.ravel(t)).reshape(len(steps), self.method.s, -1)
+            seen = np.ravel([self.seen(stages) for stages in t])
+            given = self._made.inputs(np.ravel(t), seen).reshape(len(steps), self.method.s, -1)
         if not kernel.correct(steps.made.kernel, self._guess, end_a, given):
             raise np.linalg.LinAlgError("singular iteration matrix")
         self.iterations = int(kernel.at.iterations)

@@ -28,6 +28,8 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
+_INSIDE = 1e-12  # of the time: more than its rounding, less than any step to a node
+
 
 @dataclass
 class Start:
@@ -139,13 +141,21 @@ class StageEquations:
         path = self.path(t)
         if self.drive is None:
             a[:, self.motors] = path.acceleration
-        x = Trial(start, h, t, path, a, lam, np.zeros_like(a) if turn is None else turn)
+        seen = self.seen(t)
+        x = Trial(start, h, seen, path, a, lam, np.zeros_like(a) if turn is None else turn)
         if self.compiled is not None:
-            self.compiled.begin(start, t, path, a, lam, x.turn)
+            self.compiled.begin(start, seen, path, a, lam, x.turn)
             k = self.compiled.kernel  # its arrays from now on
             x.a, x.lam, x.turn, x.change, x.dlam = k.a, k.lam, k.turn, k.change, k.dlam
             x.y, x.v, x.move, x.da = k.y, k.v, k.move, k.da
         return x
+
+    def seen(self, t: Array) -> Array:
+        """Times of the stages as loads see them, shape (s,).
+
+        Where one switches at an end of the step, it is as it is inside, however that is rounded.
+        """
+        return t + _INSIDE * max(1.0, float(t[-1])) * (1.0 - 2.0 * self.method.c)
 
     def place(self, x: Trial) -> None:
         """Poses and velocities of the stages from their accelerations."""

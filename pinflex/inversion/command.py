@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.drives import drives
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LEVELS = ("rigid", "quasistatic", "exact")
 _INSTANTS = 150  # in the time of the motion
@@ -93,9 +96,14 @@ class Command:
         )
         return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}>"
 
-    def plot(self) -> Any:
-        """Draw what the motors do beyond the rigid start, and torques; returns the axes."""
-        return door("studies.plot_command", "plot_command")(self)
+    def plot(self, panel: str | None = None, ax: Axes | None = None) -> Any:
+        """Draw how far the motors move, and torques; returns the matplotlib axes.
+
+        Args:
+            panel: One alone: "motors" or "torque".
+            ax: Where to draw that; default: axes of a new figure.
+        """
+        return door("studies.plot_command", "plot_command")(self, panel, ax)
 
     def _repr_html_(self) -> str:
         rows = [

@@ -6,7 +6,8 @@ the geometric stiffness of the preload, and of the closure forces, unless it is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.cards import card, grid
 from pinflex.description.motion import Motion
+from pinflex.doors import door
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.moving_modes import At, Moving, state_at, whirl
 from pinflex.levels.quasistatic import rest
@@ -22,6 +24,9 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _LOW = 1e-8  # omega^2 below this share of the highest: half its digits are round-off
 _STIFF = 1e-6  # least pivot of K with unit diagonal at which nothing is free to move
@@ -42,6 +47,7 @@ class Modes:
         rigid_body: Modes at 0 Hz that were left out (see `mode_shapes.first_modes`).
         growth: About a motion: rate of growth of each mode, shape (k,), 1/s; shapes are complex.
         about: The motion that was linearised about, "" where there is none.
+        mechanism: Whose modes they are, for `plot`.
     """
 
     __repr__ = brief
@@ -56,6 +62,21 @@ class Modes:
     rigid_body: int = 0
     growth: Array | None = None
     about: str = ""
+    mechanism: Mechanism | None = field(default=None, repr=False, compare=False)
+
+    def plot(self, mode: int | None = None, ax: Axes | None = None) -> Any:
+        """Draw the frequencies, or the shape of one mode; returns the matplotlib axes.
+
+            found.plot()        # frequencies, each bar split by what deforms
+            found.plot(1)       # shape of the first mode: both ends of its swing
+
+        Args:
+            mode: Number of a mode, from 1; default: all frequencies.
+            ax: Where to draw; default: axes of a new figure.
+        """
+        if mode is None:
+            return door("viewer.plot_modes", "plot_frequencies")(self, ax)
+        return door("studies.mode_shapes", "plot_shape")(self, mode, ax)
 
     def _repr_html_(self) -> str:
         rows = [
@@ -126,7 +147,9 @@ def modes(
     shapes[free] = Z @ x[:, order]
     frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
     share, links = _shares(mechanism, shapes)
-    return Modes(frequencies, shapes, y, share, links, preload, free_motors)
+    return Modes(
+        frequencies, shapes, y, share, links, preload, free_motors, mechanism=mechanism
+    )  # fmt: skip
 
 
 def _about(
@@ -140,7 +163,7 @@ def _about(
     share, links = _shares(mechanism, shapes)
     return Modes(
         turning / (2 * np.pi), shapes, state.y, share, links, "motion", free_motors,
-        growth=s.real, about=state.about,
+        growth=s.real, about=state.about, mechanism=mechanism,
     )  # fmt: skip
 
 

@@ -130,10 +130,11 @@ class Outputs:
         rigid = fine.system.rigid
         nq, nv = int(rigid.nq), int(rigid.nv)
         pairs = zip(coarse.y[:, :nq], fine.y[:, :nq], strict=True)
-        apart = np.array([pin.difference(rigid, a, b) for a, b in pairs])
-        way = np.array([pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]])
+        apart = [pin.difference(rigid, a, b) for a, b in pairs]
+        way = [pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]]
+        shape = len(fine.y), nv  # also where steps have no sample in them
         return {
-            "joint positions": _history(apart, way),
+            "joint positions": _history(np.reshape(apart, shape), np.reshape(way, shape)),
             "joint speeds": _history(coarse.v[:, :nv] - fine.v[:, :nv], fine.v[:, :nv]),
         }
 

@@ -121,10 +121,10 @@ class LoadState:
         return f
 
     def energy(self, t: float) -> float:
-        """Potential of springs and of dead loads at time t (s), J."""
+        """Potential of springs and of constant forces at time t (s), J."""
         energy = 0.0
         for force, place in self._given.forces:
-            if not force.follower:
+            if force.potential:
                 p, F, _ = self._load(force, place, t)
                 energy -= float(F @ p)
         for spring, a, b in self._given.springs:

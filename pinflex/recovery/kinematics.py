@@ -15,6 +15,7 @@ from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import as_matrices
+from pinflex.recovery.load_work import load_work, without_potential
 from pinflex.text import brief
 
 
@@ -43,20 +44,30 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     dynamics, nt = Equations(run.system), len(run.t)
     reported = mechanism.description.reported
     frames = {name: run.system.expansion.frames[name] for name in reported}
+    working = without_potential(run.system.loads)
+    moved = [*frames.values(), *(place for _, place in working)]
+    carriers = list(dict.fromkeys(frame.joint for frame in moved))
     poses = np.empty((nt, int(dynamics.model.njoints), 3, 4))
-    carriers = list(dict.fromkeys(frame.joint for frame in frames.values()))
-    rates = np.empty((nt, len(carriers), 2, 6))
+    motions = np.empty((nt, len(carriers), 2, 6))
     for s in spans(nt):
         at = dynamics.at(run.y[s], run.v[s], run.a[s])
-        placed, rates[s] = dynamics.pinocchio.motions(at.Q, at.V, at.A, carriers)
+        placed, motions[s] = dynamics.pinocchio.motions(at.Q, at.V, at.A, carriers)
         poses[s] = as_matrices(placed)
+    rates = {joint: motions[:, k] for k, joint in enumerate(carriers)}
     energies = dynamics.energies(run.y, run.v, run.t)
     arrays = {f"energy/{name}": x for name, x in energies._asdict().items()}
     for name, frame in frames.items():
-        own = rates[:, carriers.index(frame.joint)]
-        found = _frame(poses[:, frame.joint], own, frame.placement)
+        found = _frame(poses[:, frame.joint], rates[frame.joint], frame.placement)
         keys = ("position", "rotation", "velocity", "acceleration")
         arrays |= {f"frame/{name}/{key}": x for key, x in zip(keys, found, strict=True)}
+    if working:
+        arrays["energy/loads"] = sum(
+            (
+                load_work(force, run.t, *_frame(poses[:, at.joint], rates[at.joint], at.placement))
+                for force, at in working
+            ),
+            np.zeros(nt),
+        )
     return Kinematics(poses, arrays)
 
 

@@ -189,11 +189,17 @@ def _bodies(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _energy_balance(arrays: Mapping[str, Array]) -> float:
-    """Largest |E - E0 - work + dissipated| over the largest energy in play."""
+    """Largest |E - E0 - work + dissipated| over the largest energy in play.
+
+    Work is that of the motors, and of loads without a potential where there are some.
+    """
     stored = sum(arrays[f"energy/{k}"] for k in ("kinetic", "gravity", "elastic", "spring"))
     flow = arrays["energy/work"] - arrays["energy/dissipated"]
-    drift = np.abs(np.asarray(stored) - np.asarray(stored)[0] - (flow - flow[0]))
     parts = [np.ptp(arrays[f"energy/{k}"]) for k in ("kinetic", "gravity", "elastic", "work")]
+    if "energy/loads" in arrays:
+        flow = flow + arrays["energy/loads"]
+        parts.append(np.ptp(arrays["energy/loads"]))
+    drift = np.abs(np.asarray(stored) - np.asarray(stored)[0] - (flow - flow[0]))
     # Below 1e-15 J, and far below the energies themselves, there is only the rounding of a run that
     # does not move: an energy of 40 J is known to 7e-15 J.
     rounding = 1e-12 * float(np.max(np.abs(np.asarray(stored)), initial=0.0))

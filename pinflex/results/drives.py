@@ -45,9 +45,9 @@ class DriveView(View):
         """Draw motor torque over motor speed, with the limit curve; returns the axes.
 
         Args:
-            ax: Not taken: the figure is one of its own.
+            ax: Where to draw; default: axes of a new figure.
         """
-        return door("viewer.axes", "plot_drive")(self.result, self.name)
+        return door("viewer.axes", "plot_drive")(self.result, self.name, ax)
 
     result: Result
     name: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from pinflex.arrays import Array
 from pinflex.doors import door
 from pinflex.results.columns import Columns, column
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 HELD, FREE = "others held", "others free"  # the two stiffnesses along an axis: K_xx and 1/C_xx
@@ -78,9 +81,14 @@ class PoseMap:
                 arrays[name], units[name] = column(values[:, i, j].tolist()), _unit(what, i, j)
         return Columns(arrays, units)
 
-    def plot(self) -> Any:
-        """Draw frequencies and stiffness over the poses; returns the matplotlib axes."""
-        return door("viewer.plot_map", "axes_of_map")(self)
+    def plot(self, panel: str | None = None, ax: Axes | None = None) -> Any:
+        """Draw frequencies and stiffness over the poses; returns the matplotlib axes.
+
+        Args:
+            panel: One alone: "frequencies" or "stiffness"; over two coordinates "mode 1 [Hz]" ...
+            ax: Where to draw that; default: axes of a new figure.
+        """
+        return door("viewer.plot_map", "axes_of_map")(self, panel, ax)
 
     def _repr_html_(self) -> str:
         return self.table._repr_html_()

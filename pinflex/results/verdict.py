@@ -210,6 +210,8 @@ def miss(row: LevelRow, c: Comparison) -> str:
     """
     if row.suffices is None:
         return ""
+    if len(c.levels) < 2:
+        return "alone: not judged"
     if row.suffices:
         return "suffices"
     parts = []

@@ -288,9 +288,14 @@ class Deviation:
         """Angle between the orientations [rad], shape (nt,)."""
         return np.asarray(np.linalg.norm(self.rotation, axis=1))
 
-    def plot(self) -> Any:
-        """Draw position and rotation over time; returns the two matplotlib axes."""
-        return door("viewer.axes", "plot_deviation")(self)
+    def plot(self, panel: str | None = None, ax: Axes | None = None) -> Any:
+        """Draw position and rotation over time; returns the matplotlib axes.
+
+        Args:
+            panel: One alone: "position" or "rotation".
+            ax: Where to draw that; default: axes of a new figure.
+        """
+        return door("viewer.axes", "plot_deviation")(self, panel, ax)
 
     def _repr_html_(self) -> str:
         far, turned = int(self.norm.argmax()), int(self.angle.argmax())

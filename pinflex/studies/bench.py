@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SAMPLES = 201
 RESOLUTIONS = (1e-2, 1e-3, 1e-4)  # of radau
@@ -92,12 +95,16 @@ class Bench:
     own_error: dict[str, float]
     key: str | None
 
-    def plot(self) -> Any:
-        """Draw time against error; returns the matplotlib axes."""
-        from pinflex.studies.plot_bench import figure
-        from pinflex.viewer.panels import shown_axes
+    def plot(self, panel: str | None = None, ax: Axes | None = None) -> Any:
+        """Draw time against error; returns the matplotlib axes.
 
-        return shown_axes(lambda: figure(self))
+        Args:
+            panel: One output alone.
+            ax: Where to draw that; default: axes of a new figure.
+        """
+        from pinflex.studies.plot_bench import drawing
+
+        return drawing(self).axes(panel, ax)
 
     def pareto(self, output: str | None = None) -> list[Point]:
         """Points that no other beats in both time and error, fast ones first.

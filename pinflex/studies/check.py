@@ -12,7 +12,7 @@ from pinflex.bodies.summary import summary
 from pinflex.boundary import public
 from pinflex.cards import Worded
 from pinflex.description.schema import integer
-from pinflex.errors import ConvergenceError, SceneError
+from pinflex.errors import ConvergenceError, SceneError, SingularityError
 from pinflex.levels.excited import default_motion
 from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
@@ -33,6 +33,8 @@ from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
 _ALONG_MOTION = 101  # poses at which the motion is tried
+_PRELOADED = "about the static equilibrium"
+_SHIFT = 0.01  # of a frequency by gravity and loads, above which both are told
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,8 @@ class Check(Worded):
         drives: Joints with a drive or with friction. urdf_dynamics: What is taken of the URDF's.
         idle: Freedoms that nothing hangs on, held where home has them.
         statics: Sag and holding torques.
-        frequencies: [Hz]. frequency_note: Of which state.
+        frequencies: [Hz]. frequency_note: Of which state. unloaded: Those without gravity and
+            loads, where they differ.
         motion: What the motion asks, and whether the rigid mechanism can follow it.
         warnings: Sentences.
         summaries: Modal summary of each solid body, as text.
@@ -84,6 +87,7 @@ class Check(Worded):
     by_joint: Mapping[str, str] = field(default_factory=dict)
     drives: tuple[DriveCheck, ...] = field(default=())
     urdf_dynamics: str = ""
+    unloaded: tuple[float, ...] = ()
 
     def text(self) -> str:
         """Everything as aligned plain text of at most 100 columns."""
@@ -105,6 +109,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
     description = mechanism.description
     rest = statics(mechanism)
     frequencies, note = first_frequencies(mechanism, count)
+    unloaded = _unloaded(mechanism, count, frequencies) if _PRELOADED in note else ()
     motion, motion_warning = _motion(mechanism)
     links = tuple(link_check(mechanism, part) for part in mechanism.parts.values())
     warnings = (*check_warnings.of(mechanism, links, rest), *motion_warning)
@@ -133,6 +138,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         summaries=_summaries(mechanism),
         drives=drive_checks(mechanism),
         urdf_dynamics=check_urdf.used(description),
+        unloaded=unloaded,
     )
 
 
@@ -171,13 +177,24 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
     loaded, every = is_loaded(mechanism), mechanism.flexible.nv
     try:
         found = modes(mechanism, count=every, preload="gravity" if loaded else "none")
-        note = f"{locked}, {'about the static equilibrium' if loaded else 'no load'}"
+        note = f"{locked}, {_PRELOADED if loaded else 'no load'}"
     except ConvergenceError:
         found = modes(mechanism, count=every, preload="none")
         note = f"{locked}, about the undeformed pose: gravity and loads leave no equilibrium"
     first = first_modes(found, count)
     zeros = rigid_body(first)
     return tuple(float(f) for f in first.frequencies), f"{note}; {zeros}" if zeros else note
+
+
+def _unloaded(mechanism: Mechanism, count: int, loaded: tuple[float, ...]) -> tuple[float, ...]:
+    """Frequencies [Hz] without gravity and loads, where one differs by more than a per cent."""
+    try:
+        every = modes(mechanism, count=mechanism.flexible.nv, preload="none")
+    except SingularityError:
+        return ()
+    found = tuple(float(f) for f in first_modes(every, count).frequencies)
+    pairs = zip(found, loaded, strict=False)
+    return found if any(abs(a - b) > _SHIFT * abs(b) for a, b in pairs) else ()
 
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:

@@ -253,7 +253,11 @@ def _frequencies(c: Check) -> str:
     if not c.frequencies:
         return f"Natural frequencies: none, {c.frequency_note}"
     values = "  ".join(number(f) for f in c.frequencies)
-    return f"Natural frequencies [Hz], {c.frequency_note}\n  {values}"
+    text = f"Natural frequencies [Hz], {c.frequency_note}\n  {values}"
+    if not c.unloaded:
+        return text
+    plain = "  ".join(number(f) for f in c.unloaded)
+    return f"{text}\n  {plain}   without gravity and loads (modes --preload none)"
 
 
 def _warnings(c: Check) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from pinflex.inversion.linear_model import LinearModel, linearise
 from pinflex.levels.modes import modes
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _POINTS = 2000
 _MODES = 6  # up to which the default range goes
@@ -77,12 +80,17 @@ class FrequencyResponse:
     platform_zeros: Array | None
     measured: tuple[Measured, ...] = ()
 
-    def plot(self) -> Any:
-        """Draw amplitude and phase of every output; returns the matplotlib axes."""
-        from pinflex.studies.plot_frequency_response import figure
-        from pinflex.viewer.panels import shown_axes
+    def plot(self, panel: str | None = None, ax: Axes | None = None) -> Any:
+        """Draw magnitude and phase of every output; returns the matplotlib axes.
 
-        return shown_axes(lambda: figure(self))
+        Args:
+            panel: One alone: "magnitude OUTPUT" or "phase OUTPUT", or of a single output
+                "magnitude" or "phase".
+            ax: Where to draw that; default: axes of a new figure.
+        """
+        from pinflex.studies.plot_frequency_response import drawing
+
+        return drawing(self).axes(panel, ax)
 
 
 def frequency_response(

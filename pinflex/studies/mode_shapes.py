@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.actuation.nominal import Nominal
+from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
 from pinflex.levels.modes import Modes
 from pinflex.mechanics.equations import Equations
@@ -14,6 +16,10 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.meta import describe
 from pinflex.recovery.recover import recover
 from pinflex.results.result import Result
+from pinflex.viewer.plot_modes import shape_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _INSTANTS = 41  # of one period: smooth on the screen
 _SWING = 1e-3  # [rad | m] largest coordinate of the drawn motion: small, so shapes stay linear
@@ -65,6 +71,28 @@ def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
         for k, f in enumerate(found.frequencies)
         if f > 0
     ]
+
+
+def plot_shape(found: Modes, mode: int, ax: Axes | None = None) -> Any:
+    """Axes with the shape of one mode as lines, at both ends of its swing.
+
+    Args:
+        found: Modes of `pf.modes`.
+        mode: Number, from 1.
+        ax: Where to draw; default: axes of a new figure.
+    """
+    count = len(found.frequencies)
+    if found.mechanism is None or found.growth is not None:
+        why = "modes about a motion turn" if found.mechanism else "these modes know no mechanism"
+        raise DescriptionError(f"modes.plot: {why}, so there is no one shape to draw.")
+    if isinstance(mode, bool) or not isinstance(mode, int | np.integer) or not 1 <= mode <= count:
+        raise DescriptionError(f"modes.plot: mode {mode!r:.80}. Allowed: 1 to {count}.")
+    frequency = float(found.frequencies[mode - 1])
+    dynamics = Equations(found.mechanism.flexible)
+    period = 1.0 / abs(frequency) if frequency else 1.0
+    run = _run(found.mechanism, dynamics, found, int(mode) - 1, 1.0 / period)
+    heading = f"{found.mechanism.name}, mode {mode}: {frequency:.4g} Hz"
+    return shape_axes(run, heading, ax)
 
 
 def _run(

@@ -10,35 +10,49 @@ import numpy as np
 
 from pinflex.inversion.command import Command
 from pinflex.inversion.verify import Followed
-from pinflex.viewer.panels import COLOURS, panels, shown_axes, title
+from pinflex.viewer.drawing import Drawing
+from pinflex.viewer.panels import COLOURS, legend_above, panels, title
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _LEAST = 1e-10  # m: below it a distance is round-off
 
 
-def plot_command(found: Command) -> Any:
-    """Axes with the motors' motion and torques of one command, as pyplot's."""
-    return shown_axes(partial(_alone, found))
+def plot_command(found: Command, panel: str | None = None, ax: Axes | None = None) -> Any:
+    """Axes with the motors' motion and torques of one command.
+
+    Args:
+        found: The command. panel: One of the two alone.
+        ax: Where to draw that.
+    """
+    each = {name: partial(_draw, found=found, panel=name) for name in ("motors", "torque")}
+    return Drawing(partial(_alone, found), each).axes(panel, ax)
 
 
 def _alone(found: Command) -> Figure:
     """Motor positions from their first ones, and torques."""
     fig, axes = panels(2, 1, 4.8, None, sharex=True)
-    moves, torque = axes[:, 0]
-    for k, motor in enumerate(found.motors):
-        colour = COLOURS[k % len(COLOURS)]
-        moves.plot(found.t, found.position[:, k] - found.position[0, k], color=colour, lw=1.0)
-        torque.plot(found.t, found.torque[:, k], color=colour, lw=1.0, label=motor)
-    moves.set_ylabel(f"motors [{' | '.join(dict.fromkeys(_place(u) for u in found.units))}]")
-    torque.set_ylabel(f"torque [{' | '.join(dict.fromkeys(found.units))}]")
-    torque.set_xlabel("time [s]")
-    torque.legend(frameon=False, fontsize=8, ncols=min(len(found.motors), 6))
-    title(moves, f"{found.name}: {found.level} command")
-    for ax in axes[:, 0]:
-        _moving(ax, found)
+    for ax, panel in zip(axes[:, 0], ("motors", "torque"), strict=True):
+        _draw(ax, found, panel)
+        ax.label_outer()
+    axes[0, 0].get_legend().remove()
+    title(axes[1, 0], "")
     return fig
+
+
+def _draw(ax: Axes, found: Command, panel: str) -> None:
+    moves = panel == "motors"
+    values = found.position - found.position[0] if moves else found.torque
+    for k, motor in enumerate(found.motors):
+        ax.plot(found.t, values[:, k], color=COLOURS[k % len(COLOURS)], lw=1.0, label=motor)
+    units = dict.fromkeys(_place(u) if moves else u for u in found.units)
+    ax.set_ylabel(f"{'motors, from start' if moves else 'torque'} [{' | '.join(units)}]")
+    ax.set_xlabel("time [s]")
+    legend_above(ax, len(found.motors))
+    title(ax, f"{found.name}: {found.level} command")
+    _moving(ax, found)
 
 
 def _place(unit: str) -> str:

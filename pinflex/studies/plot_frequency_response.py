@@ -2,63 +2,119 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pinflex.arrays import Array
 from pinflex.studies.frequency_response import FrequencyResponse
+from pinflex.viewer.drawing import Drawing
 from pinflex.viewer.panels import COLOURS, Room, panels, title
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_HEIGHTS = {"magnitude": 2.0, "phase": 1.0, "coherence": 0.8}  # of the panels, relative
+_WIDE = 200.0  # from the first to the last frequency: beyond, tens alone have numbers
+
+
+def drawing(study: FrequencyResponse) -> Drawing:
+    """The figure, and its panels by name."""
+    parts = _parts(study)
+    single = len(study.outputs) == 1
+    each = {
+        part if single else f"{part} {_bare(output)}": partial(_panel, study=study, k=k, part=part)
+        for k, output in enumerate(study.outputs)
+        for part in parts
+    }
+    return Drawing(partial(figure, study), each)
 
 
 def figure(study: FrequencyResponse) -> Figure:
     """One column an output: magnitude, phase, and coherence where a measured one has it."""
-    coherent = any(one.coherence is not None for one in study.measured)
-    heights = [2.0, 1.0, 0.8][: 2 + coherent]
+    parts = _parts(study)
+    heights = [_HEIGHTS[part] for part in parts]
     room = Room(left=0.8, bottom=0.45, between=(0.75, 0.12))
     n = len(study.outputs)
     fig, axes = panels(
         len(heights), n, 1.15 * sum(heights) + 1.0, room, sharex=True, height_ratios=heights
     )
-    for k, name in enumerate(study.outputs):
-        _column(axes[:, k], study, k)
-        title(axes[0, k], f"{study.input.split(' [')[0]} to {name.split(' [')[0]}")
-        axes[0, k].set_ylabel(f"magnitude [{_unit(name)} per {_unit(study.input)}]")
-        axes[-1, k].set_xlabel("frequency [Hz]")
-    axes[1, 0].set_ylabel("phase [deg]")
-    if coherent:
-        axes[2, 0].set_ylabel("coherence [-]")
+    for k in range(n):
+        for row, part in enumerate(parts):
+            ax = axes[row, k]
+            _panel(ax, study, k, part)
+            if row:
+                title(ax, "")
+            if row < len(parts) - 1:
+                ax.set_xlabel("")
+            if row and k:
+                ax.set_ylabel("")
     return fig
+
+
+def _parts(study: FrequencyResponse) -> list[str]:
+    coherent = any(one.coherence is not None for one in study.measured)
+    return [part for part in _HEIGHTS if part != "coherence" or coherent]
+
+
+def _bare(name: str) -> str:
+    return name.split(" [")[0]
 
 
 def _unit(name: str) -> str:
     return name.split("[")[-1].rstrip("]").split(" | ")[0]
 
 
-def _column(axes: Any, study: FrequencyResponse, k: int) -> None:
-    f, H = study.frequencies, study.response[:, k]
-    bare = study.outputs[k].split(" [")[0]
-    axes[0].loglog(f, np.abs(H), color=COLOURS[0], lw=1.2, label="model")
-    axes[1].semilogx(f, _phase(H), color=COLOURS[0], lw=1.2)
+def _panel(ax: Axes, study: FrequencyResponse, k: int, part: str) -> None:
+    """Magnitude, phase or coherence of one output."""
+    f, H, output = study.frequencies, study.response[:, k], study.outputs[k]
+    of: dict[str, Callable[[Array], Array]] = {"magnitude": np.abs, "phase": _phase}
+    if part in of:
+        ax.semilogx(f, of[part](H), color=COLOURS[0], lw=1.2, label="model")
     for one in study.measured:
-        if one.output != bare:
-            continue
         inside = (one.frequencies >= f[0]) & (one.frequencies <= f[-1])
-        x, y = one.frequencies[inside], one.response[inside]
-        axes[0].loglog(x, np.abs(y), color=COLOURS[1], lw=0.8, label="measured")
-        axes[1].semilogx(x, _phase(y), color=COLOURS[1], lw=0.8)
-        if one.coherence is not None:
-            axes[2].semilogx(x, one.coherence[inside], color=COLOURS[2], lw=0.8)
-            axes[2].set_ylim(0.0, 1.05)
-        axes[0].legend(frameon=False, fontsize=8, title=f"agreement {one.agreement:.3f}",
-                       title_fontsize=8)  # fmt: skip
-    axes[1].set_ylim(-190, 190)
-    axes[1].set_yticks([-180, -90, 0, 90, 180])
-    axes[0].set_xlim(f[0], f[-1])
-    for ax in axes:
-        ax.grid(True, which="major", color="0.9", lw=0.6)
+        shown = one.coherence if part == "coherence" else of[part](one.response)
+        if one.output == _bare(output) and shown is not None:
+            colour = COLOURS[2 if part == "coherence" else 1]
+            ax.semilogx(
+                one.frequencies[inside], shown[inside], color=colour, lw=0.8, label="measured"
+            )
+            if part == "magnitude":
+                ax.legend(frameon=False, fontsize=8, title=f"agreement {one.agreement:.3f}",
+                          title_fontsize=8)  # fmt: skip
+    unit = f"{_unit(output)} per {_unit(study.input)}"
+    labels = {"magnitude": f"magnitude [{unit}]", "phase": "phase [deg]"}
+    ax.set_ylabel(labels.get(part, "coherence [-]"))
+    ax.set_xlabel("frequency [Hz]")
+    title(ax, f"{_bare(study.input)} to {_bare(output)}")
+    _scale(ax, part)
+    ax.set_xlim(f[0], f[-1])
+    _decades(ax, f[-1] / f[0])
+    ax.grid(True, which="major", color="0.9", lw=0.6)
+
+
+def _decades(ax: Axes, ratio: float) -> None:
+    """Plain numbers below a logarithmic axis, as many as there is room for."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    ax.xaxis.set_major_formatter(plain)
+    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0) if ratio < _WIDE else (5.0,)))
+    ax.xaxis.set_minor_formatter(plain if ratio < _WIDE else FuncFormatter(lambda *_: ""))
+    ax.tick_params(which="minor", labelsize=8, width=0.4)
+
+
+def _scale(ax: Axes, part: str) -> None:
+    if part == "magnitude":
+        ax.set_yscale("log")
+    elif part == "phase":
+        ax.set_ylim(-190, 190)
+        ax.set_yticks([-180, -90, 0, 90, 180])
+    else:
+        ax.set_ylim(0.0, 1.05)
 
 
 def _phase(H: Any) -> Any:

@@ -37,6 +37,7 @@ from pinflex.viewer.curves import with_rigid_torque
 from pinflex.writing import write_text
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _FREQUENCIES = 6
@@ -88,19 +89,22 @@ class Study:
         rigid = self.runs.get("rigid")
         return {} if rigid is None else figures_of(rigid, self.flexible, self.table.frequencies)
 
-    def plot(self, name: str = "torques") -> Any:
+    def plot(self, name: str = "torques", ax: Axes | None = None) -> Any:
         """Draw one of the figures; returns the matplotlib axes.
 
         Args:
             name: Of `figures`, or how it begins: torques, deviation, stress, spectrum.
+            ax: Where to draw the spectrum, whose figure is of one panel; default: a new figure.
         """
-        from pinflex.viewer.panels import shown_axes
+        from pinflex.viewer.drawing import Drawing
 
         known = self.figures
         found = next((key for key in known if key.startswith(name)), None)
         if found is None:
             raise DescriptionError(f"plot: {name}: no such figure.{nearest(name, known)}")
-        return shown_axes(known[found])
+        one: Any = known[found]  # its function takes `ax` where it has one panel
+        panels = {name: lambda on: one(ax=on)} if found.startswith("spectrum") else {}
+        return Drawing(one, panels).axes(None, ax)
 
     @property
     def flexible(self) -> dict[str, Result]:

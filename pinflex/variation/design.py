@@ -17,7 +17,7 @@ from pinflex.variation.measures import unit
 from pinflex.variation.scene_file import write_scene
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 _ACTIVE = 1e-3  # margin [ln] at which a limit holds the design
 _AT_BOUND = 1e-4  # the same of a bound
@@ -108,21 +108,23 @@ class Design(Worded):
             said.append(f"First-order conditions are met to {self.residual:.1g}: {good}.")
         return said
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """The minimised output and the worst margin over the designs tried.
+    def plot(
+        self, path: str | Path | None = None, *, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
+        """Draw the minimised output over the designs, and what changed; returns the axes.
 
         Args:
-            path: Where to write it, .png or .pdf.
+            path: Where to write it too, .png, .pdf or .svg.
+            panel: One alone: "search" or "change".
+            ax: Where to draw that; default: axes of a new figure.
         """
         from pinflex.viewer.histories import histories
 
         aims = np.array([found[self.minimised] for _, found, _ in self.history])
         kept = np.array([ok for *_, ok in self.history])
         label = f"{self.minimised} [{unit(self.minimised)}]".removesuffix(" []")
-        figure = histories(aims, kept, label, self.parameters, self.first, self.best)
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        drawn = histories(aims, kept, label, self.parameters, self.first, self.best)
+        return drawn.axes(panel, ax, path)
 
     def write(self, path: str | Path) -> Path:
         """Write the scene with the best numbers as a YAML that loads as it is.

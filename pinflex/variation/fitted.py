@@ -16,7 +16,7 @@ from pinflex.variation.comparison import Panel
 from pinflex.variation.scene_file import write_scene
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 _LEVEL = 0.95
 _UNLIKELY = 0.01  # chance of so large residuals below which the model does not explain them
@@ -125,20 +125,22 @@ class Fit(Worded):
             ]
         return [f"Residuals are {self.misfit:.2g} times the standard deviations told: explained."]
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """Measured and fitted values, and their difference below.
+    def plot(
+        self, path: str | Path | None = None, *, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
+        """Draw measured and fitted values, and their difference below; returns the axes.
 
         Args:
-            path: Where to write it, .png or .pdf.
+            path: Where to write it too, .png, .pdf or .svg.
+            panel: One alone: the title of a panel, "difference TITLE" for what is below it.
+            ax: Where to draw that; default: axes of a new figure.
         """
         from pinflex.viewer.residuals import residuals
 
-        figure = residuals([
+        drawn = residuals([
             (p.title, p.along, p.unit, p.x, p.measured, p.model, p.std) for p in self.panels
         ])  # fmt: skip
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        return drawn.axes(panel, ax, path)
 
     def write(self, path: str | Path) -> Path:
         """Write the scene with the fitted numbers as a YAML that loads as it is.

@@ -33,7 +33,7 @@ from pinflex.text import brief, number, table
 from pinflex.variation.variants import variants_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 QUANTILES = (0.05, 0.5, 0.95)
 OUTPUTS = ("frequency", "deviation", "torque", "stress")
@@ -137,21 +137,23 @@ class Scatter(Worded):
             "total_error": self.total_error[k].tolist(),
         }
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """A histogram of each output, and what its variance comes from.
+    def plot(
+        self, path: str | Path | None = None, *, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
+        """Draw a histogram of each output, and what its variance comes from; returns the axes.
 
         Args:
-            path: Where to write it, .png or .pdf.
+            path: Where to write it too, .png, .pdf or .svg.
+            panel: One alone: an output for its histogram, "variance OUTPUT" for the shares.
+            ax: Where to draw that; default: axes of a new figure.
         """
         from pinflex.viewer.histograms import histograms
 
         samples = {name: self.table[name] for name in self.outputs}
         names = [d.key for d in self.distributions]
         units = {name: unit(name) for name in self.outputs}
-        figure = histograms(samples, units, self.quantiles, names, self.total)
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        drawn = histograms(samples, units, self.quantiles, names, self.total)
+        return drawn.axes(panel, ax, path)
 
     def _sentences(self) -> list[str]:
         said = []
@@ -298,18 +300,12 @@ def _solved(
 def _found(
     random: tuple[Distribution, ...], cases: Sequence[Mapping[str, float]], records: list[Record]
 ) -> Scatter:
-    names = [
-        name
-        for name in dict.fromkeys(key for record in records for key in record.found)
-        if all(isinstance(r.found.get(name, 0.0), (int, float)) for r in records)
-    ]
-    arrays = {d.key: column([case[d.key] for case in cases]) for d in random}
-    arrays["status"] = column(["failed" if record.error else "done" for record in records])
-    arrays["error"] = column([record.error for record in records])
-    values = {name: column([r.found.get(name) for r in records]) for name in names}
-    whole = Columns(arrays | values, {name: unit(name) for name in names if unit(name)})
+    values = {
+        name: column([record.found.get(name) for record in records]) for name in _numbers(records)
+    }
+    whole = _table(random, cases, records, values)
     n, d = len(cases) // (len(random) + 2), len(random)
-    shown = tuple(name for name in names if _scatters(values[name][: 2 * n]))
+    shown = tuple(name for name, x in values.items() if _scatters(x[: 2 * n]))
     quantiles = np.full((len(shown), len(QUANTILES)), np.nan)
     mean, std = np.full((2, len(shown)), np.nan)
     indices = np.full((4, len(shown), d), np.nan)
@@ -319,6 +315,30 @@ def _found(
         mean[k], std[k] = np.nanmean(sample), np.nanstd(sample, ddof=1)
         indices[:, k] = _indices(values[name].reshape(d + 2, n))
     return Scatter(whole, random, shown, quantiles, mean, std, *indices)
+
+
+def _numbers(records: Sequence[Record]) -> list[str]:
+    """Names of the outputs that are numbers wherever they were found."""
+    names = dict.fromkeys(name for record in records for name in record.found)
+    return [
+        name
+        for name in names
+        if all(isinstance(r.found.get(name, 0.0), (int, float)) for r in records)
+    ]
+
+
+def _table(
+    random: Iterable[Distribution],
+    cases: Sequence[Mapping[str, float]],
+    records: Sequence[Record],
+    values: Mapping[str, Array],
+) -> Columns:
+    """Parameters, how each design ended, and its outputs."""
+    arrays = {d.key: column([case[d.key] for case in cases]) for d in random}
+    arrays["status"] = column(["failed" if record.error else "done" for record in records])
+    arrays["error"] = column([record.error for record in records])
+    units = {name: unit(name) for name in values if unit(name)}
+    return Columns({**arrays, **values}, units)
 
 
 def _scatters(sample: Array) -> bool:

@@ -27,7 +27,7 @@ from pinflex.variation.measures import DEFAULT, RUNS, available, check_names, me
 from pinflex.variation.variants import Variants, variants
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 BY = ("flexible.*.section.*", "flexible.*.material.E", "joints.*.drive.stiffness")
 _NONE = 1e-6  # a relative sensitivity that nobody would act on
@@ -89,18 +89,19 @@ class Sensitivities(Worded):
             )
         return "\n".join(said)
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """A tornado chart: one panel per output, the longest bar on top.
+    def plot(
+        self, path: str | Path | None = None, *, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
+        """Draw a tornado chart, one panel per output; returns the matplotlib axes.
 
         Args:
-            path: Where to write it, .png or .pdf.
+            path: Where to write it too, .png, .pdf or .svg.
+            panel: One output alone.
+            ax: Where to draw that; default: axes of a new figure.
         """
         from pinflex.viewer.tornado import tornado
 
-        figure = tornado(self.parameters, self.outputs, self.table)
-        if path is not None:
-            figure.savefig(path)
-        return figure
+        return tornado(self.parameters, self.outputs, self.table).axes(panel, ax, path)
 
     def as_json(self) -> dict[str, Any]:
         """Plain lists and names, SI units."""

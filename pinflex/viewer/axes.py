@@ -9,8 +9,9 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results.result import Deviation, Result, peak
 from pinflex.viewer import plot
+from pinflex.viewer.drawing import Drawing
 from pinflex.viewer.panels import COLOURS, panels, shown_axes, styled, title
-from pinflex.viewer.torque_speed import torque_speed
+from pinflex.viewer.torque_speed import draw_torque_speed, torque_speed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,19 +49,29 @@ def plot_spectrum(result: Result, quantity: str, ax: Axes | None = None, **optio
     return ax
 
 
-def plot_deviation(away: Deviation) -> Any:
-    """Axes with position and rotation of a deviation."""
-    return shown_axes(partial(plot.distance, away))
+def plot_deviation(away: Deviation, panel: str | None = None, ax: Axes | None = None) -> Any:
+    """Axes with position and rotation of a deviation.
+
+    Args:
+        away: Deviation.
+        panel: One of the two alone.
+        ax: Where to draw that.
+    """
+    each = {
+        part: partial(plot.draw_distance, away=away, part=part) for part in ("position", "rotation")
+    }
+    return Drawing(partial(plot.distance, away), each).axes(panel, ax)
 
 
-def plot_drive(result: Result, name: str) -> Any:
+def plot_drive(result: Result, name: str, ax: Axes | None = None) -> Any:
     """Axes with the motor torque over the motor speed of a drive.
 
     Args:
-        result: Run.
-        name: Of the drive.
+        result: Run. name: Of the drive.
+        ax: Where to draw; default: axes of a new figure.
     """
-    return shown_axes(partial(torque_speed, result, [name]))
+    each = {name: partial(draw_torque_speed, view=result.drive(name))}
+    return Drawing(partial(torque_speed, result, [name]), each).axes(None, ax)
 
 
 def draw(t: Array, curves: dict[str, Array], label: str, heading: str, ax: Axes | None) -> Axes:

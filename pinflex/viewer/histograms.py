@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.viewer.panels import new_figure
+from pinflex.viewer.drawing import Drawing
+from pinflex.viewer.panels import COLOURS, new_figure, styled
 from pinflex.viewer.tornado import short_key
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MOST = 6  # outputs drawn
@@ -23,7 +26,7 @@ def histograms(
     quantiles: Array,
     parameters: Sequence[str],
     total: Array,
-) -> Figure:
+) -> Drawing:
     """One row per output: its histogram with quantiles, and total Sobol indices as bars.
 
     Args:
@@ -32,28 +35,40 @@ def histograms(
         parameters: Random parameters.
         total: Total indices, shape (outputs, parameters).
     """
-    names = list(samples)[:_MOST]
-    height = max(1.7, 0.55 + 0.22 * len(parameters))
-    figure = new_figure(10.0, 0.3 + height * len(names), layout="constrained")
-    axes = figure.subplots(len(names), 2, squeeze=False, width_ratios=(1.2, 1.0))
-    for k, name in enumerate(names):
-        left, right = axes[k]
-        values = samples[name][np.isfinite(samples[name])]
-        left.hist(values, bins="auto", color="#8fa9cc", edgecolor="white", linewidth=0.4)
-        for x, style in zip(quantiles[k], (":", "-", ":"), strict=True):
-            left.axvline(x, color="#1f3a5f", linestyle=style, linewidth=1.2)
-        unit = f" [{units[name]}]" if units.get(name) else ""
-        left.set_xlabel(f"{name}{unit}, with 5 %, median, 95 %", fontsize=8)
-        left.set_yticks([])
-        order = np.argsort(np.nan_to_num(total[k]))
-        right.barh(np.arange(len(order)), np.nan_to_num(total[k])[order], color="#3566a8")
-        right.set_yticks(
-            np.arange(len(order)), [short_key(parameters[i]) for i in order], fontsize=7
-        )
-        right.set_xlim(0, max(1.0, float(np.nanmax(np.nan_to_num(total[k])))))
-        right.set_xlabel("share of the variance, with interactions", fontsize=8)
-        for ax in (left, right):
-            ax.tick_params(labelsize=7)
-            ax.spines[["top", "right", "left"]].set_visible(False)
-        right.tick_params(axis="y", length=0)
-    return figure
+    each = {}
+    for k, (name, values) in enumerate(samples.items()):
+        label = name + (f" [{units[name]}]" if units.get(name) else "")
+        each[name] = partial(_histogram, values=values, lines=quantiles[k], label=label)
+        each[f"variance {name}"] = partial(_shares, parameters=parameters, total=total[k])
+
+    def whole() -> Figure:
+        rows = min(len(samples), _MOST)
+        height = max(1.9, 0.6 + 0.22 * len(parameters))
+        figure = new_figure(10.0, 0.3 + height * rows, layout="constrained")
+        axes = figure.subplots(rows, 2, squeeze=False, width_ratios=(1.2, 1.0))
+        for draw, ax in zip(each.values(), axes.flat, strict=False):
+            draw(styled(ax))
+        return figure
+
+    return Drawing(whole, each)
+
+
+def _histogram(ax: Axes, values: Array, lines: Array, label: str) -> None:
+    ax.hist(
+        values[np.isfinite(values)], bins="auto", color=COLOURS[5], edgecolor="white", linewidth=0.4
+    )
+    for x, style in zip(lines, (":", "-", ":"), strict=True):
+        ax.axvline(x, color=COLOURS[0], linestyle=style, linewidth=1.2)
+    ax.set_xlabel(f"{label}, with 5 %, median, 95 %")
+    ax.set_yticks([])
+    ax.spines["left"].set_visible(False)
+
+
+def _shares(ax: Axes, parameters: Sequence[str], total: Array) -> None:
+    order = np.argsort(np.nan_to_num(total))
+    ax.barh(np.arange(len(order)), np.nan_to_num(total)[order], color=COLOURS[0], height=0.7)
+    ax.set_yticks(np.arange(len(order)), [short_key(parameters[i]) for i in order])
+    ax.set_xlim(0, max(1.0, float(np.nan_to_num(total).max(initial=0.0))))
+    ax.set_xlabel("share of the variance, with interactions")
+    ax.spines["left"].set_visible(False)
+    ax.tick_params(axis="y", length=0)

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 _DPI = 100
 # Elevation and azimuth [deg] for a mechanism flat in x, y, z, or (last) in none.
-_VIEWS = ((8, -8), (8, -80), (58, -90), (20, -58))
-_BASE = "\0base"  # marks a line as no link of the user's
-_GREY, _PALE = "#56637a", "#c3c9d2"
+VIEWS = ((8, -8), (8, -80), (58, -90), (20, -58))
+BASE = "\0base"  # marks a line as no link of the user's
+GREY, PALE = "#56637a", "#c3c9d2"
 
 
 def still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) -> Path:
@@ -95,19 +95,19 @@ def _canvas(
         bar.ax.set_title(f"{label} [{unit}]", size=10, loc="left", pad=10)
         bar.outline.set_visible(False)
 
-    cloud = np.concatenate([line for k in _some(scene) for line, _ in _lines(scene, k, mag)])
+    cloud = np.concatenate([line for k in _some(scene) for line, _ in polylines(scene, k, mag)])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     extent = np.maximum(high - low, 0.1 * (float((high - low).max()) or 1.0))
     reach, flat = extent / 2, int(extent.argmin()) if extent.min() < 0.15 * extent.max() else -1
-    axes.view_init(*_VIEWS[flat])
+    axes.view_init(*VIEWS[flat])
     middle = (low + high) / 2
 
     def draw(k: int) -> None:
         axes.clear()
         axes.set_axis_off()
-        for line, _ in _lines(scene, k, 0.0):
-            axes.plot(*line.T, color=_PALE, lw=1.0, clip_on=False)
-        for line, name in _lines(scene, k, mag):
+        for line, _ in polylines(scene, k, 0.0):
+            axes.plot(*line.T, color=PALE, lw=1.0, clip_on=False)
+        for line, name in polylines(scene, k, mag):
             if name in values:
                 pieces = np.stack([line[:-1], line[1:]], axis=1)
                 mean = (values[name][k, :-1] + values[name][k, 1:]) / 2
@@ -117,9 +117,9 @@ def _canvas(
                     )
                 )
             else:
-                base = name == _BASE
+                base = name == BASE
                 style = {"lw": 1.0 if base else 2.5, "marker": "o", "ms": 4, "clip_on": False}
-                axes.plot(*line.T, color=_PALE if base else _GREY, **style)
+                axes.plot(*line.T, color=PALE if base else GREY, **style)
         for setter, c, r in zip(
             (axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, reach, strict=True
         ):
@@ -157,8 +157,13 @@ def _field(link: dict[str, Any], field: str) -> Array:
     return np.asarray(np.linalg.norm(link["disp"], axis=2))
 
 
-def _lines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, str]]:
-    """Polylines of instant k [m] with the name of the flexible link, or another mark."""
+def polylines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, str]]:
+    """Lines of an instant [m], each with the name of its flexible link, `BASE` or "".
+
+    Args:
+        scene: From `build_scene`. k: Number of the instant.
+        mag: Factor on displacements.
+    """
     lines = []
     for link in scene["links"]:
         share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
@@ -172,5 +177,5 @@ def _lines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, str]]
         if len(points) > 2:
             points = np.concatenate([points, points[:1]])
         if len(points):
-            lines.append((points @ pose[:, :3].T + pose[:, 3], _BASE if body["base"] else ""))
+            lines.append((points @ pose[:, :3].T + pose[:, 3], BASE if body["base"] else ""))
     return lines

@@ -25,6 +25,15 @@ _TRIANGLES = 1200  # of a bent mesh, which is sent anew every time
 _GREY, _BASE = 0x758297, 0x9AA5B5
 
 
+def require_meshcat() -> None:
+    """Raise if meshcat, an extra, is not there: pages need nothing of it."""
+    if find_spec("meshcat") is None:
+        raise PinflexError(
+            'live: meshcat is not installed. Install it (pip install "pinflex[live]"), or '
+            "write a page with pinflex.view: it needs nothing else."
+        )
+
+
 class Live:
     """Plays a result in meshcat until it is closed; nothing is left behind.
 
@@ -48,11 +57,7 @@ class Live:
             scale: Magnification of displacements about the rigid pose, or "auto".
             meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
         """
-        if find_spec("meshcat") is None:
-            raise PinflexError(
-                'live: meshcat is not installed. Install it (pip install "pinflex[live]"), or '
-                "write a page with pinflex.view: it needs nothing else."
-            )
+        require_meshcat()
         self.scene = build_scene(result, scale=scale, meshes=meshes)
         self.field = field if any(f["key"] == field for f in self.scene["fields"]) else ""
         least = 0.008 * self.scene["size"]

@@ -10,6 +10,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -48,13 +50,18 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
 
 
 def shown_axes(make: Callable[[], Figure]) -> Any:
-    """Axes of a figure made as pyplot's, which a notebook or a window shows; a list of several."""
+    """Axes of a figure made as pyplot's, which a notebook or a window shows."""
     token = _SHOWN.set(True)
     try:
-        axes = make().axes
+        return axes_of(make())
     finally:
         _SHOWN.reset(token)
-    return axes[0] if len(axes) == 1 else axes
+
+
+def axes_of(figure: Figure) -> Any:
+    """The axes of a figure: one, or an array of several, shape (n,)."""
+    axes = figure.axes
+    return axes[0] if len(axes) == 1 else np.array(axes, dtype=object)
 
 
 def styled(ax: Axes) -> Axes:
@@ -99,6 +106,19 @@ def aligned(*axes: Axes) -> None:
     """Names of the vertical axes one above the other, at the left edge of the figure."""
     for ax in axes:
         ax.yaxis.set_label_coords(-0.55 / (ax.get_position().width * WIDTH), 0.5)
+
+
+def legend_above(ax: Axes, count: int) -> None:
+    """A legend in one line at the right of the heading, where no curve is.
+
+    Args:
+        ax: Panel.
+        count: Of its entries.
+    """
+    if count:
+        right: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99)}
+        text: dict[str, Any] = {"frameon": False, "fontsize": 8, "borderaxespad": 0.0}
+        ax.legend(ncols=min(count, 6), **right, **text)
 
 
 def title(ax: Axes, text: str) -> None:

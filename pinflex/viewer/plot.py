@@ -31,6 +31,10 @@ _COMPONENTS = {  # of a section, in the beam frame
     "ry": "slope",
     "rz": "slope",
 }
+_PARTS = {  # of a deviation: components, and units by whether it is small
+    "position": ("x y z", ("mm", "µm")),
+    "rotation": ("rx ry rz", ("mrad", "µrad")),
+}
 
 
 def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
@@ -114,30 +118,40 @@ def distance(away: Deviation, calm: Deviation | None = None, heading: str = "") 
         heading: Of the figure.
     """
     figure, axes = panels(2, 1, sharex=True)
-    for ax, part, names, word, units in (
-        (axes[0, 0], "position", "x y z", "position", ("mm", "µm")),
-        (axes[1, 0], "rotation", "rx ry rz", "rotation", ("mrad", "µrad")),
-    ):
-        values = getattr(away, part)
-        fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
-        factor, label = 1e6 if fine else 1e3, f"{word} [{units[fine]}]"
-        values = factor * values
-        ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
-        for i, name in enumerate(names.split()):
-            # a planar mechanism has components at round-off: they would only clutter
-            if peak(values[:, i]) > 1e-3 * peak(values) or peak(values) == 0:
-                ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
-                if calm is not None:
-                    slow = factor * getattr(calm, part)[:, i]
-                    style: dict[str, Any] = {"lw": 0.8, "ls": (0, (4, 3)), "alpha": 0.7}
-                    ax.plot(away.t, slow, color=COLOURS[i], **style)
-        ax.set_ylabel(label)
-        ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
-        ax.margins(y=0.15)
+    for ax, part in zip(axes[:, 0], ("position", "rotation"), strict=True):
+        draw_distance(ax, away, part, calm)
+        ax.label_outer()
     title(axes[0, 0], heading)
-    axes[1, 0].set_xlabel("time [s]")
     aligned(*axes[:, 0])
     return figure
+
+
+def draw_distance(ax: Axes, away: Deviation, part: str, calm: Deviation | None = None) -> None:
+    """Position or rotation of a deviation on given axes.
+
+    Args:
+        ax: Where. away: Deviation.
+        part: "position" or "rotation".
+        calm: As in `distance`.
+    """
+    names, units = _PARTS[part]
+    values = getattr(away, part)
+    fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
+    factor = 1e6 if fine else 1e3
+    values = factor * values
+    ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
+    for i, name in enumerate(names.split()):
+        # a planar mechanism has components at round-off: they would only clutter
+        if peak(values[:, i]) > 1e-3 * peak(values) or peak(values) == 0:
+            ax.plot(away.t, values[:, i], color=COLOURS[i], lw=1.0, label=name)
+            if calm is not None:
+                slow = factor * getattr(calm, part)[:, i]
+                style: dict[str, Any] = {"lw": 0.8, "ls": (0, (4, 3)), "alpha": 0.7}
+                ax.plot(away.t, slow, color=COLOURS[i], **style)
+    ax.set_ylabel(f"{part} [{units[fine]}]")
+    ax.set_xlabel("time [s]")
+    ax.legend(frameon=False, ncols=3, loc="upper right", fontsize=8)
+    ax.margins(y=0.15)
 
 
 def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +13,9 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results.pose_map import PoseMap, free, free_stiffness
-from pinflex.viewer.panels import COLOURS, DPI, WIDTH, panels, shown_axes, title
+from pinflex.viewer.drawing import Drawing, check_figure
+from pinflex.viewer.panels import COLOURS, DPI, WIDTH, panels, title
+from pinflex.viewer.plot import figure_of
 from pinflex.writing import replaced
 
 if TYPE_CHECKING:
@@ -23,6 +28,17 @@ _WIDE = 1 / 15  # a lowest frequency below this share of the highest: on a logar
 _FLAT = 0.02  # of the largest value: what varies less needs no lines of equal height
 
 
+@dataclass(frozen=True)
+class _Cut:
+    """The part of a map that is drawn: one or two coordinates, the others at their middle."""
+
+    drawn: list[int]
+    x: list[Array]
+    labels: list[str]
+    frequencies: Array
+    stiffness: dict[str, Array]
+
+
 def plot_map(poses: PoseMap) -> Figure:
     """Frequencies, and below them how stiff the platform is along each axis that gives way.
 
@@ -30,6 +46,36 @@ def plot_map(poses: PoseMap) -> Figure:
     along which the platform is rigid are named in the title.
     Of a grid with more than two coordinates, the others are drawn at their middle.
     """
+    cut = _cut(poses)
+    figure = _curves(poses, cut) if len(cut.drawn) == 1 else _maps(cut)
+    figure.suptitle(_title(poses, cut.drawn), x=0.01, ha="left", fontsize=10)
+    return figure
+
+
+def axes_of_map(poses: PoseMap, panel: str | None = None, ax: Axes | None = None) -> Any:
+    """Axes of `plot_map`.
+
+    Args:
+        poses: The map. panel: One of its panels alone.
+        ax: Where to draw that.
+    """
+    cut = _cut(poses)
+    if len(cut.drawn) == 1:
+        each: dict[str, Callable[[Axes], object]] = {
+            "frequencies": lambda on: _frequency_panel(on, poses, cut)
+        }
+        if cut.stiffness:
+            each["stiffness"] = lambda on: _stiffness_panel(on, cut)
+    else:
+        each = {
+            name: partial(_map, name=name, values=values, cut=cut)
+            for row in _rows(cut)
+            for name, values in row.items()
+        }
+    return Drawing(lambda: plot_map(poses), each).axes(panel, ax)
+
+
+def _cut(poses: PoseMap) -> _Cut:
     sizes = [len(values) for values in poses.grid.values()]
     wide = [k for k, size in enumerate(sizes) if size > 1]
     if not wide:
@@ -45,17 +91,7 @@ def plot_map(poses: PoseMap) -> Figure:
     labels = [f"{name} from home [{poses.units[name]}]" for name in names]
     if poses.along_motion:
         labels = ["time along the motion [s]"]
-    if len(drawn) == 1:
-        figure = _curves(frequencies, stiffness, x[0], labels[0], poses.units[names[0]])
-    else:
-        figure = _maps(frequencies, stiffness, x, labels)
-    figure.suptitle(_title(poses, drawn), x=0.01, ha="left", fontsize=10)
-    return figure
-
-
-def axes_of_map(poses: PoseMap) -> Any:
-    """Axes of `plot_map`, as pyplot's."""
-    return shown_axes(lambda: plot_map(poses))
+    return _Cut(drawn, x, labels, frequencies, stiffness)
 
 
 def _title(poses: PoseMap, drawn: list[int]) -> str:
@@ -89,72 +125,86 @@ def save_map(poses: PoseMap, path: str | Path) -> Path:
     return path
 
 
-def check_figure(path: str | Path) -> Path:
-    """The path of a figure, if there is such a kind; its folder is made."""
-    path = Path(path)
-    if path.suffix not in (".png", ".pdf", ".svg"):
-        raise DescriptionError(f"{path}: no such kind of figure. Allowed: .png, .pdf, .svg.")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path
-
-
-def _curves(
-    frequencies: Array, stiffness: dict[str, Array], x: Array, label: str, unit: str
-) -> Figure:
-    figure, axes = panels(1 + bool(stiffness), 1, 3.2 * (1 + bool(stiffness)), None, sharex=True)
-    _draw_frequencies(axes[0, 0], x, frequencies, unit)
-    if stiffness:
-        ax = axes[1, 0]
-        for k, (name, values) in enumerate(stiffness.items()):
-            # dashed and on top: of two equal ones both are seen
-            dashes = (0, (4, 4)) if k % 2 else "-"
-            ax.plot(x, values, color=COLOURS[k], lw=1.3, ls=dashes, zorder=2 + k % 2, label=name)
-        ax.set_yscale("log")
-        ax.set_ylabel("stiffness")
-        ax.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    axes[-1, 0].set_xlabel(label)
+def _curves(poses: PoseMap, cut: _Cut) -> Figure:
+    count = 1 + bool(cut.stiffness)
+    figure, axes = panels(count, 1, 3.2 * count, None, sharex=True)
+    _frequency_panel(axes[0, 0], poses, cut)
+    if cut.stiffness:
+        axes[0, 0].set_xlabel("")
+        _stiffness_panel(axes[1, 0], cut)
     return figure
 
 
-def _maps(frequencies: Array, stiffness: dict[str, Array], x: list[Array], labels: Any) -> Figure:
-    """One panel each: the first frequencies, and the axes that give way, translations first."""
-    from matplotlib.ticker import ScalarFormatter
+def _frequency_panel(ax: Axes, poses: PoseMap, cut: _Cut) -> None:
+    unit = poses.units[list(poses.grid)[cut.drawn[0]]]
+    _draw_frequencies(ax, cut.x[0], cut.frequencies, unit)
+    ax.set_xlabel(cut.labels[0])
 
+
+def _stiffness_panel(ax: Axes, cut: _Cut) -> None:
+    from matplotlib.ticker import LogFormatter
+
+    for k, (name, values) in enumerate(cut.stiffness.items()):
+        # dashed and on top: of two equal ones both are seen
+        dashes = (0, (4, 4)) if k % 2 else "-"
+        style: dict[str, Any] = {"lw": 1.3, "ls": dashes, "zorder": 2 + k % 2, "label": name}
+        ax.plot(cut.x[0], values, color=COLOURS[k], **style)
+    ax.set_yscale("log")
+    for part in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
+        part(LogFormatter(minor_thresholds=(1.5, 0.4)))
+    ax.tick_params(which="minor", labelsize=8, width=0.4)
+    ax.set_ylabel("stiffness")
+    ax.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    ax.set_xlabel(cut.labels[0])
+
+
+def _rows(cut: _Cut) -> list[dict[str, Array]]:
+    """Panels by name: the first frequencies, and the axes that give way, translations first."""
+    f = cut.frequencies
     rows = [
-        {
-            f"mode {k + 1} [Hz]": frequencies[..., k]
-            for k in range(min(_PANELS, frequencies.shape[-1]))
-        },
-        {name.replace(" [", "\n["): v for name, v in [*stiffness.items()][:_PANELS]},
+        {f"mode {k + 1} [Hz]": f[..., k] for k in range(min(_PANELS, f.shape[-1]))},
+        dict([*cut.stiffness.items()][:_PANELS]),
     ]
-    rows = [row for row in rows if row]
+    return [row for row in rows if row]
+
+
+def _maps(cut: _Cut) -> Figure:
+    """One panel each."""
+    rows = _rows(cut)
     columns = max(map(len, rows))
     height = 0.6 + len(rows) * WIDTH / columns * 0.95
     figure, axes = panels(len(rows), columns, height, None, sharex=True, sharey=True)
     for row, line in zip(rows, axes, strict=True):
         for ax, (name, values) in zip(line, row.items(), strict=False):
-            flat = np.ptp(values[np.isfinite(values)]) <= _FLAT * np.nanmax(np.abs(values))
-            # a scale that resolves a thousandth: ticks of few digits, and no colours of round-off
-            middle, spread = float(np.nanmean(values)), _FLAT * float(np.nanmax(np.abs(values)))
-            scale = {"vmin": middle - spread, "vmax": middle + spread} if flat else {}
-            image = ax.pcolormesh(
-                *x, values.T, cmap="viridis", shading="gouraud", rasterized=True, **scale
-            )
-            if not flat:
-                lines = ax.contour(*x, values.T, 6, colors="white", linewidths=0.6)
-                ax.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.4g}")
-            bar = figure.colorbar(
-                image, ax=ax, pad=0.02, aspect=30, format=ScalarFormatter(useOffset=False)
-            )
-            bar.ax.tick_params(width=0.6, labelsize=7)
-            bar.outline.set_visible(False)
-            title(ax, name)
+            _map(ax, name.replace(" [", "\n[") if "Hz" not in name else name, values, cut)
+            ax.label_outer()
         for spare in line[len(row) :]:
             spare.remove()
-        line[0].set_ylabel(labels[1])
-    for ax in axes[-1]:
-        ax.set_xlabel(labels[0])
     return figure
+
+
+def _map(ax: Axes, name: str, values: Array, cut: _Cut) -> None:
+    """One quantity over two coordinates, with its scale of colours."""
+    from matplotlib.ticker import ScalarFormatter
+
+    flat = np.ptp(values[np.isfinite(values)]) <= _FLAT * np.nanmax(np.abs(values))
+    # a scale that resolves a thousandth: ticks of few digits, and no colours of round-off
+    middle, spread = float(np.nanmean(values)), _FLAT * float(np.nanmax(np.abs(values)))
+    scale: dict[str, Any] = {"vmin": middle - spread, "vmax": middle + spread} if flat else {}
+    image = ax.pcolormesh(
+        *cut.x, values.T, cmap="viridis", shading="gouraud", rasterized=True, **scale
+    )
+    if not flat:
+        lines = ax.contour(*cut.x, values.T, 6, colors="white", linewidths=0.6)
+        ax.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.4g}")
+    bar = figure_of(ax).colorbar(
+        image, ax=ax, pad=0.02, aspect=30, format=ScalarFormatter(useOffset=False)
+    )
+    bar.ax.tick_params(width=0.6, labelsize=7)
+    bar.outline.set_visible(False)
+    title(ax, name)
+    ax.set_xlabel(cut.labels[0])
+    ax.set_ylabel(cut.labels[1])
 
 
 def _stiffness(compliance: Array) -> dict[str, Array]:

@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.viewer.panels import COLOURS, aligned, panels, shown_axes, title
+from pinflex.viewer.drawing import Drawing
+from pinflex.viewer.panels import COLOURS, aligned, legend_above, panels, title
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from pinflex.description.trajectory import Motion
 
 _INSTANTS = 1001
 _LENGTHS = ("x", "y", "z")
+_PANELS = ("position", "velocity", "acceleration")
 
 
-def plot_motion(motion: Motion, until: float | None = None) -> Any:
-    """Axes of the figure, as pyplot's.
+def plot_motion(
+    motion: Motion, until: float | None = None, panel: str | None = None, ax: Axes | None = None
+) -> Any:
+    """Axes with position, velocity and acceleration over time.
 
     Args:
         motion: What to draw. until: End [s]; default: its duration.
+        panel: One of the three alone.
+        ax: Where to draw that.
     """
-    return shown_axes(lambda: figure(motion, until))
+    each = {name: partial(_draw, motion, until, name) for name in _PANELS}
+    return Drawing(partial(figure, motion, until), each).axes(panel, ax)
 
 
 def figure(motion: Motion, until: float | None = None) -> Figure:
@@ -32,21 +41,37 @@ def figure(motion: Motion, until: float | None = None) -> Figure:
     Args:
         motion: What to draw. until: End [s]; default: its duration.
     """
-    t = np.linspace(0.0, until or motion.duration, _INSTANTS)
     fig, axes = panels(3, 1, 5.6, sharex=True)
-    length = motion.target == "platform" and all(name in _LENGTHS for name in motion.names)
-    angle = motion.target == "platform" and not set(motion.names) & set(_LENGTHS)
-    unit = "m" if length else "rad" if angle else "rad | m"
-    names = ("position", "velocity", "acceleration")
-    for ax, name, per, values in zip(
-        axes[:, 0], names, ("", "/s", "/s²"), motion.evaluate(t), strict=True
-    ):
-        for k, coordinate in enumerate(motion.names):
-            ax.plot(t, values[:, k], color=COLOURS[k % len(COLOURS)], lw=1.0, label=coordinate)
-        ax.set_ylabel(f"{name} [{' | '.join(u + per for u in unit.split(' | '))}]")
-    if motion.names:
-        axes[0, 0].legend(frameon=False, fontsize=8, ncols=min(len(motion.names), 6))
-    title(axes[0, 0], f"{motion.kind} motion of the {motion.target}")
-    axes[-1, 0].set_xlabel("time [s]")
+    for name, ax in zip(_PANELS, axes[:, 0], strict=True):
+        _curves(motion, until, name, ax)
+        ax.label_outer()
+    _head(motion, axes[0, 0])
     aligned(*axes[:, 0])
     return fig
+
+
+def _draw(motion: Motion, until: float | None, panel: str, ax: Axes) -> None:
+    _curves(motion, until, panel, ax)
+    _head(motion, ax)
+
+
+def _curves(motion: Motion, until: float | None, panel: str, ax: Axes) -> None:
+    t = np.linspace(0.0, until or motion.duration, _INSTANTS)
+    values = motion.evaluate(t)[_PANELS.index(panel)]
+    for k, coordinate in enumerate(motion.names):
+        ax.plot(t, values[:, k], color=COLOURS[k % len(COLOURS)], lw=1.0, label=coordinate)
+    per = ("", "/s", "/s²")[_PANELS.index(panel)]
+    ax.set_ylabel(f"{panel} [{' | '.join(u + per for u in _units(motion))}]")
+    ax.set_xlabel("time [s]")
+
+
+def _head(motion: Motion, ax: Axes) -> None:
+    legend_above(ax, len(motion.names))
+    title(ax, f"{motion.kind} motion of the {motion.target}")
+
+
+def _units(motion: Motion) -> tuple[str, ...]:
+    names = set(motion.names)
+    if motion.target != "platform" or (names & set(_LENGTHS) and names - set(_LENGTHS)):
+        return ("rad", "m")
+    return ("m",) if names & set(_LENGTHS) else ("rad",)

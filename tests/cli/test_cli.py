@@ -110,6 +110,11 @@ def test_check_gives_the_published_sag_and_moment_of_the_3rrs(capsys):
     assert rest["holding_linear"] == pytest.approx([0.11296] * 3, rel=3e-3)
     # a symmetric machine neither shifts nor tilts: round-off of a 0.2 m machine
     assert np.allclose(rest["linear"]["position"][:2] + rest["linear"]["rotation"], 0, atol=1e-9)
+    # frame FE without preload, of the README: gravity makes 1.291 Hz of 1.524
+    assert data["unloaded"][0] == pytest.approx(1.524, rel=1e-3)
+    assert data["frequencies"][0] == pytest.approx(1.291, rel=1e-3)
+    told = call(capsys, "check", "3rrs").out
+    assert "13.30   without gravity and loads (modes --preload none)" in told
     # under its own weight the full equilibrium sags more
     assert rest["full"]["position"][2] < rest["linear"]["position"][2]
 
@@ -492,3 +497,13 @@ def test_a_reader_that_goes_away_is_not_an_error(fourbar):
     process.stderr.close()
     assert process.wait(timeout=60) == 141  # 128 + SIGPIPE, as a shell says it
     assert said == ""
+
+
+def test_live_without_meshcat_is_one_sentence_with_the_command_before_any_work(
+    capsys, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "meshcat", None)
+    answer = call(capsys, "view", tmp_path / "no.npz", "--live")
+    assert (answer.code, answer.out) == (1, "")
+    assert answer.err.count("\n") == 1 and 'pip install "pinflex[live]"' in answer.err
+    assert "Traceback" not in answer.err and not [*tmp_path.iterdir()]

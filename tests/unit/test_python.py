@@ -77,6 +77,20 @@ def test_the_natural_guess_works(guess: str, robot: pf.Mechanism, run: pf.Result
     assert right(ask(robot, run))
 
 
+@pytest.mark.parametrize(
+    ("guess", "word"),
+    [("linearize", "linearise"), ("frf", "frequency_response"), ("simulate", "solve"),
+     ("optimize", "design"), ("static_equilibrum", "static_equilibrium")],
+)  # fmt: skip
+def test_a_word_of_another_toolkit_is_answered_with_ours(guess: str, word: str) -> None:
+    with pytest.raises(AttributeError, match=rf"no attribute '{guess}'. Did you mean pf.{word}\?"):
+        getattr(pf, guess)
+    assert not hasattr(pf, "__wrapped__") and not hasattr(pf, "of_no_meaning")
+    from pinflex import _MEANT
+
+    assert {*_MEANT.values()} <= {*pf.__all__} and not {*_MEANT} & {*pf.__all__}
+
+
 def test_names_complete_in_a_notebook(robot: pf.Mechanism, run: pf.Result) -> None:
     for names in (robot.joints, robot.links, run.joints, run.frames, run.links, run.loops):
         offered = names._ipython_key_completions_()

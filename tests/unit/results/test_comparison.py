@@ -137,6 +137,11 @@ def test_the_simplest_level_that_suffices_is_named_and_the_others_say_what_they_
     assert "The simplest level that suffices is ked." in table.verdict
 
 
+def test_a_level_alone_is_not_judged(rigid):
+    text = comparison(rigid, {}).text()
+    assert "alone: not judged" in text and "suffices" not in text
+
+
 def test_one_screen_holds_the_answer_however_much_there_is_to_note(rigid, flexible):
     notes = [f"note {i}: " + 30 * "word " for i in range(20)]
     unsolved = {"quasistatic": "no equilibrium. " + 30 * "word ", "ked": 30 * "word "}

@@ -1,0 +1,136 @@
+"""Modes drawn: frequencies as bars split by what deforms, and a shape as lines."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.results.result import Result
+from pinflex.viewer.drawing import Drawing
+from pinflex.viewer.lines import BASE, GREY, PALE, VIEWS, polylines
+from pinflex.viewer.panels import COLOURS, WIDTH, panels, title
+from pinflex.viewer.scene import build_scene
+from pinflex.viewer.view import MODE_SHARE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_NAMED = 6  # of what deforms: the rest is one colour
+_REST = "0.8"
+
+
+class Found(Protocol):
+    """What is drawn of the modes: see `pinflex.levels.modes.Modes`."""
+
+    frequencies: Array
+    share: Array
+    links: tuple[str, ...]
+    preload: str
+    free_motors: bool
+    about: str
+
+
+def plot_frequencies(found: Found, ax: Axes | None = None) -> Any:
+    """Axes with a bar for each frequency, split by the shares of the elastic energy.
+
+    Args:
+        found: Modes.
+        ax: Where to draw; default: axes of a new figure.
+    """
+    draw = partial(_bars, found=found)
+
+    def whole() -> Figure:
+        figure, axes = panels(1, 1, 1.1 + 0.24 * len(found.frequencies), None)
+        draw(axes[0, 0])
+        return figure
+
+    return Drawing(whole, {"frequencies": draw}).axes(None, ax)
+
+
+def _bars(ax: Axes, found: Found) -> None:
+    f, rows = found.frequencies, np.arange(1, len(found.frequencies) + 1)
+    left = np.zeros(len(f))
+    for name, share, colour in _parts(found):
+        ax.barh(rows, share * f, left=left, color=colour, height=0.7, label=name)
+        left = left + share * f
+    ax.barh(rows, f - left, left=left, color=_REST, height=0.7, label="_rest")
+    for row, value in zip(rows, f, strict=True):
+        ax.annotate(f"{value:.4g}", (max(value, 0.0), row), (3, 0), va="center", fontsize=7,
+                    textcoords="offset points")  # fmt: skip
+    ax.invert_yaxis()
+    ax.set_yticks(rows)
+    ax.set_xlim(1.1 * min(float(f.min(initial=0.0)), 0.0), 1.1 * float(f.max(initial=1e-9)))
+    ax.set_xlabel("natural frequency [Hz]")
+    ax.set_ylabel("mode")
+    motors = "free" if found.free_motors else "locked"
+    state = {"gravity": "under gravity", "none": "undeformed"}.get(found.preload, found.about)
+    title(ax, f"{state}, motors {motors}")
+    if ax.get_legend_handles_labels()[1]:
+        beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
+        text: dict[str, Any] = {"frameon": False, "fontsize": 8, "title_fontsize": 8}
+        ax.legend(title="elastic energy", alignment="left", **beside, **text)
+
+
+def _parts(found: Found) -> list[tuple[str, Array, str]]:
+    """What holds most of the energy of these modes: name, share in each mode, colour."""
+    share = np.asarray(found.share)
+    if not share.size:
+        return []
+    whole = share.sum(axis=1, keepdims=True)
+    share = share / np.where(whole > 0, whole, 1.0)
+    order = np.argsort(-share.sum(axis=0), kind="stable")
+    named = sorted(int(k) for k in order[:_NAMED] if share[:, k].max() > 0.005)
+    parts = [(found.links[k], share[:, k], COLOURS[i]) for i, k in enumerate(named)]
+    rest = 1.0 - np.sum([p[1] for p in parts], axis=0)
+    return [*parts, ("others", rest, _REST)] if rest.max() > 0.005 else parts
+
+
+def shape_axes(run: Result, heading: str, ax: Axes | None = None) -> Any:
+    """Axes with a period of a mode as lines: undeformed, and both ends of the swing.
+
+    Args:
+        run: One period of the mode. heading: Above.
+        ax: Where to draw; default: axes of a new figure.
+    """
+    scene = build_scene(run, meshes=None)
+    largest = scene["largest"]
+    scene["scale"] = MODE_SHARE * scene["size"] / largest if largest else 1.0
+    draw = partial(_shape, scene=scene, heading=heading)
+    return Drawing(partial(_alone, draw), {"shape": draw}).axes(None, ax)
+
+
+def _alone(draw: Any) -> Figure:
+    figure, axes = panels(1, 1, 0.75 * WIDTH, None)
+    draw(axes[0, 0])
+    return figure
+
+
+def _shape(ax: Axes, scene: dict[str, Any], heading: str) -> None:
+    """Lines seen from the side that the pictures have, without perspective."""
+    quarter = (len(scene["t"]) - 1) // 4
+    swing = [(0, 0.0), (3 * quarter, scene["scale"]), (quarter, scene["scale"])]
+    cloud = np.concatenate([line for k, mag in swing for line, _ in polylines(scene, k, mag)])
+    extent = np.ptp(cloud, axis=0)
+    flat = int(extent.argmin()) if extent.min() < 0.15 * extent.max() else -1
+    across, up = _screen(*VIEWS[flat])
+    links = {link["name"] for link in scene["links"]}
+    for (k, mag), alpha in zip(swing, (1.0, 0.35, 1.0), strict=True):
+        for line, name in polylines(scene, k, mag):
+            pale = not mag or name == BASE
+            colour = PALE if pale else COLOURS[0] if name in links else GREY
+            ax.plot(line @ across, line @ up, color=colour, alpha=alpha, lw=1.0 if pale else 2.0)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_axis_off()
+    title(ax, heading)
+
+
+def _screen(elevation: float, azimuth: float) -> tuple[Array, Array]:
+    """Directions to the right and up of a view with these angles [deg], each (3,)."""
+    e, a = np.deg2rad(elevation), np.deg2rad(azimuth)
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    up = np.array([-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)])
+    return right, up
