@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Of many instants every so manyth is known before the others; of a motion at least so many.
 _EVERY, _LEAST = 16, 6
-_KEPT = 2
+_KEPT = 4  # of a run: at its samples, where a platform's motor motion is interpolated, for scales
 _CORRECTIONS = 5  # from a quintic two are usual
 _NEAR = 0.1  # of the way between known instants: a prediction further off follows no branch
 
@@ -73,6 +73,16 @@ def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
         SingularityError: The path meets a singular pose, with loop, motion and sigma_min.
     """
     return nominal_and_more(mechanism, motion, t, np.empty(0))[0]
+
+
+def nominal_of(mechanism: Mechanism, motion: Motion, t: Array, some: Any) -> Nominal:
+    """The nominal motion at some of the times t; where that at all of t is known, out of it.
+
+    Args:
+        mechanism, motion, t: As for `nominal`. some: Index into t.
+    """
+    known = _known(mechanism, motion, t)
+    return nominal(mechanism, motion, t[some]) if known is None else known.at(some)
 
 
 def nominal_and_more(

@@ -204,6 +204,29 @@ def groups(blocks: Mapping[str, Any], where: str, urdf: Source) -> dict[str, lis
     return found
 
 
+def gathered(blocks: Mapping[str, Any], links: Mapping[str, list[str]]) -> dict[str, Any]:
+    """One block for the links of a key again, where theirs are still alike.
+
+    Args:
+        blocks: One for each link.
+        links: Of every key, from `groups`.
+    """
+    found, left = dict[str, Any](), dict(blocks)
+    for key, names in links.items():
+        alike: list[tuple[Any, list[str]]] = []
+        for name in (name for name in names if name in left):
+            block = left.pop(name)
+            some = next((some for other, some in alike if other == block), None)
+            if some is None:
+                alike.append((block, [name]))
+            else:
+                some.append(name)
+        found |= {
+            key if len(some) == len(names) else ", ".join(some): block for block, some in alike
+        }
+    return found | left
+
+
 def _links(key: str, where: str, urdf: Source) -> list[str]:
     links: list[str] = []
     for part in (p.strip() for p in key.split(",")):

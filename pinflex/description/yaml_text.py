@@ -124,6 +124,9 @@ def _refuse_doubled_keys(root: Any, file: str) -> None:
             lines[key.value] = line
 
 
+_DECIMAL = re.compile(r"-?[0-9]{1,20}\.[0-9]{1,20}")
+
+
 def set_path(raw: Any, assignment: str) -> None:
     """Change parsed YAML in place by "key.path=value"; a path segment may be a glob.
 
@@ -136,7 +139,8 @@ def set_path(raw: Any, assignment: str) -> None:
     segments = [s.strip() for s in path.split(".")]
     if not sign or not all(segments):
         raise DescriptionError(f"{where}: not of the form key.path=value. Write one.")
-    value = load(value_text, where)
+    plain = _DECIMAL.fullmatch(value_text)  # designs differ in hundreds of these
+    value = float(value_text) if plain else load(value_text, where)
     blocks: list[Any] = [raw]
     for depth, segment in enumerate(segments):
         final = depth == len(segments) - 1

@@ -88,6 +88,12 @@ def with_one_more(method: Collocation) -> Collocation:
     return _tableau(method.s + 1)
 
 
+def legendre(method: Collocation) -> Array:
+    """Weights of the stages for the coefficients of a polynomial that is 0 at 0, (s + 1, s)."""
+    at = np.polynomial.legendre.legvander(2.0 * np.append(0.0, method.c) - 1.0, method.s)
+    return np.asarray(np.linalg.inv(at))[:, 1:]
+
+
 @cache
 def _tableau(s: int) -> Collocation:
     from scipy.special import roots_jacobi

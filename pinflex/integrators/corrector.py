@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from weakref import proxy
 
 import numpy as np
 
+from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
-from pinflex.integrators.collocation import with_one_more
+from pinflex.integrators.collocation import legendre, with_one_more
 from pinflex.integrators.compiled_march import Batch, CompiledSteps
 from pinflex.integrators.radau import SAME_STEP
+from pinflex.integrators.stage_newton import Tangent
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.kernel.march import Marched
 
@@ -29,6 +32,8 @@ class Corrector(StageEquations):
 
     Attributes:
         iterations: Newton corrections so far.
+        sizes: Of the steps corrected last: norms of the last Legendre coefficient but one of the
+            displacement, of the last one, and of the correction, shape (n, 3).
     """
 
     def __init__(self, run: StageEquations) -> None:
@@ -36,6 +41,7 @@ class Corrector(StageEquations):
         stages = run.method
         super().__init__(run.mechanism, run.dynamics, run.path, with_one_more(stages), run.drive)
         self._guess, self.iterations = stages.at(self.method.c), 0
+        self.sizes, self._last_two = np.zeros((0, 3)), legendre(self.method)[-2:]
         self._made: CompiledSteps | None = None
 
     def correct_all(
@@ -43,12 +49,38 @@ class Corrector(StageEquations):
     ) -> Sequence[Step]:
         """Steps corrected one after the other; before: the last one so far, and its correction."""
         if isinstance(steps, Batch) and self.compiled is not None:
-            return self._compiled_steps(steps, before)
-        done: list[Step] = []
-        for step in steps:
-            done.append(self.corrected(step, before))
+            found = self._compiled_steps(steps, before)
+            made, at = found.made.kernel.steps, slice(1, len(found) + 1)
+            self._take_sizes(made["move"][at], made["coarseness"][at], None)
+            return found
+        paths, done = self._paths(steps), list[Step]()
+        changes = np.zeros((len(steps), self.method.s, self.dynamics.system.nv))
+        for number, step in enumerate(steps):
+            path = _part(paths, number, self.method.s)
+            done.append(self._corrected(step, before, path, changes[number]))
             before = step, done[-1]
+        norms = self._norms(changes, done[-1].tangent).max(axis=1)
+        self._take_sizes(np.array([step.move for step in done]), norms, done[-1].tangent)
         return done
+
+    def _take_sizes(self, moves: Array, changes: Array, tangent: Tangent | None) -> None:
+        """Sizes of steps from their displacements (n, s, nv) and norms of corrections (n,)."""
+        norms = self._norms(self._last_two @ moves, tangent)
+        self.sizes = np.column_stack([norms, changes])
+
+    def _norms(self, moves: Array, tangent: Tangent | None) -> Array:
+        """Of displacements (..., nv): by elastic energy, or by mass if nothing bends."""
+        dynamics = self.dynamics
+        if dynamics.flexible or tangent is None:
+            x, weight = moves[..., dynamics.n_rigid :], dynamics.strain.stiffness
+        else:
+            x, weight = moves[..., self.free], tangent.M
+        return np.asarray(np.sqrt(np.abs(np.sum((x @ weight) * x, axis=-1))))
+
+    def _paths(self, steps: Sequence[Step]) -> MotorPath:
+        """Motion of the motors at the stages of all steps."""
+        start, h = np.array([(step.start.t, step.h) for step in steps]).T
+        return self.path((start[:, None] + np.outer(h, self.method.c)).ravel())
 
     def _compiled_steps(self, steps: Batch, before: tuple[Step, Step] | None) -> Batch:
         """The same on the kernel, while it has the steps."""
@@ -71,16 +103,24 @@ class Corrector(StageEquations):
 
     def _like(self, run: CompiledSteps) -> CompiledSteps:
         """Room for the corrections of the steps of a run."""
-        none = np.zeros(0, dtype=np.intp)
-        last = np.zeros(self.method.s)
-        marched = Marched(*self.method.monomials, last, none, None, ())
-        made = CompiledSteps(self, marched, run.table, int(run.kernel.at.capacity), run.kernel)
+        system, last = self.dynamics.system, np.zeros(self.method.s)
+        elastic = np.arange(system.nv)[self.dynamics.n_rigid :]
+        weight = self.dynamics.strain.stiffness
+        marched = Marched(*self.method.monomials, last, elastic, weight, ())
+        # Held weakly: in a circle the workspace would not be given back when the run is over.
+        of, room = proxy(self), int(run.kernel.at.capacity)
+        made = CompiledSteps(of, marched, run.table, room, run.kernel)
         made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
         return made
 
-    def corrected(self, step: Step, before: tuple[Step, Step] | None) -> Step:
-        """A step taken once more, from the end of the corrected step before it."""
-        x = self.begin(self._start(step, before), step.h, *self._polynomials(step))
+    def _corrected(
+        self, step: Step, before: tuple[Step, Step] | None, path: MotorPath, change: Array
+    ) -> Step:
+        """A step taken once more, from the end of the corrected step before it.
+
+        `change` becomes the last correction of the displacement, shape (s, nv).
+        """
+        x = self.begin(self._start(step, before), step.h, *self._polynomials(step), path)
         newton = self.newton
         if newton.stale or newton.tangent is not step.tangent:
             newton.adopt(step.tangent)
@@ -92,7 +132,12 @@ class Corrector(StageEquations):
             self.place(x)
             self.correct(x)
             self.iterations += 1
-        return self.solved(x, step.coarseness, step.rate)
+        done = self.solved(x, step.coarseness, step.rate)
+        change[...] = x.change
+        if not self.manifold.turning:
+            return done
+        self.place(x)  # what turns in space depends on what was corrected
+        return replace(done, move=x.move.copy(), turn=x.turn.copy())
 
     def _follow(self, x: Trial, run: Start) -> None:
         """Answer of the stages to the error so far, by the tangent alone.
@@ -123,3 +168,9 @@ class Corrector(StageEquations):
             return replace(end, t=start.t)
         # After a switch of motion or loads accelerations begin anew.
         return replace(end, t=start.t, a=start.a, lam=start.lam, torque=start.torque)
+
+
+def _part(path: MotorPath, number: int, s: int) -> MotorPath:
+    """The motion of the motors in one of steps that have s stages each."""
+    at = slice(number * s, (number + 1) * s)
+    return MotorPath(path.t[at], path.position[at], path.velocity[at], path.acceleration[at])

@@ -37,7 +37,7 @@ class Record:
 
     def ahead(self, steps: Sequence[Any]) -> States:
         """States at the samples that lie in the steps after those taken."""
-        ends = steps.ends if isinstance(steps, Batch) else _ends(steps)
+        ends = ends_of(steps)
         upto = int(np.searchsorted(self.t, ends[-1], side="right"))
         t = self.t[self.count : upto]
         of = np.searchsorted(ends, t)
@@ -96,6 +96,8 @@ class Record:
         return States(self.y, self.v, self.a, self.lam, self.torque, self.work)
 
 
-def _ends(steps: Sequence[Any]) -> Array:
+def ends_of(steps: Sequence[Any]) -> Array:
     """Ends of steps, s, a little later than they are: a sample that rounds to one is in it."""
+    if isinstance(steps, Batch):
+        return steps.ends
     return np.array([step.start.t + (1.0 + 1e-9) * step.h for step in steps])

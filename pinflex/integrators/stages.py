@@ -134,11 +134,20 @@ class StageEquations:
         return Start(t, y, v, a, lam, torque)
 
     def begin(
-        self, start: Start, h: float, a: Array, lam: Array, turn: Array | None = None
+        self,
+        start: Start,
+        h: float,
+        a: Array,
+        lam: Array,
+        turn: Array | None = None,
+        path: MotorPath | None = None,
     ) -> Trial:
-        """Stages of a step of h (s) with a guess of a (s, nv), lam (s, rows) and turn (s, nv)."""
+        """Stages of a step of h (s) with a guess of a (s, nv), lam (s, rows) and turn (s, nv).
+
+        `path`: the motion of the motors there, where it is known.
+        """
         t = start.t + h * self.method.c
-        path = self.path(t)
+        path = self.path(t) if path is None else path
         if self.drive is None:
             a[:, self.motors] = path.acceleration
         seen = self.seen(t)

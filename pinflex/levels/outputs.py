@@ -10,12 +10,13 @@ nothing can be said of it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.nominal import Nominal, nominal_of
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
@@ -24,6 +25,7 @@ from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import Frame
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.system import System
 
 _SAMPLES = 51  # instants at which poses are compared: the samples, or every k-th of more
 ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands of steps are not
@@ -32,6 +34,9 @@ STILL = 1e-9
 REST = 1e-12  # m or rad
 # Outputs that are nothing to speak of below this, m or rad.
 LEAST_SIZES = dict.fromkeys(("joint positions", "platform position", "platform rotation"), STILL)
+
+
+_Poses = tuple[Array, Array]  # positions (n, 3) in m and rotations (n, 3, 3)
 
 
 class History(NamedTuple):
@@ -66,8 +71,8 @@ class Outputs:
         self._asked, self._dynamics = asked, dynamics  # a new workspace is dear in large models
         self._mechanism, self._motion, self._t = mechanism, motion, t
         self._every = -(-len(t) // _SAMPLES)
-        self._rigid: tuple[Array, Array] | None = None
-        self._before: tuple[Run, tuple[Array, Array]] | None = None
+        self._rigid: _Poses | None = None
+        self._before: tuple[Run, _Poses] | None = None
 
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:
         """Relative difference of two runs at the same samples, by output.
@@ -111,12 +116,17 @@ class Outputs:
         n = int(system.rigid.nq)
         if elastic and "deflection" in self._asked:
             found["deflection"] = _history(coarse.y[:, n:] - fine.y[:, n:], fine.y[:, n:])
-        gives_way = elastic or len(self._mechanism.rigid.held)
-        if self._mechanism.description.platform and gives_way and "platform" in self._asked:
+        if self.about_platform(system):
             found |= self._platform(coarse, fine, from_sample)
         if first is not None and (self._swings(fine) or not found):
             found |= self._joints(coarse, fine, first)
         return found
+
+    def about_platform(self, system: System) -> bool:
+        """Whether the pose of a platform that gives way is asked for."""
+        gives_way = system.n_eta or len(self._mechanism.rigid.held)
+        named = self._mechanism.description.platform
+        return bool(named and gives_way and "platform" in self._asked)
 
     def _swings(self, run: Run) -> bool:
         """Whether joints move that motors and motion do not determine."""
@@ -130,11 +140,12 @@ class Outputs:
         rigid = fine.system.rigid
         nq, nv = int(rigid.nq), int(rigid.nv)
         pairs = zip(coarse.y[:, :nq], fine.y[:, :nq], strict=True)
-        apart = [pin.difference(rigid, a, b) for a, b in pairs]
-        way = [pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]]
-        shape = len(fine.y), nv  # also where steps have no sample in them
+        # Steps may hold no sample: rows without any keep their width.
+        apart = np.array([pin.difference(rigid, a, b) for a, b in pairs]).reshape(-1, nv)
+        way = np.array([pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]])
+        way = way.reshape(-1, nv)
         return {
-            "joint positions": _history(np.reshape(apart, shape), np.reshape(way, shape)),
+            "joint positions": _history(apart, way),
             "joint speeds": _history(coarse.v[:, :nv] - fine.v[:, :nv], fine.v[:, :nv]),
         }
 
@@ -143,8 +154,7 @@ class Outputs:
         keep = (
             every if from_sample is None else slice(-from_sample % self._every, None, self._every)
         )
-        p, R = self._poses(coarse, keep)
-        p_fine, R_fine = self._poses(fine, keep)
+        (p, R), (p_fine, R_fine) = self._poses(coarse, fine, keep)
         if from_sample is None:
             return {
                 "platform position": _history(p - p_fine, 0.0 * p, keep),
@@ -157,26 +167,36 @@ class Outputs:
             "platform rotation": _history(between(R, R_fine), between(R_rigid, R_fine), keep),
         }
 
-    def _poses(self, run: Run, keep: slice) -> tuple[Array, Array]:
-        if self._before is not None and self._before[0] is run:
-            return self._before[1]
-        dynamics = self._dynamics or Equations(run.system)
-        y = run.y[keep]
-        poses = np.zeros((0, 3)), np.zeros((0, 3, 3))
+    def _poses(self, coarse: Run, fine: Run, keep: slice) -> tuple[_Poses, _Poses]:
+        """Of the platform in two runs, the first of which may have been the second one before."""
+        before, y = self._before, fine.y[keep]
+        n, known = len(y), before is not None and before[0] is coarse
+        if not known:
+            y = np.concatenate([coarse.y[keep], y])
+        p, R = np.zeros((0, 3)), np.zeros((0, 3, 3))
         if len(y):
-            poses = platform_poses(self._mechanism, dynamics, y)
-        self._before = run, poses
-        return poses
+            p, R = platform_poses(self._mechanism, self._dynamics or Equations(fine.system), y)
+        last = p[len(p) - n :], R[len(p) - n :]
+        self._before = fine, last
+        return (before[1] if known and before is not None else (p[:n], R[:n])), last
 
-    def _rigid_poses(self, run: Run) -> tuple[Array, Array]:
+    @cached_property
+    def reference(self) -> Nominal | None:
+        """Rigid motion at the instants at which poses are compared; None where there is none."""
+        try:
+            every = slice(None, None, self._every)
+            return nominal_of(self._mechanism, self._motion, self._t, every)
+        except SceneError:
+            return None
+
+    def _rigid_poses(self, run: Run) -> _Poses:
         """Of the rigid motion; where it is not known, the first pose of the run."""
         if self._rigid is None:
-            dynamics, t = Equations(self._mechanism.rigid), self._t[:: self._every]
-            try:
-                q = nominal(self._mechanism, self._motion, self._t).q[:: self._every]
-            except SceneError:
-                q = np.tile(run.y[:1, : int(run.system.rigid.nq)], (len(t), 1))
-            self._rigid = platform_poses(self._mechanism, dynamics, q)
+            n, count = int(run.system.rigid.nq), len(self._t[:: self._every])
+            y, rigid = np.zeros((count, run.system.nq)), self.reference
+            y[:, :n] = run.y[0, :n] if rigid is None else rigid.q
+            dynamics = self._dynamics or Equations(run.system)
+            self._rigid = platform_poses(self._mechanism, dynamics, y)
         return self._rigid
 
 

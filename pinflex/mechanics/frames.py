@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -20,8 +21,11 @@ class Frame:
     """A frame of one model: where it is, and how it moves with the coordinates."""
 
     def __init__(self, model: pin.Model, place: Attachment) -> None:
-        self._joint, self._placement = place.joint, place.placement
-        self._support = support(model, place.joint)
+        self._model, self._joint, self._placement = model, place.joint, place.placement
+
+    @cached_property
+    def _support(self) -> Array:
+        return support(self._model, self._joint)
 
     def pose(self, poses: Array) -> tuple[Array, Array]:
         """Rotations (n, 3, 3) and origins (n, 3) in the world, from joint poses (n, joints, 12)."""

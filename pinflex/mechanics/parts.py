@@ -6,7 +6,8 @@ Model only what the scene needs: a mechanism that moves in one plane bends in th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -112,9 +113,9 @@ def resolve(
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
     parts: dict[str, FlexiblePart] = {}
     for spec in description.flexible:
-        made, out = tuple(parts.values()), tuple((without or {}).get(spec.link, ()))
+        out = tuple((without or {}).get(spec.link, ()))
         spec = _coarse(spec) if coarse and spec.link not in slides else spec
-        parts[spec.link] = _part(description, spec, links, index, poses, normal, made, out)
+        parts[spec.link] = _part(description, spec, links, index, poses, normal, out)
     return parts
 
 
@@ -135,7 +136,6 @@ def _part(
     index: Mapping[str, int],
     poses: Sequence[pin.SE3],
     normal: Array | None,
-    made: Sequence[FlexiblePart],
     out: tuple[LeftOut, ...],
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
@@ -156,7 +156,7 @@ def _part(
             )
         spec = _with_density(spec, mass / (_built(spec, length)[0].section.A * length))
     require_beam(spec, length, where, description.allow)
-    unit = _bodies(spec, planes, length, made)
+    unit = _bodies(spec, planes, length)
     part = FlexiblePart(
         spec.link,
         placement,
@@ -169,18 +169,35 @@ def _part(
         left_out=out,
     )
     keeps = spec.inertia == "urdf" and mass > 0
-    return _ridden(where, part, made, links[number].inertia) if keeps else part
+    return _ridden(where, part, links[number].inertia) if keeps else part
 
 
-def _bodies(
-    spec: FlexibleLink, planes: tuple[str, ...], length: float, made: Sequence[FlexiblePart]
-) -> tuple[FlexibleBody, ...]:
+@dataclass(frozen=True)
+class _Beam:
+    """What the body of a link follows from: links alike in that share it, of any load.
+
+    Attributes:
+        alike: The link without its name and what its place in the mechanism says.
+        planes, length: Directions, and length of one of its bodies [m].
+        spec: As it is written, for errors.
+    """
+
+    alike: FlexibleLink
+    planes: tuple[str, ...]
+    length: float
+    spec: FlexibleLink = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _body(beam: _Beam) -> FlexibleBody:
+    """The body of a beam, kept: designs of one robot differ in a few links."""
+    return flexible_body(beam.spec, beam.planes, beam.length)
+
+
+def _bodies(spec: FlexibleLink, planes: tuple[str, ...], length: float) -> tuple[FlexibleBody, ...]:
     """Bodies of the described density; equal links share what follows from it."""
-    for other in made:
-        same = (other.length, other.planes, other.share) == (length, planes, None)
-        if same and other.spec == replace(spec, link=other.link):
-            return other.bodies
-    return (flexible_body(spec, planes, length / spec.segments),) * spec.segments
+    alike = replace(spec, link="", inertia="beam", as_built=None, start=None, end=None, up=None)
+    return (_body(_Beam(alike, planes, length / spec.segments, spec)),) * spec.segments
 
 
 def _built(spec: FlexibleLink, length: float) -> tuple[FlexibleLink, float]:
@@ -198,13 +215,11 @@ def _with_density(spec: FlexibleLink, rho: float | None) -> FlexibleLink:
     return replace(spec, material=replace(spec.material, rho=rho))
 
 
-def _ridden(
-    where: str, part: FlexiblePart, made: Sequence[FlexiblePart], urdf: pin.Inertia
-) -> FlexiblePart:
+def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
     """The part with the URDF's inertia, shared between its beam (as built) and riders."""
     spec, rho = part.spec, part.spec.material.rho or 0.0
     built, length = _built(spec, part.length)
-    bodies = part.bodies if built == spec else _bodies(built, part.planes, length, made)
+    bodies = part.bodies if built == spec else _bodies(built, part.planes, length)
     shares = ride.split(part.placement.actInv(urdf), bodies, length)
     if shares.share < ride.LEAST:
         lighter = rho * shares.share / ride.LEAST

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.arrays import Array
 from pinflex.errors import SceneError
 from pinflex.levels.outputs import between, platform_poses
-from pinflex.levels.rigid import solve_rigid
+from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.equations import Equations
 from pinflex.solver.scene import Scene
 
@@ -33,39 +34,51 @@ class Expected:
     sizes: dict[str, float]
 
 
-def expected(scene: Scene, end: float) -> Expected:
+def few(motion: Nominal) -> Nominal:
+    """As many instants of a rigid motion as scales take, its ends among them."""
+    every = np.linspace(0, len(motion.t) - 1, min(_INSTANTS, len(motion.t)))
+    return motion.at(np.round(every).astype(int))
+
+
+def expected(
+    scene: Scene, end: float, dynamics: Equations | None = None, reference: Nominal | None = None
+) -> Expected:
     """Scales of a run.
 
     Args:
         scene: What is to be solved. end: Of the run, s.
+        dynamics: A workspace of what moves; None: one of its own.
+        reference: The rigid motion, where it is known.
     """
-    system = scene.mechanism.loose
+    mechanism, system = scene.mechanism, scene.mechanism.loose
     if scene.spec.level != "coupled" or not system.n_eta or scene.spec.drive == "torque":
         return Expected(0.0, {})
-    t = np.linspace(0.0, end, _INSTANTS)
+    if mechanism.rigid.closed.n != system.closed.n:
+        return Expected(0.0, {})
     try:
-        rigid = solve_rigid(scene.mechanism, scene.motion, t)
+        if reference is None:
+            reference = nominal(mechanism, scene.motion, np.linspace(0.0, end, _INSTANTS))
     except SceneError:
         return Expected(0.0, {})
-    if rigid.lam.shape[1] != system.closed.n or rigid.v.shape[1] != int(system.rigid.nv):
-        return Expected(0.0, {})
-    dynamics = Equations(system)
+    dynamics = dynamics or Equations(system)
+    n, t = dynamics.n_rigid, reference.t
     y, v, a = (
         np.concatenate([x, np.zeros((len(t), system.n_eta))], axis=1)
-        for x in (rigid.y, rigid.v, rigid.a)
+        for x in (reference.q, reference.v, reference.a)
     )
-    force = dynamics.residual(y, v, a, rigid.lam, t).r[:, dynamics.n_rigid :]
+    r, J = dynamics.residual(y, v, a, np.zeros((len(t), system.closed.n)), t).r, dynamics.close(y).J
+    lam, torque = multipliers(mechanism.rigid, J[:, :, :n], r[:, :n])
+    force = r[:, n:] - (J[:, :, n:].swapaxes(1, 2) @ lam[:, :, None])[:, :, 0]
     eta = np.asarray(-np.linalg.solve(dynamics.strain.stiffness, force.T).T, dtype=float)
     weight = dynamics.strain.stiffness if scene.by_forces else _mass(dynamics, y[0])
-    sizes = {"torque": _largest(rigid.torque), "deflection": _largest(eta)}
+    sizes = {"torque": _largest(torque), "deflection": _largest(eta)}
     # Loops that are left open would let the platform go much farther.
-    if scene.mechanism.description.platform and not system.closed.n:
+    if mechanism.description.platform and not system.closed.n:
         bent = y.copy()
         bent[:, dynamics.nq_rigid :] = eta
-        p, R = platform_poses(scene.mechanism, dynamics, y)
-        p_bent, R_bent = platform_poses(scene.mechanism, dynamics, bent)
-        sizes["platform position"] = _largest(p_bent - p)
-        sizes["platform rotation"] = _largest(between(R, R_bent))
+        p, R = platform_poses(mechanism, dynamics, np.concatenate([y, bent]))
+        sizes["platform position"] = _largest(p[len(t) :] - p[: len(t)])
+        sizes["platform rotation"] = _largest(between(R[: len(t)], R[len(t) :]))
     return Expected(_largest(np.sum((eta @ weight) * eta, axis=1)) ** 0.5, sizes)
 
 

@@ -8,18 +8,21 @@ run goes back to the step before.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
+from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.radau import Stages
-from pinflex.integrators.record import Record
+from pinflex.integrators.record import Record, ends_of
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
-from pinflex.integrators.steps import States
+from pinflex.integrators.steps import Path, States
 from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
+from pinflex.solver.decay import Decay
 from pinflex.solver.expected import Expected
 
 PART = 0.5  # of the tolerance: what the estimate may be at the end
@@ -60,6 +63,7 @@ class Judge:
         again: bool,
     ) -> None:
         """`again`: the resolution is not to rise, for it did in a run whose error was too large."""
+        stages.path = _remembering(stages.path)  # run and correction are sampled at the same times
         self._stages, self._corrector, self._t = stages, Corrector(stages), t
         stages.loose = True
         self._compare, self._foreseen = compare, foreseen
@@ -84,6 +88,7 @@ class Judge:
         self._coarse.start(now)
         self._fine.start(now)
         self._before: tuple[Step, Step] | None = None
+        self._decay = Decay()
         self._sizes: dict[str, float] = {}
         self._moved, self._borne = False, 0.0
         self._histories: list[dict[str, History]] = []
@@ -119,6 +124,7 @@ class Judge:
         kept = self._samples(steps[:good])
         self._coarse.take(steps[:good], States(*(part[:kept] for part in coarse)))
         self._fine.take(corrected[:good], States(*(part[:kept] for part in fine)))
+        self._decay.add(self._corrector.sizes[:good])
         self._before = steps[good - 1], corrected[good - 1]
         self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
@@ -152,8 +158,9 @@ class Judge:
         }
         return self._fine.run(cost, settings, stopped)
 
+    @cached_property
     def differences(self) -> dict[str, float]:
-        """Relative difference of the run and the corrected one, by output."""
+        """Relative difference of the run, once it is at its end, and the corrected one."""
         if not self._moved:
             return {}
         found = {
@@ -168,9 +175,14 @@ class Judge:
             return self._compare.differences(*self.runs({}, {}))  # at rest, or joints alone move
         return {key: error for key, error in found.items() if error is not None}
 
+    @property
+    def left(self) -> float:
+        """Error of the corrected run over its difference from the run."""
+        return self._decay.left
+
     def _samples(self, steps: Sequence[Step]) -> int:
         """Number of samples in steps to come."""
-        end = steps[-1].start.t + (1.0 + 1e-9) * steps[-1].h
+        end = float(ends_of(steps)[-1])
         return int(np.searchsorted(self._t, end, side="right")) - self._coarse.count
 
     def _slowest(self, step: Step) -> float:
@@ -207,7 +219,7 @@ class Judge:
         worst = np.zeros(len(steps))
         if not self._moved:
             return worst  # at rest: round-off is all that differs
-        ends = np.array([step.start.t + (1.0 + 1e-9) * step.h for step in steps])
+        ends = ends_of(steps)
         looked_at = self._t[self._coarse.count :]
         for key, (at, apart, _) in histories.items():
             np.maximum.at(worst, np.searchsorted(ends, looked_at[at]), apart / self._scale(key))
@@ -283,6 +295,19 @@ class Judge:
         elif growth < _IDLE * room:
             self.resolution *= min(room / max(growth, 1e-300), RISE)
         self.resolution = min(max(self.resolution, _FINEST), self._coarsest)
+
+
+def _remembering(path: Path) -> Path:
+    """A motion of the motors that knows what it was last asked for."""
+    last: MotorPath | None = None
+
+    def at(t: Array) -> MotorPath:
+        nonlocal last
+        if last is None or not np.array_equal(last.t, t):
+            last = path(t)
+        return last
+
+    return at
 
 
 def _joined(ends: Sequence[Start]) -> States:

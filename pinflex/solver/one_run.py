@@ -18,8 +18,8 @@ from pinflex.integrators.march import SHORT
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
-from pinflex.solver.estimates import errors, floor
-from pinflex.solver.expected import expected
+from pinflex.solver.estimates import floor
+from pinflex.solver.expected import Expected, expected, few
 from pinflex.solver.judge import AIM, LEAST, PART, Judge
 from pinflex.solver.ringing import ringing
 from pinflex.solver.scene import Progress, Scene
@@ -47,23 +47,40 @@ class _OneRun:
         self.scene, self.asked_for, self.tol, self.progress = scene, t, tol, progress
         grid = t if len(t) >= _INSTANTS else np.linspace(t[0], t[-1], _INSTANTS)
         self.t = np.union1d(t, grid)
-        self.foreseen = expected(scene, float(t[-1]))
+        self.dynamics = scene.equations()
+        asked = scene.spec.asked or ASKED
+        self.outputs = Outputs(scene.mechanism, scene.motion, self.t, asked, self.dynamics)
+        self.foreseen = self._foreseen()
         self._judge: Judge | None = None
 
+    def _foreseen(self) -> Expected:
+        """Scales of the run, from the rigid motion that its platform is compared with, if it is."""
+        end, reference = float(self.t[-1]), None
+        if self.outputs.about_platform(self.dynamics.system):
+            reference = self.outputs.reference
+            if reference is None:
+                return Expected(0.0, {})
+            reference = few(reference)
+        return expected(self.scene, end, self.dynamics, reference)
+
     def run(self) -> Run:
-        """The first run whose estimate is half of the tolerance."""
+        """The first run that is half of the tolerance away from its correction."""
         resolution, best, at = _FIRST * self.tol, np.inf, np.inf
+        enough = PART * self.tol
         for _ in range(_TRIES):
             run, judge = self._passed(resolution)
-            worst = max(errors(run).values(), default=0.0)
-            if worst <= PART * self.tol:
+            worst = max(judge.differences.values(), default=0.0)
+            if worst <= enough:
                 return run
             if worst < _NO_BETTER * best:
                 best, at = worst, resolution
             elif judge.stuck or resolution < _IN_VAIN * at:
                 break
             resolution *= min(max(AIM * PART * self.tol / worst, LEAST), _NEXT)
-        raise floor(self.scene, self.tol, run)
+        # Steps do not get better any more: what their correction leaves may be little all the same.
+        if judge.left * worst <= enough:
+            return run
+        raise floor(self.scene, self.tol, run, worst)
 
     def _passed(self, resolution: float) -> tuple[Run, Judge]:
         """A run that comes to its end, and its judge."""
@@ -81,19 +98,22 @@ class _OneRun:
         scene, t, scale = self.scene, self.t, self.foreseen.scale
 
         def keeper(stages: Stages) -> Judge:
-            asked = scene.spec.asked or ASKED
-            compare = Outputs(scene.mechanism, scene.motion, t, asked, stages.dynamics)
             given = (self.foreseen, self.tol, resolution, stuck, resolution < _FIRST * self.tol)
-            self._judge = Judge(stages, t, compare, *given)
+            self._judge = Judge(stages, t, self.outputs, *given)
             return self._judge
 
         first = 0.02 * self.tol**0.25 if scale > 0.0 else SHORT
-        run = scene.kept(t, resolution, keeper, first, scale, self.progress)
+        run = scene.kept(t, resolution, keeper, first, scale, self.progress, dynamics=self.dynamics)
         assert self._judge is not None
         return self._judge, run
 
     def _judged(self, judge: Judge, run: Run) -> Run:
-        error = {key: max(e, ROUND_OFF) for key, e in judge.differences().items()}
+        left, changed = judge.left, judge.differences
+        # A run that is accepted keeps its tolerance, however much more it may have left out.
+        error = {
+            key: max(left * e if left < 1.0 else max(e, min(left * e, self.tol)), ROUND_OFF)
+            for key, e in changed.items()
+        }
         told = {"tol": self.tol, "error": error, "judged": "a correction of every step"}
         settings = {**run.settings, **told}
         run = replace(run, settings=settings, warnings=(*run.warnings, *ringing(self.scene, run)))

@@ -21,6 +21,7 @@ from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as adaptive
 from pinflex.integrators.alpha_adaptive import AlphaSteps
 from pinflex.integrators.collocation import Collocation, radau
+from pinflex.integrators.given_steps import along
 from pinflex.integrators.radau import STAGES, Stages
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
@@ -189,6 +190,8 @@ class Scene:
         progress: Progress | None = None,
         pilot: bool = False,
         alpha: bool = False,
+        dynamics: Equations | None = None,
+        ends: Array | None = None,
     ) -> Run:
         """The run at samples t as a keeper of its steps has it; see `adaptive.integrate`.
 
@@ -198,9 +201,10 @@ class Scene:
             keeper: From the steps, Stages or AlphaSteps, what they are kept by.
             first, scale, progress, pilot: As `adaptive.integrate` has them.
             alpha: By the alpha family, not by collocation.
+            dynamics: A workspace of what moves; None: one of its own.
+            ends: Of the steps in s, where these are given; then they are not judged.
         """
-        start = self._start
-        dynamics = Equations(self._system)  # takes the workspace that the start has given back
+        start, dynamics = self._start, dynamics or self.equations()
         stops, sampler = breaks(self.motion, dynamics.system.loads), None
         steps: Steps
         if alpha:
@@ -209,17 +213,25 @@ class Scene:
             steps, sampler = self._stages(t, dynamics, resolution)
         if sampler is not None:
             stops = (*stops, *sampler.instants(float(t[-1])))
+        name, begun = self.mechanism.name, (start.y, start.v)
         try:
-            run = adaptive.integrate(
-                self.mechanism.name, steps, (start.y, start.v), t, stops, keeper(steps), first,
-                scale, pilot, progress,
-            )  # fmt: skip
+            if ends is not None and isinstance(steps, Stages):
+                run = along(name, steps, begun, t, stops, ends, keeper(steps))
+            else:
+                run = adaptive.integrate(
+                    name, steps, begun, t, stops, keeper(steps), first, scale, pilot, progress
+                )
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
         if sampler is not None:
             run = replace(run, signals=sampler.signals(run.t, run.y))
         return start.told(run)
+
+    def equations(self) -> Equations:
+        """A workspace of what moves: the one that finding the start has given back."""
+        assert self._start is not None
+        return Equations(self._system)
 
     def _stages(
         self, t: Array, dynamics: Equations, resolution: float

@@ -96,13 +96,13 @@ def solve_level(
             if isinstance(part, Run):
                 part = sound(part if before is None else join(before, part))
                 error.result = (
-                    _result(mechanism, motion, part, spec, began, stopped=why)
+                    result_from(mechanism, motion, part, spec, began, stopped=why)
                     if len(part.t)
                     else None
                 )
             raise
         _require_finite(mechanism, run)
-        return _result(mechanism, motion, run, spec, began)
+        return result_from(mechanism, motion, run, spec, began)
 
 
 def _require_finite(mechanism: Mechanism, run: Run) -> None:
@@ -271,7 +271,21 @@ def _as_far_as_it_goes(mechanism: Mechanism, motion: Motion, run: Run) -> Nomina
     return Nominal(run.t, q, v, a, said)
 
 
-def _result(
+def scene_of(mechanism: Mechanism, level: str | None = None) -> Scene:
+    """What `solve_level` solves where nothing but a level is said.
+
+    Args:
+        mechanism: From `load`.
+        level: Default: the YAML's.
+    """
+    spec = _spec(mechanism, {"level": level})
+    acting = _control(mechanism, spec, None)
+    if acting is not None and acting.period is not None:
+        spec = _sampled(mechanism, spec, acting, None)
+    return Scene(mechanism, default_motion(mechanism), spec, acting)
+
+
+def result_from(
     mechanism: Mechanism,
     motion: Motion,
     run: Run,
@@ -279,6 +293,14 @@ def _result(
     began: float,
     stopped: str = "",
 ) -> Result:
+    """The result of a run.
+
+    Args:
+        mechanism, motion, spec: As they were solved.
+        run: States at the samples.
+        began: When, by `time.perf_counter` [s].
+        stopped: Why it ended early, or "".
+    """
     run = replace(run, settings={**run.settings, "drive": spec.drive})
     cost = {**run.cost, "seconds": time.perf_counter() - began}
     rigid_path = partial(rigid_reference, mechanism, motion, run)

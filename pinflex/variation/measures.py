@@ -31,6 +31,11 @@ _FREQUENCIES = 12
 DEFAULT = ("frequency.1", "mass", "sag", "deviation.peak", "torque.peak", "stress.peak")
 
 
+def of_a_run(name: str) -> bool:
+    """Whether an output is one of a run, not of a pose."""
+    return name.partition(".")[0] in RUNS
+
+
 def unit(name: str) -> str:
     """Unit of an output, as in the head of this file."""
     head, _, rest = name.partition(".")

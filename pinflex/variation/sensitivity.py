@@ -15,7 +15,7 @@ from pinflex.boundary import public
 from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
-from pinflex.errors import ConvergenceError, DescriptionError
+from pinflex.errors import ConvergenceError, DescriptionError, SceneError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.solver.solve import default_motion
@@ -23,7 +23,15 @@ from pinflex.solver.step_length import default_step
 from pinflex.text import brief, number, table
 from pinflex.threads import one_blas_thread
 from pinflex.variation.derivatives import extrapolated, of_frequencies
-from pinflex.variation.measures import DEFAULT, RUNS, available, check_names, measure, unit
+from pinflex.variation.measures import (
+    DEFAULT,
+    available,
+    check_names,
+    measure,
+    of_a_run,
+    unit,
+)
+from pinflex.variation.peaks import Peaks, Slope
 from pinflex.variation.variants import Variants, variants
 
 if TYPE_CHECKING:
@@ -41,8 +49,9 @@ class Sensitivities(Worded):
         parameters: Key paths, with their values in `at`, shape (parameters,).
         outputs: Names, with their values, shape (outputs,).
         table: The sensitivities, shape (parameters, outputs).
-        error: Their estimated errors, same shape: of the differences between designs.
-        remarks: Sentences on what the errors leave out.
+        error: Their estimated errors, same shape: of the differences between designs, of the steps
+            of runs, of the instants of peaks.
+        remarks: Sentences on peaks that take turns, and on what the errors leave out.
     """
 
     __repr__ = brief
@@ -71,6 +80,8 @@ class Sensitivities(Worded):
         note = f"Errors of these numbers: at most {np.nanmax(self.error):.1g}."
         title = "Change of an output [%] for one per cent more of a parameter"
         shown = table(title, heads, rows, (min(width, 44),))
+        if any(map(of_a_run, self.outputs)):
+            note += " Peaks are found between the samples of a run, which may be a little lower."
         return "\n".join([shown, "", self.sentence(), note, *self.remarks])
 
     def sentence(self) -> str:
@@ -131,8 +142,9 @@ def sensitivities(
         table["frequency.1", "flexible.arm_?.section.diameter"]
 
     Frequencies are differentiated implicitly, a repeated one on its subspace; other outputs by
-    extrapolated differences of designs solved alike (equal steps). Which directions deform and
-    what links carry beside their beams stay as they are at the first design.
+    extrapolated differences of designs. Runs of all designs take the same steps, and their peaks
+    are found between the samples (`pinflex.variation.peaks`). Which directions deform and what
+    links carry beside their beams stay as they are at the first design.
 
     Args:
         model: A model, or what `load` takes.
@@ -148,46 +160,72 @@ def sensitivities(
     """
     tell = callback(progress)
     robot = model if isinstance(model, Mechanism) else load(model)
-    designs = variants(robot, by or _default(robot), _equal_steps(robot))
-    if of:
-        values = measure(designs.base, check_names(of, robot), level)
-    else:
-        there = available(designs.base, DEFAULT, level)
-        values = {name: value for name, value in there.items() if value}
+    patterns = tuple(by or _default(robot))
+    designs = variants(robot, patterns)
+    wanted = check_names(of, robot) if of else DEFAULT
+    peaks = _peaks(designs.base, wanted, level)
+    sampled = designs if peaks else variants(robot, patterns, _equal_steps(robot))
+    values = _values(sampled.base, wanted, level, peaks, bool(of))
     outputs = tuple(values)
     shape = (len(designs.parameters), len(outputs))
-    found, error = np.zeros(shape), np.zeros(shape)
+    found, error, remarks = np.zeros(shape), np.zeros(shape), _remarks(peaks, outputs)
     for row, parameter in enumerate(designs.parameters):
-        slopes, errors = _slopes(designs, parameter, outputs, level)
-        found[row] = [slopes[name] for name in outputs]
-        error[row] = [errors[name] for name in outputs]
+        slopes = _slopes(sampled, parameter, outputs, level, peaks)
+        found[row] = [slopes[name].value for name in outputs]
+        error[row] = [slopes[name].error for name in outputs]
+        remarks += [f"{parameter.key}: {x.remark}" for x in slopes.values() if x.remark]
         if tell is not None:
             tell(row + 1, shape[0])
     return Sensitivities(
         tuple(p.key for p in designs.parameters), designs.first,
-        outputs, np.array([values[name] for name in outputs]), found, error,
-        _remarks(outputs, level or robot.description.solve.level),
+        outputs, np.array([values[name] for name in outputs]), found, error, tuple(remarks),
     )  # fmt: skip
 
 
-def _remarks(outputs: Sequence[str], level: str) -> tuple[str, ...]:
-    """A sentence where a peak is read off the samples of a vibration."""
-    peaks = [name for name in outputs if name.partition(".")[0] in RUNS]
-    if level not in ("ked", "coupled") or not peaks:
-        return ()
-    return (
-        f"{', '.join(peaks)} at level {level}: peaks of a vibration jump from sample to sample, "
-        "and its steps shift them. These errors leave that out (0.1 was seen on 3rrr): ask again "
-        "with a quarter of solve.dt and solve.samples=null.",
-    )
+def _peaks(base: Mechanism, wanted: Sequence[str], level: str | None) -> Peaks | None:
+    """The peaks of a scene; None where there is no run, or where it does not keep its steps."""
+    names, scene = [name for name in wanted if of_a_run(name)], base.description
+    if not names or (scene.motion is None and scene.solve.until is None):
+        return None
+    try:
+        return Peaks(base, names, level)
+    except SceneError:
+        return None
+
+
+def _values(
+    base: Mechanism, wanted: Sequence[str], level: str | None, peaks: Peaks | None, strict: bool
+) -> dict[str, float]:
+    """The outputs of the first design; strict: all of them."""
+    known = {} if peaks is None else peaks.values
+    rest = [name for name in wanted if peaks is None or not of_a_run(name)]
+    found = known | (available(base, rest, level) if rest else {})
+    missing = [name for name in wanted if name not in found]
+    if strict and missing:
+        return measure(base, missing, level)  # says what the scene does not have
+    return {name: found[name] for name in wanted if strict or found.get(name)}
+
+
+def _remarks(peaks: Peaks | None, outputs: Sequence[str]) -> list[str]:
+    """What the errors of runs leave out."""
+    runs = [name for name in outputs if of_a_run(name)]
+    if not runs:
+        return []
+    if peaks is not None:
+        return list(peaks.remarks)
+    return [
+        f"{', '.join(runs)}: this scene does not keep to given steps, so these are the largest "
+        "samples of runs in equal steps, which jump from sample to sample. The errors leave that "
+        "out (0.1 was seen on 3rrr): ask again with a quarter of solve.dt and solve.samples=null."
+    ]
 
 
 def _equal_steps(robot: Mechanism) -> list[str]:
     """Overrides for steps that do not follow the parameters: their choice is no smooth function."""
     spec = robot.description.solve
-    if spec.dt is not None and spec.tol is None:
+    if (spec.dt is not None and spec.tol is None) or not robot.compliant:
         return []
-    if not robot.compliant:
+    if spec.until is None and robot.description.motion is None:
         return []
     until = float(spec.until or default_motion(robot).duration)
     return ["solve.tol=null", f"solve.dt={default_step(robot, until)!r}"]
@@ -211,26 +249,34 @@ def _default(robot: Mechanism) -> list[str]:
 
 
 def _slopes(
-    designs: Variants, parameter: Parameter, outputs: Sequence[str], level: str | None
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Sensitivities and their errors, by output."""
+    designs: Variants,
+    parameter: Parameter,
+    outputs: Sequence[str],
+    level: str | None,
+    peaks: Peaks | None,
+) -> dict[str, Slope]:
+    """Sensitivities by output."""
     at = partial(designs.scaled, parameter)
-    implicit = [name for name in outputs if name.startswith("frequency.")]
-    slopes, errors = {}, {}
-    if implicit:
-        try:
-            last = max(int(name.partition(".")[2]) for name in implicit)
-            _, slope, error = of_frequencies(designs.base, at, last)
-        except ConvergenceError:  # no equilibrium: those of the undeformed pose
-            implicit = []
-        else:
-            for name in implicit:
-                place = int(name.partition(".")[2]) - 1
-                slopes[name], errors[name] = float(slope[place]), float(error[place])
-    rest = [name for name in outputs if name not in slopes]
+    found = _implicit(designs, parameter, outputs)
+    if peaks is not None:
+        found |= peaks.slopes(at)
+    rest = [name for name in outputs if name not in found]
     if rest:
         # a run is dear and wanted to 1e-3: two steps serve
-        runs = any(name.partition(".")[0] in RUNS for name in rest)
-        found, doubt = extrapolated(lambda h: measure(at(h), rest, level), steps=2 if runs else 3)
-        slopes, errors = slopes | found, errors | doubt
-    return slopes, errors
+        steps = 2 if any(map(of_a_run, rest)) else 3
+        values, doubts = extrapolated(lambda h: measure(at(h), rest, level), steps=steps)
+        found |= {name: Slope(values[name], doubts[name]) for name in rest}
+    return found
+
+
+def _implicit(designs: Variants, parameter: Parameter, outputs: Sequence[str]) -> dict[str, Slope]:
+    """Sensitivities of frequencies; none where there is no equilibrium to hold."""
+    numbers = {name: int(name.partition(".")[2]) for name in outputs if name.startswith("freq")}
+    if not numbers:
+        return {}
+    try:
+        at = partial(designs.scaled, parameter)
+        _, slope, error = of_frequencies(designs.base, at, max(numbers.values()))
+    except ConvergenceError:  # those of the undeformed pose
+        return {}
+    return {name: Slope(float(slope[k - 1]), float(error[k - 1])) for name, k in numbers.items()}

@@ -91,6 +91,13 @@ def test_a_free_top_with_an_elastic_arm_keeps_its_energy(tmp_path: Path) -> None
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.4), errors
 
 
+def test_a_free_top_whose_steps_hold_no_sample(tmp_path: Path) -> None:
+    """Eight steps between two samples: joints that nothing determines are compared at none."""
+    r = pf.solve(top(tmp_path), pf.hold(duration=0.5), level="coupled", tol=TOL, samples=5)
+    assert r.meta["energy_balance"] < 1e-7  # of what moves; measured: 5e-11
+    assert r.meta["cost"]["steps"] > 8 * 5
+
+
 def test_a_singular_pose_ends_in_a_named_error_with_the_run_so_far(tmp_path: Path) -> None:
     m = five_bar(tmp_path, UPRIGHT)
     move = pf.quintic(joints={"left_crank_joint": 1.2, "right_crank_joint": -1.2}, duration=1.0)

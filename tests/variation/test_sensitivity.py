@@ -10,6 +10,7 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.parameters import parameters
+from pinflex.variation import sensitivity as module
 from pinflex.variation.derivatives import extrapolated, of_frequencies
 from pinflex.variation.measures import measure
 from pinflex.variation.variants import variants
@@ -111,10 +112,14 @@ def test_peaks_of_a_run_against_the_same_designs_in_short_steps():
     assert found.remarks == ()
 
 
-def test_peaks_of_a_vibration_are_told_with_what_their_errors_leave_out():
+def test_a_scene_that_keeps_no_given_steps_is_told_with_what_its_errors_leave_out(monkeypatch):
+    def none(*_):
+        raise pf.ConvergenceError("a given step cannot be solved")
+
+    monkeypatch.setattr(module, "Peaks", none)
     robot = pf.load("cantilever", ["solve={level: coupled, dt: 1e-4, until: 2e-3}"])
     found = pf.sensitivities(robot, ["flexible.beam.section.thickness"], ["stress.peak", "mass"])
-    assert "stress.peak at level coupled" in found.remarks[0]
+    assert "stress.peak: this scene does not keep to given steps" in found.remarks[0]
     assert "quarter of solve.dt" in found.text()
     assert found.as_json()["remarks"] == list(found.remarks)
 
@@ -129,6 +134,14 @@ def test_keys_keep_the_blocks_of_the_yaml_and_refuse_what_is_no_number():
     assert len(found[1].paths) == 6 and found[2].value == 6.89e10
     (part,) = parameters(description, ["flexible.rod_1?.section.wall"])[1]  # of a block of six
     assert parameters(description, [part.key])[1] == (part,)  # a key is a pattern of itself
+    # an override of all links of a block leaves it one, of some of them parts it
+    changed = pf.load("delta", ["flexible.*.shear=true", "flexible.rod_1?.section.wall=1e-3"])
+    _, found = parameters(changed.description, ["flexible.*.section.wall"])
+    assert [p.key for p in found] == [
+        "flexible.arm_?.section.wall", "flexible.rod_1a, rod_1b.section.wall",
+        "flexible.rod_2a, rod_2b, rod_3a, rod_3b.section.wall",
+    ]  # fmt: skip
+    assert [p.value for p in found] == [2.5e-3, 1e-3, 1.5e-3]
     for key, said in (
         ("flexible.arm_?.section.diametre", 'Did you mean "diameter"'),
         ("flexible.arm_?.section.shape", "no number there"),

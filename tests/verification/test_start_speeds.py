@@ -155,14 +155,20 @@ def test_a_run_that_is_no_start_of_the_motion_is_refused(tmp_path: Path) -> None
         pf.solve(robot, away, "coupled", start=(run,), dt=1e-3)
 
 
-def test_a_thrown_body_flies_its_parabola_and_spins(tmp_path: Path) -> None:
-    """`root_joint`: linear, then angular, in the body's own axes."""
+@pytest.mark.parametrize(("tol", "close"), [(1e-7, 1e-6), (1e-6, 1e-9)])
+def test_a_thrown_body_flies_its_parabola_and_spins(
+    tmp_path: Path, tol: float, close: float
+) -> None:
+    """`root_joint`: linear, then angular, in the body's own axes.
+
+    1e-9 m: 5e-11 measured; 5e-9 where a corrected step is not turned by its correction.
+    """
     body = (Body("brick", "base", mass=2.0, inertia=(0.1, 0.2, 0.3)),)
     robot = load(tmp_path, body, "base: free_flyer\nactuated: []\nframes: [brick]\n")
-    run = pf.solve(robot, pf.hold(duration=0.8), "coupled", samples=9, tol=1e-7,
+    run = pf.solve(robot, pf.hold(duration=0.8), "coupled", samples=9, tol=tol,
                    start_speeds={"root_joint": [1.0, 0.0, 2.0, 0.0, 0.0, 3.0]})  # fmt: skip
     place = run.frame("brick").position
     exact = np.column_stack([run.t, 0 * run.t, 2 * run.t - G * run.t**2 / 2])
-    np.testing.assert_allclose(place, exact, atol=1e-6)
+    np.testing.assert_allclose(place, exact, atol=close)
     turned = run.frame("brick").rotation[-1]
     np.testing.assert_allclose(turned[0, 0], np.cos(2.4), atol=1e-6)  # about a principal axis

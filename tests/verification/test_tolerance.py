@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.integrators.collocation import radau
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.scene import Scene
@@ -62,6 +63,22 @@ def test_the_error_against_generalized_alpha_is_what_was_allowed(name: str, tol:
     # A run is judged by its correction; what both leave out is not seen.
     assert max(errors.values()) < 3 * tol, errors
     assert set(errors) == set(found.settings["error"])  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-4])
+@pytest.mark.parametrize("name", ["race_r2", "spinning_beam"])
+def test_what_is_told_is_the_error_of_what_is_answered(name: str, tol: float) -> None:
+    """Against seven stages at a thousandth of it: told over true is between 0.3 and 10."""
+    found, exact = (
+        run(name, integrator=radau(stages), tol=at, asked=ALL)
+        for stages, at in ((6, tol), (7, 1e-3 * tol))
+    )
+    m = mechanism(name)
+    errors = Outputs(m, default_motion(m), found.t, ALL).differences(found, exact)
+    told = found.settings["error"]
+    ratios = {key: told[key] / errors[key] for key in errors}  # type: ignore[index]
+    assert min(ratios.values()) > 0.3, ratios  # measured: 1.7 to 8.1
+    assert max(ratios.values()) < 10.0, ratios
 
 
 def test_what_rings_from_the_start_on_is_not_left_out_by_all_runs_alike() -> None:

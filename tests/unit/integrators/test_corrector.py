@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinflex as pf
+from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.radau import Stages
@@ -15,9 +18,10 @@ from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Step
 from pinflex.levels.outputs import Outputs
+from pinflex.mechanics import workspace
 from pinflex.solver.expected import expected
 from pinflex.solver.scene import Scene
-from pinflex.solver.solve import default_motion
+from pinflex.solver.solve import default_motion, solve_level
 
 END, ASKED = 0.1, ("torque", "deflection")
 
@@ -101,6 +105,52 @@ def test_a_run_that_is_sent_back_goes_on_from_there_with_shorter_steps(fine: Run
     compare = Outputs(given.mechanism, given.motion, run.t, ASKED)
     assert run.cost["repeated"] == 4  # of seven steps three stayed
     assert max(compare.differences(run, fine).values()) < 1e-2
+
+
+@pytest.mark.parametrize("name", ["race_r1", "race_r2"])  # circles; balls
+def test_corrections_of_the_kernel_are_those_of_numpy(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    m = pf.load(name)
+    spec = replace(m.description.solve, level="coupled", until=END, asked=ASKED, tol=None, dt=None)
+    given = Scene(m, default_motion(m), spec)
+    kept, _ = march(given, 1e-3)
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    plain, _ = march(given, 1e-3)
+    if kept.corrector.compiled is None:
+        pytest.skip("no kernel")
+    assert plain.corrector.compiled is None
+    again = plain.corrector.correct_all(kept.steps, None)
+    # Undamped steps carry round-off on: 3e-12 of the largest move, and more by h^2 in forces.
+    for part, close in (("move", 1e-10), ("lam", 1e-7), ("torque", 1e-7), ("power", 1e-7)):
+        ours, theirs = (np.array([getattr(x, part) for x in of]) for of in (kept.fine, again))
+        assert np.abs(ours - theirs).max() < close * np.abs(theirs).max(), part
+
+
+def test_a_run_gives_its_workspace_back_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Held in a circle it would stay until Python looks for those: gigabytes in large models."""
+    m, made = pf.load("race_r1"), []
+    monkeypatch.setattr(workspace, "acquire", lambda model: made.append(1) or pin.Data(model))
+    given_back: list[int] = []
+    monkeypatch.setattr(workspace, "release", lambda model, data: given_back.append(1))
+    gc.collect()
+    gc.disable()
+    try:
+        solve_level(m, level="coupled", tol=1e-2, until=0.02, samples=11)
+    finally:
+        gc.enable()
+    assert len(given_back) == len(made), (len(given_back), len(made))
+
+
+def test_scales_are_taken_off_the_rigid_motion_that_a_platform_is_compared_with() -> None:
+    given, t = scene(), np.linspace(0.0, END, 401)
+    own = Outputs(given.mechanism, given.motion, t).reference  # 51 instants, by themselves
+    whole = nominal(given.mechanism, given.motion, t)
+    assert own is not None
+    for part in ("q", "v", "a"):
+        a, b = getattr(own, part), getattr(whole, part)[::8]
+        # Poses are closed to 1e-12; rates follow from them.
+        assert np.abs(a - b).max() < 1e-12 * max(np.abs(b).max(), 1.0), part
 
 
 @pytest.mark.parametrize("name", ["race_r1", "race_r2", "ur5", "spinning_beam"])

@@ -1,0 +1,306 @@
+"""Peaks of a run between its samples, and their derivatives by the logarithm of a parameter.
+
+Where a curve y(t, p) has its largest value inside a smooth piece, dy/dt = 0: the derivative of the
+peak is that of y at the instant of the peak (the envelope theorem). The largest of samples lies at
+another instant in every design, and steps that a run chooses for itself differ in every design. So
+a first look finds the instants and places that may be largest. About each of them every design is
+read at the same few instants, in the same steps; the peak is that of the polynomial through them,
+as smooth a function of p as the states are. The errors told are the sum of what
+
+    extrapolating the differences to none,
+    halving the steps, and
+    fewer points of the polynomial change,
+
+and of the difference of two peaks of which it is not known which is higher.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.errors import SceneError
+from pinflex.levels.modes import modes
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.result import Result
+from pinflex.results.views import rms
+from pinflex.solver.same_steps import RESOLUTION, SameSteps
+from pinflex.studies.study_notes import yield_strengths
+from pinflex.variation.derivatives import At
+from pinflex.variation.windows import Windows, around, highest, steps_around
+
+_MARCHED = 1e-4  # h of a logarithm, of runs: a phase of 1000 rad then turns by 0.1
+_STILL = 1e-3  # the same of instants by themselves, which have no phase
+_WIDE = 4.0  # half a window is at least so many times what h moves a phase by
+_RIVAL = 0.02  # a peak that is lower by less may become the largest
+_MOST = 6  # windows of an output
+_SWITCH = 0.01  # of the parameter: a change at which another peak takes over is told
+_TIED = 1e-6  # relative difference of peaks that are one as far as a run can tell
+_ALIKE = 1e-3  # difference of derivatives that nobody minds
+# Relative noise of an output: 3e-13 to 8e-9 was seen of runs; instants are solved to round-off.
+_NOISY, _QUIET = 3e-9, 1e-10
+_RESOLVED = 2.5  # steps in a period that collocation of six stages follows
+_MODES = 200
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A derivative d ln(peak) / d ln(parameter).
+
+    Attributes:
+        value, error: The derivative and its estimated error.
+        remark: Which other peak is about to become the largest, or "".
+    """
+
+    value: float
+    error: float
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class _Peak:
+    """An output: the places and windows whose largest values come near the largest of all.
+
+    Attributes:
+        labels: Of the places. places: Columns of the curves, shape (n,), the highest first.
+        windows: Of each, shape (n,). heights: In the first design, shape (n,).
+    """
+
+    labels: tuple[str, ...]
+    places: IntArray
+    windows: IntArray
+    heights: Array
+
+
+@dataclass(frozen=True)
+class _Curves:
+    """An output over time at several places.
+
+    Attributes:
+        labels: Of the places. groups: Of which only the highest place is looked at, shape (n,).
+        values: Not negative, shape (nt, n).
+    """
+
+    labels: tuple[str, ...]
+    groups: IntArray
+    values: Array
+
+
+class Peaks:
+    """Outputs of a run of one scene, and of designs that differ from it in a few numbers.
+
+    Attributes:
+        values: Of the first design, by name: peaks between the samples.
+        remarks: What the errors of derivatives leave out, a sentence each.
+    """
+
+    def __init__(self, base: Mechanism, names: Iterable[str], level: str | None) -> None:
+        """Run the first design and find its peaks.
+
+        Args:
+            base: The first design.
+            names: Outputs of runs, see `pinflex.variation.measures`; what the scene does not have
+                is left out.
+            level: Of the run; default: that of the YAML.
+
+        Raises:
+            SceneError: It cannot be solved.
+        """
+        self.base, self.steps = base, SameSteps(base, level)
+        self._names = tuple(names)
+        self._rigid = self._reference()
+        self._h = _MARCHED if self.steps.stepped else _STILL
+        look = self.steps.look
+        seen = self._curves(base, look, True)
+        self._windows = self._around(look, seen)
+        self._grid = self.steps.grid if any(map(_is_rms, seen)) else np.zeros(0)
+        self._t = np.unique(np.concatenate([[0.0], self._windows.nodes.ravel(), self._grid]))
+        read = self._curves(base, self._t, True)
+        self._peaks = {name: self._candidates(name, of) for name, of in read.items()}
+        self.values = {name: float(peak.heights[0]) for name, peak in self._peaks.items()}
+        self.remarks = self._unresolved()
+
+    def slopes(self, at: At) -> dict[str, Slope]:
+        """Derivatives by a parameter, by output.
+
+        Args:
+            at: The design at a change of the parameter's logarithm.
+        """
+        h, noise = self._h, _NOISY if self.steps.stepped else _QUIET
+        wide, near = self._differences(at, h), self._differences(at, 0.5 * h)
+        rough = self._differences(at, 0.5 * h, halved=False) if self.steps.stepped else near
+        found = {}
+        for name, peak in self._peaks.items():
+            (a, _), (b, fewer), (c, _) = wide[name], near[name], rough[name]
+            slope = (4.0 * b - a) / 3.0
+            error = np.abs(slope - b) + np.abs(b - c) + np.abs(b - fewer) + noise / h
+            found[name] = self._judged(name, peak, slope, error)
+        return found
+
+    def _judged(self, name: str, peak: _Peak, slope: Array, error: Array) -> Slope:
+        """The derivative of the highest, and which other one takes over at a small change."""
+        value, doubt = float(slope[0]), float(error[0])
+        gap, steeper = 1.0 - peak.heights / peak.heights[0], slope - value
+        apart = np.abs(steeper) > max(_ALIKE, 2.0 * doubt)
+        doubt += float(np.max(np.abs(steeper[apart & (gap < _TIED)]), initial=0.0))
+        change = np.where(apart, gap / np.where(apart, steeper, 1.0), np.inf)
+        k = int(np.argmin(np.abs(change)))
+        if not np.isfinite(doubt) or abs(change[k]) > _SWITCH:
+            return Slope(value, doubt)
+        said = f"{100 * abs(change[k]):.2g} % {'more' if steeper[k] > 0 else 'less'}"
+        t = float(np.mean(self._windows.nodes[peak.windows[k]]))
+        where = ", ".join(x for x in (peak.labels[peak.places[k]], f"t = {t:.4g} s") if x)
+        return Slope(value, doubt, (
+            f"{said} of it makes another peak the largest of {name} ({where}), which changes by "
+            f"{slope[k]:+.2f} %."
+        ))  # fmt: skip
+
+    def _differences(self, at: At, h: float, halved: bool = True) -> dict[str, tuple[Array, Array]]:
+        """Differences of the logarithms over 2 h, by output; by fewer points too, shape (n,)."""
+        below, above = (self._heights(self._curves(at(s), self._t, halved)) for s in (-h, h))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return {
+                name: (
+                    np.log(above[name][0] / below[name][0]) / (2.0 * h),
+                    np.log(above[name][1] / below[name][1]) / (2.0 * h),
+                )
+                for name in self._peaks
+            }
+
+    def _heights(self, curves: Mapping[str, _Curves]) -> dict[str, tuple[Array, Array]]:
+        """Heights of all peaks of one design, and by fewer points, not a number where it left."""
+        found = {}
+        for name, peak in self._peaks.items():
+            found[name] = self._height(name, curves[name], peak.windows, peak.places)
+        return found
+
+    def _height(
+        self, name: str, curves: _Curves, windows: IntArray, places: IntArray
+    ) -> tuple[Array, Array]:
+        if _is_rms(name):
+            rows = np.searchsorted(self._t, self._grid)
+            values = np.array([rms(curves.values[rows, k]) for k in places])
+            return values, values
+        rows = np.searchsorted(self._t, self._windows.nodes[windows])
+        values = curves.values[rows, places[:, None]]
+        top, fewer, inside = self._windows.tops(windows, values)
+        return top, np.where(inside, fewer, np.nan)
+
+    def _candidates(self, name: str, curves: _Curves) -> _Peak:
+        """What comes near the largest value of the first design."""
+        count = curves.values.shape[1]
+        all_windows = np.zeros(1, int) if _is_rms(name) else np.arange(len(self._windows.nodes))
+        windows, places = (x.ravel() for x in np.meshgrid(all_windows, np.arange(count)))
+        heights, fewer = self._height(name, curves, windows, places)
+        inside = np.isfinite(fewer)  # else the flank of a peak beside the window
+        windows, places, heights = (x[inside] for x in (windows, places, heights))
+        order = np.argsort(-heights, kind="stable")
+        order = order[heights[order] >= (1.0 - _RIVAL) * heights[order[0]]]
+        return _Peak(curves.labels, places[order], windows[order], heights[order])
+
+    def _around(self, look: Array, seen: Mapping[str, _Curves]) -> Windows:
+        """Windows about all instants at which an output may be largest."""
+        found: list[tuple[Array, BoolArray]] = []
+        span = _WIDE * self._h * float(self.steps.marks[-1])
+        centres: set[int] = set()
+        for name, curves in seen.items():
+            if not _is_rms(name):
+                centres |= _instants(curves)
+        for k in sorted(centres):
+            if self.steps.linear:
+                found.append(steps_around(k, look))
+                continue
+            beside = look[[max(k - 1, 0), min(k + 1, len(look) - 1)]]
+            half = max(span, float(np.max(np.abs(beside - look[k]))))
+            found.append(around(float(look[k]), half, self.steps.inside(float(look[k]))))
+        nodes, closed = (np.array(x) for x in zip(*found, strict=True)) if found else (
+            np.zeros((0, 0)), np.zeros((0, 2), bool)
+        )  # fmt: skip
+        return Windows(nodes, closed)
+
+    def _unresolved(self) -> tuple[str, ...]:
+        """A sentence where vibration that nothing damps is too fast for the steps.
+
+        It may be as large as their resolution, and acts on a derivative as its phase turns.
+        """
+        if not self.steps.marched or not self.base.compliant:
+            return ()
+        last = float(self._t[-1])
+        dt = 0.5 * last / max(int(np.searchsorted(self.steps.ends, last)), 1)
+        found = modes(self.base, count=_MODES, preload="none")
+        turned = 2.0 * np.pi * np.maximum(found.frequencies, 0.0) * last
+        decay = 0.5 * self.base.flexible.dissipation(found.shapes.T) * last
+        alive = (found.frequencies * dt * _RESOLVED > 1.0) & (
+            RESOLUTION * turned * np.exp(-decay) > _ALIKE
+        )
+        if not np.any(alive):
+            return ()
+        low, high = found.frequencies[alive][[0, -1]]
+        return (
+            f"{', '.join(self.values)}: what rings at {low:.4g} to {high:.4g} Hz is hardly "
+            f"damped and too fast for the steps of {dt:.2g} s. One per cent turns its phase by up "
+            f"to {0.01 * np.max(turned[alive]):.2g} rad: no derivative of that would last, and "
+            "these and their errors leave it out. `damping: {modal: 0.01}` lets it die.",
+        )
+
+    def _reference(self) -> SameSteps | None:
+        """The steps of the rigid run that deviations are from; None where there is none."""
+        wanted = any(name.startswith("deviation") for name in self._names)
+        if not wanted or self.steps.level == "rigid" or self.base.description.platform is None:
+            return None
+        try:
+            return SameSteps(self.base, "rigid")
+        except SceneError:
+            return None
+
+    def _curves(self, design: Mechanism, t: Array, halved: bool) -> dict[str, _Curves]:
+        """Curves of a design at instants of the first one, by output."""
+        run = self.steps.run(design, t, halved)
+        rigid = None if self._rigid is None else self._rigid.run(design, t, halved)
+        found = {name: _curves(name, design, run, rigid) for name in self._names}
+        return {name: curves for name, curves in found.items() if curves is not None}
+
+
+def _is_rms(name: str) -> bool:
+    return name.startswith("torque.rms")
+
+
+def _instants(curves: _Curves) -> set[int]:
+    """Instants at which the highest place of a group comes near the largest value."""
+    tops = []
+    for group in np.unique(curves.groups):
+        curve = np.max(curves.values[:, curves.groups == group], axis=1)
+        tops += [(float(curve[k]), int(k)) for k in highest(curve, _RIVAL, _MOST)]
+    least = (1.0 - _RIVAL) * max(height for height, _ in tops)
+    return {k for height, k in sorted(tops, reverse=True)[:_MOST] if height >= least}
+
+
+def _curves(name: str, design: Mechanism, run: Result, rigid: Result | None) -> _Curves | None:
+    """An output over time; None where the scene does not have it."""
+    head, _, rest = name.partition(".")
+    if head == "torque":
+        _, _, motor = rest.partition(".")
+        motors = [motor] if motor else list(run.motors)
+        columns = [run.motors.index(name) for name in motors]
+        return _flat(motors, [np.abs(run.torque[:, [k]]) for k in columns])
+    if head == "deviation":
+        if rigid is None:
+            return None
+        off = run.deviation_from(rigid, str(design.description.platform))
+        return _flat([""], [(off.angle if rest == "rotation" else off.norm)[:, None]])
+    strengths = yield_strengths(design) if rest == "yield" else dict.fromkeys(run.links, 1.0)
+    links = [link for link in run.links if link in strengths]
+    return _flat(links, [run.link(link).von_mises / strengths[link] for link in links])
+
+
+def _flat(labels: list[str], values: list[Array]) -> _Curves | None:
+    """Curves of several groups beside each other; None of none."""
+    if not values:
+        return None
+    counts = [x.shape[1] for x in values]
+    names = tuple(name for name, count in zip(labels, counts, strict=True) for _ in range(count))
+    groups = np.repeat(np.arange(len(counts)), counts)
+    return _Curves(names, groups, np.concatenate(values, axis=1))

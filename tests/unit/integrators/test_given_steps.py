@@ -1,0 +1,69 @@
+"""Runs in given steps: the states of other steps, halves of what Newton does not solve, breaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.integrators import given_steps
+from pinflex.integrators.radau import Stages
+from pinflex.integrators.steps import StepFailed
+from pinflex.solver.same_steps import SameSteps
+
+
+@pytest.fixture(scope="module")
+def strip():
+    robot = pf.load("cantilever", ["solve={level: coupled, until: 0.1, start: straight}"])
+    return robot, SameSteps(robot, None)
+
+
+def test_the_steps_of_a_run_halved_have_its_states(strip):
+    robot, steps = strip
+    own = pf.solve(robot, tol=1e-8, samples=401)
+    run = steps.run(robot, steps.grid)
+    # the tip sinks by 16 mm: 1e-7 of that
+    np.testing.assert_allclose(
+        run.frame("tip").position, own.frame("tip").position, rtol=0, atol=1e-9
+    )
+    assert np.all(np.diff(steps.ends) > 0) and steps.ends[-1] == pytest.approx(0.1, rel=1e-12)
+
+
+def test_a_step_that_is_not_solved_is_halved(strip, monkeypatch):
+    robot, steps = strip
+    solved, whole = Stages.step, float(np.max(np.diff(steps.ends, prepend=0.0)))
+    expected = steps.run(robot, steps.grid, halved=False).frame("tip").position
+
+    def only_short(self, start, h, last):
+        if h > 0.6 * whole:
+            raise StepFailed
+        return solved(self, start, h, last)
+
+    monkeypatch.setattr(Stages, "step", only_short)
+    found = steps.run(robot, steps.grid, halved=False).frame("tip").position
+    # what a whole step leaves: 1e-7 of 16 mm was seen
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
+    monkeypatch.setattr(given_steps, "_HALVINGS", 0)
+    monkeypatch.setattr(given_steps._steps, "__defaults__", (0,))
+    with pytest.raises(pf.ConvergenceError, match="a given step of .* cannot be solved"):
+        steps.run(robot, steps.grid, halved=False)
+
+
+def test_steps_and_instants_follow_a_motion_that_takes_longer():
+    # the same law over twice the time, without gravity: a quarter of the torques at every instant
+    robot, slow = (
+        pf.load("3rrr", [
+            f"motion={{kind: cycloid, platform: {{x: 0.01, y: 0, rz: 0}}, duration: {duration}}}",
+            f"solve={{level: rigid, until: {duration}, samples: 51}}",
+        ])
+        for duration in (0.1, 0.2)
+    )  # fmt: skip
+    steps = SameSteps(robot, None)
+    near, far = (steps.run(design, steps.grid).torque for design in (robot, slow))
+    np.testing.assert_allclose(far, near / 4, atol=1e-9 * np.abs(near).max())
+
+
+def test_a_break_inside_a_given_step_is_an_error():
+    with pytest.raises(pf.ConvergenceError, match="switches within a given step"):
+        given_steps._corners("robot", 0.0, [0.25], np.array([0.1, 0.2, 0.3]), 1e-9)
+    assert given_steps._corners("robot", 0.0, [0.2], np.array([0.1, 0.2, 0.3]), 1e-9) == {1}
