@@ -94,7 +94,7 @@ def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
     Raises:
         DescriptionError: There is no such model.
     """
-    for more in (1, 0):  # a link under a sleeve takes one segment only
+    for more in (1, 0):  # shapes that move at the root, under a sleeve, take one segment only
         changes = []
         for part in beams(mechanism):
             at = f"flexible.{part.link}"

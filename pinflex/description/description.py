@@ -14,7 +14,14 @@ from pinflex.description import curved, fields, flexible, motion_block, schema, 
 from pinflex.description.control import Control
 from pinflex.description.control_block import read_control
 from pinflex.description.couplings import SINGLE, Coupling, couplings, read_actuated
-from pinflex.description.external import FrameForce, FrameSpring, read_forces, read_springs
+from pinflex.description.external import (
+    AddedMass,
+    FrameForce,
+    FrameSpring,
+    read_added_masses,
+    read_forces,
+    read_springs,
+)
 from pinflex.description.finding import find_file, model_names
 from pinflex.description.flexible import Basis, FlexibleLink
 from pinflex.description.frames import by_joint, frame, frames
@@ -46,8 +53,8 @@ __all__ = [
 
 KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),
-    *("frames", "flexible", "damping", "forces", "springs", "control", "motion", "solve"),
-    *("limit", "allow", "use_urdf_dynamics"),
+    *("frames", "flexible", "damping", "forces", "springs", "added_masses", "control"),
+    *("motion", "solve", "limit", "allow", "use_urdf_dynamics"),
 )
 ALLOWED = ("wide", "heavy", "large")
 
@@ -81,6 +88,7 @@ class Description:
         forces: Loads at frames.
         control: Feedback of level coupled.
         springs: Springs between frames.
+        added_masses: Inertia at frames that differs with the direction.
         home: Guess of the configuration (rad | m), by joint name, as Pinocchio lays it out: a
             quaternion x y z w, a planar angle as cosine and sine; the axes of a universal joint
             are NAME.1 and NAME.2. Do not change it.
@@ -115,6 +123,7 @@ class Description:
     forces: tuple[FrameForce, ...] = ()
     control: Control | None = None
     springs: tuple[FrameSpring, ...] = ()
+    added_masses: tuple[AddedMass, ...] = ()
     home: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
     platform: str | None = None
     frames: tuple[str, ...] = ()
@@ -253,6 +262,7 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         control=read_control(block.get("control", {}), place["control"], tree, actuated),
         forces=read_forces(block.get("forces", {}), place["forces"], tree),
         springs=read_springs(block.get("springs", {}), place["springs"], tree),
+        added_masses=read_added_masses(block.get("added_masses", {}), place["added_masses"], tree),
         home=read_home(block.get("home", {}), place["home"], types),
         by_joint=by_joint(block, tree),
         solve=read_solve(block.get("solve", {}), place["solve"]),

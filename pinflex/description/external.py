@@ -1,4 +1,4 @@
-"""The blocks `forces` and `springs`: what acts on the robot from outside its joints."""
+"""The blocks `forces`, `springs` and `added_masses`: what acts from outside the joints."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
 FORCE_KEYS = ("at", "force", "moment", "follower", "start", "until", "ramp")
+ADDED_KEYS = ("at", "mass", "inertia")
 SPRING_KEYS = {"stiffness": "stiffness", "damper": "damping", "length": "length"}  # key, quantity
 
 
@@ -76,6 +77,45 @@ class FrameSpring:
     stiffness: float
     damper: float = 0.0
     length: float = 0.0
+
+
+@dataclass(frozen=True)
+class AddedMass:
+    """Inertia at a frame that differs with the direction, and has no weight.
+
+    Attributes:
+        name: Name for reports.
+        frame: Whose axes the directions are.
+        mass: Along x, y, z [kg]. inertia: About them [kg m^2].
+    """
+
+    name: str
+    frame: str
+    mass: Vec3 = (0.0, 0.0, 0.0)
+    inertia: Vec3 = (0.0, 0.0, 0.0)
+
+
+def read_added_masses(value: object, where: str, urdf: Source) -> tuple[AddedMass, ...]:
+    """The block `added_masses`, in file order.
+
+    Args:
+        value: The parsed block.
+        where: Its place.
+        urdf: Links and joints there are.
+    """
+    found = []
+    for name, item in schema.mapping(value, where).items():
+        here = schema.at(where, name)
+        block = schema.mapping(item, here, ADDED_KEYS, ("at",))
+        at = frame(block["at"], schema.at(here, "at"), urdf)
+        fields: dict[str, Any] = {
+            key: schema.vector(block[key], schema.at(here, key), low=0, of=key)
+            for key in block.keys() & {"mass", "inertia"}
+        }
+        if not any(any(vector) for vector in fields.values()):
+            raise DescriptionError(f"{here}: no mass. Give mass: [x, y, z] or inertia: [x, y, z].")
+        found.append(AddedMass(name, at, **fields))
+    return tuple(found)
 
 
 def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ...]:

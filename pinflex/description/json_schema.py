@@ -55,6 +55,7 @@ def json_schema() -> Form:
         "springs": _named(_block(
             {key: _measure(of) for key, of in external.SPRING_KEYS.items()} | {"between": _PAIR},
             ["between", "stiffness"])),
+        "added_masses": _named(_block(_any(external.ADDED_KEYS) | {"at": _TEXT}, ["at"])),
         "control": _control(),
         "motion": _motion(),
         "solve": _block(_of_record(SolveSpec)),

@@ -84,7 +84,8 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     bodies = [body for world in worlds for body in world.all("body")]
     if not bodies:
         raise DescriptionError(f"{file}: no <body>. A robot has at least one.")
-    if len(bodies) == 1 and _free(bodies[0]) and len(list(worlds[0].all("frame"))) == 0:
+    free = len(bodies) == 1 and _free(bodies[0]) and len(list(worlds[0].all("frame"))) == 0
+    if free:
         _free_root(robot, bodies[0])
     else:
         robot.tree.root("world")
@@ -92,12 +93,16 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
         for world in worlds:
             _children(robot, world, "world", np.eye(4), "main")
     for world in worlds:
-        for tag in ("geom", "site"):
-            if next(world.all(tag), None) is not None:
-                robot.note(next(world.all(tag)), f"<{tag}> of the world is not taken over.")
+        if next(world.all("geom"), None) is not None:
+            robot.note(next(world.all("geom")), "<geom> of the world is not taken over.")
+        for site in world.all("site"):
+            placed = robot.values.pose(site, robot.values.of(site, "main"))
+            robot.sites[site.get("name", "")] = ("world", placed)
     mjcf_extras.joints(robot)
     mjcf_extras.motors(robot)
     mjcf_extras.equalities(robot)
+    if free:
+        _say_shift(robot, bodies[0])
     mjcf_extras.rest(robot)
     checked = urdf.check(robot.tree.text(), file, package_dirs)
     notes = tuple(robot.values.notes)
@@ -118,12 +123,21 @@ def _free_root(robot: Robot, body: Element) -> None:
     robot.poses[name] = matrix
     robot.blocks["base"] = "free_flyer"
     if not np.allclose(matrix[:3, :3], np.eye(3), atol=1e-12):
-        turned = _quaternion(matrix[:3, :3])
-        robot.blocks["home"] = {"root_joint": [*_plain(matrix[:3, 3]), *_plain(turned)]}
-    elif matrix[:3, 3].any():
+        robot.blocks["home"] = {"root_joint": base_pose(matrix)}
+    _fill(robot, body, name, matrix, body.get("childclass") or "main")
+
+
+def _say_shift(robot: Robot, body: Element) -> None:
+    """A free base starts at the origin, unless its pose in the file has a meaning."""
+    name = body.get("name") or "body_1"
+    if robot.poses[name][:3, 3].any() and "root_joint" not in robot.blocks.get("home", {}):
         robot.note(body, f"the pos of {name} is not taken over: it starts at the origin, unless "
                    "home.root_joint says more.")  # fmt: skip
-    _fill(robot, body, name, matrix, body.get("childclass") or "main")
+
+
+def base_pose(matrix: Array) -> list[float]:
+    """A pose as `home.root_joint` takes it: place and quaternion x y z w."""
+    return [*_plain(matrix[:3, 3]), *_plain(_quaternion(matrix[:3, :3]))]
 
 
 def _children(robot: Robot, element: Element, parent: str, matrix: Array, kind: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.mjcf import JointData, Robot
+from pinflex.description.mjcf import JointData, Robot, base_pose
 from pinflex.description.tree_text import pose
 from pinflex.description.xml_lines import Element, known, numbers, unused
 
@@ -140,26 +140,53 @@ def equalities(robot: Robot) -> None:
 
 
 def _loop(robot: Robot, element: Element, given: dict[str, str], name: str) -> None:
+    """A loop between two bodies, or between one and the ground under a free base."""
     if "site1" in given:
         (a, at), (b, beside) = (
             robot.sites[known(given.get(key, ""), robot.sites, element, "site")]
             for key in ("site1", "site2")
         )
     else:
-        a = known(given.get("body1", ""), robot.poses, element, "body")
-        b = given.get("body2", "world")
-        if b == "world" and "world" not in robot.poses:
-            robot.note(element, f"the equality {name} holds {a} to the world, to which a free base "
-                       "has no frame; it is not taken over.")  # fmt: skip
-            return
-        known(b, robot.poses, element, "body")
+        a, b = given.get("body1", ""), given.get("body2", "world")
+        for body in (a, b):
+            known(body, {**robot.poses, "world": np.eye(4)}, element, "body")
         at, beside = _frames(robot, element, given, a, b)
+    if "world" in (a, b) and "world" not in robot.poses:
+        body, own, ground = (a, at, beside) if b == "world" else (b, beside, at)
+        _grounded(robot, element, name, body, own, ground)
+        return
     ends = [
         robot.tree.mark(f"{name}_a", _link(robot, a), at),
         robot.tree.mark(f"{name}_b", _link(robot, b), beside),
     ]
     kind = "spherical" if element.tag == "connect" else "weld"
     robot.loops[name] = {"kind": kind, "between": ends}
+
+
+def _grounded(
+    robot: Robot, element: Element, name: str, body: str, own: Array, ground: Array
+) -> None:
+    """A body of a robot with a free base, held to the ground.
+
+    Args:
+        robot: It. element: Of the file. name: Of the loop. body: What is held.
+        own: Frame of the body that is held, in the world as drawn. ground: Where it is held.
+    """
+    weld = element.tag == "weld"
+    if weld and not np.allclose(own[:3, :3], ground[:3, :3], atol=1e-9):
+        robot.note(
+            element,
+            f"the weld {name} holds {body} turned otherwise than the file draws it, and is not "
+            "taken over: a loop to the ground keeps the direction of home.",
+        )
+        return
+    base = robot.blocks.setdefault("home", {})
+    if "root_joint" not in base:  # places on the ground are those of the file
+        base["root_joint"] = base_pose(next(iter(robot.poses.values())))
+    frame = robot.tree.mark(f"{name}_a", _link(robot, body), own)
+    at = [float(x) for x in ground[:3, 3]]
+    kind = "weld" if weld else "spherical"
+    robot.loops[name] = {"kind": kind, "between": [frame, "world"], "at": at}
 
 
 def _link(robot: Robot, body: str) -> str:
@@ -170,17 +197,19 @@ def _frames(
     robot: Robot, element: Element, given: dict[str, str], a: str, b: str
 ) -> tuple[Array, Array]:
     """The two frames that meet, in the world as the file draws it."""
+    first, second = (robot.poses.get(body, np.eye(4)) for body in (a, b))
     if element.tag == "connect":
         anchor = numbers(given.get("anchor"), element, "anchor", 3)
-        both = robot.poses[a] @ pose(shift=anchor)
+        both = first @ pose(shift=anchor)
         return both, both
     relative = numbers(given.get("relpose", "0 1 0 0 0 0 0"), element, "relpose", 7)
     if not relative[3:].any():  # as the file draws the two bodies
-        return robot.poses[b], robot.poses[b]
+        both = first if b == "world" else second
+        return both, both
     from pinflex.description.mjcf_values import quaternion
 
     step = pose(quaternion(relative[3:], element), relative[:3])
-    return robot.poses[a] @ step, robot.poses[b]
+    return first @ step, second
 
 
 def _coupling(robot: Robot, element: Element, given: dict[str, str], name: str) -> None:

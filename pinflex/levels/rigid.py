@@ -40,7 +40,7 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
     if np.any(system.D) or len(system.springs.v_at) or system.friction.present:
         apart = np.zeros((len(q), system.closed.n))  # couplings: of each joint alone
         return dynamics.residual(q, v, a, apart, 0.0).r
-    return dynamics.pinocchio.rnea(q, v, a)
+    return dynamics.rnea(q, v, a)
 
 
 def multipliers(system: System, J: Array, r: Array) -> tuple[Array, Array]:

@@ -116,6 +116,34 @@ class Closures:
         """Number of rows."""
         return len(self.labels)
 
+    @property
+    def joints(self) -> set[int]:
+        """Joints that the loops act on, with the roots of all segments under sleeves."""
+        roots = [s.root.joint for one in self.contacts for s in one.sleeve.segments]
+        return {*self.bodies.tolist(), *roots}
+
+    def on(self, segments: Sequence[int]) -> Closures:
+        """The same rows with each sleeve on a segment of its beam, by its number."""
+        bodies, local, support_a = self.bodies.copy(), self.local.copy(), self.support_a.copy()
+        contacts = list(self.contacts)
+        for k, (contact, number) in enumerate(zip(contacts, segments, strict=True)):
+            if contact.supports is None:
+                continue
+            root, loop = contact.sleeve.segments[number].root, contact.loop
+            bodies[loop], support_a[loop] = root.joint, contact.supports[number]
+            local[loop, :, :3], local[loop, :, 3] = (
+                root.placement.rotation, root.placement.translation,
+            )  # fmt: skip
+            contacts[k] = replace(contact, on=number)
+        return replace(
+            self,
+            bodies=bodies,
+            local=local,
+            support_a=support_a,
+            row_mask=(self.support_b - support_a)[self.loop_of],
+            contacts=tuple(contacts),
+        )
+
     def select(self, rows: Sequence[int] | IntArray) -> Closures:
         """The same loops with some rows only (the independent ones)."""
         rows = np.asarray(rows, dtype=np.intp)
@@ -168,7 +196,7 @@ def closures(
     ends = [_ends(loop, frames, sleeves.get(loop.name), ground.get(loop.name)) for loop in loops]
     rows = _Rows()
     for number, loop in enumerate(loops):
-        rows.add(number, loop, sleeves)
+        rows.add(number, loop, sleeves, model)
     sides = [e[0] for e in ends] + [e[1] for e in ends]
     turns = [*map(_turn_a, loops), *map(_turn_b, loops)]
     support_a, support_b = _supports(model, sides).reshape(2, len(loops), int(model.nv))
@@ -239,7 +267,7 @@ class _Rows:
         self.distances: list[tuple[int, float]] = []
         self.contacts: list[Contact] = []
 
-    def add(self, number: int, loop: Loop, sleeves: Mapping[str, Sleeve]) -> None:
+    def add(self, number: int, loop: Loop, sleeves: Mapping[str, Sleeve], model: pin.Model) -> None:
         """The rows that a loop holds."""
         kind, labels = loop_kind(loop.kind), self.labels
         for axis in kind.points:
@@ -258,7 +286,9 @@ class _Rows:
             sleeve = sleeves[loop.name]
             names = sleeve.labels(loop.name)
             at = np.arange(len(labels), len(labels) + len(names))
-            self.contacts.append(Contact(sleeve, number, at))
+            roots = [segment.root for segment in sleeve.segments]
+            supports = _supports(model, roots) if roots else None
+            self.contacts.append(Contact(sleeve, number, at, supports))
             labels.extend(names)
         self.owner.extend([number] * (len(labels) - len(self.owner)))
 

@@ -5,12 +5,16 @@ The states are copies of the loops whose joint poses lie one after the other.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.contact import ContactRows
+from pinflex.mechanics.passing import PassingRows
+from pinflex.mechanics.slider import Contact
 
 
 class ClosureRows:
@@ -22,12 +26,17 @@ class ClosureRows:
         point_rows, dot_rows, distance_rows: Rows of each sort; point_loop, dot_loop and
             distance_loop: their loops. lengths: Of the distances in m.
         plain: Whether every row is of point type.
-        coupled: Rows of couplings, or None. contacts: Constants of the sleeves' rows of one state.
+        coupled: Rows of couplings, or None. contacts: Constants of the sleeves' rows, by state.
+        support_a, support_b, row_mask: As in `Closures`, of one state or of each.
+        sides: Joints of A and B, shape (n or 1, 2, loops).
     """
 
-    def __init__(self, closed: Closures, size: int, joints: int) -> None:
-        """`joints`: Number of joint poses of a state."""
+    def __init__(
+        self, closed: Closures, size: int, joints: int, on: Sequence[tuple[int, ...]] = ()
+    ) -> None:
+        """`joints`: Number of joint poses of a state. `on`: Segments of the sleeves, by state."""
         self.closed, self.size = closed, size
+        each_on = [closed.on(numbers) for numbers in on]
         loops, rows = len(closed.names), closed.n
         self.loops = loops * size
         copies = np.arange(size)[:, None]
@@ -35,9 +44,12 @@ class ClosureRows:
         def each(at: IntArray, step: int) -> IntArray:
             return np.asarray((at + step * copies).reshape(-1), dtype=np.intp)
 
-        self.bodies = (closed.bodies.reshape(2, 1, loops) + joints * copies).reshape(-1)
-        local = np.tile(closed.local.reshape(2, 1, loops, 3, 4), (1, size, 1, 1, 1))
-        self.local = local.reshape(-1, 3, 4)
+        variants = each_on or [closed]
+        self.sides = np.array([one.bodies.reshape(2, loops) for one in variants])
+        bodies = self.sides.swapaxes(0, 1) + joints * copies
+        self.bodies = np.broadcast_to(bodies, (2, size, loops)).reshape(-1)
+        local = np.array([one.local.reshape(2, loops, 3, 4) for one in variants]).swapaxes(0, 1)
+        self.local = np.tile(local, (1, size // len(variants), 1, 1, 1)).reshape(-1, 3, 4)
         self.loop_of = each(closed.loop_of, loops)
         self.point_rows = each(closed.point_rows, rows)
         self.dot_rows = each(closed.dot_rows, rows)
@@ -51,10 +63,17 @@ class ClosureRows:
         self.plain = rows == len(closed.point_rows)
         # Flat positions of u = a[loop, :, axis] among the frames: one `take` instead of indexing.
         self.u_at = self.point_loop[:, None] * 12 + 4 * np.arange(3) + self.point_axes[:, None]
-        self.mask = closed.support_b - closed.support_a
+        self.support_b, self.support_a, self.row_mask = (
+            closed.support_b, closed.support_a, closed.row_mask,
+        )  # fmt: skip
+        if each_on:
+            self.support_a = np.array([one.support_a for one in each_on])
+            self.row_mask = np.array([one.row_mask for one in each_on])
+        self.mask = self.support_b - self.support_a
         self.of_loop = (np.arange(loops)[:, None] == closed.loop_of).astype(float)
         self.coupled = closed.coupled if len(closed.coupled.rows) else None
-        self.contacts = [ContactRows(contact) for contact in closed.contacts]
+        rows_of = [[_of_sleeve(contact) for contact in one.contacts] for one in variants]
+        self.contacts = rows_of * (size // len(variants))
 
     def at(self, poses: Array, eta: Array, Q: Array) -> ClosureState:
         """The closures at joint poses (n, joints, 12), see `JointPoses`, eta and Q, (n, ...).
@@ -65,3 +84,44 @@ class ClosureRows:
             Q: Expanded configurations, shape (n, nQ).
         """
         return ClosureState(self, poses.reshape(-1, 12), eta, Q)
+
+
+def _of_sleeve(contact: Contact) -> ContactRows | PassingRows:
+    return PassingRows(contact) if contact.sleeve.segments else ContactRows(contact)
+
+
+# How far beyond the root of a segment, over its length, a sleeve is on it. The curvature jumps
+# there, as between elements; a sleeve that comes to rest at a border, as round numbers have it,
+# would be on either side by turns. So far the curve goes on: 1e-12 of a length off the next one.
+_PAST = 1e-6
+
+
+class Passing:
+    """Sleeves that pass from one segment of a link to the next."""
+
+    def __init__(self, closed: Closures) -> None:
+        self._roots, self._b = [], []
+        loops = len(closed.names)
+        for contact in closed.contacts:
+            segments = contact.sleeve.segments[1:]
+            at = np.array([segment.root.joint for segment in segments], dtype=np.intp)
+            local = [segment.root.placement.homogeneous[:3] for segment in segments]
+            past = np.array([_PAST * segment.length for segment in segments])
+            self._roots.append((at, np.array(local).reshape(-1, 3, 4), past))
+            self._b.append((int(closed.bodies[loops + contact.loop]),
+                            closed.local[loops + contact.loop]))  # fmt: skip
+
+    def at(self, poses: Array) -> tuple[tuple[int, ...], ...]:
+        """Segment of each sleeve at joint poses (n, joints, 12), by state.
+
+        A sleeve has passed the root of a segment when it stands before the section there.
+        """
+        found = []
+        for (joints, local, past), (b, own) in zip(self._roots, self._b, strict=True):
+            R = poses[:, joints, :9].reshape(len(poses), -1, 3, 3).swapaxes(2, 3)
+            p = poses[:, joints, 9:] + (R @ local[:, :, 3:])[..., 0]
+            R_b = poses[:, b, :9].reshape(-1, 3, 3).swapaxes(1, 2)
+            ahead = (poses[:, None, b, 9:] + (R_b @ own[:, 3])[:, None]) - p
+            x = (R @ local[:, :, :1])[..., 0]
+            found.append(np.sum((ahead * x).sum(axis=2) >= past, axis=1))
+        return tuple(tuple(int(k) for k in row) for row in np.array(found).T)

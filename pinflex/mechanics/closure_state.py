@@ -5,13 +5,14 @@ See `pinflex.mechanics.closure` for the rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.contact import ContactState
+from pinflex.mechanics.passing import PassingState
 from pinflex.mechanics.poses import LEVERS, skew
 
 if TYPE_CHECKING:
@@ -49,8 +50,8 @@ class ClosureState:
         self.c = c.reshape(r.size, closed.n)
         if r.coupled is not None:
             self.c[:, r.coupled.rows] = r.coupled.value(Q)
-        self.contacts: list[ContactState] = []
-        if r.contacts:
+        self.contacts: list[ContactState | PassingState] = []
+        if closed.contacts:
             self._slide(c, eta)
 
     @property
@@ -88,7 +89,7 @@ class ClosureState:
         r = self._rows
         loops, count = len(r.closed.names), r.closed.n
         for k in range(r.size):
-            for rows in r.contacts:
+            for rows in r.contacts[k]:
                 loop = rows.loop + k * loops
                 one = rows.at(self.frames_a[loop], self.frames_b[loop], self._arm[loop], eta[k])
                 at = rows.rows + k * count
@@ -97,7 +98,7 @@ class ClosureState:
 
     def jacobian(self, J: Array) -> Array:
         """dc/dQ, shape (n, rows, nV), for world Jacobians J (n, 6, nV) of the joints."""
-        found: Array = self.W.reshape(self._n, -1, 6) @ J * self._rows.closed.row_mask
+        found: Array = self.W.reshape(self._n, -1, 6) @ J * self._rows.row_mask
         if self._rows.coupled is not None:
             found[:, self._rows.coupled.rows] = self._rows.coupled.J
         return found
@@ -107,17 +108,25 @@ class ClosureState:
         out = np.zeros((*self.c.shape, n_eta))
         if n_eta:
             for k, one in self._by_state():
-                out[k, one.rows, one.eta] = one.by_eta
+                block = np.zeros((len(one.rows), n_eta))
+                block[:, one.eta] = one.by_eta
+                out[k, one.rows] = block
         return out
 
-    def _by_state(self) -> list[tuple[int, ContactState]]:
-        each = len(self._rows.contacts)
+    def _by_state(self) -> list[tuple[int, ContactState | PassingState]]:
+        each = len(self._rows.closed.contacts)
         return [(i // each, one) for i, one in enumerate(self.contacts)]
 
     def wrenches(self, lam: Array) -> Array:
         """World wrench [force; moment about the origin] on each B, shape (n, loops, 6)."""
         rows = (self.W * lam.reshape(-1, 1)).reshape(self._n, -1, 6)
         return np.asarray(np.matmul(self._rows.of_loop, rows))
+
+    def on_joints(self, lam: Array, joints: Sequence[int]) -> Array:
+        """World wrenches about the origin on some joints, shape (n, joints, 6): +1 B, -1 A."""
+        at, sides = np.array(joints, dtype=np.intp)[:, None], self._rows.sides
+        of_loops = (at == sides[:, None, 1]).astype(float) - (at == sides[:, None, 0])
+        return np.asarray(of_loops @ self.wrenches(lam))
 
     def loop_wrenches(self, lam: Array) -> Array:
         """Wrench on each B about the origin of frame b, in the world, shape (n, loops, 6)."""
@@ -127,9 +136,9 @@ class ClosureState:
         return out
 
     def sleeves(self, lam: Array) -> Array:
-        """(x, F, M) that sleeves put on their beams at three places, shape (n, sleeves, 3, 7)."""
+        """(x, F, M, segment) of sleeves on beams at three places, shape (n, sleeves, 3, 8)."""
         found = [one.forces(lam[k]) for k, one in self._by_state()]
-        return np.array(found).reshape(self._n, len(self._rows.contacts), 3, 7)
+        return np.array(found).reshape(self._n, len(self._rows.closed.contacts), 3, 8)
 
     def forces(self, lam: Array, J: Array) -> Array:
         """Generalised forces J_Q' lam of the closures in expanded coordinates, shape (n, nV).
@@ -150,12 +159,12 @@ class ClosureState:
             V: Shape (n, nV). J, dJ: World Jacobians and their rates, shape (n, 6, nV).
             eta_rate: Rates of the elastic coordinates, shape (n, n_eta).
         """
-        cl = self._rows.closed
+        r = self._rows
         twist_a, twist_b = (
             ((mask * V[:, None]) @ J.swapaxes(1, 2)).reshape(-1, 6)
-            for mask in (cl.support_a, cl.support_b)
+            for mask in (r.support_a, r.support_b)
         )
-        turned = (self._rows.mask * V[:, None] @ dJ.swapaxes(1, 2)).reshape(-1, 6)
+        turned = (r.mask * V[:, None] @ dJ.swapaxes(1, 2)).reshape(-1, 6)
         return self._drift(twist_a, twist_b, turned, eta_rate).reshape(self._n, -1)
 
     def _drift(self, twist_a: Array, twist_b: Array, turned: Array, eta_rate: Array) -> Array:
@@ -242,8 +251,8 @@ class ClosureState:
             np.add.at(on_b[:, 3:, 3:], loop, mu * (e_b @ e_a))
             np.add.at(on_a[:, 3:, 3:], loop, mu * (e_a @ e_b))
         n = J.shape[1]
-        J_a = times_map((J * r.closed.support_a[:, None]).reshape(-1, n)).reshape(loops, 6, -1)
-        J_b = times_map((J * r.closed.support_b[:, None]).reshape(-1, n)).reshape(loops, 6, -1)
+        J_a = times_map((J * r.support_a.reshape(loops, 1, n)).reshape(-1, n)).reshape(loops, 6, -1)
+        J_b = times_map((J * r.support_b[:, None]).reshape(-1, n)).reshape(loops, 6, -1)
         pushed = on_b @ (J_b - J_a), on_a @ (J_b - J_a)
         width = J_a.shape[2]
         total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)

@@ -15,7 +15,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import MotionError
 from pinflex.mechanics.poses import skew
-from pinflex.mechanics.slider import Contact
+from pinflex.mechanics.slider import Contact, Sleeve
 
 # Third derivatives come from second ones over this part of the length: round-off and truncation
 # both stay below 1e-8 of them. They only enter the bias and the tangent.
@@ -85,7 +85,8 @@ class ContactState:
     """The rows of one sleeve at one state, their Jacobians and second derivatives.
 
     Attributes:
-        rows, loop, eta: As in `ContactRows`. X: Where on the beam the sleeve is, m.
+        rows, loop, eta: As in `ContactRows`. X, place: Where on the beam the sleeve is, m.
+        sleeve: What it holds.
         value: h, shape (rows,). W: By the relative twist at the world origin, (rows, 6).
         by_eta: dh/deta of the body's coordinates, (rows, n).
     """
@@ -99,7 +100,8 @@ class ContactState:
         self._R, self._arm = frame_a[:, :3], arm
         self._axes = frame_b[:, :2].T  # x and y of b in the world
         here = np.vstack([frame_b[:, 3] - frame_a[:, 3], self._axes]) @ self._R
-        self.X = float(here[0, 0])
+        self.place = self.X = float(here[0, 0])
+        self.sleeve = rows.contact.sleeve
         self._tables()
         self._mine = eta[self.eta]
         s = here[rows.source]
@@ -216,52 +218,68 @@ class ContactState:
             total[at] += cross.T
 
     def forces(self, lam: Array) -> Array:
-        """What the sleeve does to the beam: (x, F, M) at X - a, X, X + a, shape (3, 7).
+        """What the sleeve does to the beam: (x, F, M, segment) at X - a, X, X + a, shape (3, 8).
 
         Args:
             lam: Multipliers of all closure rows.
         """
         push = lam[self.rows]
         on = push @ self._c
-        out = np.zeros((3, 7))
+        out = np.zeros((3, 8))
         out[:, 0] = self.X + self._of.places
         out[1, 1] = -push @ self._by_X
         out[:, 2], out[:, 3] = on[0:3], on[4:7]
         out[1, 4], out[1, 5], out[1, 6] = on[_TWIST], -on[7], on[3]
         return out
 
-    def require_on_beam(self, name: str, where: str, t: float | None) -> None:
-        """Raise where an end of the sleeve lies beyond an end of the beam.
 
-        Args:
-            name: Of the loop. where: Name of the model. t: Time (s), if there is one.
-        """
-        sleeve = self._of.contact.sleeve
-        ends = (self.X - sleeve.half, self.X + sleeve.half)
-        # An end may stand on an end of the beam, up to what closing the loops leaves.
-        slack = 1e-9 * sleeve.length
-        if ends[0] >= -slack and ends[1] <= sleeve.length + slack:
-            return
-        when = where if t is None else f"{where}: t = {t:.6g} s"
-        reach = f"x = {self.X:.6g} m" + (
-            f", from {ends[0]:.6g} to {ends[1]:.6g} m" if sleeve.half else ""
-        )
-        raise MotionError(
-            f'{when}: sleeve "{name}" leaves the beam {sleeve.link}: it is at {reach}, the beam '
-            f"ends at 0 and {sleeve.length:g} m. Shorten the motion, or lengthen the beam.",
-            loop=name,
-            position=self.X,
-            time=t,
-        )
-
-
-def section_forces(x: Array, forces: Array) -> Array:
-    """Section forces N, Vy, Vz, T, My, Mz that a sleeve adds, shape (nt, nx, 6).
+def require_on_beam(sleeve: Sleeve, place: float, name: str, where: str, t: float | None) -> None:
+    """Raise where an end of a sleeve lies beyond an end of its beam.
 
     Args:
-        x: Sections (m), shape (nx,). forces: From `ContactState.forces`, shape (nt, 3, 7).
+        sleeve: It. place: Of its middle on the link (m).
+        name: Of the loop. where: Name of the model. t: Time (s), if there is one.
     """
-    at, Fx, Fy, Fz, Mx, My, Mz = (forces[:, None, :, k] for k in range(7))
-    arm = at - x[None, :, None]
+    ends = (place - sleeve.half, place + sleeve.half)
+    # An end may stand on an end of the beam, up to what closing the loops leaves.
+    slack = 1e-9 * sleeve.length
+    if ends[0] >= -slack and ends[1] <= sleeve.length + slack:
+        return
+    when = where if t is None else f"{where}: t = {t:.6g} s"
+    reach = f"x = {place:.6g} m" + (
+        f", from {ends[0]:.6g} to {ends[1]:.6g} m" if sleeve.half else ""
+    )
+    raise MotionError(
+        f'{when}: sleeve "{name}" leaves the beam {sleeve.link}: it is at {reach}, the beam '
+        f"ends at 0 and {sleeve.length:g} m. Shorten the motion, or lengthen the beam.",
+        loop=name,
+        position=place,
+        time=t,
+    )
+
+
+def section_forces(x: Array, forces: Array, segment: int = 0, roots: Array | None = None) -> Array:
+    """Section forces N, Vy, Vz, T, My, Mz that a sleeve adds on a segment, shape (nt, nx, 6).
+
+    What stands on later segments is in the forces of the interface; there it acts with the root of
+    the segment that the sleeve is on.
+
+    Args:
+        x: Sections from the segment's root (m), shape (nx,).
+        forces: From `ContactState.forces`, shape (nt, 3, 8).
+        segment: Its number. roots: Beam frames of all segments in the world, shape
+            (segments, nt, 3, 4); None: of one.
+    """
+    on = forces[:, 0, 7]
+    at, F, M = forces[:, :, 0], forces[:, :, 1:4], forces[:, :, 4:7]
+    if roots is not None and np.any(on != segment):
+        own, there = roots[segment], roots[on.astype(int), np.arange(len(on))]
+        turn = np.swapaxes(own[:, :, :3], 1, 2) @ there[:, :, :3]
+        shift = np.einsum("tji,tj->ti", own[:, :, :3], there[:, :, 3] - own[:, :, 3])
+        at = at * turn[:, :1, 0] + shift[:, :1]
+        F, M = F @ turn.swapaxes(1, 2), M @ turn.swapaxes(1, 2)
+    arm = at[:, None, :] - x[None, :, None]
+    counted = (arm >= 0.0).astype(float) - (on > segment)[:, None, None]
+    Fx, Fy, Fz, Mx, My, Mz = (part[:, None, :, k] for part in (F, M) for k in range(3))
     parts = (Fx, Fy, Fz, Mx, My - arm * Fz, Mz + arm * Fy)
-    return np.stack([np.sum(np.where(arm >= 0.0, p, 0.0), axis=2) for p in parts], axis=2)
+    return np.stack([np.sum(counted * p, axis=2) for p in parts], axis=2)

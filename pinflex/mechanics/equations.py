@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.mechanics.added_mass import AddedInertia
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled, on_kernel
 from pinflex.mechanics.coordinate_map import Configuration
@@ -37,24 +38,20 @@ class Equations(Geometry):
 
     Attributes:
         strain: Elastic potential of the links.
-        damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, joint springs,
-            loads.
+        added: Inertia that differs with the direction, or None.
+        damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, springs, loads.
     """
 
     def __init__(self, system: System, often: bool = True) -> None:
         """`often`: worth the millisecond or two that tables for the kernel take."""
         super().__init__(system)
-        self.damped = bool(np.any(system.D))
-        self.rubbed = system.friction.present
-        self.sprung = len(system.springs.v_at) > 0
-        self.loaded = system.loads.present
+        self.damped, self.rubbed = bool(np.any(system.D)), system.friction.present
+        self.sprung, self.loaded = len(system.springs.v_at) > 0, system.loads.present
         self.strain = Strain(system)
         self._loads = LoadRows(system.loads, self.model)
-        # Joints that closures and loads act on, and by which loops: +1 on B, -1 on A.
-        bodies = system.closed.bodies.reshape(2, -1)
-        self._acted = sorted({*bodies.ravel().tolist(), *self._loads.support})
-        at = np.array(self._acted, dtype=np.intp)[:, None]
-        self._of_loops = (at == bodies[1]).astype(float) - (at == bodies[0])
+        added = system.added  # and the joints that it, closures and loads act on:
+        self._acted = sorted({*system.closed.joints, *self._loads.support, *added.joints})
+        self.added = AddedInertia(added, self.model, self.data) if added.joints else None
         self._often = often
 
     @cached_property
@@ -70,8 +67,17 @@ class Equations(Geometry):
     @property
     def _coupled(self) -> Whole | Subtrees:
         """Pinocchio where mass and derivatives couple all rows of a child of the base."""
-        cut = any(part.cut for part in self.system.parts)
-        return self._whole if cut else self.pinocchio
+        return self._whole if any(part.cut for part in self.system.parts) else self.pinocchio
+
+    def rnea(self, Q: Array, V: Array, A: Array) -> Array:
+        """Forces of inertia and weight, shape (n, nV).
+
+        Args:
+            Q: Expanded configurations, shape (n, nQ). V, A: Their rates, shape (n, nV).
+        """
+        if (added := self.added) is None:
+            return self.pinocchio.rnea(Q, V, A)
+        return np.array([added.rnea(*at) for at in zip(Q, V, A, strict=True)]).reshape(-1, self._nV)
 
     def residual(
         self,
@@ -109,7 +115,7 @@ class Equations(Geometry):
             return compiled.residual(Y, V, A, lam, t)
         here = self.map.at(Y, V, A, True)
         n, closed = len(Y), None
-        g = self.pinocchio.rnea(here.Q, here.V, here.A)
+        g = self.rnea(here.Q, here.V, here.A)
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
         if self.looped:
@@ -142,27 +148,21 @@ class Equations(Geometry):
             r[:, self.system.friction.rows] += self.system.friction.force(V)
         if self.sprung:
             s = self.system.springs
-            r[:, s.v_at] += s.stiffness * (self.spring_angles(Y) - s.rest)
+            r[:, s.v_at] += s.stiffness * (s.angles(Y) - s.rest)
         if self.slides and closed is not None:
             r[:, m:] -= (lam[:, None] @ closed.by_eta(self.system.n_eta))[:, 0]
         return r
 
-    def spring_angles(self, y: Array) -> Array:
-        """Positions (rad | m) of the joints with springs, shape (..., springs)."""
-        s = self.system.springs
-        angle = np.array(y[..., s.q_at])
-        for k in np.flatnonzero(s.paired):
-            angle[..., k] = np.arctan2(y[..., s.q_at[k] + 1], y[..., s.q_at[k]])
-        return angle
+    # Matrices, at one state ----------------------------------------------------------------
 
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
         if self.in_parts and self.compiled is not None:
-            still = np.zeros(self.system.nv)
-            lam = np.zeros(self.system.closed.n)
+            still, lam = np.zeros(self.system.nv), np.zeros(self.system.closed.n)
             return self.compiled.tangent(y, still, still, lam, 0.0, False)[0]
         here = self.map.at(y[None], passing=True)
-        return here.both_sides(self._coupled.mass(here.Q[0]))
+        M = self._coupled.mass(here.Q[0])
+        return here.both_sides(M if self.added is None else M + self.added.mass(here.Q[0]))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
         """Exact derivatives by y, v and a, and the closure Jacobian.
@@ -211,7 +211,7 @@ class Equations(Geometry):
         here = self.map.at(Y, v[None], a[None], True)
         follow, load, J_c = None, None, np.zeros((0, self.system.nv))
         acting = np.zeros((len(self._acted), 6))
-        if self.looped or self.loaded:
+        if self._acted:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
             if closed is not None:
@@ -223,6 +223,8 @@ class Equations(Geometry):
             acting = self._wrenches(here, poses, J, closed, lam[None], (t,))[0]
         Q, V, A = here.Q[0], here.V[0], here.A[0]
         dQ, dV, M, tau = self._coupled.derivatives(Q, V, A, self._acted, acting)
+        if self.added is not None:
+            dQ, dV, M = self.added.add_derivatives(dQ, dV, M, Q, V, A)
         found = Derivatives(
             self.system, here, dQ, dV, M, tau, v, a[self.n_rigid :],
             self.strain.bent(y[self.nq_rigid :]),
@@ -256,7 +258,7 @@ class Equations(Geometry):
     ) -> JointForces:
         here, n, closed = self.map.at(Y, V, A, True), len(Y), None
         total = np.zeros((n, len(self._acted), 6))
-        if self.looped or self.loaded:
+        if self._acted:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
             total = self._wrenches(here, poses, J, closed, lam, t)
@@ -267,7 +269,7 @@ class Equations(Geometry):
         r = self._projected(here, g, Y, V, closed, lam)
         if closed is None:
             none = np.zeros((n, 0))
-            return JointForces(r, none, g, f, none.reshape(n, 0, 6), none.reshape(n, 0, 3, 7))
+            return JointForces(r, none, g, f, none.reshape(n, 0, 6), none.reshape(n, 0, 3, 8))
         return JointForces(r, closed.c, g, f, closed.loop_wrenches(lam), closed.sleeves(lam))
 
     def _wrenches(
@@ -282,13 +284,16 @@ class Equations(Geometry):
         """Wrenches of closures and loads in the frames of the joints acted on, (n, joints, 6)."""
         total = np.zeros((len(poses), len(self._acted), 6))
         if closed is not None:
-            total += self._of_loops @ closed.wrenches(lam)
+            total += closed.on_joints(lam, self._acted)
         if self.loaded:
             for k, whole in enumerate(total):
                 load = self._loads.at(poses[k], J[k])
                 for joint, wrench in load.wrenches(here.V[k], float(t[k])).items():
                     whole[self._acted.index(joint)] += wrench
-        return local_wrench(poses[:, self._acted], total)
+        local = local_wrench(poses[:, self._acted], total)
+        if self.added is not None:
+            self.added.take(local, self._acted, here)
+        return local
 
     # Energies ------------------------------------------------------------------------------
 
@@ -307,10 +312,12 @@ class Equations(Geometry):
     def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
         here = self.map.at(Y, V, np.zeros_like(V), True)
         found[:2] = self.pinocchio.energies(here.Q, here.V)
+        if self.added is not None:
+            found[0] += [self.added.kinetic(*at) for at in zip(here.Q, here.V, strict=True)]
         found[2] = self.strain.energy(Y[:, self.nq_rigid :])
         if self.sprung:
             s = self.system.springs
-            found[3] = 0.5 * (self.spring_angles(Y) - s.rest) ** 2 @ s.stiffness
+            found[3] = 0.5 * (s.angles(Y) - s.rest) ** 2 @ s.stiffness
         if self.loaded:
             poses, J, _ = self._placed(here)
             found[3] += [self._loads.at(*at).energy(float(when))

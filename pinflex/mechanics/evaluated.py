@@ -54,7 +54,7 @@ class JointForces(NamedTuple):
         r, c: As in `Residual`. g: Expanded forces rnea - J_Q' lam, shape (n, nV).
         f: Forces of joints in their own frames, shape (n, joints, 6).
         wrenches: Of loops on their B, about the origin of frame b, shape (n, loops, 6).
-        sleeves: (x, F, M) of sleeves on beams at three places, shape (n, contacts, 3, 7).
+        sleeves: (x, F, M, segment) of sleeves at three places, shape (n, contacts, 3, 8).
     """
 
     r: Array

@@ -15,8 +15,9 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.mechanics import workspace
-from pinflex.mechanics.closure_rows import ClosureRows
+from pinflex.mechanics.closure_rows import ClosureRows, Passing
 from pinflex.mechanics.closure_state import ClosureState
+from pinflex.mechanics.contact import require_on_beam
 from pinflex.mechanics.coordinate_map import Configuration, CoordinateMap
 from pinflex.mechanics.evaluated import Closure
 from pinflex.mechanics.subtrees import Subtrees
@@ -64,7 +65,9 @@ class Geometry:
         self.looped = system.closed.n > 0
         self._joints, self._nV = int(self.model.njoints), int(self.model.nv)
         self.slides = self.flexible and len(system.closed.contacts) > 0
-        self._closures: dict[int, ClosureRows] = {}
+        passes = self.slides and any(one.sleeve.segments for one in system.closed.contacts)
+        self._passing = Passing(system.closed) if passes else None
+        self._closures: dict[object, ClosureRows] = {}
 
     def __del__(self) -> None:
         if "data" in self.__dict__:
@@ -154,11 +157,13 @@ class Geometry:
 
     def _closed(self, poses: Array, here: Configuration, Y: Array) -> ClosureState:
         n = len(poses)
-        rows = self._closures.get(n)
+        on = () if self._passing is None else self._passing.at(poses)
+        rows = self._closures.get(on or n)
         if rows is None:
             if len(self._closures) > _SIZES:
                 self._closures.clear()
-            rows = self._closures[n] = ClosureRows(self.system.closed, n, self._joints)
+            rows = ClosureRows(self.system.closed, n, self._joints, on)
+            self._closures[on or n] = rows
         return rows.at(poses, Y[:, self.nq_rigid :], here.Q)
 
     def close(self, y: Array) -> Closure:
@@ -195,7 +200,8 @@ class Geometry:
         """
         closed = self.kinematics(y).closed if self.system.closed.contacts else None
         for one in closed.contacts if closed is not None else ():
-            one.require_on_beam(self.system.closed.names[one.loop], where, t)
+            name = self.system.closed.names[one.loop]
+            require_on_beam(one.sleeve, one.place, name, where, t)
 
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv).

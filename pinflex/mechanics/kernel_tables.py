@@ -42,6 +42,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (
             *("rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held"),
             "friction",
+            "added",
         )
     ),
     Springs: frozenset(("v_at", "q_at", "paired", "stiffness", "rest")),
@@ -64,6 +65,8 @@ def uncovered(system: System) -> str | None:
     for record, known in KNOWN.items():
         if new := {field.name for field in fields(record)} - known:
             return f"{record.__name__}.{min(new)}"
+    if system.added.joints:
+        return "mass that differs with the direction"
     if system.closed.contacts:
         return "sleeve on a flexible beam"
     if len(system.closed.coupled.rows):

@@ -20,6 +20,9 @@ sleeve. n_y = (-v', 1, psi) and n_z = (-w', -psi, 1) are the section's axes, to 
 The contact is where frame b projects on the beam's x axis; the axial shift -1/2 int v'^2 dx of that
 point changes v(X) in the third order, beyond what the shapes keep (`pinflex.bodies.basis`).
 
+A link cut into segments has a beam frame in each: the rows are those of the segment that the sleeve
+is on, along the curve of its sections as they are in space (`pinflex.mechanics.passing`).
+
 Source: Sharifnia, Akbarzadeh (2016), eq. 14-15, 25-28, for hold, right and left; forces act through
 the transposed Jacobian.
 """
@@ -31,12 +34,14 @@ from dataclasses import dataclass, replace
 
 import pinocchio as pin
 
-from pinflex.arrays import IntArray
+from pinflex.arrays import Array, IntArray
 from pinflex.bodies.family import Family
+from pinflex.bodies.track import Sections, Track, track
 from pinflex.description.loops import Loop
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.expanded import Attachment, Expansion, Slot
 from pinflex.mechanics.parts import FlexiblePart
+from pinflex.text import brief
 
 _LABELS = {
     "hold": "position across the beam",
@@ -51,6 +56,27 @@ _ACROSS = {"v": "y", "w": "z"}
 
 
 @dataclass(frozen=True, eq=False)
+class Segment:
+    """A piece of a beam that is cut into several.
+
+    Attributes:
+        offset: Where on the link it begins (m). length: Of it (m).
+        track: How its sections move. end: Its last one.
+        eta: Place of its coordinates among the elastic ones.
+        root: Its beam frame.
+    """
+
+    __repr__ = brief
+
+    offset: float
+    length: float
+    track: Track
+    end: Sections
+    eta: slice
+    root: Attachment
+
+
+@dataclass(frozen=True, eq=False)
 class Sleeve:
     """A sleeve on a beam.
 
@@ -61,6 +87,7 @@ class Sleeve:
         families: Functions of each direction v, w, p; none on a rigid mechanism.
         columns: Their places among the coordinates of the body.
         eta: Place of the body in the elastic coordinates.
+        segments: Of a link that is cut into several; none of one body, or on a rigid mechanism.
     """
 
     link: str
@@ -71,6 +98,7 @@ class Sleeve:
     families: Mapping[str, Family]
     columns: Mapping[str, slice]
     eta: slice
+    segments: tuple[Segment, ...] = ()
 
     def labels(self, loop: str) -> list[str]:
         """One name per row."""
@@ -83,11 +111,19 @@ class Sleeve:
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """The rows of one sleeve among all closure rows; `which` of the sleeve's sorts they are."""
+    """The rows of one sleeve among all closure rows.
+
+    Attributes:
+        sleeve: What it holds. loop: Its number. rows: One for each of the sleeve's sorts.
+        supports: 1 where a velocity row moves a segment's root, shape (segments, nV).
+        on: Segment that the rows are written for.
+    """
 
     sleeve: Sleeve
     loop: int
     rows: IntArray
+    supports: Array | None = None
+    on: int = 0
 
     def select(self, renumber: IntArray) -> Contact:
         """The same with the rows kept; `renumber` holds -1 for the others."""
@@ -119,14 +155,27 @@ def _sleeve(
 ) -> Sleeve:
     part = _beam(loop, parts, where)
     size = (part.link, part.placement, part.length, 0.5 * loop.sleeve)
-    slot = next((s for s in expansion.slots if s.link == part.link), None)
-    sorts = _rows_held(loop, part, slot is not None)
-    if slot is None:
+    slots = [s for s in expansion.slots if s.link == part.link]
+    sorts = _rows_held(loop, part, bool(slots))
+    if not slots:
         return Sleeve(*size, sorts, {}, {}, slice(0, 0))
-    directions = set(part.planes) - {"u"}
+    if len(slots) > 1:
+        return Sleeve(*size, sorts, {}, {}, slice(0, 0), _segments(slots))
+    slot, directions = slots[0], set(part.planes) - {"u"}
     families = {d: slot.body.families[d] for d in directions}
     columns = {d: slot.body.slices[d] for d in directions}
     return Sleeve(*size, sorts, families, columns, slot.eta)
+
+
+def _segments(slots: Sequence[Slot]) -> tuple[Segment, ...]:
+    """The pieces of a link, root to tip; equal ones share their series."""
+    tracks = {id(slot.body): slot.body for slot in slots}
+    made = {key: track(body) for key, body in tracks.items()}
+    ends = {key: one.at(one.length) for key, one in made.items()}
+    return tuple(
+        Segment(slot.offset, slot.body.length, made[key], ends[key], slot.eta, slot.root)
+        for slot, key in ((slot, id(slot.body)) for slot in slots)
+    )
 
 
 def _beam(loop: Loop, parts: Mapping[str, FlexiblePart], where: str) -> FlexiblePart:
@@ -138,17 +187,35 @@ def _beam(loop: Loop, parts: Mapping[str, FlexiblePart], where: str) -> Flexible
             f"write [BEAM, FRAME] with one of {', '.join(parts) or '(no link is flexible)'}."
         )
     solid = part.bodies[0].solid is not None
-    if solid or len(part.bodies) > 1 or not {"v", "w"} & set(part.planes):
-        kind = "a solid" if solid else f"{len(part.bodies)} segment(s)"
+    if solid or not {"v", "w"} & set(part.planes):
+        kind = "a solid" if solid else "a beam"
         raise DescriptionError(
             f"{where}: {loop.frame_a} is {kind}, deforming in {', '.join(part.planes)}. A slider "
-            "needs a beam of one segment that bends: write bending_y: true, segments: 1."
+            "needs a beam that bends: write bending_y: true."
         )
     if loop.sleeve >= part.length:
         raise DescriptionError(
             f"{where}.sleeve: {loop.sleeve:g} m is not shorter than the beam, {part.length:g} m."
         )
+    if len(part.bodies) > 1:
+        _require_segments(loop, part, where)
     return part
+
+
+def _require_segments(loop: Loop, part: FlexiblePart, where: str) -> None:
+    """Raise where a link in segments is none that a sleeve can pass along."""
+    count, piece = len(part.bodies), part.bodies[0].length
+    if part.bodies[0].root_moves:
+        raise DescriptionError(
+            f"{where}: the shapes of {loop.frame_a} move at its root, as free_free ones do, and "
+            "those of its next segment begin there. Write segments: 1, or boundary: clamped_free."
+        )
+    if 0.5 * loop.sleeve > piece * (1 + 1e-9):
+        most = int(part.length / (0.5 * loop.sleeve))
+        raise DescriptionError(
+            f"{where}.sleeve: half of {loop.sleeve:g} m is longer than a segment of "
+            f"{loop.frame_a}, {piece:g} m ({count} segments). Write segments: {most} or fewer."
+        )
 
 
 def _rows_held(loop: Loop, part: FlexiblePart, bends: bool) -> tuple[tuple[str, str], ...]:

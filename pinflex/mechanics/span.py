@@ -93,9 +93,10 @@ def require_carrying(
 
 
 def _loaded_frames(description: Description) -> set[str]:
-    """Frames that loops, forces and springs act on."""
+    """Frames that loops, forces, springs and added masses act on."""
     named = {frame for loop in description.loops for frame in (loop.frame_a, loop.frame_b)}
     named |= {frame for s in description.springs for frame in (s.frame_a, s.frame_b)}
+    named |= {one.frame for one in description.added_masses}
     return named | {force.frame for force in description.forces}
 
 

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.kernel.tables import Tables
+from pinflex.mechanics.added_mass import AddedMasses
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.friction import DryFriction
@@ -35,6 +36,13 @@ class Springs:
     stiffness: Array
     rest: Array
 
+    def angles(self, y: Array) -> Array:
+        """Positions (rad | m) of the joints with springs at y (..., nq), shape (..., springs)."""
+        angle = np.array(y[..., self.q_at])
+        for k in np.flatnonzero(self.paired):
+            angle[..., k] = np.arctan2(y[..., self.q_at[k] + 1], y[..., self.q_at[k]])
+        return angle
+
 
 @dataclass(frozen=True)
 class System:
@@ -51,6 +59,7 @@ class System:
         held: Velocity rows that stay where home has them: elastic joints of the rigid
             mechanism, what is idle, a free base but at level coupled.
         friction: Dry friction of joints.
+        added: Inertia that differs with the direction.
     """
 
     __repr__ = brief
@@ -65,6 +74,7 @@ class System:
     loads: Loads
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     friction: DryFriction = field(default_factory=DryFriction)
+    added: AddedMasses = field(default_factory=AddedMasses)
 
     @property
     def nq(self) -> int:
@@ -122,6 +132,8 @@ class System:
         """Parts of an expanded model too large for one workspace; none where it stays whole."""
         from pinflex.mechanics.compiled import serves
 
+        if self.added.joints:  # its terms are of the whole model
+            return ()
         return self.expansion.pieces if serves(self) else self.expansion.legs
 
     @cached_property

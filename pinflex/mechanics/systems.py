@@ -14,6 +14,7 @@ from pinflex.description.drives import elastic
 from pinflex.description.loops import WORLD
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanics import assembly
+from pinflex.mechanics.added_mass import added_masses
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble
 from pinflex.mechanics.closure import Closures, closures
@@ -84,6 +85,7 @@ def rigid_system(
     system = System(
         model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed,
         friction=joint_friction(description, model),
+        added=added_masses(description.added_masses, tree.frames),
     )  # fmt: skip
     system = replace(system, closed=_with_lengths(system, guess))
     dynamics = Equations(system)
@@ -191,7 +193,7 @@ def flexible_system(
     placed = loads(description.forces, description.springs, expansion.frames)
     system = System(
         rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held,
-        rigid.friction,
+        rigid.friction, added_masses(description.added_masses, expansion.frames),
     )  # fmt: skip
     require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))

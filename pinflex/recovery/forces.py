@@ -23,7 +23,7 @@ class Forces:
     Attributes:
         g: Expanded forces rnea - J_Q' lam, shape (nt, nV).
         f: Forces of the joints that are reported or load a section, shape (nt, joints, 6).
-        sleeves: Sleeves, each with its contact forces, shape (nt, 3, 7).
+        sleeves: Sleeves, each with its contact forces, shape (nt, 3, 8).
         arrays: Those of a Result, by flat key: loops, reactions and what the equations leave.
     """
 

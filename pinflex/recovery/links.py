@@ -25,7 +25,11 @@ def links(samples: Samples) -> dict[str, Array]:
     cuts = {key: stress.cut(body, _SECTIONS) for key, body in bodies.items()}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
-        pieces = [_piece(samples, slot, cuts[id(slot.body)], out) for slot in slots]
+        roots = np.array([pose_of(poses, slot.root) for slot in slots])
+        pieces = [
+            _piece(samples, slot, cuts[id(slot.body)], (k, roots), out)
+            for k, slot in enumerate(slots)
+        ]
         # two bodies share the section between them
         x, resultant, line, turned = (
             np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
@@ -52,11 +56,20 @@ def links(samples: Samples) -> dict[str, Array]:
 
 
 def _piece(
-    samples: Samples, slot: Slot, section: stress.Cut, out: dict[str, Array]
+    samples: Samples,
+    slot: Slot,
+    section: stress.Cut,
+    among: tuple[int, Array],
+    out: dict[str, Array],
 ) -> tuple[Array, Array, Array, Array]:
     """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
 
     A solid body adds the stress on its surface to `out`.
+
+    Args:
+        samples: Of the run. slot: The body. section: Where it is cut.
+        among: Its number on the link, and the root frames of all, shape (bodies, nt, 3, 4).
+        out: Arrays of the Result.
     """
     run = samples.run
     eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
@@ -66,8 +79,8 @@ def _piece(
     forces = _section_forces(samples, slot, section, *deflected, out)
     for contact, table in samples.forces.sleeves:
         if contact.sleeve.link == slot.link:
-            forces += section_forces(section.x, table)
-    root = pose_of(samples.kinematics.poses, slot.root)
+            forces += section_forces(section.x, table, *among)
+    root = among[1][among[0]]
     local = d[:, :, :3].copy()
     local[:, :, 0] += section.x
     line = local @ root[:, :, :3].swapaxes(1, 2) + root[:, None, :, 3]

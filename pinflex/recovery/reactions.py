@@ -86,6 +86,8 @@ def _from_ground(dynamics: Equations, y: Array, v: Array, a: Array, t: float) ->
     axes = J[0, 3:]  # zero for joints that slide
     moment = moment + axes @ (model.armature * A)
     wrench = np.concatenate([force, moment])
+    if dynamics.added is not None:
+        wrench += dynamics.added.from_ground(here.Q[0], V, A)
     given = dynamics.system.loads.forces
     if given:
         loads = LoadRows(Loads(given, ()), model).at(poses[0], J[0])

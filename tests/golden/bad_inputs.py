@@ -272,6 +272,10 @@ damping: {modal: 0.1, scope: system}
 damping: {modal: 0.1, scope: all}
 forces: {push: {at: nowhere}}
 springs: {coil: {between: [crank, crank]}}
+added_masses: {water: {at: crank}}
+added_masses: {water: {at: crank, mass: [1, -1, 0]}}
+added_masses: {water: {at: crnk, mass: [1, 1, 0]}}
+added_masses: {water: {mass: [1, 1, 0]}}
 control: 3
 control: {period: 0.1}
 control: {delay: 0.1, hub: {measure: {joint: crank}, drive: {joint: crank}, kp: 1}}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import _run, _spec, default_motion
+from tests.scenes import Body, load
 
 SAMPLES = 51
 TORQUE, ALL = ("torque",), ("torque", "deflection", "platform")
@@ -124,3 +126,25 @@ def test_an_output_that_nobody_has_is_refused() -> None:
     assert "asked" in str(caught.value)
     with pytest.raises(pf.DescriptionError, match='Did you mean "torque"'):
         pf.solve(mechanism("race_r1"), tol=1e-3, asked=("torqe",))
+
+
+def test_many_steps_between_two_samples_are_judged_too(tmp_path: Path) -> None:
+    """A free double pendulum with two samples: batches of steps without a sample."""
+    bodies = (
+        Body("a", "base", "revolute", axis=(0, 1, 0), mass=1, inertia=(0.1, 0.1, 0.1)),
+        Body("rod", "a", "revolute", axis=(0, 1, 0), xyz=(1, 0, 0)),
+        Body("tip", "rod", xyz=(1, 0, 0), mass=0.5, inertia=(1e-3, 1e-3, 1e-3)),
+    )
+    yaml = """
+actuated: []
+flexible:
+  rod: {material: steel, section: {shape: circle, diameter: 0.01}, end: tip,
+        basis: {kind: craig_bampton, internal: 0}}
+"""
+    m = load(tmp_path, bodies, yaml)
+    few, many = (
+        pf.solve(m, level="coupled", tol=1e-5, until=0.3, samples=samples, start="straight")
+        for samples in (2, 61)
+    )
+    gap = np.abs(few.arrays["joint/q"][-1] - many.arrays["joint/q"][-1]).max()
+    assert gap < 1e-4  # ten times the tolerance, of angles of the order of one

@@ -107,7 +107,7 @@ WRONG: Sequence[tuple[str, str]] = (
     ("loops.sleeve.sleeve=0.6", "not shorter than the beam"),
     ("loops.sleeve.sleeve=-1", "out of range"),
     ("loops.sleeve.pivoting=true", "Give `sleeve`"),
-    ("flexible.beam.segments=2", r"2 segment\(s\)"),
+    ("flexible.beam.segments=2", r"move at its root, as free_free ones do"),
     (
         "loops.sleeve={kind: slider, between: [beam, carriage_1], sleeve: 0.03, pivoting: true, "
         "turning: false}",
