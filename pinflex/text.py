@@ -59,7 +59,8 @@ def plural(count: int, noun: str) -> str:
         count: How many.
         noun: In the singular.
     """
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+    ending = "es" if noun.endswith("s") else "s"
+    return f"{count} {noun}{'' if count == 1 else ending}"
 
 
 def brief(record: object) -> str:

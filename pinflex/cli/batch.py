@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,36 @@ import numpy as np
 from pinflex.cli.cases_text import ranges
 from pinflex.cli.console import print_json
 from pinflex.errors import SceneError
+from pinflex.progress import Bar
 from pinflex.results.columns import Columns, check_suffix
 from pinflex.text import paragraph, plural
 from pinflex.writing import writable
 
 _SHOWN = 5  # failures in the answer for people; the table has them all
+
+
+class CaseBar(Bar):
+    """A bar that knows how many cases a second have ended."""
+
+    def __init__(self, label: str, options: Mapping[str, Any]) -> None:
+        """`options`: of the batch, see `options`."""
+        super().__init__(label)
+        self.cases, self.seconds = 0, 0.0
+        self.where = options["scheduler"] or plural(options["jobs"], "process")
+
+    def __call__(self, step: int, steps: int) -> None:
+        """Note the cases that have ended, and draw."""
+        self.cases, self.seconds = step, time.monotonic() - self.began
+        super().__call__(step, steps)
+
+    @property
+    def rate(self) -> float:
+        """Cases a second, without those that the journal had."""
+        return self.cases / self.seconds if self.seconds > 0 else 0.0
+
+    def text(self) -> str:
+        """The rate in words, "" where nothing was worked on."""
+        return f"; {self.rate:.2g} a second in {self.where}" if self.cases else ""
 
 
 def options(args: argparse.Namespace) -> tuple[Path | None, dict[str, Any]]:
@@ -39,6 +65,7 @@ def answer(
     out: Path | None,
     figures: list[Path],
     screen: str,
+    bar: CaseBar,
     notes: Sequence[str] = (),
 ) -> int:
     """Write the table and say what is in it; an error where no case has an answer.
@@ -51,7 +78,7 @@ def answer(
         out: File of the table, or None.
         figures: Files written besides.
         screen: Table and sentence for people; with -v the range of every number is added.
-        notes: Paragraphs below it.
+        bar: Of the cases. notes: Paragraphs below the table.
     """
     files = [*([] if out is None else [cases_table.save(out)]), *figures]
     failed = np.flatnonzero(cases_table["status"] == "failed")
@@ -60,7 +87,10 @@ def answer(
         journal(out).unlink(missing_ok=True)
     if args.json:
         columns = {name: values.tolist() for name, values in cases_table.arrays.items()}
-        print_json({"columns": columns, "units": cases_table.units, "files": files, "notes": notes})
+        print_json({
+            "columns": columns, "units": cases_table.units, "files": files, "notes": notes,
+            "cases_per_second": bar.rate,
+        })  # fmt: skip
     else:
         print(screen)
         if args.verbose:
@@ -68,7 +98,8 @@ def answer(
         for note in notes:
             print(paragraph(note, "  ", "\n  "))
         done = len(cases_table) - len(failed)
-        print(f"\n{plural(len(cases_table), 'case')}, {done} done, {len(failed)} failed")
+        said = f"{plural(len(cases_table), 'case')}, {done} done, {len(failed)} failed"
+        print(f"\n{said}{bar.text()}")
         for row, why in [*errors.items()][:_SHOWN]:
             print(paragraph(why, "    ", f"  case {row}: "))
         if len(failed) > _SHOWN:

@@ -10,7 +10,6 @@ import numpy as np
 from pinflex.cli import parser
 from pinflex.cli.cases_text import ranges
 from pinflex.cli.console import load_model
-from pinflex.progress import Bar
 from pinflex.results.columns import Columns
 from pinflex.results.pose_map import AXES, free, held
 from pinflex.text import number, paragraph
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     where: dict[str, Any] = {"grid": grid}
     if args.instants is not None:
         where |= {"along": default_motion(mechanism), "instants": args.instants}
-    bar = Bar("map")
+    bar = batch.CaseBar("map", options)
     try:
         poses = pose_map(
             mechanism, **where, count=args.count, preload=args.preload,
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
             "No --grid and no --instants were given: this is home alone. Add, for instance, "
             "--grid x=-.05:.05:9, or --instants 41 for poses of the motion."
         )
-    return batch.answer(args, poses.table, out, figures, _screen(poses), notes)
+    return batch.answer(args, poses.table, out, figures, _screen(poses), bar, notes)
 
 
 def _screen(poses: PoseMap) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 
 from pinflex.cli import parser
 from pinflex.errors import DescriptionError
-from pinflex.progress import Bar
 from pinflex.text import paragraph
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             raise DescriptionError(f"--{option} belongs to random designs. Add --random N.")
     out, options = batch.options(args)
     outputs = OUTPUTS if args.outputs is None else parser.names(args.outputs)
-    bar = Bar("sweep")
+    bar = batch.CaseBar("sweep", options)
     try:
         columns = sweep(
             args.model, parsed(args.set, "--set"), level=args.level, outputs=outputs,
@@ -87,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         raise
     finally:
         bar.close()
-    return batch.answer(args, columns, out, [], _screen(columns, args.set), _notes(args.set))
+    return batch.answer(args, columns, out, [], _screen(columns, args.set), bar, _notes(args.set))
 
 
 def _screen(columns: Columns, given: list[str]) -> str:
@@ -120,7 +119,7 @@ def _random(args: argparse.Namespace) -> int:
     out, options = batch.options(args)
     writable(args.plot)
     normal, uniform = (dict(_pair(x, kind) for x in getattr(args, kind)) for kind in _KINDS)
-    bar = Bar("sweep")
+    bar = batch.CaseBar("sweep", options)
     try:
         found = scatter(
             read(args.model).with_overrides(args.set), args.random, seed=args.seed,
@@ -136,11 +135,11 @@ def _random(args: argparse.Namespace) -> int:
         found.plot(args.plot)
         files.append(args.plot)
     if args.json:
-        print_json(found.as_json() | {"files": files})
+        print_json(found.as_json() | {"files": files, "cases_per_second": bar.rate})
         return 0
     print(found.text())
     failed = int((found.table["status"] == "failed").sum())
-    print(f"\n{len(found.table)} designs, {failed} failed")
+    print(f"\n{len(found.table)} designs, {failed} failed{bar.text()}")
     print("\n".join(f"wrote {path}" for path in files) or "nothing saved (--out FILE saves it)")
     return 0
 

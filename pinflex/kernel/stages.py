@@ -92,7 +92,7 @@ class StageKernel:
         size = free + closures
         names = (field.name for field in fields(Rows))
         integers = Block(
-            {"pivot": (values * size,)}, {k: getattr(rows, k) for k in names}, np.int64
+            {"pivot": ((values + 2) * size + 1,)}, {k: getattr(rows, k) for k in names}, np.int64
         )
         shapes = {
             "M": (free, free), "C": (free, free), "K": (free, free), "J": (closures, free),

@@ -17,7 +17,7 @@ from pinflex.errors import PinflexError
 COUNTS = (
     *("nq", "nv", "nq_rigid", "nv_rigid", "nQ", "nV"),
     *("nodes", "points", "twists", "rows", "loops", "closures"),
-    *("forces", "springs", "dampers", "joint_springs", "rubs"),
+    *("forces", "springs", "dampers", "joint_springs", "rubs", "legs"),
 )
 # Each array with its shape; "name+1" starts of rows, whose last entry counts what "*name" holds.
 INTEGERS = {
@@ -33,6 +33,11 @@ INTEGERS = {
     **dict.fromkeys(("g_i", "g_j"), ("*g_at",)),
     "col_first": ("nV",),
     "x_at": ("nV+1",),
+    "leg_of": ("nV",),
+    "own_at": ("nV+1",),
+    "own_first": ("nV",),
+    "range_at": ("legs+1",),
+    **dict.fromkeys(("range_from", "range_last"), ("*range_at",)),
     **dict.fromkeys(("node_a", "node_b"), ("loops",)),
     "loop_at": ("loops+1",),
     **dict.fromkeys(("row_kind", "row_number", "row_a", "row_b"), ("*loop_at",)),
@@ -80,7 +85,8 @@ _INTO: dict[str, str | int] = {
     "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
     "row_number": "closures", "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
-    "col_first": "nv", "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
+    "col_first": "nv", "leg_of": "legs", "range_from": "nv", "range_last": "nv",
+    "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
 }  # fmt: skip
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "spring_a",
          "spring_b"}  # fmt: skip  # may be -1: the base
@@ -146,8 +152,20 @@ class Tables:
                 raise PinflexError(f"kernel: {name}: an index outside 0 ... {limit - 1}.")
         if np.any(self._arrays["parent"] >= np.arange(sizes["nodes"])):
             raise PinflexError("kernel: parent: a node before its parent.")
+        self._check_legs()
         for name in (*INTEGERS, *NUMBERS):
             if name.endswith("_at") and name not in ("q_at", "v_at"):
                 array = self._arrays[name]
                 if array[0] != 0 or np.any(np.diff(array) < 0):
                     raise PinflexError(f"kernel: {name}: rows that overlap.")
+
+    def _check_legs(self) -> None:
+        """Rows of the tangent are as wide as the columns of their legs, and hold their blocks."""
+        a = self._arrays
+        each = a["range_last"] - a["range_from"] + 1
+        of = np.repeat(np.arange(self.counts["legs"]), np.diff(a["range_at"]))
+        widths = np.bincount(of, each, minlength=self.counts["legs"])[a["leg_of"]]
+        inside = a["own_first"] + np.diff(a["x_at"]) <= widths
+        whole = np.array_equal(np.diff(a["own_at"]), widths)
+        if not whole or np.any(each < 1) or np.any(a["own_first"] < 0) or not np.all(inside):
+            raise PinflexError("kernel: own_at: rows that do not fit the columns of their legs.")

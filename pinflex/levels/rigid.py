@@ -36,13 +36,11 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
             f"{mechanism.name}: inverse_dynamics is for loop-free robots, this one has "
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
-    tau, dynamics = np.empty((len(q), system.nv)), Equations(system)
+    dynamics = Equations(system)
     if np.any(system.D) or len(system.springs.v_at) or system.friction.present:
         apart = np.zeros((len(q), system.closed.n))  # couplings: of each joint alone
         return dynamics.residual(q, v, a, apart, 0.0).r
-    for k in range(len(q)):
-        tau[k] = dynamics.rnea(q[k], v[k], a[k])
-    return tau
+    return dynamics.rnea(q, v, a)
 
 
 def multipliers(system: System, J: Array, r: Array) -> tuple[Array, Array]:

@@ -15,14 +15,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.solve import Speeds
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.poses import columns, skew
 
 _MISSED = 1e-9  # of the largest speed: round-off of a constraint that can be met is 1e-15
 
@@ -160,17 +159,7 @@ def _link_rows(
     """Rows (k, nv) that make the given components of the links' velocities, and those (k,)."""
     rows, given = [np.zeros((0, dynamics.system.nv))], list[float]()
     for name, values in links:
-        at = dynamics.at(y)
-        model, data = dynamics.model, dynamics.data
-        pin.computeJointJacobians(model, data, at.Q[0])
-        here = dynamics.system.expansion.frames[name]
-        point = (data.oMi[here.joint] * here.placement).translation
-        support = np.zeros(int(model.nv))
-        for joint in list(model.supports[here.joint])[1:]:
-            step = model.joints[joint]
-            support[step.idx_v : step.idx_v + step.nv] = 1.0
-        world = columns(data.J) * support
-        moved = at.times_map(world[:3] - skew(point[None])[0] @ world[3:])
+        moved = frame_jacobian(dynamics, y, dynamics.system.expansion.frames[name])[:3]
         kept = [k for k, value in enumerate(values) if value is not None]
         rows.append(moved[kept])
         given += [float(x) for x in values if x is not None]

@@ -17,9 +17,12 @@ def on_kernel(system: System) -> Compiled | None:
 
     Where nothing gives way the equations are Pinocchio itself, to the last bit.
     """
-    if kernel().functions is None or _stiff(system) or system.uncovered is not None:
-        return None
-    return Compiled(system)
+    return Compiled(system) if serves(system) else None
+
+
+def serves(system: System) -> bool:
+    """Whether the compiled kernel evaluates a system."""
+    return kernel().functions is not None and not _stiff(system) and system.uncovered is None
 
 
 def evaluated_by(system: System) -> str:

@@ -7,10 +7,13 @@ taken without asking.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.system import System
 
 MEMORY = 2e9  # [bytes]
 STEPS = 2e7  # of a run: half an hour at the least
@@ -51,7 +54,9 @@ def require_memory(where: str, spec: FlexibleLink, planes: Sequence[str], limit:
     """
     n, rows = per_body(spec, planes)
     total = rows * spec.segments
-    size = 32.0 * float(total) ** 3 + 32.0 * rows * float(n) ** 2  # workspace; G and its copies
+    # Workspaces, G and its copies, and matrices of all elastic coordinates.
+    size = 32.0 * rows * (float(rows) ** 2 + float(n) ** 2) * spec.segments
+    size += _matrices(n * spec.segments, total)
     if size > MEMORY * limit:
         key = "segments" if spec.segments > 1 else f"basis.{_count(spec)}"
         raise DescriptionError(
@@ -61,22 +66,36 @@ def require_memory(where: str, spec: FlexibleLink, planes: Sequence[str], limit:
         )
 
 
-def require_workspace(where: str, coordinates: int, limit: float) -> None:
-    """Raise where the whole expanded model would take too much memory.
+def require_workspace(where: str, system: System, limit: float) -> None:
+    """Raise where the whole flexible system would take too much memory.
 
     Args:
-        where: Name of the model. coordinates: Velocity coordinates of the expanded model.
-        limit: The key `limit`.
+        where: Name of the model. system: The system. limit: The key `limit`.
 
-    Pinocchio's workspace has four tensors of that number cubed.
+    A workspace of Pinocchio has four tensors of its coordinates cubed. Parts of a child of the base
+    that is cut do with small ones, where the compiled kernel has what couples them.
     """
-    size = 32.0 * float(coordinates) ** 3
+    from pinflex.mechanics.compiled import evaluated_by, serves  # late: systems are made of parts
+
+    parts, coordinates = system.parts, int(system.expansion.model.nv)
+    sizes = [part.model.nv for part in parts if part.like == part.number] or [coordinates]
+    whole = any(part.cut for part in parts) and not serves(system)
+    size = 32.0 * sum(float(n) ** 3 for n in ([coordinates] if whole else sizes))
+    size += _matrices(system.nv, coordinates)
     if size > MEMORY * limit:
+        why = (
+            f" The compiled kernel needs less, but here is {evaluated_by(system)}." if whole else ""
+        )
         raise DescriptionError(
             f"{where}: flexible: the links together have {coordinates} coordinates of stations, "
-            f"which take about {_bytes(size)}, {_more(size, MEMORY * limit)}",
+            f"which take about {_bytes(size)}, {_more(size, MEMORY * limit)}{why}",
             coordinates=coordinates,
         )
+
+
+def _matrices(n: float, coordinates: float) -> float:
+    """Bytes of matrices of n unknowns, and of those by their expanded coordinates."""
+    return 8.0 * n * (3.0 * coordinates + 20.0 * n)
 
 
 def require_steps(mechanism: Any, steps: float, end: float, key: str) -> None:

@@ -12,11 +12,10 @@ Pinocchio takes the states one after the other; everything around it runs on sta
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.mechanics.added_mass import AddedInertia
@@ -26,11 +25,12 @@ from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
 from pinflex.mechanics.geometry import Geometry, spans
-from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
 from pinflex.mechanics.strain import Strain
+from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.system import System
+from pinflex.mechanics.whole import Whole
 
 
 class Equations(Geometry):
@@ -38,7 +38,7 @@ class Equations(Geometry):
 
     Attributes:
         strain: Elastic potential of the links.
-        added: Inertia that differs with the direction, or None. rnea: Inertia and weight.
+        added: Inertia that differs with the direction, or None.
         damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, springs, loads.
     """
 
@@ -52,16 +52,32 @@ class Equations(Geometry):
         added = system.added  # and the joints that it, closures and loads act on:
         self._acted = sorted({*system.closed.joints, *self._loads.support, *added.joints})
         self.added = AddedInertia(added, self.model, self.data) if added.joints else None
-        own = partial(pin.rnea, self.model, self.data)
-        self.rnea: Callable[..., Array] = own if self.added is None else self.added.rnea
         self._often = often
-        # Scratch of `joint_forces` and of the derivatives, which write whatever they then read.
-        self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
 
     @cached_property
     def compiled(self) -> Compiled | None:
         """The compiled equations, where they serve."""
-        return on_kernel(self.system) if self._often else None
+        return on_kernel(self.system) if self._often or self.in_parts else None
+
+    @property
+    def in_parts(self) -> bool:
+        """Whether Pinocchio takes the model in parts."""
+        return bool(self.system.parts)
+
+    @property
+    def _coupled(self) -> Whole | Subtrees:
+        """Pinocchio where mass and derivatives couple all rows of a child of the base."""
+        return self._whole if any(part.cut for part in self.system.parts) else self.pinocchio
+
+    def rnea(self, Q: Array, V: Array, A: Array) -> Array:
+        """Forces of inertia and weight, shape (n, nV).
+
+        Args:
+            Q: Expanded configurations, shape (n, nQ). V, A: Their rates, shape (n, nV).
+        """
+        if (added := self.added) is None:
+            return self.pinocchio.rnea(Q, V, A)
+        return np.array([added.rnea(*at) for at in zip(Q, V, A, strict=True)]).reshape(-1, self._nV)
 
     def residual(
         self,
@@ -99,9 +115,7 @@ class Equations(Geometry):
             return compiled.residual(Y, V, A, lam, t)
         here = self.map.at(Y, V, A, True)
         n, closed = len(Y), None
-        g = np.empty((n, self._nV))
-        for k in range(n):
-            g[k] = self.rnea(here.Q[k], here.V[k], here.A[k])
+        g = self.rnea(here.Q, here.V, here.A)
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
         if self.looped:
@@ -143,8 +157,11 @@ class Equations(Geometry):
 
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
+        if self.in_parts and self.compiled is not None:
+            still, lam = np.zeros(self.system.nv), np.zeros(self.system.closed.n)
+            return self.compiled.tangent(y, still, still, lam, 0.0, False)[0]
         here = self.map.at(y[None], passing=True)
-        M = pin.crba(self.model, self.data, here.Q[0])
+        M = self._coupled.mass(here.Q[0])
         return here.both_sides(M if self.added is None else M + self.added.mass(here.Q[0]))
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
@@ -193,6 +210,7 @@ class Equations(Geometry):
         Y = y[None]
         here = self.map.at(Y, v[None], a[None], True)
         follow, load, J_c = None, None, np.zeros((0, self.system.nv))
+        acting = np.zeros((len(self._acted), 6))
         if self._acted:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
@@ -202,14 +220,13 @@ class Equations(Geometry):
                     follow = closed.force_tangent(lam, J[0], here.times_map)
             if self.loaded:
                 load = self._loads.at(poses[0], J[0])
-            self._push(self._wrenches(here, poses, J, closed, lam[None], (t,))[0])
-        model, data, pushed = self.model, self.data, self._pushed
-        dQ, dV, M = pin.computeRNEADerivatives(model, data, here.Q[0], here.V[0], here.A[0], pushed)
-        g = np.array(data.tau)
+            acting = self._wrenches(here, poses, J, closed, lam[None], (t,))[0]
+        Q, V, A = here.Q[0], here.V[0], here.A[0]
+        dQ, dV, M, tau = self._coupled.derivatives(Q, V, A, self._acted, acting)
         if self.added is not None:
-            dQ, dV, M = self.added.add_derivatives(dQ, dV, M, here.Q[0], here.V[0], here.A[0])
+            dQ, dV, M = self.added.add_derivatives(dQ, dV, M, Q, V, A)
         found = Derivatives(
-            self.system, here, dQ, dV, M, g, v, a[self.n_rigid :],
+            self.system, here, dQ, dV, M, tau, v, a[self.n_rigid :],
             self.strain.bent(y[self.nq_rigid :]),
             follow, load, t,
         )  # fmt: skip
@@ -240,18 +257,12 @@ class Equations(Geometry):
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
     ) -> JointForces:
         here, n, closed = self.map.at(Y, V, A, True), len(Y), None
-        g, f = np.empty((n, self._nV)), np.empty((n, len(joints), 6))
         total = np.zeros((n, len(self._acted), 6))
         if self._acted:
             poses, J, _ = self._placed(here)
             closed = self._closed(poses, here, Y) if self.looped else None
             total = self._wrenches(here, poses, J, closed, lam, t)
-        for k in range(n):
-            self._push(total[k])
-            model, data, pushed = self.model, self.data, self._pushed
-            g[k] = pin.rnea(model, data, here.Q[k], here.V[k], here.A[k], pushed)
-            for i, joint in enumerate(joints):
-                f[k, i] = data.f[joint].vector
+        g, f = self.pinocchio.forces(here.Q, here.V, here.A, self._acted, total, joints)
         coupled = self.system.closed.coupled
         if len(coupled.rows):  # torques in joints, no wrenches on bodies
             g -= lam[:, coupled.rows] @ coupled.J
@@ -284,11 +295,6 @@ class Equations(Geometry):
             self.added.take(local, self._acted, here)
         return local
 
-    def _push(self, wrenches: Array) -> None:
-        """Let wrenches (joints acted on, 6) act in what Pinocchio evaluates next."""
-        for joint, wrench in zip(self._acted, wrenches, strict=True):
-            self._pushed[joint] = pin.Force(wrench)
-
     # Energies ------------------------------------------------------------------------------
 
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
@@ -303,17 +309,11 @@ class Equations(Geometry):
             self._energies(found[:, s], Y[s], V[s], times[s])
         return Energies(*(found[:, 0] if y.ndim == 1 else found))
 
-    @cached_property
-    def _rotors(self) -> Array:
-        return rotor_energy_left_out(self.model, self.data)
-
     def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
-        here, model, data = self.map.at(Y, V, np.zeros_like(V), True), self.model, self.data
-        rotors = self._rotors  # overwrites the workspace when first asked
-        for k, (Q, rate) in enumerate(zip(here.Q, here.V, strict=True)):
-            found[0, k] = pin.computeKineticEnergy(model, data, Q, rate) + rotors @ rate**2
-            found[0, k] += 0.0 if self.added is None else self.added.kinetic(Q, rate)
-            found[1, k] = pin.computePotentialEnergy(model, data)
+        here = self.map.at(Y, V, np.zeros_like(V), True)
+        found[:2] = self.pinocchio.energies(here.Q, here.V)
+        if self.added is not None:
+            found[0] += [self.added.kinetic(*at) for at in zip(here.Q, here.V, strict=True)]
         found[2] = self.strain.energy(Y[:, self.nq_rigid :])
         if self.sprung:
             s = self.system.springs

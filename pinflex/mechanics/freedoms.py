@@ -19,7 +19,7 @@ that it swings about most. Anything else idle keeps coordinates.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,8 +29,9 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.loops import Loop
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.poses import skew, support
+from pinflex.mechanics.poses import as_matrices, skew, support
 
 INDEPENDENT = 1e-8  # of the largest: as closure rows that count
 _STILL = 1e-7  # of the mechanism's size, for a motion of size one: closed loops leave 1e-12
@@ -86,18 +87,16 @@ class _Piece:
 class Freedoms:
     """What the closures of a rigid mechanism allow at home."""
 
-    def __init__(
-        self, model: pin.Model, frames: Mapping[str, Attachment], q: Array, closed: Closures
-    ) -> None:
-        data = model.createData()
-        self._all = np.array(pin.computeJointJacobians(model, data, q)).reshape(6, -1)
-        self._model, self._frames = model, frames
-        self._poses = [pin.SE3(data.oMi[k]) for k in range(int(model.njoints))]
-        self._inertia_of_rows = np.abs(np.diag(pin.crba(model, data, q)))
+    def __init__(self, dynamics: Equations, home: Array) -> None:
+        model, frames = dynamics.model, dynamics.system.expansion.frames
+        poses, J, _ = dynamics.pinocchio.jacobians(home[None])
+        self._all, self._model, self._frames = J[0], model, frames
+        self._poses = [pin.SE3(p[:, :3], p[:, 3]) for p in as_matrices(poses[0])]
+        self._inertia_of_rows = np.abs(np.diag(dynamics.mass(home)))
         self._carried: dict[int, str] = {}
         for name, place in frames.items():
             self._carried.setdefault(place.joint, name)
-        self._hinges = self._interfaces(closed)
+        self._hinges = self._interfaces(dynamics.system.closed)
         spread = np.array([point for *_, ends in self._hinges for point in ends])
         self._size = max(float(np.max(np.ptp(spread, axis=0))), 1e-9) if len(spread) else 1.0
         self._mass = max(float(i.mass) for i in model.inertias)

@@ -7,6 +7,7 @@ y (n, nq); Pinocchio takes them one after the other, everything around it runs o
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,9 @@ from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.contact import require_on_beam
 from pinflex.mechanics.coordinate_map import Configuration, CoordinateMap
 from pinflex.mechanics.evaluated import Closure
-from pinflex.mechanics.poses import JointPoses, columns
+from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.system import System
+from pinflex.mechanics.whole import Whole
 
 _SIZES = 8  # numbers of states whose index tables are kept
 _TOGETHER = 32  # states at a time: numpy's price for a call is spread, what is used stays in cache
@@ -45,10 +47,10 @@ class Kinematics(NamedTuple):
 
 
 class Geometry:
-    """Configurations, joints and closures of a system, on a pin.Data of its own.
+    """Configurations, joints and closures of a system, on workspaces of its own.
 
     Attributes:
-        system: What is evaluated. model: Its expanded model. data: Pinocchio's workspace.
+        system: What is evaluated. model: Its expanded model.
         n_rigid, nq_rigid: Rigid velocities and coordinates. flexible: Whether any link bends.
         vector_space: Whether y moves by plain addition. looped: Whether there are closures.
     """
@@ -56,7 +58,6 @@ class Geometry:
     def __init__(self, system: System) -> None:
         self.system = system
         self.model: pin.Model = system.expansion.model
-        self.data: pin.Data = workspace.acquire(self.model)
         self.map = CoordinateMap(system.rigid, system.expansion)
         self.n_rigid, self.nq_rigid = self.map.n_rigid, self.map.nq_rigid
         self.flexible = self.map.flexible
@@ -64,14 +65,29 @@ class Geometry:
         self.looped = system.closed.n > 0
         self._joints, self._nV = int(self.model.njoints), int(self.model.nv)
         self.slides = self.flexible and len(system.closed.contacts) > 0
-        self.poses = JointPoses(self.model, self.data)
         passes = self.slides and any(one.sleeve.segments for one in system.closed.contacts)
         self._passing = Passing(system.closed) if passes else None
         self._closures: dict[object, ClosureRows] = {}
 
     def __del__(self) -> None:
-        if hasattr(self, "data"):
+        if "data" in self.__dict__:
             workspace.release(self.model, self.data)
+
+    # Made when first used: a run on the compiled kernel needs little of them.
+    @cached_property
+    def data(self) -> pin.Data:
+        """Pinocchio's workspace of the whole model."""
+        return workspace.acquire(self.model)
+
+    @cached_property
+    def pinocchio(self) -> Whole | Subtrees:
+        """Pinocchio on the model, in one piece or in parts."""
+        parts = self.system.parts
+        return Subtrees(self.model, parts) if parts else self._whole
+
+    @cached_property
+    def _whole(self) -> Whole:
+        return Whole(self.model, self.data)
 
     def integrate(self, y: Array, dy: Array) -> Array:
         """y moved by dy on the configuration manifold (right-trivialised), shape (nq,).
@@ -115,9 +131,7 @@ class Geometry:
         Y = np.atleast_2d(y)
         out = np.empty((len(Y), self._joints, 12))
         for s in spans(len(Y)):
-            for k, Q in enumerate(self.map.at(Y[s], passing=True).Q, start=s.start):
-                pin.forwardKinematics(self.model, self.data, Q)
-                out[k] = self.poses.current()
+            out[s] = self.pinocchio.poses(self.map.at(Y[s], passing=True).Q)
         return out
 
     def kinematics(self, y: Array, v: Array | None = None) -> Kinematics:
@@ -139,17 +153,7 @@ class Geometry:
 
     def _placed(self, here: Configuration, rates: bool = False) -> tuple[Array, Array, Array]:
         """Joint poses (n, joints, 12), world Jacobians (n, 6, nV) and, if asked, their rates."""
-        n, model, data = len(here.Q), self.model, self.data
-        poses, J = np.empty((n, self._joints, 12)), np.empty((n, 6, self._nV))
-        dJ = np.empty((n if rates else 0, 6, self._nV))
-        for k in range(n):
-            if rates:
-                pin.computeJointJacobiansTimeVariation(model, data, here.Q[k], here.V[k])
-                dJ[k] = columns(data.dJ)
-            else:
-                pin.computeJointJacobians(model, data, here.Q[k])
-            J[k], poses[k] = columns(data.J), self.poses.current()
-        return poses, J, dJ
+        return self.pinocchio.jacobians(here.Q, here.V if rates else None)
 
     def _closed(self, poses: Array, here: Configuration, Y: Array) -> ClosureState:
         n = len(poses)

@@ -65,7 +65,7 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
         named += [one.frame for one in description.added_masses]
         named += [f for spring in description.springs for f in (spring.frame_a, spring.frame_b)]
         still = None if description.platform is None else frames[description.platform]
-        every = Freedoms(system.rigid, frames, home, system.closed)
+        every = Freedoms(Equations(system), home)
         found = every.idle(J, locked, [frames[name] for name in named], still)
     if not len(base):
         return found

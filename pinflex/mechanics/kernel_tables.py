@@ -96,7 +96,8 @@ def tables(system: System) -> Tables:
         "q_at": expansion.q_at, "v_at": expansion.v_at, "gravity": model.gravity.linear,
         "armature": model.armature,
         **_nodes(model, nodes, node_of), **_points(model, points, node_of),
-        **_twists(model, twists, node_of), **_map(expansion), **_loops(closed, node_of),
+        **_twists(model, twists, node_of), **_map(expansion), **_legs(expansion),
+        **_loops(closed, node_of),
         **_loads(system.loads, node_of), **_joint_springs(system), **_friction(system.friction),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
@@ -108,6 +109,7 @@ def tables(system: System) -> Tables:
         "closures": closed.n, "forces": len(system.loads.forces),
         "springs": len(system.loads.springs), "dampers": dampers,
         "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
+        "legs": len(arrays["range_at"]) - 1,
     }  # fmt: skip
     return Tables(counts, arrays)
 
@@ -235,6 +237,31 @@ def _columns(expansion: Expansion) -> dict[str, list[Any]]:
         first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
         width[block.rows] = n
     return {"col_first": [first], "x_at": [np.concatenate([[0], np.cumsum(width)])]}
+
+
+def _legs(expansion: Expansion) -> dict[str, Any]:
+    """Columns that the rows of each child of the base depend on, in ranges."""
+    model, (first, at) = expansion.model, (x[0] for x in _columns(expansion).values())
+    leg, legs = np.zeros(int(model.njoints), dtype=np.intp), 0
+    for j in range(1, len(leg)):
+        above = int(model.parents[j])
+        leg[j] = leg[above] if above else legs
+        legs += not above
+    of, width, nv = np.repeat(leg, np.array(model.nvs)), np.diff(at), first.max(initial=0) + 1
+    nv += width.max(initial=0)  # more than any column has
+    inside = np.arange(width.sum()) - np.repeat(at[:-1], width)
+    columns = np.unique(np.repeat(of * nv + first, width) + inside)
+    start = np.searchsorted(columns, np.arange(legs + 1) * nv)  # of each leg
+    begins = np.flatnonzero(np.diff(columns, prepend=-2) != 1)
+    ends = np.flatnonzero(np.diff(columns, append=-2) != 1)
+    return {
+        "leg_of": of,
+        "own_at": np.concatenate([[0], np.cumsum(np.diff(start)[of])]),
+        "own_first": np.where(width, np.searchsorted(columns, of * nv + first) - start[of], 0),
+        "range_at": np.searchsorted(columns[begins] // nv, np.arange(legs + 1)),
+        "range_from": columns[begins] % nv,
+        "range_last": columns[ends] % nv,
+    }
 
 
 def _sparse(matrix: Array, name: str) -> dict[str, Any]:

@@ -23,7 +23,6 @@ from pinflex.mechanics import workspace
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.compiled import evaluated_by
-from pinflex.mechanics.cost import require_workspace
 from pinflex.mechanics.damping import with_damping
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
@@ -306,8 +305,6 @@ class _Loading:
         """The flexible system about the rigid one."""
         model = rigid.system.rigid
         expansion = expand(self.links, parts, self.needed, model, self.gravity, self.geared)
-        coordinates = int(expansion.model.nv)
-        require_workspace(self.description.name, coordinates, self.description.limit)
         expansion.model.armature[expansion.v_at] = model.armature
         return flexible_system(self.description, expansion, parts, rigid)
 

@@ -19,7 +19,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.description import Description
@@ -211,11 +210,8 @@ class _Look:
 
     def falling(self) -> Array:
         """Generalised forces of a unit gravity along x, y and z, shape (nv, 3)."""
-        d = self.dynamics
-        here = d.at(self.y)
-        J = pin.jacobianCenterOfMass(d.model, d.data, here.Q[0])
-        mass = sum(inertia.mass for inertia in d.model.inertias)
-        return np.asarray(mass * here.times_map(np.array(J)).T)
+        here = self.dynamics.at(self.y)
+        return here.times_map(self.dynamics.pinocchio.falling(here.Q[0])).T
 
 
 def _frames(

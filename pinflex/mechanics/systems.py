@@ -18,8 +18,10 @@ from pinflex.mechanics.added_mass import added_masses
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble
 from pinflex.mechanics.closure import Closures, closures
+from pinflex.mechanics.cost import require_workspace
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.frames import Frame
 from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.friction import joint_friction
 from pinflex.mechanics.held import at_rest, elastic_rows, idle_of
@@ -29,6 +31,7 @@ from pinflex.mechanics.loads import loads
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.slider import sleeves
+from pinflex.mechanics.subtrees import on_model
 from pinflex.mechanics.system import System
 
 
@@ -146,12 +149,12 @@ def _ground(description: Description, tree: Expansion, guess: Array) -> dict[str
     loops = [loop for loop in description.loops if loop.grounded]
     if not loops:
         return {}
-    model = tree.model
-    data, places = model.createData(), {}
-    pin.forwardKinematics(model, data, guess)
+    places = {}
+    poses = on_model(tree.model, tree.legs).poses(guess[None])
     for loop in loops:
         frame = tree.frames[loop.frame_b if loop.frame_a == WORLD else loop.frame_a]
-        place = data.oMi[frame.joint] * frame.placement
+        R, p = Frame(tree.model, frame).pose(poses)
+        place = pin.SE3(R[0], p[0])
         if loop.at is not None:
             place = pin.SE3(place.rotation, np.array(loop.at))
         places[loop.name] = place
@@ -192,6 +195,7 @@ def flexible_system(
         rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held,
         rigid.friction, added_masses(description.added_masses, expansion.frames),
     )  # fmt: skip
+    require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))
     if every.n:
         _, J = Equations(system).close(np.concatenate([home, np.zeros(m)]))

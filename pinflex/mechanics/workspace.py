@@ -30,7 +30,7 @@ def size(model: pin.Model) -> float:
 def acquire(model: pin.Model) -> pin.Data:
     """A spare workspace for the same joint tree, else a new one."""
     for number, (owner, _) in tuple(_spare.items()):
-        if _same_tree(owner, model):
+        if same_tree(owner, model):
             found = _spare.pop(number, None)  # None: taken meanwhile, by another thread
             if found is not None:
                 return found[1]
@@ -56,7 +56,7 @@ def release(model: pin.Model, data: pin.Data) -> None:
 def forget(model: pin.Model) -> None:
     """Free the spare workspaces of a joint tree that nothing will be solved on."""
     for number, (owner, _) in tuple(_spare.items()):
-        if _same_tree(owner, model):
+        if same_tree(owner, model):
             _spare.pop(number, None)
 
 
@@ -79,7 +79,7 @@ def _make_room(wanted: float = 0.0) -> None:
         _spare.pop(next(iter(tuple(_spare)), -1), None)
 
 
-def _same_tree(one: pin.Model, other: pin.Model) -> bool:
+def same_tree(one: pin.Model, other: pin.Model) -> bool:
     """Equal kinds and axes of joints (with their indices) on equal parents, as many frames."""
     return one is other or (
         one.nv == other.nv

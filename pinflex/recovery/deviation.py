@@ -6,12 +6,15 @@ e = J d is the displacement of its origin and its small rotation, in the world f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import Frame
 from pinflex.mechanics.mechanism import Mechanism
 
 # J is differentiated along the nominal motion over this time, s: its error, the square of it
@@ -33,7 +36,6 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     if path is None or not names:
         return {}
     dynamics, system = Equations(run.system), run.system
-    frames = [dynamics.model.getFrameId(name, pin.FrameType.BODY) for name in names]
     m = int(system.rigid.nv)
     error = np.empty((3, len(run.t), len(names), 6))
     for k in range(len(run.t)):
@@ -44,7 +46,7 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
         dv, da = run.v[k] - rate, run.a[k] - acceleration
         J = [
             _jacobians(
-                dynamics, dynamics.integrate(flat, s * rate + 0.5 * s * s * acceleration), frames
+                dynamics, dynamics.integrate(flat, s * rate + 0.5 * s * s * acceleration), names
             )
             for s in (-_DELTA, 0.0, _DELTA)
         ]
@@ -61,12 +63,17 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     }
 
 
-def _jacobians(dynamics: Equations, y: Array, frames: list[int]) -> Array:
+def _jacobians(dynamics: Equations, y: Array, names: Sequence[str]) -> Array:
     """World-aligned Jacobians of frames in minimal coordinates, shape (frames, 6, nv)."""
+    if dynamics.in_parts:
+        at, places = dynamics.kinematics(y), dynamics.system.expansion.frames
+        frames = [Frame(dynamics.model, places[name]) for name in names]
+        return np.concatenate([frame.jacobian(at) for frame in frames])
     model, data = dynamics.model, dynamics.data
+    numbers = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
     here = dynamics.at(y)
     pin.computeJointJacobians(model, data, here.Q[0])
     pin.updateFramePlacements(model, data)
     aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    rows = np.vstack([pin.getFrameJacobian(model, data, frame, aligned) for frame in frames])
-    return here.times_map(rows).reshape(len(frames), 6, -1)
+    rows = np.vstack([pin.getFrameJacobian(model, data, frame, aligned) for frame in numbers])
+    return here.times_map(rows).reshape(len(names), 6, -1)

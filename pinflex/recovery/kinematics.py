@@ -42,21 +42,18 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
         run: Its states.
     """
     dynamics, nt = Equations(run.system), len(run.t)
-    model, data, here = dynamics.model, dynamics.data, dynamics.poses
     reported = mechanism.description.reported
     frames = {name: run.system.expansion.frames[name] for name in reported}
-    poses = np.empty((nt, model.njoints, 3, 4))
     working = without_potential(run.system.loads)
     moved = [*frames.values(), *(place for _, place in working)]
-    rates = {frame.joint: np.empty((nt, 2, 6)) for frame in moved}
+    carriers = list(dict.fromkeys(frame.joint for frame in moved))
+    poses = np.empty((nt, int(dynamics.model.njoints), 3, 4))
+    motions = np.empty((nt, len(carriers), 2, 6))
     for s in spans(nt):
         at = dynamics.at(run.y[s], run.v[s], run.a[s])
-        for k, (q, v, a) in enumerate(zip(at.Q, at.V, at.A, strict=True), start=s.start):
-            pin.forwardKinematics(model, data, q, v, a)
-            here.refresh()
-            poses[k, :, :, :3], poses[k, :, :, 3] = here.rotation, here.translation
-            for joint, table in rates.items():
-                table[k] = data.v[joint].vector, data.a[joint].vector
+        placed, motions[s] = dynamics.pinocchio.motions(at.Q, at.V, at.A, carriers)
+        poses[s] = as_matrices(placed)
+    rates = {joint: motions[:, k] for k, joint in enumerate(carriers)}
     energies = dynamics.energies(run.y, run.v, run.t)
     arrays = {f"energy/{name}": x for name, x in energies._asdict().items()}
     for name, frame in frames.items():

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import LoadRows, Loads
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.poses import columns
 from pinflex.recovery.kinematics import joint_poses
 from pinflex.recovery.samples import Samples, run_of, samples_of
 from pinflex.results.result import Result
@@ -81,22 +79,18 @@ def shaking_of(run: Run) -> Array:
 
 def _from_ground(dynamics: Equations, y: Array, v: Array, a: Array, t: float) -> Array:
     """Wrench about the origin that the moving bodies need from the ground at t, shape (6,)."""
-    model, data = dynamics.model, dynamics.data
-    here = dynamics.at(y, v, a)
-    Q, V, A = here.Q[0], here.V[0], here.A[0]
-    pin.computeCentroidalMomentumTimeVariation(model, data, Q, V, A)
-    mass, center = float(pin.computeTotalMass(model)), data.com[0]
-    force = data.dhg.linear - mass * model.gravity.linear
-    moment = data.dhg.angular + np.cross(center, force)
-    pin.computeJointJacobians(model, data, Q)
-    axes = columns(data.J)[3:]  # zero for joints that slide
+    model, here = dynamics.model, dynamics.at(y, v, a)
+    V, A = here.V[0], here.A[0]
+    force, moment = dynamics.pinocchio.from_ground(here.Q[0], V, A)
+    poses, J, _ = dynamics.pinocchio.jacobians(here.Q)
+    axes = J[0, 3:]  # zero for joints that slide
     moment = moment + axes @ (model.armature * A)
     wrench = np.concatenate([force, moment])
     if dynamics.added is not None:
-        wrench += dynamics.added.from_ground(Q, V, A)
+        wrench += dynamics.added.from_ground(here.Q[0], V, A)
     given = dynamics.system.loads.forces
     if given:
-        loads = LoadRows(Loads(given, ()), model).at(dynamics.poses.current(), columns(data.J))
+        loads = LoadRows(Loads(given, ()), model).at(poses[0], J[0])
         for joint, load in loads.wrenches(V, t).items():
             wrench -= load if joint else 0.0 * load
     return wrench

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
@@ -154,15 +153,12 @@ def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
     """Some instants (n,), and the angular speeds (n,) then of the joints that carry a body."""
     every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
     dynamics = Equations(run.system)
-    model, data = dynamics.model, dynamics.data
-    turning = {s.root.joint: np.zeros((len(every), 3)) for s in run.system.expansion.slots}
+    joints = list(dict.fromkeys(slot.root.joint for slot in run.system.expansion.slots))
     y, v = run.y[every], run.v[every]
     here = dynamics.at(y, v, np.zeros_like(v))
-    for k, (Q, V) in enumerate(zip(here.Q, here.V, strict=True)):
-        pin.forwardKinematics(model, data, Q, V)
-        for joint, rate in turning.items():
-            rate[k] = data.v[joint].angular
-    return run.t[every], {joint: np.linalg.norm(w, axis=1) for joint, w in turning.items()}
+    _, rates = dynamics.pinocchio.motions(here.Q, here.V, np.zeros_like(here.V), joints)
+    speeds = np.linalg.norm(rates[:, :, 0, 3:], axis=2)
+    return run.t[every], {joint: speeds[:, k] for k, joint in enumerate(joints)}
 
 
 def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:

@@ -1,6 +1,7 @@
 """Many independent pieces of work in processes of their own: of this machine, or of a Dask cluster.
 
 Answers come as they are ready. A process that dies takes one piece of work with it, not the rest.
+Threads would not do: nine tenths of a case are Python, which runs one thread at a time.
 """
 
 from __future__ import annotations
@@ -9,27 +10,17 @@ import os
 import signal
 import threading
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
 from pinflex import registered
 from pinflex.errors import DescriptionError, PinflexError
+from pinflex.studies.forks import KILLED, Lost, Work, alone, can_fork, forked
 
-Work = Callable[[Any], Any]
-_ONE_AT_A_TIME = threading.Lock()
 _WATCH = 0.5  # [s]
 _PATIENCE = "10s"  # for a scheduler to answer
-
-
-@dataclass(frozen=True)
-class Lost:
-    """In place of an answer: why the process that was to give it did not."""
-
-    reason: str
 
 
 def answers(
@@ -50,17 +41,7 @@ def answers(
         return _cluster(work, items, scheduler)
     if jobs == 1:
         return ((number, alone(work, item)) for number, item in enumerate(items))
-    return _processes(work, items, jobs)
-
-
-def alone(work: Work, item: Any) -> Any:
-    """One piece of work on one BLAS thread: as many processes as cores leave none to spare."""
-    from threadpoolctl import threadpool_limits
-
-    # a worker of Dask may have several threads, a solve is made for one
-    with _ONE_AT_A_TIME, threadpool_limits(limits=1), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a diverging run overflows before its error says so
-        return work(item)
+    return forked(work, items, jobs) if can_fork() else _processes(work, items, jobs)
 
 
 def _carried(made: bytes, work: Work, item: Any) -> Any:
@@ -114,7 +95,7 @@ def _isolated(work: Work, number: int, item: Any) -> Any:
         with closing(_parallel(work, [(number, item)], 2)) as ready:
             return next(ready)[1]
     except TerminatedWorkerError:
-        return Lost("its process was killed, by the system when it takes more memory than there is")
+        return KILLED
 
 
 def _parallel(work: Work, items: Sequence[tuple[int, Any]], jobs: int) -> Any:

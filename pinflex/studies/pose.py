@@ -15,6 +15,7 @@ from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.linalg import null_space
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.mechanism import Mechanism
 
 _SAME = 1e-6  # two coordinates that a mechanism cannot move apart: far above round-off
@@ -94,12 +95,10 @@ def _held(mechanism: Mechanism, named: Iterable[str]) -> list[str]:
         return []
     system = Equations(mechanism.rigid)
     free = null_space(system.close(mechanism.home)[1]) if system.looped else np.eye(system.n_rigid)
-    pin.framesForwardKinematics(system.model, system.data, mechanism.home)
-    frame = system.model.getFrameId(description.platform, pin.FrameType.BODY)
+    place = system.system.expansion.frames[description.platform]
+    J = frame_jacobian(system, mechanism.home, place) @ free
+    angles = pin.rpy.matrixToRpy(frame_pose(system, mechanism.home, place).rotation)
     aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    J = pin.computeFrameJacobian(system.model, system.data, mechanism.home, frame, aligned)
-    J = J.reshape(6, system.n_rigid) @ free  # Pinocchio hands one column over as a vector
-    angles = pin.rpy.matrixToRpy(system.data.oMf[frame].rotation)
     rates = pin.rpy.computeRpyJacobianInverse(angles, aligned) @ J[3:]
     rows = np.vstack([J[:3], rates[::-1]])  # x, y, z, rz, ry, rx
     moved_too = (description.motion or {}).get("platform", {})

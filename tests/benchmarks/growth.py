@@ -1,9 +1,9 @@
-"""Cost against the number of flexible links: `python tests/benchmarks/growth.py [MOST]`.
+"""Cost against the number of flexible links: `python -m tests.benchmarks.growth [MOST]`.
 
-A tree: chains of two links in a row on one base. Loops: four-bars side by side, three links each.
-All links bend in the plane. Prints coordinates, microseconds of a residual, of a tangent and of a
-step of the coupled level, milliseconds of a whole `solve` of one step, and gigabytes of Pinocchio's
-workspace. One thread.
+Planar links in chains of two on one base (tree), and one chain of segments that is clamped to one
+motor (serial). Each size runs in a process of its own, for its memory: CPU seconds to load and to
+simulate a second (256: 0.02 s) by `tol`, those of everything that the result holds, microseconds of
+a residual and of a tangent, and the most memory taken, before and after the result was read.
 """
 
 from __future__ import annotations
@@ -11,27 +11,28 @@ from __future__ import annotations
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import subprocess
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 import pinflex as pf
-from pinflex.actuation.drive import motor_path
-from pinflex.integrators.equal_steps import integrate
 from pinflex.lab.scene import Body, scene
-from pinflex.levels.start import straight_start
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.workspace import size
-from pinflex.solver.solve import default_motion
 
+SIZES = (1, 4, 16, 64, 256)
 FLEXIBLE = """
 flexible:
-  "{links}":
+  "l*":
     material: {{E: 7.0e10, nu: 0.3, rho: 2700}}
     section: {{shape: rectangle, width: 0.02, thickness: 0.004}}
+    segments: {segments}
     basis: {{kind: craig_bampton, internal: 0}}
     up: [0, 0, 1]
     bending_y: true
@@ -54,86 +55,62 @@ def tree(links: int) -> Mechanism:
             parent, _ = name, names.append(name)
         bodies.append(Body(f"t{k}", parent, xyz=(0.3, 0, 0), mass=0.1, inertia=(1e-5,) * 3))
     moves = ", ".join(f"{name}_joint: 0.3" for name in names)
-    return scene("tree", bodies, FLEXIBLE.format(links=", ".join(names), moves=moves))
+    return scene("tree", bodies, FLEXIBLE.format(moves=moves, segments=1))
 
 
-def loops(links: int) -> Mechanism:
-    """Four-bars of three links, a crank of each a motor."""
-    bodies, names, closures, motors = [], [], [], []
-    for k in range(max(links // 3, 1)):
-        y = 0.5 * k
-        bodies += [
-            Body(f"a{k}", "base", "revolute", xyz=(0, y, 0), rpy=(0, 0, 1.2)),
-            Body(f"b{k}", f"a{k}", "revolute", xyz=(0.2, 0, 0), rpy=(0, 0, -1.2)),
-            Body(f"e{k}", f"b{k}", xyz=(0.3, 0, 0)),
-            Body(f"c{k}", "base", "revolute", xyz=(0.3, y, 0), rpy=(0, 0, 1.2)),
-            Body(f"f{k}", f"c{k}", xyz=(0.2, 0, 0)),
-        ]
-        names += [f"{one}{k}" for one in "abc"]
-        closures.append(f"  pin{k}: {{kind: planar, between: [e{k}, f{k}]}}")
-        motors.append(f"a{k}_joint")
-    yaml = f"actuated: [{', '.join(motors)}]\nloops:\n" + "\n".join(closures)
-    moves = ", ".join(f"{name}: 0.3" for name in motors)
-    return scene("loops", bodies, yaml + FLEXIBLE.format(links=", ".join(names), moves=moves))
+def serial(segments: int) -> Mechanism:
+    """One link of 1 m in segments, turned by a motor."""
+    bodies = [Body("l", "base", "revolute"), Body("tip", "l", xyz=(1.0, 0, 0))]
+    return scene("serial", bodies, FLEXIBLE.format(moves="l_joint: 0.3", segments=segments))
 
 
-def best(call: object, repeats: int) -> float:
-    """Microseconds of the fastest call."""
+def best(call: Callable[[], object], repeats: int) -> float:
+    """CPU microseconds of the fastest call."""
     times = []
     for _ in range(repeats):
-        began = time.perf_counter()
-        call()  # type: ignore[operator]
-        times.append(time.perf_counter() - began)
+        began = time.thread_time()
+        call()
+        times.append(time.thread_time() - began)
     return 1e6 * min(times)
 
 
-def row(kind: str, m: Mechanism) -> str:
-    residual, tangent, step = parts(m)
-    began = time.perf_counter()
-    pf.solve(m, level="coupled", until=1e-3, dt=1e-3, samples=2)
-    whole = 1e3 * (time.perf_counter() - began)
-    counts = f"{len(m.parts)} | {m.flexible.nv} | {m.flexible.expansion.model.nv}"
-    memory = size(m.flexible.expansion.model) / 1e9
-    cells = f"{residual:.0f} | {tangent:.0f} | {step:.0f} | {whole:.0f} | {memory:.2f}"
-    return f"| {kind} | {counts} | {cells} |"
+def memory() -> float:
+    """Most memory that this process has had, MB (Linux)."""
+    lines = Path("/proc/self/status").read_text("utf-8").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1e3
 
 
-def parts(m: Mechanism) -> tuple[float, float, float]:
-    """Microseconds of a residual, a tangent and a step; its workspace then serves the next run."""
-    d = Equations(m.flexible)
-    y, v = m.undeformed(), np.zeros(m.flexible.nv)
-    lam = np.zeros(m.flexible.closed.n)
-    repeats = max(40, 20000 // m.flexible.nv)
-    return (
-        best(lambda: d.residual(y, v, v, lam, 0.0).r, repeats),
-        best(lambda: d.iteration_matrix(y, v, v, lam, 0.0, (1.0, 0.0, 1.0)), repeats // 20),
-        1e6 * march(m, d, 500) / 500,
-    )
-
-
-def march(m: Mechanism, d: Equations, steps: int) -> float:
-    """Seconds of steps of 0.2 ms."""
-    motion = default_motion(m)
-    path = motor_path(m, motion, 2e-4 * np.arange(steps + 1))
-    start = straight_start(m, motion, path, d)
-    began = time.perf_counter()
-    integrate(m, d, start, path, pf.generalized_alpha())
-    return time.perf_counter() - began
+def row(kind: str, size: int) -> str:
+    """One size: its numbers as a row of the table."""
+    began = time.process_time()
+    m = tree(size) if kind == "tree" else serial(size)
+    load, began = time.process_time() - began, time.process_time()
+    run = pf.solve(m, level="coupled", until=0.02 if size > 64 else 1.0, tol=1e-2)
+    solve, lean, began = time.process_time() - began, memory(), time.process_time()
+    dict(run.arrays)
+    read = time.process_time() - began
+    d, still = Equations(m.flexible), np.zeros(m.flexible.nv)
+    state = m.undeformed(), still, still, np.zeros(m.flexible.closed.n), 0.0
+    residual, tangent = best(lambda: d.residual(*state), 50), best(lambda: d.tangent(*state), 10)
+    counts = f"{kind} | {size} | {m.flexible.nv} | {m.flexible.expansion.model.nv}"
+    times = f"{load:.2f} | {solve:.2f} | {read:.2f} | {residual:.0f} | {tangent:.0f}"
+    return f"| {counts} | {times} | {lean:.0f} | {memory():.0f} |"
 
 
 def main() -> None:
-    most = int(sys.argv[1]) if len(sys.argv) > 1 else 24
-    print(
-        "| | links | coordinates | expanded | residual us | tangent us | step us | solve ms | GB |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
-    for links in (1, 2, 4, 8, 16, 24, 32, 64):
-        if links <= most:
-            print(row("tree", tree(links)), flush=True)
-    for links in (3, 6, 12, 24, 48):
-        if links <= most:
-            print(row("loops", loops(links)), flush=True)
+    most = int(sys.argv[1]) if len(sys.argv) > 1 else SIZES[-1]
+    print("| | links | coordinates | expanded | load s | solve s | all arrays s | residual us "
+          "| tangent us | MB solved | MB read |")  # fmt: skip
+    print("|---" * 11 + "|", flush=True)
+    sizes = [size for size in SIZES if size <= most]
+    for kind, size in [*(("tree", n) for n in sizes), *(("serial", n) for n in sizes if n <= 64)]:
+        subprocess.run(
+            [sys.executable, "-m", "tests.benchmarks.growth", kind, str(size)], check=True
+        )
 
 
 if __name__ == "__main__":
-    main()
+    if len(sys.argv) == 3:
+        print(row(sys.argv[1], int(sys.argv[2])), flush=True)
+    else:
+        main()

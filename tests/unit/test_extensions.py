@@ -18,6 +18,7 @@ from pinflex import registered
 from pinflex.description import loops, section, solve, sources
 from pinflex.errors import DescriptionError
 from pinflex.results import quantities
+from pinflex.studies import pool
 
 ROOT = Path(pf.__file__).parents[1]
 ARM = """<robot name="arm">
@@ -248,7 +249,10 @@ def test_registered_integrators_have_names_in_the_yaml(tmp_path: Path) -> None:
             solve.register_integrator(wrong)
 
 
-def test_a_sweep_in_processes_knows_what_was_registered(tmp_path: Path) -> None:
+def test_a_sweep_in_processes_knows_what_was_registered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pool, "can_fork", lambda: False)  # a copy of this process has it anyway
     solve.register_integrator(EULER)
     section.register_shape(ELLIPSE)
     path = arm(tmp_path, "{shape: ellipse, height: 0.006, width: 0.02}")

@@ -91,7 +91,7 @@ def truth(mechanism: pf.Mechanism) -> pf.Mechanism:
         return richer(mechanism)[0]
     changes = ["flexible.*.segments=8", "flexible.*.basis.internal=0"]
     keys = ("axial", "torsion", "bending_y", "bending_z", "second_order")
-    if mechanism.name != "ur5":  # in a plane
+    if mechanism.name not in ("ur5", "delta"):  # in a plane
         keys = ("axial", "second_order")
     changes += [f"flexible.*.{key}=true" for key in keys]
     return pf.load(mechanism.description.with_overrides(changes))

@@ -26,7 +26,7 @@ typedef struct {
   Int nodes, points, twists, rows;        /* of the tree; elastic rows of the map */
   Int loops, closures;                    /* closures: their rows */
   Int forces, springs, dampers;           /* between frames */
-  Int joint_springs, rubs;
+  Int joint_springs, rubs, legs;          /* legs: children of the base */
   const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
   const Int *parent, *kind, *node_q, *node_v;              /* nodes */
   const Int *point_node, *point_q, *point_v;               /* mass points */
@@ -34,6 +34,8 @@ typedef struct {
   const Int *row_q, *row_v, *phi_at, *phi_i;               /* elastic rows: Phi by rows */
   const Int *g_at, *g_i, *g_j;                             /* G, upper triangle by rows */
   const Int *col_first, *x_at;                             /* of each row of X: where its block is */
+  const Int *leg_of, *own_at, *own_first;                  /* likewise among the columns of its leg */
+  const Int *range_at, *range_from, *range_last;           /* legs: their columns in ranges */
   const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
   const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
   const Int *force_node, *force_follows;                   /* loads */

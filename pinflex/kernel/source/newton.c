@@ -3,7 +3,8 @@
      [ mu^2 M + h mu C + h^2 K    J' ] [  dz  ]     [ r      ]
      [ J                          0  ] [ -dlam] = - [ c/h^2  ]
 
-   Factors lie column by column, real parts before imaginary ones. */
+   Unknowns that no entry links, such as those of arms side by side, are factored apart, block by
+   block. Factors lie column by column, real parts before imaginary ones. */
 #include "march.h"
 
 static Int size_of(const Tables *t, const Stages *st) { return st->free + t->closures; }
@@ -63,44 +64,92 @@ void substitute(const double *re, const double *im, Int n, const Int *pivot, dou
   }
 }
 
+/* Behind the pivots: the unknowns (free rows, then closures) block by block, the number of blocks,
+   and where each ends. */
+static Int *order_of(const Tables *t, const Stages *st) {
+  return st->pivot + st->values * size_of(t, st);
+}
+
+/* Whether an entry links two unknowns. */
+static int linked(const Stages *st, Int i, Int j) {
+  Int n = st->free, there = i * n + j, back = j * n + i;
+  if (i >= n || j >= n)
+    return i < n ? st->J[back - n * n] != 0.0 : j < n && st->J[there - n * n] != 0.0;
+  return st->M[there] != 0.0 || st->K[there] != 0.0 || st->C[there] != 0.0 || st->M[back] != 0.0
+         || st->K[back] != 0.0 || st->C[back] != 0.0;
+}
+
+/* Blocks of unknowns, each in order: from one unknown to all that it is linked to, and on. */
+static void find_blocks(const Tables *t, const Stages *st) {
+  Int size = size_of(t, st), found = 0, blocks = 0, *seen = st->pivot;
+  Int *order = order_of(t, st), *ends = order + size;
+  for (Int i = 0; i < size; i++) seen[i] = 0;
+  for (Int first = 0; first < size; first++) {
+    if (seen[first]) continue;
+    Int begin = found;
+    seen[first] = 1, order[found++] = first;
+    for (Int k = begin; k < found && found < size; k++)
+      for (Int j = first + 1; j < size; j++)
+        if (!seen[j] && linked(st, order[k], j)) seen[j] = 1, order[found++] = j;
+    for (Int k = begin + 1; k < found; k++) { /* hardly ever far out of order */
+      Int j = order[k], to = k;
+      for (; to > begin && order[to - 1] > j; to--) order[to] = order[to - 1];
+      order[to] = j;
+    }
+    ends[++blocks] = found;
+  }
+  ends[0] = blocks;
+}
+
+/* One block of the matrix of an eigenvalue, of n unknowns. */
+static void assemble(const Stages *st, Int e, const Int *at, Int n, double *re, double *im) {
+  Int free = st->free, moving = 0;
+  double h = st->h, x = st->value[2 * e], y = st->value[2 * e + 1];
+  double square = x * x - y * y, cross = 2 * x * y;
+  while (moving < n && at[moving] < free) moving++;
+  for (Int i = 0; i < moving; i++)
+    for (Int j = 0; j < moving; j++) {
+      Int entry = at[i] * free + at[j];
+      double M = st->M[entry], C = h * st->C[entry];
+      re[j * n + i] = square * M + x * C + h * h * st->K[entry];
+      im[j * n + i] = cross * M + y * C;
+    }
+  for (Int k = moving; k < n; k++) {
+    const double *row = st->J + (at[k] - free) * free;
+    for (Int i = 0; i < n; i++) {
+      re[k * n + i] = re[i * n + k] = i < moving ? row[at[i]] : 0.0;
+      im[k * n + i] = im[i * n + k] = 0.0;
+    }
+  }
+}
+
 /* Factors of the step; returns 0 where the matrix of one eigenvalue is singular. */
 EXPORT int pinflex_factor(const Tables *t, const Stages *st) {
-  Int n = st->free, rows = t->closures, size = size_of(t, st);
-  double h = st->h;
+  Int size = size_of(t, st), *order = order_of(t, st), *ends = order + size;
+  find_blocks(t, st);
   for (Int e = 0; e < st->values; e++) {
-    double x = st->value[2 * e], y = st->value[2 * e + 1], square = x * x - y * y, cross = 2 * x * y;
-    double *re = st->lu + 2 * e * size * size, *im = re + size * size;
-    for (Int i = 0; i < n; i++)
-      for (Int j = 0; j < n; j++) {
-        double M = st->M[i * n + j], C = h * st->C[i * n + j];
-        re[j * size + i] = square * M + x * C + h * h * st->K[i * n + j];
-        im[j * size + i] = cross * M + y * C;
-      }
-    for (Int k = 0; k < rows; k++) {
-      for (Int i = 0; i < n; i++) {
-        re[(n + k) * size + i] = re[i * size + n + k] = st->J[k * n + i];
-        im[(n + k) * size + i] = im[i * size + n + k] = 0.0;
-      }
-      for (Int l = 0; l < rows; l++) re[(n + k) * size + n + l] = im[(n + k) * size + n + l] = 0.0;
+    double *re = st->lu + 2 * e * size * size;
+    for (Int b = 1, first = 0; b <= ends[0]; first = ends[b++]) {
+      Int n = ends[b] - first;
+      assemble(st, e, order + first, n, re, re + n * n);
+      if (!decompose(re, re + n * n, n, st->pivot + e * size + first)) return 0;
+      re += 2 * n * n;
     }
-    if (!decompose(re, im, size, st->pivot + e * size)) return 0;
   }
   return 1;
 }
 
-/* Right sides along the eigenvectors: forward times -(r, c / h^2). */
+/* Right sides along the eigenvectors, forward times -(r, c / h^2), block by block. */
 static void project_stages(const Tables *t, const Stages *st, Int e, double *x, double *y) {
-  Int n = st->free, rows = t->closures;
-  for (Int j = 0; j < n + rows; j++) x[j] = y[j] = 0.0;
+  Int n = st->free, rows = t->closures, size = n + rows, *order = order_of(t, st);
+  for (Int i = 0; i < size; i++) x[i] = y[i] = 0.0;
   for (Int k = 0; k < st->s; k++) {
     double p = -st->forward[2 * (e * st->s + k)], q = -st->forward[2 * (e * st->s + k) + 1];
-    for (Int j = 0; j < n; j++) {
-      double r = st->r[k * t->nv + st->free_at[j]];
-      x[j] += p * r, y[j] += q * r;
-    }
-    for (Int j = 0; j < rows; j++) {
-      double c = st->open[k * rows + j] / (st->h * st->h);
-      x[n + j] += p * c, y[n + j] += q * c;
+    for (Int i = 0; i < size; i++) {
+      Int j = order[i];
+      double r = j < n ? st->r[k * t->nv + st->free_at[j]]
+                       : st->open[k * rows + j - n] / (st->h * st->h);
+      x[i] += p * r, y[i] += q * r;
     }
   }
 }
@@ -108,11 +157,16 @@ static void project_stages(const Tables *t, const Stages *st, Int e, double *x, 
 /* dlam, and dz in `change`, from the residuals. */
 EXPORT void pinflex_solve(const Tables *t, const Stages *st) {
   Int n = st->free, rows = t->closures, size = size_of(t, st), s = st->s, nv = t->nv;
+  Int *order = order_of(t, st), *ends = order + size;
   for (Int e = 0; e < st->values; e++) {
     const double *re = st->lu + 2 * e * size * size;
-    double *x = st->part + 2 * e * size;
-    project_stages(t, st, e, x, x + size);
-    substitute(re, re + size * size, size, st->pivot + e * size, x, x + size);
+    double *x = st->part + 2 * e * size, *y = x + size;
+    project_stages(t, st, e, x, y);
+    for (Int b = 1, first = 0; b <= ends[0]; first = ends[b++]) {
+      Int m = ends[b] - first;
+      substitute(re, re + m * m, m, st->pivot + e * size + first, x + first, y + first);
+      re += 2 * m * m;
+    }
   }
   for (Int k = 0; k < s; k++) {
     for (Int j = 0; j < rows; j++) st->dlam[k * rows + j] = 0.0;
@@ -120,8 +174,11 @@ EXPORT void pinflex_solve(const Tables *t, const Stages *st) {
     for (Int e = 0; e < st->values; e++) {
       const double *x = st->part + 2 * e * size, *y = x + size;
       double p = st->back[2 * (k * st->values + e)], q = st->back[2 * (k * st->values + e) + 1];
-      for (Int j = 0; j < n; j++) st->change[k * nv + st->free_at[j]] += p * x[j] - q * y[j];
-      for (Int j = 0; j < rows; j++) st->dlam[k * rows + j] -= p * x[n + j] - q * y[n + j];
+      for (Int i = 0; i < size; i++) {
+        Int j = order[i];
+        if (j < n) st->change[k * nv + st->free_at[j]] += p * x[i] - q * y[i];
+        else st->dlam[k * rows + j - n] -= p * x[i] - q * y[i];
+      }
     }
   }
 }

@@ -76,10 +76,11 @@ static void move_columns(const Frozen *up, const double *rate, const double *gro
   }
 }
 
-/* T[i] += D_ij X_j and what the rates of row j bring; D holds dg/da, dg/dv, dg/dq. */
+/* T[i] += D_ij X_j and what the rates of row j bring; D holds dg/da, dg/dv, dg/dq. Rows of T have
+   the columns of their own leg. */
 static void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D) {
-  Int first = t->col_first[j], at = t->x_at[j], n = t->x_at[j + 1] - at, nv = t->nv;
-  double *M = w->T + 3 * i * nv + first, *C = M + nv, *K = C + nv;
+  Int at = t->x_at[j], n = t->x_at[j + 1] - at, own = t->own_at[i + 1] - t->own_at[i];
+  double *M = w->T + 3 * t->own_at[i] + t->own_first[j], *C = M + own, *K = C + own;
   const double *x = w->x + at, *dx = w->dx + at, *ddx = w->ddx + at;
   for (Int k = 0; k < n; k++) {
     M[k] += D[0] * x[k];
@@ -228,14 +229,19 @@ static void gather_up(const Tables *t, const Work *lanes, const Tangent *w, doub
   Int nv = t->nv, size = nv * nv * (Int)sizeof(double), m = t->nv_rigid;
   memset(M, 0, size), memset(C, 0, size), memset(K, 0, size);
   for (Int i = 0; i < t->nV; i++) {
-    const double *T = w->T + 3 * i * nv;
+    Int own = t->own_at[i + 1] - t->own_at[i], leg = t->leg_of[i];
     for (Int k = t->x_at[i]; k < t->x_at[i + 1]; k++) {
+      const double *T = w->T + 3 * t->own_at[i];
       double x = w->x[k];
       Int to = (t->col_first[i] + k - t->x_at[i]) * nv;
-      for (Int j = 0; j < nv; j++) {
-        M[to + j] += x * T[j];
-        C[to + j] += x * T[nv + j];
-        K[to + j] += x * T[2 * nv + j];
+      for (Int part = t->range_at[leg]; part < t->range_at[leg + 1]; part++) {
+        Int from = to + t->range_from[part], n = t->range_last[part] - t->range_from[part] + 1;
+        for (Int j = 0; j < n; j++) {
+          M[from + j] += x * T[j];
+          C[from + j] += x * T[own + j];
+          K[from + j] += x * T[2 * own + j];
+        }
+        T += n;
       }
     }
   }
@@ -260,7 +266,7 @@ Int tangent_size(const Tables *t) {
   Int frozen = even(t->nodes * (Int)(sizeof(Frozen) / sizeof(double)));
   Int column = even(t->nV * (Int)(sizeof(Column) / sizeof(double)));
   return frozen + column + 3 * even(t->x_at[t->nV]) + 2 * even(t->nV) + even(3 * t->points)
-         + even(3 * t->nV * t->nv) + 4 * even(6 * t->nv);
+         + even(3 * t->own_at[t->nV]) + 4 * even(6 * t->nv);
 }
 
 void tangent_layout(const Tables *t, double *memory, Tangent *w) {
@@ -275,7 +281,7 @@ void tangent_layout(const Tables *t, double *memory, Tangent *w) {
   w->rate = memory, memory += even(t->nV);
   w->growth = memory, memory += even(t->nV);
   w->u = memory, memory += even(3 * t->points);
-  w->T = memory, memory += even(3 * t->nV * t->nv);
+  w->T = memory, memory += even(3 * t->own_at[t->nV]);
   w->lifted = memory;
 }
 
@@ -293,7 +299,7 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   balance(t, lanes, 1, lam, scale, c);
   project(t, lanes, y, v, r);
   freeze(t, lanes, &w);
-  memset(w.T, 0, 3 * t->nV * t->nv * sizeof(double));
+  memset(w.T, 0, 3 * t->own_at[t->nV] * sizeof(double));
   leaves(t, &w);
   for (Int i = t->nodes - 1; i >= 0; i--) {
     const Frozen *here = w.frozen + i;
