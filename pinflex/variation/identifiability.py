@@ -18,6 +18,7 @@ from pinflex.arrays import Array, BoolArray, IntArray
 
 _SILENT = 1e-6  # column over the largest: derivatives by differences carry 1e-7
 _SAME = 1e-3  # singular value of unit columns: a thousandth of what one parameter does
+_UNKNOWN = 1.0  # standard deviation of the logarithm of a hidden parameter
 _SHARE = 0.05  # of a singular vector: a parameter that takes part in it
 _POOR = 0.5  # standard deviation of a logarithm: known to a factor 2.7 only
 _TWINS = 0.98  # correlation at which two estimates are one
@@ -46,16 +47,19 @@ def unseen(J: Array) -> tuple[IntArray, Array]:
 def covariance(J: Array, hidden: BoolArray) -> Array:
     """Covariance of the logarithms, shape (n, n); infinite for what takes part in hidden changes.
 
+    The errors of the others include what the hidden ones do to them: these may be wrong by a
+    factor e either way.
+
     Args:
         J: With the rows of priors, shape (rows, n).
         hidden: Parameters that no row tells, a boolean per parameter, shape (n,).
     """
-    n = J.shape[1]
-    found = np.zeros((n, n))
-    told = np.flatnonzero(~hidden)
-    scale = np.linalg.norm(J[:, told], axis=0)
-    inverse = np.linalg.pinv(J[:, told] / scale)
-    found[np.ix_(told, told)] = inverse @ inverse.T / np.outer(scale, scale)
+    guesses = np.eye(J.shape[1])[hidden] / _UNKNOWN
+    whole = np.vstack([J, guesses])
+    scale = np.linalg.norm(whole, axis=0)
+    inverse = np.linalg.pinv(whole / scale)
+    found = np.asarray(inverse @ inverse.T / np.outer(scale, scale))
+    found[hidden, :] = found[:, hidden] = 0.0
     found[hidden, hidden] = np.inf
     return found
 

@@ -271,3 +271,15 @@ def test_bad_bounds_and_priors(strip):
         pf.fit(strip, data, [key], {"flexible.beam.section.width": 0.1})
     with pytest.raises(pf.DescriptionError, match="fewer than were measured"):
         pf.fit(strip, {"frequency": np.arange(1.0, 30.0)}, [key])
+
+
+def test_errors_of_what_is_told_hold_what_hidden_parameters_do_to_it():
+    # y1 = (p + q) / 0.1 and y2 = (r + 0.04 p) / 0.01: nothing sees p - q, which moves r a little
+    J = np.array([[10.0, 10.0, 0.0], [4.0, 0.0, 100.0]])
+    blind = hidden(J)
+    assert blind.tolist() == [True, True, False]
+    C = covariance(J, blind)
+    # p is a half of what y1 leaves, and p - q by the standard deviation of 1 that both have:
+    # p = (y1 / 10) / 2 + d / 2, d of variance 2; to the order of 1 / 10^2
+    assert C[2, 2] == pytest.approx(0.01**2 + 0.04**2 * (0.1**2 / 4 + 2 / 4), rel=0.01)
+    assert np.isinf(C[0, 0]) and np.isinf(C[1, 1])
