@@ -145,11 +145,12 @@ def test_a_delta_swings_at_most_a_ten_thousandth_of_what_it_did(
     robot = delta if drives != "links alone" else pf.load("delta")
     motion = pf.nonic(platform={"x": 0.305, "y": 0.0, "z": 0.0}, duration=0.3)
     rest = {"before": 0.05, "after": 0.1}  # instants as the command chooses them
-    rigid = followed(robot, motion, pf.command(robot, motion, "rigid", **rest))
-    exact = followed(robot, motion, pf.command(robot, motion, "exact", **rest))
+    commands = [pf.command(robot, motion, level, **rest) for level in ("rigid", "exact")]
+    # `tol` is relative to the largest deviation, 1.2 mm: the runs' own error is 1 nm
+    rigid, exact = (followed(robot, motion, found, tol=1e-6) for found in commands)
     assert rigid.during > 1e-4  # [m]: there is something to gain
     assert exact.during < 1e-4 * rigid.during
-    assert exact.swing < 1e-4 * max(rigid.swing, rigid.after)  # the run's own error is 1 nm
+    assert exact.swing < 1e-4 * max(rigid.swing, rigid.after)
 
 
 def test_a_delta_with_elastic_drives_follows_the_adept_cycle(delta: pf.Mechanism) -> None:
