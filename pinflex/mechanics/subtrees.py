@@ -17,7 +17,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics import workspace
 from pinflex.mechanics.joints import rotor_energy_left_out
-from pinflex.mechanics.poses import columns
+from pinflex.mechanics.poses import JointPoses, columns
 from pinflex.mechanics.split import Rows, Subtree
 from pinflex.mechanics.whole import Whole
 
@@ -63,6 +63,7 @@ class Subtrees:
             if part.like == part.number
         }
         self._data = [self._owned[part.like][1] for part in parts]
+        self._here = {number: JointPoses(*owned) for number, owned in self._owned.items()}
         # Scratch of what takes wrenches: it writes whatever it then reads.
         self._pushed = {
             number: pin.StdVec_Force([pin.Force.Zero() for _ in range(int(owner.njoints))])
@@ -98,11 +99,9 @@ class Subtrees:
                 for here, joint in part.carriers:
                     carried[joint].keep(k, data, here, rates)
 
-    def _copy_poses(self, part: Subtree, data: pin.Data, out: Array) -> None:
+    def _copy_poses(self, part: Subtree, out: Array) -> None:
         """Poses of the joints of a part into those of all, shape (joints, 12)."""
-        for here, joint in enumerate(part.joints.tolist(), start=1 + part.cut):
-            pose = data.oMi[here]
-            out[joint, :9], out[joint, 9:] = pose.rotation.T.ravel(), pose.translation
+        out[part.joints] = self._here[part.like].current()[1 + part.cut :]
 
     def _no_poses(self, n: int) -> Array:
         out = np.zeros((n, self._joints, 12))
@@ -114,7 +113,7 @@ class Subtrees:
         out = self._no_poses(len(Q))
         for part, data, k, q, _, _ in self._outward(Q):
             pin.forwardKinematics(part.model, data, q)
-            self._copy_poses(part, data, out[k])
+            self._copy_poses(part, out[k])
         return out
 
     def motions(self, Q: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
@@ -123,7 +122,7 @@ class Subtrees:
         wanted = self._by_part(joints)
         for part, data, k, q, v, a in self._outward(Q, V, A, True):
             pin.forwardKinematics(part.model, data, q, v, a)
-            self._copy_poses(part, data, out[k])
+            self._copy_poses(part, out[k])
             for i, here in wanted.get(part.number, ()):
                 rates[k, i] = data.v[here].vector, data.a[here].vector
         return out, rates
@@ -149,7 +148,7 @@ class Subtrees:
                 pin.computeJointJacobiansTimeVariation(part.model, data, q, v)
                 dJ[k][:, part.v] = columns(data.dJ)[:, own:]
             J[k][:, part.v] = columns(data.J)[:, own:]
-            self._copy_poses(part, data, poses[k])
+            self._copy_poses(part, poses[k])
         return poses, J, dJ
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
