@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import Frame
+from pinflex.mechanics.geometry import spans
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
 # J is differentiated along the nominal motion over this time, s: its error, the square of it
@@ -36,25 +37,28 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     if path is None or not names:
         return {}
     dynamics, system = Equations(run.system), run.system
-    m = int(system.rigid.nv)
+    m, places = int(system.rigid.nv), system.expansion.frames
+    frames = [Frame(dynamics.model, places[name]) for name in names]
     error = np.empty((3, len(run.t), len(names), 6))
-    for k in range(len(run.t)):
-        flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
-        rate, acceleration = np.zeros(system.nv), np.zeros(system.nv)
-        rate[:m], acceleration[:m] = path.v[k], path.a[k]
-        d = dynamics.difference(flat, run.y[k])
-        dv, da = run.v[k] - rate, run.a[k] - acceleration
+    for s in spans(len(run.t)):
+        flat = path.straight(system.n_eta)[s]
+        rate, acceleration = np.zeros((2, len(flat), system.nv))
+        rate[:, :m], acceleration[:, :m] = path.v[s], path.a[s]
+        d = np.array([dynamics.difference(a, b) for a, b in zip(flat, run.y[s], strict=True)])
+        dv, da = run.v[s] - rate, run.a[s] - acceleration
         J = [
             _jacobians(
-                dynamics, dynamics.integrate(flat, s * rate + 0.5 * s * s * acceleration), names
+                dynamics, Manifold(dynamics).retract(flat, x * rate + 0.5 * x * x * acceleration),
+                frames,
             )
-            for s in (-_DELTA, 0.0, _DELTA)
-        ]
+            for x in (-_DELTA, 0.0, _DELTA)
+        ]  # fmt: skip
         Jd = (J[2] - J[0]) / (2 * _DELTA)
         Jdd = (J[2] - 2 * J[1] + J[0]) / _DELTA**2
-        error[0, k] = J[1] @ d
-        error[1, k] = J[1] @ dv + Jd @ d
-        error[2, k] = J[1] @ da + 2 * Jd @ dv + Jdd @ d
+        d, dv, da = (x[:, None, :, None] for x in (d, dv, da))
+        error[0, s] = (J[1] @ d)[..., 0]
+        error[1, s] = (J[1] @ dv + Jd @ d)[..., 0]
+        error[2, s] = (J[1] @ da + 2 * Jd @ dv + Jdd @ d)[..., 0]
     keys = ("deviation", "deviation_rate", "deviation_acceleration")
     return {
         f"frame/{name}/{key}": error[order, :, number]
@@ -63,17 +67,7 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     }
 
 
-def _jacobians(dynamics: Equations, y: Array, names: Sequence[str]) -> Array:
-    """World-aligned Jacobians of frames in minimal coordinates, shape (frames, 6, nv)."""
-    if dynamics.in_parts:
-        at, places = dynamics.kinematics(y), dynamics.system.expansion.frames
-        frames = [Frame(dynamics.model, places[name]) for name in names]
-        return np.concatenate([frame.jacobian(at) for frame in frames])
-    model, data = dynamics.model, dynamics.data
-    numbers = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
-    here = dynamics.at(y)
-    pin.computeJointJacobians(model, data, here.Q[0])
-    pin.updateFramePlacements(model, data)
-    aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    rows = np.vstack([pin.getFrameJacobian(model, data, frame, aligned) for frame in numbers])
-    return here.times_map(rows).reshape(len(names), 6, -1)
+def _jacobians(dynamics: Equations, y: Array, frames: Sequence[Frame]) -> Array:
+    """World-aligned Jacobians of frames in minimal coordinates at y (n, nq), (n, frames, 6, nv)."""
+    at = dynamics.kinematics(y)
+    return np.stack([frame.jacobian(at) for frame in frames], axis=1)
