@@ -1,7 +1,7 @@
 """Many independent pieces of work in processes of their own: of this machine, or of a Dask cluster.
 
 Answers come as they are ready. A process that dies takes one piece of work with it, not the rest.
-Threads would not do: nine tenths of a case are Python, which runs one thread at a time.
+Threads were no faster: load, start and outputs of a case are Python, which runs one at a time.
 """
 
 from __future__ import annotations
