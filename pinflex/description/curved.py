@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description import flexible, schema, sources
+from pinflex.description import link_groups, schema, sources
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
@@ -44,7 +44,7 @@ def straightened(
     if not isinstance(raw, dict) or not any(_curved(spec) for spec in raw.values()):
         return None
     root, found = ET.fromstring(tree.text.strip()), dict[str, Any]()
-    for link, spec in flexible.expand(raw, where, tree).items():
+    for link, spec in link_groups.expand(raw, where, tree).items():
         if not _curved(spec):
             found[link] = spec
             continue

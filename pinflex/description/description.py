@@ -10,7 +10,16 @@ from typing import Any
 
 import yaml
 
-from pinflex.description import curved, fields, flexible, motion_block, schema, sources, yaml_text
+from pinflex.description import (
+    curved,
+    fields,
+    flexible,
+    link_groups,
+    motion_block,
+    schema,
+    sources,
+    yaml_text,
+)
 from pinflex.description.control import Control
 from pinflex.description.control_block import read_control
 from pinflex.description.couplings import SINGLE, Coupling, couplings, read_actuated
@@ -154,7 +163,7 @@ class Description:
         label = f"{self.name}.yaml"
         raw = schema.mapping(yaml_text.load(self.yaml_text, label), label)
         tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
-        return flexible.expand(raw.get("flexible") or {}, schema.at(label, "flexible"), tree)
+        return link_groups.expand(raw.get("flexible") or {}, schema.at(label, "flexible"), tree)
 
     def replace(self, **changes: Any) -> Description:
         """A copy with other fields; nothing is checked, unlike in `with_overrides`."""
@@ -183,13 +192,13 @@ class Description:
         links: dict[str, list[str]] = {}
         if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
             place = schema.at(label, "flexible")
-            links = flexible.groups(schema.mapping(raw["flexible"], place), place, tree)
-            raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
+            links = link_groups.groups(schema.mapping(raw["flexible"], place), place, tree)
+            raw["flexible"] = link_groups.expand(raw["flexible"], place, tree)
         before = raw.get("urdf")
         for assignment in changes:
             yaml_text.set_path(raw, assignment)
         if links and raw.get("urdf") == before and isinstance(raw.get("flexible"), dict):
-            raw["flexible"] = flexible.gathered(raw["flexible"], links)
+            raw["flexible"] = link_groups.gathered(raw["flexible"], links)
         return _describe(
             _dumped(raw), self.name, self.path, tree if raw.get("urdf") == before else None
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
-from pinflex.description import flexible, schema, sources, yaml_text
+from pinflex.description import link_groups, schema, sources, yaml_text
 from pinflex.description.description import Description
 from pinflex.description.material import MATERIALS, named
 from pinflex.description.overrides import assignments
@@ -57,7 +57,7 @@ def parameters(
         patterns = (patterns,)
     raw = schema.mapping(yaml_text.load(description.yaml_text, description.name), description.name)
     tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
-    groups = flexible.groups(raw.get("flexible") or {}, f"{description.name}: flexible", tree)
+    groups = link_groups.groups(raw.get("flexible") or {}, f"{description.name}: flexible", tree)
     named_materials, found = list[str](), dict[str, Parameter]()
     for pattern in patterns:
         segments = [part.strip() for part in str(pattern).split(".")]
