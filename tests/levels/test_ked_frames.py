@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 import pinflex as pf
@@ -13,7 +15,7 @@ def test_rates_of_a_deviation_are_its_derivatives():
         run.arrays[f"frame/plate/{key}"][:, [0, 2, 4]]  # the others are none, by symmetry
         for key in ("deviation", "deviation_rate", "deviation_acceleration")
     ]
-    for x, rate in zip(told, told[1:], strict=False):
+    for x, rate in pairwise(told):
         differences = (x[2:] - x[:-2]) / (2 * run.t[1])
         # central differences over 25 us: 4e-5 was seen of accelerations, 1e-5 of rates
         limit = 1e-4 * np.abs(rate).max(axis=0)
