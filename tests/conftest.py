@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from threadpoolctl import threadpool_limits
@@ -19,3 +20,16 @@ os.environ.setdefault("PINFLEX_TRACEBACK", "full")  # a failing test shows where
 def one_blas_thread() -> Iterator[None]:
     with threadpool_limits(limits=1, user_api="blas"):
         yield
+
+
+@pytest.fixture
+def plt() -> Iterator[Any]:
+    """Matplotlib's pyplot, drawing nowhere, without the figures that other tests have left."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    pyplot.close("all")
+    yield pyplot
+    pyplot.close("all")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,17 +29,6 @@ def robot() -> pf.Mechanism:
 @pytest.fixture(scope="module")
 def run(robot: pf.Mechanism) -> pf.Result:
     return pf.solve(robot, level="coupled", **KEYS)
-
-
-@pytest.fixture
-def plt() -> Iterator[Any]:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    yield pyplot
-    pyplot.close("all")
 
 
 MOVE = pf.cycloid(joints={"motor_1": 0.2}, duration=0.1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +14,6 @@ from pinflex.errors import DescriptionError
 THICK, MODULUS = "flexible.beam.section.thickness", "flexible.beam.material.E"
 MOVE = pf.quintic(platform={"x": 0.01, "y": 0.0, "rz": 0.0}, duration=0.3)
 GEARED = Path(pf.__file__).parents[1] / "models/ur5/geared.yaml"
-
-
-@pytest.fixture(autouse=True)
-def plt() -> Iterator[Any]:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    yield pyplot
-    pyplot.close("all")
 
 
 class Made:
