@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,11 +108,7 @@ def read_added_masses(value: object, where: str, urdf: Source) -> tuple[AddedMas
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
         block = schema.mapping(item, here, ADDED_KEYS, ("at",))
-        at = frame(block["at"], schema.at(here, "at"), urdf)
-        fields: dict[str, Any] = {
-            key: schema.vector(block[key], schema.at(here, key), low=0, of=key)
-            for key in block.keys() & {"mass", "inertia"}
-        }
+        at, fields = _at_frame(block, here, urdf, {"mass", "inertia"}, 0.0)
         if not any(any(vector) for vector in fields.values()):
             raise DescriptionError(f"{here}: no mass. Give mass: [x, y, z] or inertia: [x, y, z].")
         found.append(AddedMass(name, at, **fields))
@@ -130,10 +127,7 @@ def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ..
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
         block = schema.mapping(item, here, FORCE_KEYS, ("at",))
-        at = frame(block["at"], schema.at(here, "at"), urdf)
-        fields: dict[str, Any] = {}
-        for key in block.keys() & {"force", "moment"}:
-            fields[key] = schema.vector(block[key], schema.at(here, key), of=key)
+        at, fields = _at_frame(block, here, urdf, {"force", "moment"})
         if not fields:
             raise DescriptionError(f"{here}: no load. Give force: [x, y, z] or moment: [x, y, z].")
         if "follower" in block:
@@ -142,6 +136,15 @@ def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ..
             fields[key] = schema.number(block[key], schema.at(here, key), low=0, of="time")
         found.append(FrameForce(name, at, **fields))
     return tuple(found)
+
+
+def _at_frame(
+    block: dict[str, Any], here: str, urdf: Source, vectors: set[str], low: float = -math.inf
+) -> tuple[str, dict[str, Any]]:
+    """The frame of the key `at`, and those vectors that the block has."""
+    at = frame(block["at"], schema.at(here, "at"), urdf)
+    given = block.keys() & vectors
+    return at, {k: schema.vector(block[k], schema.at(here, k), low=low, of=k) for k in given}
 
 
 def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, ...]:
