@@ -39,20 +39,20 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     dynamics, system = Equations(run.system), run.system
     m, places = int(system.rigid.nv), system.expansion.frames
     frames = [Frame(dynamics.model, places[name]) for name in names]
+    manifold, straight = Manifold(dynamics), path.straight(system.n_eta)
     error = np.empty((3, len(run.t), len(names), 6))
     for s in spans(len(run.t)):
-        flat = path.straight(system.n_eta)[s]
+        flat = straight[s]
         rate, acceleration = np.zeros((2, len(flat), system.nv))
         rate[:, :m], acceleration[:, :m] = path.v[s], path.a[s]
-        d = np.array([dynamics.difference(a, b) for a, b in zip(flat, run.y[s], strict=True)])
+        d = manifold.log(flat, run.y[s])
         dv, da = run.v[s] - rate, run.a[s] - acceleration
         J = [
             _jacobians(
-                dynamics, Manifold(dynamics).retract(flat, x * rate + 0.5 * x * x * acceleration),
-                frames,
+                dynamics, manifold.retract(flat, x * rate + 0.5 * x * x * acceleration), frames
             )
             for x in (-_DELTA, 0.0, _DELTA)
-        ]  # fmt: skip
+        ]
         Jd = (J[2] - J[0]) / (2 * _DELTA)
         Jdd = (J[2] - 2 * J[1] + J[0]) / _DELTA**2
         d, dv, da = (x[:, None, :, None] for x in (d, dv, da))
