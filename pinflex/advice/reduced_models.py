@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.advice.probe import Probe, subspace
+from pinflex.advice.probe import Probe
+from pinflex.advice.subspace import shapes_of
 from pinflex.description import solid_keys
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.run import Run
@@ -122,7 +123,7 @@ def _without(
         if not n:
             return None
         n += len(rich.flexible.expansion.drives)
-        shapes = subspace(rich.flexible, parts)
+        shapes = shapes_of(rich.flexible, parts)
         fewer = probe.corrected(probe.march(shapes), shapes)
     except (DescriptionError, ConvergenceError, np.linalg.LinAlgError):
         return None

@@ -48,25 +48,32 @@ class PiecewiseChebyshev:
         near = np.min(np.abs(t - self._ends[:, None]), axis=0) < 2.0 * self.gap
         return np.asarray(near)
 
-    def between(self, values: Array, t: Array) -> Array:
+    def between(self, values: Array, t: Array, out: Array | None = None) -> Array:
         """Values at the nodes, (pieces, n + 1, width), interpolated to times t, (len(t), width).
 
         Args:
             values: At the nodes, shape (pieces, n + 1, width).
             t: Times [s], shape (nt,).
+            out: Where they are put; None: somewhere new.
         Source: Berrut and Trefethen (2004), eq. 5.4: barycentric weights of Chebyshev points.
         """
         n = values.shape[1] - 1
         sign = np.where(np.arange(n + 1) % 2, -1.0, 1.0)
         sign[[0, -1]] *= 0.5
-        found = np.empty((len(t), values.shape[2]))
+        found = np.empty((len(t), values.shape[2])) if out is None else out
         piece = self.of(t)
         for k, at in enumerate(self.nodes(n)):
-            here = piece == k
+            here = np.flatnonzero(piece == k)
+            if not len(here):
+                continue
             away = t[here, None] - at
             away[away == 0.0] = 1e-100  # at a node: its weight outweighs all others
             W = sign / away
-            found[here] = W @ values[k] / W.sum(axis=1, keepdims=True)
+            W /= W.sum(axis=1, keepdims=True)
+            if here[-1] - here[0] + 1 == len(here):  # as times in order are
+                np.matmul(W, values[k], out=found[here[0] : here[-1] + 1])
+            else:
+                found[here] = W @ values[k]
         return found
 
     def refined(
@@ -131,18 +138,20 @@ class Interpolation:
         self.nodes = len(pieces) * (n + 1)
         self.times = np.concatenate([pieces.nodes(n).ravel(), t[self.corners]])
 
-    def between(self, values: Array, at: slice = slice(None)) -> Array:
+    def between(
+        self, values: Array, at: slice | IntArray = slice(None), out: Array | None = None
+    ) -> Array:
         """Values at steps.
 
         Args:
             values: At `times`, shape (size, ...).
             at: Steps that are wanted.
+            out: Where they are put, shape (len(at), width); None: somewhere new.
         """
         flat = values.reshape(len(values), -1)
-        first, stop, _ = at.indices(len(self.t))
+        steps = np.arange(len(self.t))[at]
         nodes = flat[: self.nodes].reshape(len(self.pieces), self.n + 1, -1)
-        found = self.pieces.between(nodes, self.t[at])
+        found = self.pieces.between(nodes, self.t[steps], out)
         for row, k in zip(flat[self.nodes :], self.corners, strict=True):
-            if first <= k < stop:
-                found[k - first] = row
+            found[steps == k] = row
         return found.reshape(len(found), *values.shape[1:])

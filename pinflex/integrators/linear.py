@@ -86,8 +86,13 @@ class _Factored:
         return x[: len(b)], -x[len(b) :]
 
 
-def _start(now: Instant, d: Array) -> State:
-    """State at rest in d: the acceleration that balances the first instant."""
+def start_at_rest(now: Instant, d: Array) -> State:
+    """State at rest in d: the acceleration that balances the first instant.
+
+    Args:
+        now: The first instant.
+        d: Deviation, shape (n,).
+    """
     none = np.zeros(len(now.J))
     a, lam = saddle(now.M, now.J, now.J, -now.r - now.K @ d, none)
     return State(d, np.zeros_like(d), a, lam)
@@ -109,7 +114,7 @@ def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterat
     def full(now: Instant) -> Array:
         return factor * now.M + gamma * h * now.C + beta * h * h * now.K
 
-    state = _start(at(0), d)
+    state = start_at_rest(at(0), d)
     yield state
     v, a, s = state.v, state.a, state.a
     for k in range(1, count):
@@ -143,7 +148,7 @@ def central_difference(at: At, count: int, h: float, d: Array) -> Iterator[State
             "s only. Take a smaller dt, fewer elements, or integrator: newmark.",
             limit=limit,
         )
-    start = _start(at(0), d)
+    start = start_at_rest(at(0), d)
     history = [d - h * start.v + 0.5 * h * h * start.a]
     for k in range(count):
         now, before = at(k), history[-1]
@@ -221,7 +226,7 @@ def wilson_theta(at: At, count: int, h: float, d: Array, theta: float = 1.4) -> 
             f"solve.theta: {theta}: Wilson's method is unconditionally stable from 1.37 on. "
             "Usual: 1.4."
         )
-    state = _start(at(0), d)
+    state = start_at_rest(at(0), d)
     yield state
     v, a, long = state.v, state.a, theta * h
     for k in range(1, count):

@@ -67,6 +67,22 @@ class Evaluator:
         R, C = here.found
         return R.copy(), C.copy()
 
+    def closure_motion(self, Y: Array, V: Array, A: Array) -> tuple[Array, Array]:
+        """First and second time derivatives of the closures of several states, (n, rows) each.
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv).
+        """
+        given = []
+        for array, width in zip((Y, V, A), self._widths[:3], strict=True):
+            if array.shape != (len(Y), width):
+                raise PinflexError(f"kernel: a state of {array.shape}, not {(len(Y), width)}.")
+            given.append(np.ascontiguousarray(array, dtype=np.float64))
+        found = np.empty((2, len(Y), self._widths[3]))
+        pointers = [x.ctypes.data for x in (*given, *found)]
+        self.functions.pinflex_closure_motion(self.tables.address, self.work, len(Y), *pointers)
+        return found[0], found[1]
+
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, scale: Array, rates: bool = True
     ) -> tuple[Array, Array, Array, Array]:

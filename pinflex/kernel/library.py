@@ -17,6 +17,7 @@ FUNCTIONS = {
     "pinflex_work_size": (_INT, (_POINTER,)),
     "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
     "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
+    "pinflex_closure_motion": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 5)),
     "pinflex_motion": (None, (_POINTER,) * 10),
     "pinflex_place": (None, (_POINTER,) * 2),
     "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
@@ -25,6 +26,7 @@ FUNCTIONS = {
     "pinflex_march": (ctypes.c_int, (_POINTER,) * 3),
     "pinflex_begin": (ctypes.c_int, (_POINTER,) * 3),
     "pinflex_correct_steps": (ctypes.c_int, (*(_POINTER,) * 4, _INT, *(_POINTER,) * 3)),
+    "pinflex_linear_march": (_INT, (_POINTER,)),
     "pinflex_samples": (None, (*(_POINTER,) * 2, _INT, *(_POINTER,) * 9)),
 }
 

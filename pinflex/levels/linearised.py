@@ -27,7 +27,7 @@ _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
 _BATCH = 32  # steps that are interpolated at a time
 _LARGEST = 2e7  # numbers that the nodes may hold (160 MB)
-_STILL = 1e-12  # of the largest entry of a matrix: round-off of what does not change
+STILL = 1e-12  # of the largest entry of a matrix: round-off of what does not change
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class InterpolatedPath:
         """
         self.grid, self.values, self.missed = grid, values, missed
         self._shapes, self._cuts = [x.shape for x in like.packed()], _cuts(like)
-        round_off = _STILL * np.concatenate([
+        round_off = STILL * np.concatenate([
             np.full(x.shape[1], np.max(np.abs(x), initial=0.0))
             for x in np.split(values, self._cuts, 1)
         ])  # fmt: skip

@@ -57,7 +57,7 @@ typedef struct {
 } Tables;
 
 /* A frame of the tree at one instant. In its own axes: w, alpha rates of turn, a the acceleration
-   of its origin less gravity, v its velocity (with dampers only), F and N the wrench about its
+   of its origin less gravity, v its velocity (where wanted), F and N the wrench about its
    origin that its subtree needs. E, r: pose in the parent. R, p: pose in the world. */
 typedef struct {
   Lane E[9], r[3], w[3], alpha[3], a[3], v[3], R[9], p[3], F[3], N[3];
@@ -67,6 +67,7 @@ typedef struct {
 typedef struct {
   Node base, *node;
   Lane *Q, *V, *A;
+  int moving; /* whether velocities of nodes are wanted */
 } Work;
 
 /* map.c: Q = T(y), V = X v, A = X a + Xdot v; and X' g with K, D, springs and friction of joints */
@@ -85,6 +86,9 @@ double dissipation(const Tables *t, const double *v); /* power of dampers and fr
 /* closures.c, loads.c */
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
+
+/* closure_motion.c: first and second time derivatives of the closures of a group in motion */
+void closure_motion(const Tables *t, Work *w, Lane *rate, Lane *second);
 
 /* residual.c: the tree outward and inward with all forces; poses of nodes where `placed` */
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c);

@@ -18,6 +18,7 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->Q = (Lane *)(memory + padded(t->nodes * (Int)sizeof(Node)));
   w->V = w->Q + t->nQ;
   w->A = w->V + t->nV;
+  w->moving = t->dampers > 0;
   g->y = w->A + t->nV;
   g->v = g->y + t->nq;
   g->a = g->v + t->nv;
@@ -73,6 +74,27 @@ EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const do
     residual_group(t, &w, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c);
     scatter(g.r, count, t->nv, first, R);
     scatter(g.c, count, t->closures, first, C);
+  }
+}
+
+/* Time derivatives of the closures of `count` states in motion, (count, closures) each: the first
+   and the second. */
+EXPORT void pinflex_closure_motion(const Tables *t, char *memory, Int count, const double *Y,
+                                   const double *V, const double *A, double *rate,
+                                   double *second) {
+  Work w;
+  Group g;
+  lay_out(t, memory, &w, &g);
+  w.moving = 1;
+  for (Int first = 0; first < count; first += LANES) {
+    gather(Y, count, t->nq, first, g.y);
+    gather(V, count, t->nv, first, g.v);
+    gather(A, count, t->nv, first, g.a);
+    expand(t, &w, g.y, g.v, g.a);
+    outward(t, &w, 1);
+    closure_motion(t, &w, g.lam, g.c);
+    scatter(g.lam, count, t->closures, first, rate);
+    scatter(g.c, count, t->closures, first, second);
   }
 }
 

@@ -131,7 +131,7 @@ static void reach(const Tables *t, Work *w, Int i) {
   turn_back(n->E, acceleration, n->a);
   turn_back(n->E, up->w, n->w);
   turn_back(n->E, up->alpha, n->alpha);
-  if (t->dampers) {
+  if (w->moving) {
     Lane carried[3];
     cross(up->w, n->r, carried);
     for (int d = 0; d < 3; d++) carried[d] += up->v[d] + (slides ? v[d] : lane(0));

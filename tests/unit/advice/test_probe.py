@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.advice.probe import Probe, subspace
+from pinflex.advice.probe import Probe
+from pinflex.advice.subspace import shapes_of
 from pinflex.integrators.linear import alpha
 from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.ked import solve_ked
@@ -44,10 +45,10 @@ def test_each_correction_closes_the_loops_and_balances_the_forces_better(robot, 
     """The defect of the full equations falls at least fivefold each time."""
     found, sizes, gaps = probe.march(), [], []
     for _ in range(3):
-        left, p = probe._defect(found, probe._closers(np.eye(robot.flexible.nv)))
+        left, gap = probe._defect(found)
         passive = left[:, robot.flexible.free]
         sizes.append(largest(passive))
-        gaps.append(largest(p[0]))
+        gaps.append(largest(gap[0]))
         found = probe.corrected(found)
     assert sizes[1] < 0.2 * sizes[0] and sizes[2] < 0.2 * sizes[1]
     assert gaps[1] < 0.2 * gaps[0]
@@ -56,7 +57,7 @@ def test_each_correction_closes_the_loops_and_balances_the_forces_better(robot, 
 def test_fewer_shapes_are_a_subspace_of_more(robot):
     small = robot.description.with_overrides(["flexible.*.basis.internal=1"])
     parts = resolve(small, robot.links)
-    B = subspace(robot.flexible, parts)
+    B = shapes_of(robot.flexible, parts)
     m = robot.rigid.nv
     slot = robot.flexible.expansion.slots[0]
     few = parts[slot.link].bodies[0]
@@ -70,5 +71,5 @@ def test_fewer_shapes_are_a_subspace_of_more(robot):
 def test_a_rigid_link_has_no_columns(robot):
     parts = dict(robot.parts)
     gone = parts.pop("distal_1")
-    every = subspace(robot.flexible, robot.parts)
-    assert subspace(robot.flexible, parts).shape[1] == every.shape[1] - gone.bodies[0].n
+    every = shapes_of(robot.flexible, robot.parts)
+    assert shapes_of(robot.flexible, parts).shape[1] == every.shape[1] - gone.bodies[0].n

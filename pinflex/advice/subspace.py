@@ -1,0 +1,140 @@
+"""The linear system along a motion in fewer shapes: other bodies' shapes in those of a system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.integrators.chebyshev import Interpolation
+from pinflex.integrators.schemes import generalized_alpha
+from pinflex.levels.linear_march import LinearMarch, Marched, Room
+from pinflex.linalg import independent_rows, saddle
+from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.system import System
+
+_BATCH = 64  # steps at a time: what is interpolated stays in cache
+
+
+class Subspace:
+    """The system in the columns of B.
+
+    Attributes:
+        B: Shape (nv, k).
+        rows: Closures that are independent there.
+        load: What the rigid motion leaves, at every step, shape (nt, k).
+    """
+
+    def __init__(
+        self,
+        grid: Interpolation,
+        parts: list[Array],
+        B: Array,
+        h: float,
+        static: bool,
+        room: Room,
+    ) -> None:
+        """Matrices in the columns of B.
+
+        Args:
+            grid: Times of the system.
+            parts: M, C, K (size, nv, nv), r (size, nv) and J (size, rows, nv) there.
+            B: Shape (nv, k).
+            h: Step [s].
+            static: Whether it starts in equilibrium.
+            room: For marches.
+        """
+        self.B, self._grid, self._static, self._system = B, grid, static, parts
+        M, C, K, r, J = parts[:5]
+        J = J @ B
+        self.rows = np.sort(independent_rows(J[0], 1e-9))
+        self._parts = M, C, K = tuple(B.T @ x @ B for x in (M, C, K))
+        self._J = J
+        system = M, C, K, J[:, self.rows]
+        self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, room)
+        self.load = grid.between(r @ B)
+
+    def march(self, load: Array) -> Marched:
+        """The deviation under a load, shape (nt, k)."""
+        start = np.zeros(self.B.shape[1])
+        if self._static:
+            now = self._march.first
+            start, _ = saddle(now.K, now.J, now.J, -load[0], np.zeros(len(now.J)))
+        return self._march(load, start)
+
+    def closed(self, left: Array, gaps: Array) -> tuple[Array, Array]:
+        """The load with what closes the loops, (nt, k), and that part p with rates (3, nt, nv).
+
+        Args:
+            left: Forces, shape (nt, nv).
+            gaps: What closures are open by, with rates, shape (3, nt, rows).
+        """
+        load, p = left @ self.B, np.zeros((3, *left.shape))
+        if not gaps.shape[2]:
+            return load, p
+        k, nv = self.B.shape[1], len(self.B)
+        ends = np.cumsum([nv, k, k])
+        for s in _spans(len(left)):
+            P = self._grid.between(self._closers, s)
+            moved = P @ -gaps[:, s].transpose(1, 2, 0)  # (steps, nv + 3 k, 3)
+            p[:, s] = moved[:, :nv].transpose(2, 0, 1)
+            for rate, force in enumerate(np.split(moved, ends, axis=1)[1:]):
+                load[s] += force[:, :, rate]
+        return load, p
+
+    @cached_property
+    def _closers(self) -> Array:
+        """P with J P = 1, of least elastic (and some kinetic) energy; and K P, C P and M P.
+
+        Shape (size, nv + 3 k, rows).
+        """
+        M, C, K = self._parts
+        slow = (2 * np.pi / float(self._grid.t[-1])) ** 2
+        A_J = np.linalg.solve(K + slow * M, self._J.transpose(0, 2, 1))
+        P = A_J @ np.linalg.pinv(self._J @ A_J, rcond=1e-10)
+        # Of the whole system's forces those in the rows of B do work.
+        return np.concatenate([self.B @ P, K @ P, C @ P, M @ P], axis=1)
+
+
+def _spans(count: int) -> list[slice]:
+    return [slice(k, min(k + _BATCH, count)) for k in range(0, count, _BATCH)]
+
+
+def shapes_of(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
+    """Shapes of other bodies as columns in the coordinates of a system, shape (nv, k).
+
+    Free rigid coordinates and elastic drives stay; a link that is not in `parts` is rigid. The
+    functions of a smaller basis are combinations of those of a larger one: found by least squares
+    at sections.
+
+    Args:
+        system: A flexible system.
+        parts: Other bodies for its links, by name.
+    """
+    m = int(system.rigid.nv)
+    kept = [*system.free[system.free < m], *(m + gear.eta for gear in system.expansion.drives)]
+    columns = [np.eye(system.nv)[:, kept]]
+    seen, known = dict[str, int](), dict[tuple[int, int], Array]()
+    for slot in system.expansion.slots:
+        place = seen.setdefault(slot.link, 0)
+        seen[slot.link] += 1
+        if slot.link not in parts:
+            continue
+        body = parts[slot.link].bodies[place]
+        if body.solid is not None:
+            T = np.eye(slot.body.n)
+        else:
+            pair = id(slot.body), id(body)  # links alike share theirs
+            if pair not in known:
+                x = np.linspace(0.0, body.length, 4 * slot.body.n + 2)[1:]
+                large, small = (
+                    b.fields(x)["deflection"].reshape(-1, b.n) for b in (slot.body, body)
+                )
+                known[pair] = np.asarray(np.linalg.lstsq(large, small, rcond=None)[0])
+            T = known[pair]
+        part = np.zeros((system.nv, T.shape[1]))
+        part[m:][slot.eta] = T
+        columns.append(part)
+    return np.hstack(columns)

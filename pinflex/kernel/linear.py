@@ -1,0 +1,146 @@
+"""A linear system on closures, marched by compiled code.
+
+The fields follow those of `Linear` in source/linear_march.c, which says what they hold.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.errors import PinflexError
+from pinflex.kernel.library import kernel
+
+_COUNTS = ("n", "rows", "count", "kept")
+_ARRAYS = (
+    *("col_at", "row", "J_col_at", "J_row", "S", "C", "K", "J", "system", "value", "load"),
+    *("lu", "pivot", "holds", "state", "work", "d", "v", "a", "lam"),
+)
+_NUMBERS = ("h", "mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
+
+
+class _Linear(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in _COUNTS),
+        *((name, ctypes.c_void_p) for name in _ARRAYS),
+        *((name, ctypes.c_double) for name in _NUMBERS),
+    ]
+
+
+@dataclass(frozen=True)
+class Still:
+    """What does not change of a system, and which entries do.
+
+    Attributes:
+        S, C, K: Shape (n, n), zero where entries change.
+        J: Likewise, shape (rows, n).
+        moving: Entries of S, C and K that change, shape (n, n).
+        J_moving: Those of J, shape (rows, n).
+    """
+
+    S: Array
+    C: Array
+    K: Array
+    J: Array
+    moving: BoolArray
+    J_moving: BoolArray
+
+    @property
+    def width(self) -> int:
+        """Number of values of one system."""
+        return int(3 * np.sum(self.moving) + np.sum(self.J_moving))
+
+
+class LinearKernel:
+    """Systems that share what does not change, and their factors once they are known.
+
+    Attributes:
+        state: d, v, a and the algorithmic acceleration that the next step starts from, (4, n).
+    """
+
+    def __init__(
+        self, still: Still, h: float, coefficients: tuple[float, ...], systems: int, kept: bool
+    ) -> None:
+        """Nothing is factored yet.
+
+        Args:
+            still: What the systems share.
+            h: Step [s].
+            coefficients: mass_factor, beta, gamma, alpha_m and alpha_f of the method.
+            systems: Most systems at a time.
+            kept: Keep the factors of all of them; `use` says where.
+        """
+        library = kernel().functions
+        if library is None:
+            raise PinflexError(f"kernel: {kernel().said}.")
+        self._functions, self._systems, self._width = library, systems, still.width
+        self.n, self.rows = still.S.shape[0], still.J.shape[0]
+        size, rooms = self.n + self.rows, systems if kept else 1
+        # Column by column, as the C code goes through them.
+        col_at, row = _columns(still.moving)
+        J_col_at, J_row = _columns(still.J_moving)
+        self.state = np.zeros((4, self.n))
+        self._arrays = {
+            "col_at": col_at, "row": row, "J_col_at": J_col_at, "J_row": J_row,
+            **{name: np.ascontiguousarray(getattr(still, name).T) for name in "SCKJ"},
+            "lu": np.empty(0 if kept else size * size),
+            "pivot": np.zeros((rooms, size), np.int64),
+            "holds": np.zeros(rooms, np.int64), "state": self.state,
+            "work": np.zeros(size),
+        }  # fmt: skip
+        self._structure = _Linear(
+            n=self.n, rows=self.rows, kept=int(kept), h=h,
+            **dict(zip(_NUMBERS[1:], coefficients, strict=True)),
+            **{name: array.ctypes.data for name, array in self._arrays.items()},
+        )  # fmt: skip
+
+    def forget(self) -> None:
+        """Factors are those of other systems from here on."""
+        self._arrays["holds"][:] = 0
+
+    def use(self, room: Array) -> None:
+        """Keep factors in `room`, (systems * (n + rows)^2,); none are there yet."""
+        if room.size != self._systems * (self.n + self.rows) ** 2 or not room.flags.c_contiguous:
+            raise PinflexError(f"kernel: {room.size} numbers for the factors.")
+        self._arrays["lu"], self._structure.lu = room, room.ctypes.data
+        self.forget()
+
+    def march(
+        self, system: IntArray, value: Array, load: Array, found: tuple[Array, Array, Array, Array]
+    ) -> int:
+        """Steps from `state` on; the number of those that were taken before a singular system.
+
+        Args:
+            system: System of each step, shape (count,).
+            value: Moving entries of each system, S, C, K and J column by column,
+                shape (systems, width).
+            load: Shape (count, n).
+            found: d, v and a (count, n) and the multipliers (count, rows), which are written.
+        """
+        count, n, rows = len(system), self.n, self.rows
+        at = np.ascontiguousarray(system, dtype=np.int64)
+        given = [np.ascontiguousarray(x, dtype=np.float64) for x in (value, load)]
+        if count and (np.min(at) < 0 or np.max(at) >= min(len(value), self._systems)):
+            raise PinflexError("kernel: a step of a system that is not given.")
+        if self._structure.kept and not self._arrays["lu"].size:
+            raise PinflexError("kernel: no room for the factors.")
+        shapes = (given[0].shape[1:], given[1].shape, *(x.shape for x in found))
+        if shapes != ((self._width,), *((count, n),) * 4, (count, rows)):
+            raise PinflexError(f"kernel: a march of {shapes}.")
+        if not all(x.flags.c_contiguous and x.dtype == np.float64 for x in found):
+            raise PinflexError("kernel: arrays that are not in one piece.")
+        here = self._structure
+        here.count, here.system = count, at.ctypes.data
+        here.value, here.load = (x.ctypes.data for x in given)
+        here.d, here.v, here.a, here.lam = (x.ctypes.data for x in found)
+        return int(self._functions.pinflex_linear_march(ctypes.addressof(here)))
+
+
+def _columns(moving: BoolArray) -> tuple[IntArray, IntArray]:
+    """Where the entries of each column start, and their rows."""
+    col, row = np.nonzero(moving.T)
+    at = np.searchsorted(col, np.arange(moving.shape[1] + 1))
+    return at.astype(np.int64), row.astype(np.int64)

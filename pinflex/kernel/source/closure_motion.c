@@ -1,0 +1,64 @@
+/* Time derivatives of the closures of several states, from the motion of the nodes.
+
+   With d the gap, u an axis of a, e one of b, of a frame that turns by w, alpha: u' = w x u and
+   u'' = alpha x u + w x u'; gravity, which is in both accelerations, leaves their difference.
+
+     point      c' = u' . d + u . d'      c'' = u'' . d + 2 u' . d' + u . d''
+     direction  c' = u' . e + u . e'      c'' = u'' . e + 2 u' . e' + u . e''
+     distance   c' = d . d' / l           c'' = (d' . d' + d . d'') / l */
+#include "kernel.h"
+
+typedef struct { Lane x[3], dx[3], ddx[3]; } Moving;
+
+/* A vector r fixed in a node, in the world: itself and its rates. */
+static void turning(const Node *n, const double *r, Moving *u) {
+  Lane own[3] = {lane(r[0]), lane(r[1]), lane(r[2])}, first[3], second[3], swept[3];
+  cross(n->w, own, first);
+  cross(n->w, first, second);
+  cross(n->alpha, own, swept);
+  for (int d = 0; d < 3; d++) second[d] += swept[d];
+  turn(n->R, own, u->x);
+  turn(n->R, first, u->dx);
+  turn(n->R, second, u->ddx);
+}
+
+/* The origin of a frame [R | p] (3, 4) of a node. */
+static void moving(const Node *n, const double *local, Moving *x) {
+  const double p[3] = {local[3], local[7], local[11]};
+  Lane v[3], a[3];
+  turning(n, p, x);
+  turn(n->R, n->v, v);
+  turn(n->R, n->a, a);
+  for (int d = 0; d < 3; d++) x->x[d] += n->p[d], x->dx[d] += v[d], x->ddx[d] += a[d];
+}
+
+static void axis_of(const Node *n, const double *local, Int axis, Moving *u) {
+  const double r[3] = {local[axis], local[4 + axis], local[8 + axis]};
+  turning(n, r, u);
+}
+
+void closure_motion(const Tables *t, Work *w, Lane *rate, Lane *second) {
+  for (Int k = 0; k < t->loops; k++) {
+    const Node *A = node_at(w, t->node_a[k]), *B = node_at(w, t->node_b[k]);
+    const double *a = t->frame_a + 12 * k, *b = t->frame_b + 12 * k;
+    Moving gap, from, u, e;
+    moving(A, a, &from);
+    moving(B, b, &gap);
+    for (int d = 0; d < 3; d++)
+      gap.x[d] -= from.x[d], gap.dx[d] -= from.dx[d], gap.ddx[d] -= from.ddx[d];
+    for (Int at = t->loop_at[k]; at < t->loop_at[k + 1]; at++) {
+      Int row = t->row_number[at];
+      if (t->row_kind[at] == DISTANCE) {
+        double l = t->row_length[at];
+        rate[row] = dot(gap.x, gap.dx) / l;
+        second[row] = (dot(gap.dx, gap.dx) + dot(gap.x, gap.ddx)) / l;
+        continue;
+      }
+      axis_of(A, a, t->row_a[at], &u);
+      if (t->row_kind[at] == POINT) e = gap;
+      else axis_of(B, b, t->row_b[at], &e);
+      rate[row] = dot(u.dx, e.x) + dot(u.x, e.dx);
+      second[row] = dot(u.ddx, e.x) + 2.0 * dot(u.dx, e.dx) + dot(u.x, e.ddx);
+    }
+  }
+}

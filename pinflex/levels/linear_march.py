@@ -1,0 +1,199 @@
+"""March of a linear system along a path, under any number of loads.
+
+    M(t) a + C(t) v + K(t) d + r(t) - J(t)' lam = 0,     J(t) d = 0
+
+Systems and their factors do not depend on the load: they are kept from one march to the next.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.integrators.chebyshev import Interpolation
+from pinflex.integrators.linear import Instant, alpha, start_at_rest
+from pinflex.integrators.schemes import AlphaScheme
+from pinflex.kernel.library import kernel
+from pinflex.kernel.linear import LinearKernel, Still
+from pinflex.levels.linearised import STILL, stacked_path
+
+_LARGEST = 24e6  # numbers that systems and factors may hold together (190 MB)
+_BATCH = 64  # systems at a time where they may not
+
+
+class Marched(NamedTuple):
+    """Deviation d, its rates v and a, (nt, n) each, and multipliers lam (nt, rows)."""
+
+    d: Array
+    v: Array
+    a: Array
+    lam: Array
+
+
+class Room:
+    """Numbers that marches in turn use: new memory costs as much as what is put there."""
+
+    def __init__(self) -> None:
+        self._numbers = np.empty(0)
+        self.owner: object = None
+
+    def take(self, owner: object, size: int) -> Array:
+        """Room for `size` numbers, of which nobody else knows from here on."""
+        if len(self._numbers) < size:
+            self._numbers = np.empty(0)  # the old one goes first
+            self._numbers = np.empty(size)
+        self.owner = owner
+        return self._numbers[:size]
+
+
+class LinearMarch:
+    """The systems of a march at equal steps, by a method of the alpha family."""
+
+    def __init__(
+        self,
+        scheme: AlphaScheme,
+        grid: Interpolation,
+        parts: tuple[Array, Array, Array, Array],
+        h: float,
+        room: Room | None = None,
+    ) -> None:
+        """Nothing is factored yet.
+
+        Args:
+            scheme: The method.
+            grid: Times of the systems, and of the steps.
+            parts: M, C, K (size, n, n) and J (size, rows, n).
+            h: Step [s].
+            room: Where systems and factors are kept; None: of its own.
+        """
+        self._scheme, self._grid, self._parts, self._h = scheme, grid, parts, h
+        self._room = room or Room()
+
+    @cached_property
+    def first(self) -> Instant:
+        """M, C, K and J at the first step, without a load."""
+        M, C, K, J = (self._grid.between(x, slice(0, 1))[0] for x in self._parts)
+        return Instant(M, C, K, np.zeros(len(M)), J)
+
+    def __call__(self, load: Array, start: Array) -> Marched:
+        """March from rest.
+
+        Args:
+            load: r at every step, shape (nt, n).
+            start: First deviation, shape (n,).
+        """
+        load = np.ascontiguousarray(load)
+        if kernel().functions is not None and len(start) and len(load) > 1:
+            found = self._compiled(load, start)
+            if found is not None:
+                return found
+        M, C, K, J = self._parts
+        none = np.zeros((len(M), 0))
+        system = stacked_path(self._grid, (M, C, K, np.zeros((len(M), len(start))), J, none))
+
+        def at(k: int) -> Instant:
+            now = system.at(k).free
+            return Instant(now.M, now.C, now.K, load[k], now.J)
+
+        states = list(alpha(self._scheme, at, len(load), self._h, start))
+        pairs = ([getattr(state, x) for state in states] for x in Marched._fields)
+        return Marched(*(np.array(x).reshape(len(load), -1) for x in pairs))
+
+    # On the kernel -------------------------------------------------------------------------
+
+    def _compiled(self, load: Array, start: Array) -> Marched | None:
+        """None where a system is singular."""
+        n, rows, count = len(start), self._parts[3].shape[1], len(load)
+        found = Marched(*(np.empty((count, width)) for width in (n, n, n, rows)))
+        now = self.first
+        first = start_at_rest(Instant(now.M, now.C, now.K, load[0], now.J), start)
+        for history, x in zip(found, (first.d, first.v, first.a, first.lam), strict=True):
+            history[0] = x
+        self._kernel.state[:] = first.d, first.v, first.a, first.a
+        system, _ = self._systems
+        each = count if self._kept else _BATCH
+        for k in range(1, count, each):
+            steps = slice(k, min(k + each, count))
+            value, own = self._values(system[steps])
+            rest = found.d[steps], found.v[steps], found.a[steps], found.lam[steps]
+            if self._kernel.march(own, value, load[steps], rest) < len(own):
+                return None
+        return found
+
+    @cached_property
+    def _systems(self) -> tuple[IntArray, IntArray]:
+        """System of each step, (nt,), and a step at which each is: resting pieces have one."""
+        grid, steps = self._grid, np.arange(len(self._grid.t))
+        nodes = self._moving_values[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
+        apart = np.ptp(nodes, axis=1)
+        for piece in np.flatnonzero(np.all(apart <= self._round_off, axis=1)):
+            here = grid.piece == piece
+            here[grid.corners] = False
+            steps[here] = np.argmax(here)
+        at, system = np.unique(steps, return_inverse=True)
+        return system, at
+
+    @cached_property
+    def _kept(self) -> bool:
+        """Whether all systems and their factors are kept."""
+        size = self._parts[0].shape[1] + self._parts[3].shape[1]
+        width = self._moving_values.shape[1] + size * size
+        return bool(len(self._systems[1]) * width <= _LARGEST)
+
+    def _values(self, wanted: IntArray) -> tuple[Array, IntArray]:
+        """Moving entries of systems, (systems, width), and which of them is each that is wanted."""
+        kernel, at = self._kernel, self._systems[1]
+        if not self._kept:
+            mine, own = np.unique(wanted, return_inverse=True)
+            kernel.forget()
+            return self._grid.between(self._moving_values, at[mine]), own
+        if self._room.owner is not self:
+            width, size = self._moving_values.shape[1], kernel.n + kernel.rows
+            numbers = self._room.take(self, len(at) * (width + size * size))
+            self._all = numbers[: len(at) * width].reshape(len(at), width)
+            self._grid.between(self._moving_values, at, self._all)
+            kernel.use(numbers[len(at) * width :])
+        return self._all, wanted
+
+    @cached_property
+    def _entries(self) -> tuple[BoolArray, BoolArray]:
+        """Entries of M, C and K, and of J, that change, shapes (n, n) and (rows, n)."""
+        moves = [
+            np.ptp(x, axis=0) > STILL * np.max(np.abs(x), initial=0.0) if x.size else
+            np.zeros(x.shape[1:], dtype=bool) for x in self._parts
+        ]  # fmt: skip
+        return moves[0] | moves[1] | moves[2], moves[3]
+
+    @property
+    def _weighted(self) -> tuple[Array, Array, Array, Array]:
+        """S, C, K and J at the nodes."""
+        M, C, K, J = self._parts
+        one, h = self._scheme, self._h
+        return one.mass_factor * M + one.gamma * h * C + one.beta * h * h * K, C, K, J
+
+    @cached_property
+    def _moving_values(self) -> Array:
+        """Entries that change, S, C, K and J column by column, shape (size, width)."""
+        at, J_at = (np.nonzero(x.T)[::-1] for x in self._entries)
+        S, C, K, J = self._weighted
+        picked = [x[:, at[0], at[1]] for x in (S, C, K)]
+        return np.hstack([*picked, J[:, J_at[0], J_at[1]]])
+
+    @cached_property
+    def _round_off(self) -> Array:
+        counts = [*[int(np.sum(self._entries[0]))] * 3, int(np.sum(self._entries[1]))]
+        sizes = [np.max(np.abs(x), initial=0.0) for x in self._weighted]
+        return STILL * np.repeat(sizes, counts)
+
+    @cached_property
+    def _kernel(self) -> LinearKernel:
+        one, (moving, J_moving) = self._scheme, self._entries
+        S, C, K = (np.where(moving, 0.0, x[0]) for x in self._weighted[:3])
+        J = np.where(J_moving, 0.0, self._parts[3][0])
+        still = Still(S, C, K, J, moving, J_moving)
+        coefficients = one.mass_factor, one.beta, one.gamma, one.alpha_m, one.alpha_f
+        systems = len(self._systems[1]) if self._kept else _BATCH
+        return LinearKernel(still, self._h, coefficients, systems, self._kept)
