@@ -204,8 +204,9 @@ class _Study:
         try:
             linear = load(self.rich.description.with_overrides(off))
             probe = Probe(
-                linear, self.motion, self.probe.end, self.probe.static, self.probe.steps - 1
-            )
+                linear, self.motion, self.probe.end, self.probe.static, self.probe.steps - 1,
+                self.probe,
+            )  # fmt: skip
             run = probe.nonlinear(probe.corrected(probe.march()))
         except (PinflexError, np.linalg.LinAlgError):
             return LeftOut("second order: without it the motion runs away", {}, False)
@@ -217,7 +218,7 @@ class _Study:
         level = found.level if found.level in ("rigid", "quasistatic") else "coupled"
         measure = partial(
             error_bars.apart, motion=self.motion, end=self.probe.end, static=self.probe.static,
-            level=level,
+            level=level, like=self.probe,
         )  # fmt: skip
         try:
             finer, _ = error_bars.finer_model(self.rich)

@@ -11,11 +11,10 @@ before it is asked for.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.nominal import Nominal
 from pinflex.advice.probe import Deviation, Probe
 from pinflex.advice.reduced_models import LARGEST, PLANES, SAFETY, Errors, beams
 from pinflex.arrays import Array
@@ -24,7 +23,6 @@ from pinflex.errors import ConvergenceError, PinflexError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, STILL, between, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
-from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import resolve
 from pinflex.recovery.recover import result_of
@@ -123,6 +121,7 @@ def apart(
     end: float,
     static: bool,
     level: str = "coupled",
+    like: Probe | None = None,
 ) -> Errors:
     """Largest differences of a level of one model from all of another, by output.
 
@@ -133,16 +132,18 @@ def apart(
         end: Last time [s].
         static: Whether they start in equilibrium.
         level: Level of the model in question.
+        like: A probe of the same motion, that has marched.
     Raises:
         ConvergenceError: Linear vibration does not describe the motion.
     """
     with one_blas_thread():
-        mine = _at_level(Probe(mechanism, motion, end, static), motion, level)
-        full = _at_level(Probe(finer, motion, end, static, len(mine.t) - 1), motion, "coupled")
+        small = Probe(mechanism, motion, end, static, like=like)
+        mine = _at_level(small, motion, level)
+        large = Probe(finer, motion, end, static, small.steps - 1, like=small)
+        full = _at_level(large, motion, "coupled")
         some = slice(None, None, max(1, (len(mine.t) - 1) // (_INSTANTS - 1)))
-        a, b = _result(mechanism, motion, mine.at(some)), _result(finer, motion, full.at(some))
-        rigid = _result(mechanism, motion, solve_rigid(mechanism, motion, full.t[some]))
-        return differences(a, b, rigid)
+        runs = (small, mine), (large, full), (small, small.rigid())
+        return differences(*(_result(probe, run.at(some), some) for probe, run in runs))
 
 
 def described(probe: Probe) -> Deviation:
@@ -173,11 +174,11 @@ def _at_level(probe: Probe, motion: Motion, level: str) -> Run:
     return probe.nonlinear(described(probe))
 
 
-def _result(mechanism: Mechanism, motion: Motion, run: Run) -> Result:
-    path = None
-    if run.system is not mechanism.rigid:
-        path = partial(nominal, mechanism, motion, run.t)
-    return result_of(mechanism, run, path or (lambda: None), "probe", {}, "")
+def _result(probe: Probe, run: Run, some: slice) -> Result:
+    def path() -> Nominal:
+        return probe.path.at(some)
+
+    return result_of(probe.mechanism, run, path, "probe", {}, "")
 
 
 def differences(a: Result, b: Result, rigid: Result) -> Errors:

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.advice.subspace import Subspace
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
@@ -58,7 +58,7 @@ class Probe:
         end: float,
         static: bool,
         steps: int | None = None,
-        room: Room | None = None,
+        like: Probe | None = None,
     ) -> None:
         """Its nominal motion, and the system along it.
 
@@ -68,25 +68,33 @@ class Probe:
             end: Last time [s].
             static: Whether it starts in equilibrium.
             steps: Of the marches; None: by the third mode of the mechanism.
-            room: That marches of other probes used, and need no longer.
+            like: A probe of the same motion and rigid mechanism, that has marched: what they have
+                in common is taken from there.
         """
         self.mechanism, self.system, self.static = mechanism, mechanism.flexible, static
-        self.end = end
-        wanted, self.third = _steps(mechanism, end)
-        self.t = _instants(end, wanted if steps is None else steps)
-        self.path = nominal(mechanism, motion, self.t)
-        if steps is None and _jumps(self.path.a):
-            self.t = _instants(end, _MOST)
-            self.path = nominal(mechanism, motion, self.t)
+        self.end, self.third, self._like = end, 0.0, like
+        if steps is None:
+            steps, self.third = _steps(mechanism, end)
+            self.path = self._nominal(motion, _instants(end, steps))
+            if _jumps(self.path.a):
+                self.path = self._nominal(motion, _instants(end, _MOST))
+        else:
+            self.path = self._nominal(motion, _instants(end, steps))
+        self.t, self._like = self.path.t, None
         self.h = float(self.t[1])
         self.dynamics = Equations(self.system)
         line = LinearPath(mechanism, self.path, dynamics=self.dynamics)
         self.v0, self.a0 = line.v, line.a
         self.full = full_path(line, mechanism, motion, _CLOSE)
         self._parts = self.full.parts()
-        self._room = room or Room()
+        self._room: Room = like._room if like is not None else Room()
         self._last: tuple[Array, Subspace] | None = None
         self.rough = self.full.missed
+
+    def _nominal(self, motion: Motion, t: Array) -> Nominal:
+        if self._like is not None and np.array_equal(self._like.t, t):
+            return self._like.path
+        return nominal(self.mechanism, motion, t)
 
     @property
     def steps(self) -> int:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pinflex.advice.probe import Probe
 from pinflex.advice.subspace import shapes_of
 from pinflex.description import solid_keys
+from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
@@ -21,6 +23,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import FlexiblePart, resolve
 
 Errors = dict[str, float]
+Changes = dict[str, dict[str, int] | None]  # of keys of links; None: the link is rigid
 SAFETY = 2.0  # an error bar is this many times what was measured
 LARGEST = 150  # elastic coordinates: a richer model than this would not be a cheap look
 PLANES = {
@@ -90,13 +93,14 @@ def smaller(rich: Mechanism, probe: Probe, outputs: Outputs, whole: Run, room: f
         whole: Its motion, corrected once as those of the smaller ones are.
         room: Largest error bar.
     """
-    changes: tuple[str, ...] = ()
     kept = Smaller(dict(rich.parts), probe.system.n_eta, {}, (), {})
     before, tried, unsettled, needed = whole, [], {}, False
+    accepted: Changes = {}
     for what, more, mode in _candidates(rich):
         if mode is not None and mode > 0 and needed:
             continue  # where three modes are needed, two will not do
-        found = _without(rich, probe, (*changes, *more))
+        changes = _together(accepted, more)
+        found = _without(rich, probe, kept.parts, changes)
         if found is None or found[1] == kept.coordinates:
             continue
         parts, n, run = found
@@ -109,51 +113,71 @@ def smaller(rich: Mechanism, probe: Probe, outputs: Outputs, whole: Run, room: f
                 unsettled = own
         if out:
             kept, before = Smaller(parts, n, error, (), {}), run
-            changes = (*changes, *more)
+            accepted |= changes
     return replace(kept, tried=tuple(tried), unsettled=unsettled)
 
 
 def _without(
-    rich: Mechanism, probe: Probe, changes: tuple[str, ...]
+    rich: Mechanism, probe: Probe, parts: Mapping[str, FlexiblePart], changes: Changes
 ) -> tuple[dict[str, FlexiblePart], int, Run] | None:
-    """Parts, coordinates and motion with the YAML changed, or None where that is no model."""
+    """Parts, coordinates and motion with links changed, or None where that is no model.
+
+    Args:
+        rich: The model with everything. probe: Its probe.
+        parts: Links as they are, which stay the same objects where `changes` leaves them alone.
+        changes: All that a link is to differ in from the richer model's, by link.
+    """
+    kept = {link: part for link, part in parts.items() if changes.get(link, {}) is not None}
+    specs = [_edited(x, changes[x.link]) for x in rich.description.flexible if x.link in changes]
+    wanted = rich.description.replace(flexible=tuple(x for x in specs if x.link in kept))
     try:
-        parts = resolve(rich.description.with_overrides(changes), rich.links)
-        n = sum(body.n for part in parts.values() for body in part.bodies)
+        kept |= resolve(wanted, rich.links)
+        n = sum(body.n for part in kept.values() for body in part.bodies)
         if not n:
             return None
         n += len(rich.flexible.expansion.drives)
-        shapes = shapes_of(rich.flexible, parts)
+        shapes = shapes_of(rich.flexible, kept)
         fewer = probe.corrected(probe.march(shapes), shapes)
     except (DescriptionError, ConvergenceError, np.linalg.LinAlgError):
         return None
-    return parts, n, probe.nonlinear(fewer)
+    return kept, n, probe.nonlinear(fewer)
 
 
-def _candidates(rich: Mechanism) -> Iterator[tuple[str, tuple[str, ...], int | None]]:
-    """Words, changes of the YAML, and for modes the how manyth this is: likeliest first."""
+def _edited(spec: FlexibleLink, changes: dict[str, int] | None) -> FlexibleLink:
+    """A link with other values of keys of its own or of its basis."""
+    for key, value in (changes or {}).items():
+        named: dict[str, Any] = {key: value}
+        of_basis = key in ("internal", "modes")
+        named = {"basis": replace(spec.basis, **named)} if of_basis else {key: bool(value)}
+        spec = replace(spec, **named)
+    return spec
+
+
+def _together(before: Changes, more: Changes) -> Changes:
+    """The changes `more` of links, each with those that it had before."""
+    return {
+        link: None if new is None else (before.get(link) or {}) | new for link, new in more.items()
+    }
+
+
+def _candidates(rich: Mechanism) -> Iterator[tuple[str, Changes, int | None]]:
+    """Words, changes of links, and for modes the how manyth this is: likeliest first."""
     links_of = beams(rich)
     for d, (key, words) in PLANES.items():
-        yield (
-            words,
-            tuple(f"flexible.{p.link}.{key}=false" for p in links_of if d in p.planes),
-            None,
-        )
+        yield words, {p.link: {key: False} for p in links_of if d in p.planes}, None
     sizes = [(p.link, size, _MODES[p.spec.basis.kind][1]) for p in links_of if (size := _size(p))]
     most = max((size[1] for _, size, _ in sizes), default=0)
     for place, count in enumerate(range(most - 1, -1, -1)):
-        fewer = tuple(
-            f"flexible.{link}.basis.{key}={count}"
-            for link, (key, n), least in sizes
-            if n > count >= least
-        )
+        fewer: Changes = {
+            link: {key: count} for link, (key, n), least in sizes if n > count >= least
+        }
         yield f"modes beyond {count} of each link and plane", fewer, place
     alike: dict[str, list[str]] = {}
     for part in rich.parts.values():
         stem = "".join(c for c in part.link if not c.isdigit())
         alike.setdefault(f"{stem} {replace(part.spec, link='')}", []).append(part.link)
     for links in alike.values():
-        rigid = tuple(f"flexible.{link}=null" for link in links)
+        rigid: Changes = dict.fromkeys(links)
         yield f"all deformation of {', '.join(links)}", rigid, None
 
 

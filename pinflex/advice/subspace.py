@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from pinflex.arrays import Array
 from pinflex.integrators.chebyshev import Interpolation
@@ -16,6 +17,7 @@ from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.system import System
 
 _BATCH = 64  # steps at a time: what is interpolated stays in cache
+_ROUND_OFF = 1e-11  # of combinations of functions; seen: 1e-13
 
 
 class Subspace:
@@ -46,15 +48,14 @@ class Subspace:
             static: Whether it starts in equilibrium.
             room: For marches.
         """
-        self.B, self._grid, self._static, self._system = B, grid, static, parts
-        M, C, K, r, J = parts[:5]
-        J = J @ B
+        self.B, self._grid, self._static = B, grid, static
+        J = _columns(parts[4], B)
         self.rows = np.sort(independent_rows(J[0], 1e-9))
-        self._parts = M, C, K = tuple(B.T @ x @ B for x in (M, C, K))
-        self._J = J
+        M, C, K = (_columns(_columns(x, B).swapaxes(1, 2), B).swapaxes(1, 2) for x in parts[:3])
+        self._parts, self._J = (M, C, K), J
         system = M, C, K, J[:, self.rows]
         self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, room)
-        self.load = grid.between(r @ B)
+        self.load = grid.between(parts[3] @ B)
 
     def march(self, load: Array) -> Marched:
         """The deviation under a load, shape (nt, k)."""
@@ -74,28 +75,34 @@ class Subspace:
         load, p = left @ self.B, np.zeros((3, *left.shape))
         if not gaps.shape[2]:
             return load, p
-        k, nv = self.B.shape[1], len(self.B)
-        ends = np.cumsum([nv, k, k])
+        k = self.B.shape[1]
         for s in _spans(len(left)):
             P = self._grid.between(self._closers, s)
-            moved = P @ -gaps[:, s].transpose(1, 2, 0)  # (steps, nv + 3 k, 3)
-            p[:, s] = moved[:, :nv].transpose(2, 0, 1)
-            for rate, force in enumerate(np.split(moved, ends, axis=1)[1:]):
-                load[s] += force[:, :, rate]
+            moved = P @ -gaps[:, s].transpose(1, 2, 0)  # (steps, 4 k, 3)
+            p[:, s] = moved[:, :k].transpose(2, 0, 1) @ self.B.T
+            for rate in range(3):
+                load[s] += moved[:, (rate + 1) * k : (rate + 2) * k, rate]
         return load, p
 
     @cached_property
     def _closers(self) -> Array:
         """P with J P = 1, of least elastic (and some kinetic) energy; and K P, C P and M P.
 
-        Shape (size, nv + 3 k, rows).
+        All four in the columns of B, shape (size, 4 k, rows).
         """
         M, C, K = self._parts
         slow = (2 * np.pi / float(self._grid.t[-1])) ** 2
         A_J = np.linalg.solve(K + slow * M, self._J.transpose(0, 2, 1))
         P = A_J @ np.linalg.pinv(self._J @ A_J, rcond=1e-10)
-        # Of the whole system's forces those in the rows of B do work.
-        return np.concatenate([self.B @ P, K @ P, C @ P, M @ P], axis=1)
+        return np.concatenate([P, K @ P, C @ P, M @ P], axis=1)
+
+
+def _columns(x: Array, B: Array) -> Array:
+    """x B, shape (..., k), for x (..., nv): mostly B picks some of the columns."""
+    row = np.argmax(B, axis=0)
+    if np.count_nonzero(B) == B.shape[1] and np.all(B[row, np.arange(B.shape[1])] == 1.0):
+        return np.asarray(x[..., row])
+    return np.asarray(x @ B)
 
 
 def _spans(count: int) -> list[slice]:
@@ -132,9 +139,15 @@ def shapes_of(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
                 large, small = (
                     b.fields(x)["deflection"].reshape(-1, b.n) for b in (slot.body, body)
                 )
-                known[pair] = np.asarray(np.linalg.lstsq(large, small, rcond=None)[0])
+                known[pair] = _tidy(np.linalg.lstsq(large, small, rcond=None)[0])
             T = known[pair]
         part = np.zeros((system.nv, T.shape[1]))
         part[m:][slot.eta] = T
         columns.append(part)
     return np.hstack(columns)
+
+
+def _tidy(T: npt.NDArray[np.floating]) -> Array:
+    """Without the round-off of zeros and ones: most functions of a smaller basis are of both."""
+    whole = np.rint(T)
+    return np.asarray(np.where(np.abs(T - whole) < _ROUND_OFF, whole, T), dtype=float)

@@ -20,7 +20,7 @@ from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import LinearKernel, Still
 from pinflex.levels.linearised import STILL, stacked_path
 
-_LARGEST = 24e6  # numbers that systems and factors may hold together (190 MB)
+_LARGEST = 32e6  # numbers that systems and factors may hold together (256 MB)
 _BATCH = 64  # systems at a time where they may not
 
 
@@ -167,7 +167,7 @@ class LinearMarch:
         ]  # fmt: skip
         return moves[0] | moves[1] | moves[2], moves[3]
 
-    @property
+    @cached_property
     def _weighted(self) -> tuple[Array, Array, Array, Array]:
         """S, C, K and J at the nodes."""
         M, C, K, J = self._parts
