@@ -130,6 +130,22 @@ def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterat
         yield State(d, v, a, lam)
 
 
+@dataclass(frozen=True)
+class Alpha:
+    """A march by a member of the alpha family."""
+
+    scheme: AlphaScheme
+
+    def __call__(self, at: At, count: int, h: float, d: Array) -> Iterator[State]:
+        """States at equal steps.
+
+        Args:
+            at: The system at step k. count: Number of steps. h: Step [s].
+            d: First deviation, at rest, shape (n,).
+        """
+        return alpha(self.scheme, at, count, h, d)
+
+
 def central_difference(at: At, count: int, h: float, d: Array) -> Iterator[State]:
     """Explicit: balance at t, d at t + h on its closures; stable for h < 2 / omega_max.
 

@@ -21,8 +21,8 @@ from pinflex.description.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.linear import (
+    Alpha,
     March,
-    alpha,
     central_difference,
     houbolt,
     wilson_theta,
@@ -30,9 +30,11 @@ from pinflex.integrators.linear import (
 from pinflex.integrators.mode_superposition import mode_superposition
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
-from pinflex.levels.linearised import LinearPath, along
+from pinflex.levels.linear_march import LinearMarch, Marched
+from pinflex.levels.linearised import InterpolatedPath, Kept, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
@@ -52,12 +54,12 @@ def march_of(spec: SolveSpec) -> March:
     if spec.integrator == "mode_superposition":
         return partial(mode_superposition, modes=12 if spec.modes is None else spec.modes)
     if isinstance(spec.method, AlphaScheme):
-        return partial(alpha, spec.method)
+        return Alpha(spec.method)
     if callable(spec.method):
         march: March = spec.method
         return march
     rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
-    return partial(alpha, scheme(spec.by_steps, rho_inf, spec.newmark))
+    return Alpha(scheme(spec.by_steps, rho_inf, spec.newmark))
 
 
 def solve_ked(
@@ -83,27 +85,26 @@ def solve_ked(
         The run: nominal motion plus deviation, torques included.
     """
     path, system = nominal(mechanism, motion, t), mechanism.flexible
-    nt, free, rows = len(path.t), system.free, system.closed.n
+    nt, free = len(path.t), system.free
     h = float(t[-1] - t[0]) / (nt - 1)
     line = LinearPath(mechanism, path)
-    at = along(mechanism, motion, path, structural, close, line.dynamics)
+    systems = along(mechanism, motion, path, structural, close, line.dynamics)
     d, v, a = np.zeros((nt, system.nv)), line.v, line.a
-    lam, torque = np.empty((nt, rows)), np.empty((nt, len(system.motors)))
     flat = path.straight(system.n_eta)
     begin = linear_start(mechanism, path, structural, start, line.dynamics)
-    for k, state in enumerate(march(lambda k: at(k).free, nt, h, begin.y)):
-        if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
-            y = Manifold(line.dynamics).retract(flat, d)
-            raise _blown_up(system, path.t, y, v, a, lam, torque, k, h)
-        here = at(k)
-        now = here.motors
-        left = now.r + now.M @ state.a + now.C @ state.v + now.K @ state.d
-        torque[k], lam[k] = left - now.J.T @ state.lam, here.base + state.lam
-        d[k, free] = state.d
-        v[k, free] += state.v
-        a[k, free] += state.a
-        if progress is not None and k % 64 == 0:
-            progress(k, nt)
+    if isinstance(march, Alpha) and isinstance(systems, InterpolatedPath):
+        found, torque, done = _together(systems, march.scheme, h, begin.y)
+    else:
+        found, torque, done = _each(systems, march, h, begin.y, progress)
+    d[:done, free] = found.d[:done]
+    v[:done, free] += found.v[:done]
+    a[:done, free] += found.a[:done]
+    lam = found.lam
+    if done < nt:
+        y = Manifold(line.dynamics).retract(flat, d)
+        raise _blown_up(system, path.t, y, v, a, lam, torque, done, h)
+    if progress is not None:
+        progress(nt - 1, nt)
     y = Manifold(line.dynamics).retract(flat, d)
     settings: dict[str, object] = {
         "dt": h,
@@ -115,6 +116,46 @@ def solve_ked(
     if structural:
         return run
     return replace(run, warnings=(*run.warnings, *_diverging(line, run)))
+
+
+def _together(
+    systems: InterpolatedPath, scheme: AlphaScheme, h: float, start: Array
+) -> tuple[Marched, Array, int]:
+    """Deviation with all multipliers, torques (nt, motors), and the number of sound steps."""
+    grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts()
+    found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(grid.between(r), start)
+    torque = np.empty((len(found.d), of_motors[0].shape[1]))
+    for s in spans(len(found.d)):
+        m, c, k, left, j, base = (grid.between(x, s) for x in of_motors)
+        pairs = (m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam)
+        torque[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)
+        found.lam[s] += base
+    sound = np.all(np.isfinite(found.d), axis=1) & np.all(np.isfinite(found.a), axis=1)
+    return found, torque, len(sound) if np.all(sound) else int(np.argmin(sound))
+
+
+def _each(
+    systems: InterpolatedPath | Kept,
+    march: March,
+    h: float,
+    start: Array,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[Marched, Array, int]:
+    """The same, step by step."""
+    nt, n, rows = systems.count, len(start), len(systems.at(0).base)
+    found = Marched(*(np.empty((nt, width)) for width in (n, n, n, rows)))
+    torque = np.empty((nt, len(systems.at(0).motors.r)))
+    for k, state in enumerate(march(lambda k: systems.at(k).free, nt, h, start)):
+        if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
+            return found, torque, k
+        here = systems.at(k)
+        now = here.motors
+        left = now.r + now.M @ state.a + now.C @ state.v + now.K @ state.d
+        torque[k], found.lam[k] = left - now.J.T @ state.lam, here.base + state.lam
+        found.d[k], found.v[k], found.a[k] = state.d, state.v, state.a
+        if progress is not None and k % 64 == 0:
+            progress(k, nt)
+    return found, torque, nt
 
 
 def _diverging(line: LinearPath, run: Run) -> tuple[str, ...]:

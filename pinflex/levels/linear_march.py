@@ -59,6 +59,7 @@ class LinearMarch:
         parts: tuple[Array, Array, Array, Array],
         h: float,
         room: Room | None = None,
+        kept: bool = True,
     ) -> None:
         """Nothing is factored yet.
 
@@ -68,9 +69,10 @@ class LinearMarch:
             parts: M, C, K (size, n, n) and J (size, rows, n).
             h: Step [s].
             room: Where systems and factors are kept; None: of its own.
+            kept: Keep them for other loads.
         """
         self._scheme, self._grid, self._parts, self._h = scheme, grid, parts, h
-        self._room = room or Room()
+        self._room, self._wanted = room or Room(), kept
 
     @cached_property
     def first(self) -> Instant:
@@ -141,7 +143,7 @@ class LinearMarch:
         """Whether all systems and their factors are kept."""
         size = self._parts[0].shape[1] + self._parts[3].shape[1]
         width = self._moving_values.shape[1] + size * size
-        return bool(len(self._systems[1]) * width <= _LARGEST)
+        return self._wanted and bool(len(self._systems[1]) * width <= _LARGEST)
 
     def _values(self, wanted: IntArray) -> tuple[Array, IntArray]:
         """Moving entries of systems, (systems, width), and which of them is each that is wanted."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
@@ -87,7 +87,7 @@ class LinearPath:
         system, m = mechanism.flexible, int(mechanism.flexible.rigid.nv)
         self.v, self.a = (np.zeros((len(path.t), system.nv)) for _ in range(2))
         self.v[:, :m], self.a[:, :m] = path.v, path.a
-        self._passive = mechanism.rigid.free
+        self._passive, self._bases = mechanism.rigid.free, np.zeros((0, 0))
         self._damping, self.structural = mechanism.description.system_damping, structural
 
     def full(self, k: int) -> LinearStep:
@@ -95,7 +95,7 @@ class LinearPath:
         dynamics, system = self.dynamics, self.dynamics.system
         y = np.concatenate([self.path.q[k], np.zeros(system.n_eta)])
         v, a, t = self.v[k], self.a[k], float(self.path.t[k])
-        base = _rigid_multipliers(dynamics, self._passive, y, v, a, t)
+        base = self._base(k)
         r, _ = dynamics.residual(y, v, a, base, t)
         M, C, K, J = dynamics.tangent(y, v, a, base, t)
         alpha, beta = self._damping
@@ -105,6 +105,29 @@ class LinearPath:
                 C, K = system.D, structure
             C = C + alpha * M + beta * structure
         return LinearStep((Instant(M, C, K, r, J),), base)
+
+    def together(self) -> None:
+        """Evaluate what all instants have in common at once: all of them are wanted."""
+        self._bases = self._multipliers(slice(None))
+
+    def _base(self, k: int) -> Array:
+        return self._bases[k] if len(self._bases) else self._multipliers(slice(k, k + 1))[0]
+
+    def _multipliers(self, s: slice) -> Array:
+        """Closure forces of the rigid motion in the rows of the flexible mechanism, (k, rows).
+
+        They bring the geometric stiffness of the joint forces; any split between them and the
+        deviation's own multipliers satisfies the same equations.
+        """
+        dynamics, rows = self.dynamics, self.dynamics.system.closed.n
+        v, t = self.v[s], self.path.t[s]
+        if not rows:
+            return np.zeros((len(t), 0))
+        y = np.hstack([self.path.q[s], np.zeros((len(t), dynamics.system.n_eta))])
+        r, _ = dynamics.residual(y, v, self.a[s], np.zeros((len(t), rows)), t)
+        J = dynamics.close(y).J[:, :, self._passive]
+        back = np.linalg.pinv(J.swapaxes(1, 2), rcond=1e-10)
+        return np.asarray((back @ r[:, self._passive, None])[:, :, 0])
 
     def at(self, k: int) -> LinearStep:
         """The rows that a march needs: `free` and `motors`."""
@@ -163,6 +186,11 @@ class InterpolatedPath:
             self._last = k, self._at(k)
         return self._last[1]
 
+    @property
+    def count(self) -> int:
+        """Number of steps."""
+        return len(self.grid.t)
+
     def parts(self) -> list[Array]:
         """Every array of the stored systems, (size, ...) each, in the order of `packed`."""
         split = np.split(self.values, self._cuts, 1)
@@ -206,7 +234,7 @@ def along(
     structural: bool,
     close: float,
     dynamics: Equations | None = None,
-) -> Callable[[int], LinearStep]:
+) -> InterpolatedPath | Kept:
     """The system at every step of a nominal motion: its free coordinates and motors.
 
     Args:
@@ -222,8 +250,8 @@ def along(
     if len(pieces) * (2 * n + 1) * _STEPS < len(path.t):
         found = _interpolated(every, mechanism, motion, LinearPath.at, pieces, n, close, _STEPS)
         if found.missed < close:
-            return found.at
-    return _Kept(every.at).at
+            return found
+    return Kept(every.at, len(path.t))
 
 
 def full_path(
@@ -264,6 +292,7 @@ def _interpolated(
     def packed(times: Array) -> Array:
         path = between(mechanism, motion, every.path, times)
         line = LinearPath(mechanism, path, every.structural, every.dynamics)
+        line.together()
         return np.array([_pack(system(line, k)) for k in range(len(times))])
 
     def relative(missed: Array, values: Array) -> float:
@@ -303,31 +332,20 @@ def _cuts(step: LinearStep) -> list[int]:
     return [int(c) for c in np.cumsum([x.size for x in step.packed()])[:-1]]
 
 
-class _Kept:
-    """The last few steps: mode superposition looks three steps around."""
+class Kept:
+    """Every step evaluated, and the last few kept: mode superposition looks three steps around.
 
-    def __init__(self, evaluate: Callable[[int], LinearStep]) -> None:
-        self._evaluate, self._kept = evaluate, dict[int, LinearStep]()
+    Attributes:
+        count: Number of steps.
+    """
+
+    def __init__(self, evaluate: Callable[[int], LinearStep], count: int) -> None:
+        self._evaluate, self._kept, self.count = evaluate, dict[int, LinearStep](), count
 
     def at(self, k: int) -> LinearStep:
+        """The step k."""
         if k not in self._kept:
             while len(self._kept) > 5:
                 self._kept.pop(min(self._kept, key=lambda j: -abs(j - k)))
             self._kept[k] = self._evaluate(k)
         return self._kept[k]
-
-
-def _rigid_multipliers(
-    dynamics: Equations, passive: IntArray, y: Array, v: Array, a: Array, t: float
-) -> Array:
-    """Closure forces of the rigid motion in the rows of the flexible mechanism.
-
-    They bring the geometric stiffness of the joint forces; any split between them and the
-    deviation's own multipliers satisfies the same equations.
-    """
-    system = dynamics.system
-    if not system.closed.n:
-        return np.zeros(0)
-    r, _ = dynamics.residual(y, v, a, np.zeros(system.closed.n), t)
-    J = dynamics.close(y).J[:, passive]
-    return np.asarray(np.linalg.lstsq(J.T, r[passive], rcond=1e-10)[0], dtype=float)

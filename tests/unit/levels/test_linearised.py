@@ -26,9 +26,9 @@ def test_interpolated_matrices_are_those_of_every_step(name):
     motion = default_motion(robot)
     path = nominal(robot, motion, np.linspace(0.0, end, steps))
     at, every = along(robot, motion, path, False, 1e-9), LinearPath(robot, path)
-    assert isinstance(at.__self__, InterpolatedPath)
+    assert isinstance(at, InterpolatedPath)
     for k in (0, 1, 7, steps // 3, steps // 2 - 1, steps // 2, steps - 2, steps - 1):
-        between, here = at(k), every.at(k)
+        between, here = at.at(k), every.at(k)
         for part in ("free", "motors"):
             for x in "MCKrJ":
                 a, b = (getattr(getattr(s, part), x) for s in (between, here))
@@ -43,8 +43,8 @@ def test_few_steps_are_evaluated_each():
     motion = default_motion(robot)
     path = nominal(robot, motion, np.linspace(0.0, 0.2, 31))
     at, every = along(robot, motion, path, False, 1e-9), LinearPath(robot, path)
-    assert not isinstance(at.__self__, InterpolatedPath)
-    assert np.array_equal(at(9).free.K, every.at(9).free.K)
+    assert not isinstance(at, InterpolatedPath)
+    assert np.array_equal(at.at(9).free.K, every.at(9).free.K)
 
 
 def test_a_sampled_motion_is_cut_at_its_samples_and_rests_after_them():
@@ -55,11 +55,11 @@ def test_a_sampled_motion_is_cut_at_its_samples_and_rests_after_them():
     motion = pf.sampled(t=t, joints=moves, absolute=False)
     path = nominal(robot, motion, np.linspace(0.0, 0.2, 1001))
     at, every = along(robot, motion, path, False, 1e-9), LinearPath(robot, path)
-    assert isinstance(at.__self__, InterpolatedPath)
+    assert isinstance(at, InterpolatedPath)
     for k in (1, 49, 50, 51, 320, 499, 500, 501, 600):
-        a, b = at(k).free, every.at(k).free
+        a, b = at.at(k).free, every.at(k).free
         for x in "MCKrJ":
             gap = np.max(np.abs(getattr(a, x) - getattr(b, x)))
             assert gap <= 1e-8 * np.max(np.abs(getattr(b, x)), initial=1.0), (k, x)
     # One object: a march keeps its factors while the robot rests.
-    assert at(600).free is at(700).free is not at(300).free
+    assert at.at(600).free is at.at(700).free is not at.at(300).free
