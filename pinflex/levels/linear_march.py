@@ -129,9 +129,11 @@ class LinearMarch:
     def _systems(self) -> tuple[IntArray, IntArray]:
         """System of each step, (nt,), and a step at which each is: resting pieces have one."""
         grid, steps = self._grid, np.arange(len(self._grid.t))
-        nodes = self._moving_values[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
-        apart = np.ptp(nodes, axis=1)
-        for piece in np.flatnonzero(np.all(apart <= self._round_off, axis=1)):
+        rests = np.ones(len(grid.pieces), dtype=bool)
+        for x, moving in zip(self._parts, self._moving, strict=True):
+            nodes = moving[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
+            rests &= np.all(np.ptp(nodes, axis=1) <= STILL * _largest(x), axis=1)
+        for piece in np.flatnonzero(rests):
             here = grid.piece == piece
             here[grid.corners] = False
             steps[here] = np.argmax(here)
@@ -161,41 +163,50 @@ class LinearMarch:
         return self._all, wanted
 
     @cached_property
-    def _entries(self) -> tuple[BoolArray, BoolArray]:
-        """Entries of M, C and K, and of J, that change, shapes (n, n) and (rows, n)."""
-        moves = [
-            np.ptp(x, axis=0) > STILL * np.max(np.abs(x), initial=0.0) if x.size else
-            np.zeros(x.shape[1:], dtype=bool) for x in self._parts
-        ]  # fmt: skip
-        return moves[0] | moves[1] | moves[2], moves[3]
+    def _moves(self) -> list[BoolArray]:
+        """Entries of M, C, K and J that change by more than round-off."""
+        return [np.ptp(x, axis=0) > STILL * _largest(x) if x.size else np.zeros(x.shape[1:], bool)
+                for x in self._parts]  # fmt: skip
 
     @cached_property
-    def _weighted(self) -> tuple[Array, Array, Array, Array]:
-        """S, C, K and J at the nodes."""
-        M, C, K, J = self._parts
-        one, h = self._scheme, self._h
-        return one.mass_factor * M + one.gamma * h * C + one.beta * h * h * K, C, K, J
+    def _entries(self) -> tuple[BoolArray, BoolArray]:
+        """Entries of M, C or K, and of J, that change, shapes (n, n) and (rows, n)."""
+        M, C, K, J = self._moves
+        return M | C | K, J
+
+    @cached_property
+    def _moving(self) -> list[Array]:
+        """Those entries of M, C, K and J at the nodes, column by column, (size, .) each."""
+        square, J_at = (np.nonzero(x.T)[::-1] for x in self._entries)
+        found = []
+        for x, moves, (row, col) in zip(
+            self._parts, self._moves, (square, square, square, J_at), strict=True
+        ):
+            values = x[:, row, col]
+            found.append(np.where(moves[row, col], values, values[:1]))
+        return found
 
     @cached_property
     def _moving_values(self) -> Array:
-        """Entries that change, S, C, K and J column by column, shape (size, width)."""
-        at, J_at = (np.nonzero(x.T)[::-1] for x in self._entries)
-        S, C, K, J = self._weighted
-        picked = [x[:, at[0], at[1]] for x in (S, C, K)]
-        return np.hstack([*picked, J[:, J_at[0], J_at[1]]])
+        """The same of S, C, K and J side by side, shape (size, width)."""
+        M, C, K, J = self._moving
+        return np.hstack([self._weighted(M, C, K), C, K, J])
 
-    @cached_property
-    def _round_off(self) -> Array:
-        counts = [*[int(np.sum(self._entries[0]))] * 3, int(np.sum(self._entries[1]))]
-        sizes = [np.max(np.abs(x), initial=0.0) for x in self._weighted]
-        return STILL * np.repeat(sizes, counts)
+    def _weighted(self, M: Array, C: Array, K: Array) -> Array:
+        """S, which the acceleration of a step is solved with."""
+        one, h = self._scheme, self._h
+        return one.mass_factor * M + one.gamma * h * C + one.beta * h * h * K
 
     @cached_property
     def _kernel(self) -> LinearKernel:
         one, (moving, J_moving) = self._scheme, self._entries
-        S, C, K = (np.where(moving, 0.0, x[0]) for x in self._weighted[:3])
+        M, C, K = (np.where(moving, 0.0, x[0]) for x in self._parts[:3])
         J = np.where(J_moving, 0.0, self._parts[3][0])
-        still = Still(S, C, K, J, moving, J_moving)
+        still = Still(self._weighted(M, C, K), C, K, J, moving, J_moving)
         coefficients = one.mass_factor, one.beta, one.gamma, one.alpha_m, one.alpha_f
         systems = len(self._systems[1]) if self._kept else _BATCH
         return LinearKernel(still, self._h, coefficients, systems, self._kept)
+
+
+def _largest(x: Array) -> float:
+    return float(np.max(np.abs(x), initial=0.0))

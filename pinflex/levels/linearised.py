@@ -111,7 +111,8 @@ class LinearPath:
         self._bases = self._multipliers(slice(None))
 
     def _base(self, k: int) -> Array:
-        return self._bases[k] if len(self._bases) else self._multipliers(slice(k, k + 1))[0]
+        found = self._bases if len(self._bases) else self._multipliers(slice(k, k + 1))
+        return np.asarray(found[k if len(self._bases) else 0])
 
     def _multipliers(self, s: slice) -> Array:
         """Closure forces of the rigid motion in the rows of the flexible mechanism, (k, rows).
