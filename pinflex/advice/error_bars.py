@@ -199,7 +199,7 @@ def differences(a: Result, b: Result, rigid: Result) -> Errors:
     scale = max((float(np.max(y)) for _, y in stresses), default=0.0)
     if scale > 0:
         found["stress"] = max(float(np.max(np.abs(x - y))) for x, y in stresses) / scale
-    if b.meta.get("platform"):
+    if "platform" in b.frames:
         found |= _platform(a, b, rigid)
     return found
 

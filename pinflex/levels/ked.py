@@ -34,12 +34,12 @@ from pinflex.levels.linear_march import LinearMarch, Marched
 from pinflex.levels.linearised import InterpolatedPath, Kept, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 
 _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness is looked at
+_BATCH = 256  # steps whose torques are taken together
 _CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-off
 
 
@@ -125,7 +125,8 @@ def _together(
     grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts()
     found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(grid.between(r), start)
     torque = np.empty((len(found.d), of_motors[0].shape[1]))
-    for s in spans(len(found.d)):
+    for first in range(0, len(found.d), _BATCH):
+        s = slice(first, first + _BATCH)
         m, c, k, left, j, base = (grid.between(x, s) for x in of_motors)
         pairs = (m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam)
         torque[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)

@@ -196,8 +196,42 @@ def _body(beam: _Beam) -> FlexibleBody:
 
 def _bodies(spec: FlexibleLink, planes: tuple[str, ...], length: float) -> tuple[FlexibleBody, ...]:
     """Bodies of the described density; equal links share what follows from it."""
+    return (_body(_beam(spec, planes, length)),) * spec.segments
+
+
+def _beam(spec: FlexibleLink, planes: tuple[str, ...], length: float) -> _Beam:
     alike = replace(spec, link="", inertia="beam", as_built=None, start=None, end=None, up=None)
-    return (_body(_Beam(alike, planes, length / spec.segments, spec)),) * spec.segments
+    return _Beam(alike, planes, length / spec.segments, spec)
+
+
+@dataclass(frozen=True)
+class _Ridden:
+    """A link whose inertia its beam and riders share: links alike in that share the body.
+
+    Attributes:
+        beam, built: The beam, and the one that the URDF's link has.
+        numbers: Mass, centre and inertia of the URDF's link about the start of the beam.
+        inertia, riders: The same as an object, and masses at the ends, which the beam tells.
+    """
+
+    beam: _Beam
+    built: _Beam
+    numbers: bytes
+    inertia: pin.Inertia = field(compare=False)
+    riders: tuple[ride.Rider, ...] = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _weighed(link: _Ridden) -> tuple[ride.Split, FlexibleBody]:
+    """Shares of the inertia, and the body with its own: as described where too little fits."""
+    spec, body, built = link.beam.spec, _body(link.beam), _body(link.built)
+    segments = link.built.spec.segments
+    length, whole = segments * link.built.length, spec.segments * link.beam.length
+    shares = ride.split(link.inertia, (built,) * segments, length)
+    if shares.share < ride.LEAST:
+        return shares, body
+    shares = ride.moved(shares, whole / length)
+    return shares, ride.weighed(body, spec, shares, (*shares.riders, *link.riders))
 
 
 def _built(spec: FlexibleLink, length: float) -> tuple[FlexibleLink, float]:
@@ -219,8 +253,10 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
     """The part with the URDF's inertia, shared between its beam (as built) and riders."""
     spec, rho = part.spec, part.spec.material.rho or 0.0
     built, length = _built(spec, part.length)
-    bodies = part.bodies if built == spec else _bodies(built, part.planes, length)
-    shares = ride.split(part.placement.actInv(urdf), bodies, length)
+    inertia = part.placement.actInv(urdf)
+    numbers = np.concatenate([[inertia.mass], inertia.lever, inertia.inertia.ravel()]).tobytes()
+    own, theirs = _beam(spec, part.planes, part.length), _beam(built, part.planes, length)
+    shares, body = _weighed(_Ridden(own, theirs, numbers, inertia, part.riders))
     if shares.share < ride.LEAST:
         lighter = rho * shares.share / ride.LEAST
         advice = f", or material.rho up to {lighter:.3g} kg/m^3" if lighter > 1 else ""
@@ -229,13 +265,10 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
             f"of {part.link} ({urdf.mass:.3g} kg, {100 * shares.share:.2g} % of the beam fit). "
             f"Write inertia: beam, so that the beam's own inertia takes its place{advice}."
         )
-    shares = ride.moved(shares, part.length / length)
-    riders = (*shares.riders, *part.riders)
-    body = ride.weighed(part.bodies[0], spec, shares, riders)
     return replace(
         part,
         bodies=(body,) * spec.segments,
-        riders=riders,
+        riders=(*shares.riders, *part.riders),
         spec=_with_density(spec, shares.share * rho),
         share=shares.share,
     )
