@@ -144,7 +144,11 @@ def _without(
 
 
 def _edited(spec: FlexibleLink, changes: dict[str, int] | None) -> FlexibleLink:
-    """A link with other values of keys of its own or of its basis."""
+    """A link with other values of keys of its own or of its basis.
+
+    Shapes do not depend on what mass the URDF leaves to the beam: it is not asked for.
+    """
+    spec = replace(spec, inertia="beam")
     for key, value in (changes or {}).items():
         named: dict[str, Any] = {key: value}
         of_basis = key in ("internal", "modes")

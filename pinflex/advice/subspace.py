@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.linear_march import LinearMarch, Marched, Room
@@ -51,7 +51,7 @@ class Subspace:
         self.B, self._grid, self._static = B, grid, static
         J = _columns(parts[4], B)
         self.rows = np.sort(independent_rows(J[0], 1e-9))
-        M, C, K = (_columns(_columns(x, B).swapaxes(1, 2), B).swapaxes(1, 2) for x in parts[:3])
+        M, C, K = (_both_sides(x, B) for x in parts[:3])
         self._parts, self._J = (M, C, K), J
         system = M, C, K, J[:, self.rows]
         self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, room)
@@ -97,12 +97,23 @@ class Subspace:
         return np.concatenate([P, K @ P, C @ P, M @ P], axis=1)
 
 
-def _columns(x: Array, B: Array) -> Array:
-    """x B, shape (..., k), for x (..., nv): mostly B picks some of the columns."""
+def _picked(B: Array) -> IntArray | None:
+    """The coordinates that the columns of B are, as they mostly are; None: combinations."""
     row = np.argmax(B, axis=0)
-    if np.count_nonzero(B) == B.shape[1] and np.all(B[row, np.arange(B.shape[1])] == 1.0):
-        return np.asarray(x[..., row])
-    return np.asarray(x @ B)
+    alone = np.count_nonzero(B) == B.shape[1] and np.all(B[row, np.arange(B.shape[1])] == 1.0)
+    return row if alone else None
+
+
+def _columns(x: Array, B: Array) -> Array:
+    """x B, shape (..., k), for x (..., nv)."""
+    row = _picked(B)
+    return np.asarray(x @ B if row is None else x[..., row])
+
+
+def _both_sides(x: Array, B: Array) -> Array:
+    """B' x B, shape (size, k, k), for x (size, nv, nv)."""
+    row = _picked(B)
+    return np.asarray(B.T @ x @ B if row is None else x[:, row[:, None], row])
 
 
 def _spans(count: int) -> list[slice]:

@@ -34,17 +34,25 @@ class Marched(NamedTuple):
 
 
 class Room:
-    """Numbers that marches in turn use: new memory costs as much as what is put there."""
+    """Numbers that marches in turn use: memory is paid for when it is first touched.
+
+    Attributes:
+        owner: Whose numbers are there.
+    """
 
     def __init__(self) -> None:
         self._numbers = np.empty(0)
-        self.owner: object = None
+        self.owner: LinearMarch | None = None
 
-    def take(self, owner: object, size: int) -> Array:
-        """Room for `size` numbers, of which nobody else knows from here on."""
-        if len(self._numbers) < size:
-            self._numbers = np.empty(0)  # the old one goes first
-            self._numbers = np.empty(size)
+    def take(self, owner: LinearMarch, size: int) -> Array:
+        """Room for `size` numbers, up to `_LARGEST`; nobody else's are left.
+
+        Args:
+            owner: Who is to have it.
+            size: Numbers.
+        """
+        if not len(self._numbers):
+            self._numbers = np.empty(int(_LARGEST))
         self.owner = owner
         return self._numbers[:size]
 
@@ -130,9 +138,9 @@ class LinearMarch:
         """System of each step, (nt,), and a step at which each is: resting pieces have one."""
         grid, steps = self._grid, np.arange(len(self._grid.t))
         rests = np.ones(len(grid.pieces), dtype=bool)
-        for x, moving in zip(self._parts, self._moving, strict=True):
+        for small, moving in zip(self._round_off, self._moving, strict=True):
             nodes = moving[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
-            rests &= np.all(np.ptp(nodes, axis=1) <= STILL * _largest(x), axis=1)
+            rests &= np.all(np.ptp(nodes, axis=1) <= small, axis=1)
         for piece in np.flatnonzero(rests):
             here = grid.piece == piece
             here[grid.corners] = False
@@ -163,10 +171,16 @@ class LinearMarch:
         return self._all, wanted
 
     @cached_property
-    def _moves(self) -> list[BoolArray]:
-        """Entries of M, C, K and J that change by more than round-off."""
-        return [np.ptp(x, axis=0) > STILL * _largest(x) if x.size else np.zeros(x.shape[1:], bool)
+    def _round_off(self) -> list[float]:
+        """Changes of entries of M, C, K and J up to which they stand still."""
+        return [STILL * max(float(np.max(x, initial=0.0)), -float(np.min(x, initial=0.0)))
                 for x in self._parts]  # fmt: skip
+
+    @cached_property
+    def _moves(self) -> list[BoolArray]:
+        """Entries of M, C, K and J that change."""
+        pairs = zip(self._parts, self._round_off, strict=True)
+        return [np.ptp(x, axis=0) > small for x, small in pairs]
 
     @cached_property
     def _entries(self) -> tuple[BoolArray, BoolArray]:
@@ -206,7 +220,3 @@ class LinearMarch:
         coefficients = one.mass_factor, one.beta, one.gamma, one.alpha_m, one.alpha_f
         systems = len(self._systems[1]) if self._kept else _BATCH
         return LinearKernel(still, self._h, coefficients, systems, self._kept)
-
-
-def _largest(x: Array) -> float:
-    return float(np.max(np.abs(x), initial=0.0))
