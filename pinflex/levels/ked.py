@@ -30,8 +30,9 @@ from pinflex.integrators.linear import (
 from pinflex.integrators.mode_superposition import mode_superposition
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
+from pinflex.levels.interpolated import InterpolatedPath
 from pinflex.levels.linear_march import LinearMarch, Marched
-from pinflex.levels.linearised import InterpolatedPath, Kept, LinearPath, along
+from pinflex.levels.linearised import Kept, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.manifold import Manifold

@@ -18,7 +18,7 @@ from pinflex.integrators.linear import Instant, alpha, start_at_rest
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import LinearKernel, Still
-from pinflex.levels.linearised import STILL, stacked_path
+from pinflex.levels.interpolated import STILL, stacked_path
 
 _LARGEST = 32e6  # numbers that systems and factors may hold together (256 MB)
 _BATCH = 64  # systems at a time where they may not

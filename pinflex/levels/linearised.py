@@ -7,17 +7,17 @@ by interpolation, they serve any number of steps, and any number of marches.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
+from pinflex.levels.interpolated import InterpolatedPath, LinearStep, pack
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
@@ -25,37 +25,7 @@ from pinflex.mechanics.mechanism import Mechanism
 _NODES = 8  # intervals between the nodes of a piece to begin with
 _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
-_BATCH = 32  # steps that are interpolated at a time
 _LARGEST = 2e7  # numbers that the nodes may hold (160 MB)
-STILL = 1e-12  # of the largest entry of a matrix: round-off of what does not change
-
-
-@dataclass(frozen=True)
-class LinearStep:
-    """The linear system at one time.
-
-    Attributes:
-        parts: M, C, K, r and J in the rows and columns that were asked for, one for each choice of
-            rows (rows of a motor have J' as the others).
-        base: Multipliers of the rigid motion, shape (rows,).
-    """
-
-    parts: tuple[Instant, ...]
-    base: Array
-
-    @property
-    def free(self) -> Instant:
-        """Rows of the free coordinates, by the free ones."""
-        return self.parts[0]
-
-    @property
-    def motors(self) -> Instant:
-        """Rows of the motors, by the free coordinates."""
-        return self.parts[1]
-
-    def packed(self) -> list[Array]:
-        """Every array, in one order."""
-        return [x for s in self.parts for x in (s.M, s.C, s.K, s.r, s.J)] + [self.base]
 
 
 class LinearPath:
@@ -142,92 +112,6 @@ class LinearPath:
         return LinearStep(tuple(parts), step.base)
 
 
-class InterpolatedPath:
-    """The system off polynomials, at any step.
-
-    Steps of a piece in which nothing changes are one object: a march keeps its factors there.
-
-    Attributes:
-        grid: Where the values are, and how they serve the steps.
-        values: The system at `grid.times`, packed, shape (size, width).
-        missed: Estimate of what interpolation misses, of the largest entry of each matrix.
-    """
-
-    def __init__(
-        self, grid: Interpolation, values: Array, like: LinearStep, missed: float = 0.0
-    ) -> None:
-        """Polynomials of the entries that change.
-
-        Args:
-            grid: Times of the values.
-            values: Packed systems, shape (size, width).
-            like: One of them, for its shapes.
-            missed: Estimate of what interpolation misses.
-        """
-        self.grid, self.values, self.missed = grid, values, missed
-        self._shapes, self._cuts = [x.shape for x in like.packed()], _cuts(like)
-        round_off = STILL * np.concatenate([
-            np.full(x.shape[1], np.max(np.abs(x), initial=0.0))
-            for x in np.split(values, self._cuts, 1)
-        ])  # fmt: skip
-        self._still = values[0]
-        self._moves = np.ptp(values, axis=0) > round_off
-        self._moving = np.ascontiguousarray(values[:, self._moves])
-        nodes = self._moving[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
-        resting = np.all(np.ptp(nodes, axis=1) <= round_off[self._moves], axis=1)
-        first = {int(p): int(p) * (grid.n + 1) for p in np.flatnonzero(resting)}
-        self._resting = {p: self._step(values[k]) for p, k in first.items()}
-        self._piece, self._corners = grid.piece.tolist(), set(grid.corners.tolist())
-        self._chunks: dict[int, Array] = {}
-        self._last: tuple[int, LinearStep] | None = None
-
-    def at(self, k: int) -> LinearStep:
-        """The step k; a march asks for one, and then who reads its forces for the same."""
-        if self._last is None or self._last[0] != k:
-            self._last = k, self._at(k)
-        return self._last[1]
-
-    @property
-    def count(self) -> int:
-        """Number of steps."""
-        return len(self.grid.t)
-
-    def parts(self) -> list[Array]:
-        """Every array of the stored systems, (size, ...) each, in the order of `packed`."""
-        split = np.split(self.values, self._cuts, 1)
-        return [x.reshape(len(x), *shape) for x, shape in zip(split, self._shapes, strict=True)]
-
-    def _at(self, k: int) -> LinearStep:
-        if k not in self._corners and self._piece[k] in self._resting:
-            return self._resting[self._piece[k]]
-        number = k // _BATCH
-        if number not in self._chunks:
-            if len(self._chunks) > 1:
-                self._chunks.pop(min(self._chunks, key=lambda j: -abs(j - number)))
-            at = slice(number * _BATCH, min((number + 1) * _BATCH, len(self.grid.t)))
-            rows = np.tile(self._still, (at.stop - at.start, 1))
-            rows[:, self._moves] = self.grid.between(self._moving, at)
-            self._chunks[number] = rows
-        return self._step(self._chunks[number][k % _BATCH])
-
-    def _step(self, row: Array) -> LinearStep:
-        split = np.split(row, self._cuts)
-        x = [part.reshape(shape) for part, shape in zip(split, self._shapes, strict=True)]
-        parts = [Instant(*x[k : k + 5]) for k in range(0, len(x) - 1, 5)]
-        return LinearStep(tuple(parts), x[-1])
-
-
-def stacked_path(grid: Interpolation, parts: Sequence[Array]) -> InterpolatedPath:
-    """A path of systems in one choice of rows that are at hand.
-
-    Args:
-        grid: Their times.
-        parts: M, C, K (size, n, n), r (size, n), J (size, rows, n), base (size, rows).
-    """
-    like = LinearStep((Instant(*(x[0] for x in parts[:5])),), parts[5][0])
-    return InterpolatedPath(grid, np.hstack([x.reshape(len(x), -1) for x in parts]), like)
-
-
 def along(
     mechanism: Mechanism,
     motion: Motion,
@@ -288,25 +172,26 @@ def _interpolated(
 ) -> InterpolatedPath:
     """Polynomials through twice the nodes until they are `close`, or nodes are one in `steps`."""
     like, t = system(every, 0), every.path.t
-    cuts = _cuts(like)
+    widths = np.array([x.size for x in like.packed()])
+    starts, width = (np.cumsum(widths) - widths)[widths > 0], int(np.sum(widths))
 
     def packed(times: Array) -> Array:
         path = between(mechanism, motion, every.path, times)
         line = LinearPath(mechanism, path, every.structural, every.dynamics)
         line.together()
-        return np.array([_pack(system(line, k)) for k in range(len(times))])
+        rows = np.empty((len(times), width))
+        for k, row in enumerate(rows):
+            np.concatenate([x.ravel() for x in system(line, k).packed()], out=row)
+        return rows
 
     def relative(missed: Array, values: Array) -> float:
         """Largest miss of each matrix over its largest entry; the worst of all."""
-        pairs = (np.split(x.reshape(-1, x.shape[-1]), cuts, 1) for x in (missed, values))
-        return max(
-            float(np.max(np.abs(m), initial=0.0) / max(np.max(np.abs(v), initial=0.0), 1e-300))
-            for m, v in zip(*pairs, strict=True)
-        )
+        far, size = (_sizes(x.reshape(-1, width), starts) for x in (missed, values))
+        return float(np.max(far / np.maximum(size, 1e-300), initial=0.0))
 
     values, missed = pieces.refined(packed, relative, n, close, len(t) / steps, _LARGEST)
     grid = Interpolation(pieces, values.shape[1] - 1, t)
-    corners = [_pack(system(every, int(k)))[None] for k in grid.corners]
+    corners = [pack(system(every, int(k)))[None] for k in grid.corners]
     flat = np.concatenate([values.reshape(grid.nodes, -1), *corners])
     return InterpolatedPath(grid, flat, like, missed)
 
@@ -323,14 +208,6 @@ def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[Piecewi
         if len(pieces) * (_FEW + 1) * steps < len(t):
             return pieces, _FEW
     return PiecewiseChebyshev(start, end, corners), _NODES
-
-
-def _pack(step: LinearStep) -> Array:
-    return np.concatenate([x.ravel() for x in step.packed()])
-
-
-def _cuts(step: LinearStep) -> list[int]:
-    return [int(c) for c in np.cumsum([x.size for x in step.packed()])[:-1]]
 
 
 class Kept:
@@ -350,3 +227,11 @@ class Kept:
                 self._kept.pop(min(self._kept, key=lambda j: -abs(j - k)))
             self._kept[k] = self._evaluate(k)
         return self._kept[k]
+
+
+def _sizes(x: Array, starts: IntArray) -> Array:
+    """Largest entry of each matrix that is packed in rows x (k, width), from its first column."""
+    if not x.size:
+        return np.zeros(len(starts))
+    ends = np.maximum(np.max(x, axis=0), -np.min(x, axis=0))
+    return np.asarray(np.maximum.reduceat(ends, starts))

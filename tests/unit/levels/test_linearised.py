@@ -7,7 +7,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
-from pinflex.levels.linearised import InterpolatedPath, LinearPath, along
+from pinflex.levels.interpolated import InterpolatedPath
+from pinflex.levels.linearised import LinearPath, along
 from pinflex.solver.solve import default_motion
 
 # A cycloid that ends in the middle of the run; acceleration that jumps at the corners of a
