@@ -24,6 +24,7 @@ from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.closure import Closures, closures
+from pinflex.mechanics.closure_motion import closure_motion
 from pinflex.mechanics.compiled import Compiled, evaluated_by, on_kernel
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Expansion
@@ -69,12 +70,25 @@ def apart(found: Array, expected: Array) -> float:
     return float(np.max(np.max(np.abs(found - expected), axis=1, initial=0.0) / scale, initial=0.0))
 
 
+def same_closure_motion(system: System, given: Sequence[Array]) -> None:
+    """First and second derivatives of the closures are those that Jacobians give."""
+    Y, V, A = given
+    plain = without_kernel(system)
+    J, gamma = plain.close(Y).J, plain.closure_bias(Y, V)
+    expected = (J @ V[:, :, None])[:, :, 0], (J @ A[:, :, None])[:, :, 0] + gamma
+    for found, known in zip(closure_motion(Equations(system), Y, V, A), expected, strict=True):
+        # Of the largest term of all: sums of a row may cancel.
+        scale = np.max(np.abs(known), initial=1.0)
+        assert np.max(np.abs(found - known), initial=0.0) < SAME * scale
+
+
 def agrees(system: System, home: Array, count: int = STATES, seed: int = 1) -> None:
     given = states(system, home, count, seed)
     R, C = Compiled(system).residual(*given)
     r, c = without_kernel(system).residual(*given)
     assert apart(R, r) < SAME
     assert np.max(np.abs(C - c), initial=0.0) < SAME  # m, of metre-size mechanisms
+    same_closure_motion(system, given[:3])
     # Stiffness and damping, which both take from the same tables, would hide the rest.
     zero = np.zeros_like(system.K)
     same_tangent(dataclasses.replace(system, K=zero, D=zero), [x[0] for x in given])

@@ -1,0 +1,139 @@
+"""The compiled march of a linear system says what the one in numpy says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pinflex.arrays import Array
+from pinflex.errors import PinflexError
+from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
+from pinflex.integrators.schemes import generalized_alpha, newmark
+from pinflex.kernel.library import kernel
+from pinflex.kernel.linear import LinearKernel, Still
+from pinflex.levels import linear_march
+from pinflex.levels.linear_march import LinearMarch, Room
+
+needs_kernel = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
+STEPS = 150
+# Of d, v, a and the multipliers, of the largest: round-off of closures of size one, which
+# accelerations and multipliers see over beta h^2 = 1e-5; seen: 3e-17, 3e-15, 7e-11 and 1e-9.
+SAME = (1e-14, 1e-12, 1e-8, 1e-8)
+
+
+def system(n: int, rows: int, corners: tuple[float, ...] = (), seed: int = 1) -> tuple:
+    """A grid, and M, C, K (size, n, n) and J (size, rows, n): some entries move, some do not."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 1.0, STEPS)
+    grid = Interpolation(PiecewiseChebyshev(0.0, 1.0, list(corners)), 8, t)
+    s = np.where(grid.times < (corners or (2.0,))[0], np.sin(grid.times), 0.3)[:, None, None]
+
+    def moving(shape: tuple[int, int], share: float) -> Array:
+        return s * np.where(rng.uniform(size=shape) < share, rng.normal(size=shape), 0.0)
+
+    half = rng.normal(size=(n, n))
+    M = half @ half.T + n * np.eye(n) + moving((n, n), 0.3)
+    C = 0.1 * rng.normal(size=(n, n)) + moving((n, n), 0.3)
+    K = 50.0 * (half @ half.T + np.eye(n)) + moving((n, n), 0.3)
+    J = rng.normal(size=(rows, n)) + moving((rows, n), 0.5)
+    load = np.sin(5.0 * t)[:, None] * rng.normal(size=n)
+    return grid, (M, C, K, J), load
+
+
+def without_kernel(monkeypatch: pytest.MonkeyPatch, march: LinearMarch, *given: Array) -> tuple:
+    with monkeypatch.context() as m:
+        m.setenv("PINFLEX_KERNEL", "0")
+        return march(*given)
+
+
+def assert_same(found: tuple, expected: tuple) -> None:
+    for a, b, same in zip(found, expected, SAME, strict=True):
+        assert a.shape == b.shape
+        assert np.max(np.abs(a - b), initial=0.0) <= same * np.max(np.abs(b), initial=1.0)
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    ("n", "rows"), [(1, 0), (2, 1), (3, 0), (4, 1), (5, 2), (8, 3), (17, 4), (30, 6)]
+)
+@pytest.mark.parametrize("scheme", [generalized_alpha(0.8), newmark()])
+def test_it_is_the_march_in_numpy(n, rows, scheme, monkeypatch):
+    """Sizes around those of a panel of the factors, with and without closures."""
+    grid, parts, load = system(n, rows, seed=n)
+    march = LinearMarch(scheme, grid, parts, float(grid.t[1]))
+    start = np.zeros(n)
+    expected = without_kernel(monkeypatch, march, load, start)
+    assert np.max(np.abs(expected.d)) > 1e-3
+    assert_same(march(load, start), expected)
+    J = grid.between(parts[3])
+    assert np.max(np.abs(J @ march(load, start).d[:, :, None]), initial=0.0) < 1e-12
+
+
+@needs_kernel
+def test_another_load_and_another_march_between_use_the_right_factors(monkeypatch):
+    room = Room()
+    marches, loads = [], []
+    for seed in (1, 2):
+        grid, parts, load = system(9, 2, seed=seed)
+        marches.append(LinearMarch(generalized_alpha(0.8), grid, parts, float(grid.t[1]), room))
+        loads.append(load)
+    start = np.zeros(9)
+    for k in (0, 0, 1, 0):
+        for factor in (1.0, -2.0):
+            load = factor * loads[k]
+            assert_same(
+                marches[k](load, start), without_kernel(monkeypatch, marches[k], load, start)
+            )
+
+
+@needs_kernel
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_piece_at_rest_is_one_system(kept, monkeypatch):
+    """Beyond 0.4 s nothing moves: factors are kept there, also in batches."""
+    grid, parts, load = system(6, 2, corners=(0.4,))
+    march = LinearMarch(newmark(), grid, parts, float(grid.t[1]), kept=kept)
+    assert len(march._systems[1]) < 0.45 * STEPS
+    start = np.zeros(6)
+    assert_same(march(load, start), without_kernel(monkeypatch, march, load, start))
+
+
+@needs_kernel
+def test_many_systems_are_not_kept(monkeypatch):
+    grid, parts, load = system(12, 3)
+    march = LinearMarch(newmark(), grid, parts, float(grid.t[1]))
+    monkeypatch.setattr(linear_march, "_LARGEST", 1000.0)
+    assert not march._kept
+    start = np.zeros(12)
+    assert_same(march(load, start), without_kernel(monkeypatch, march, load, start))
+
+
+@needs_kernel
+def test_coordinates_without_mass_and_stiffness_fall_back_on_least_squares(monkeypatch):
+    """A system is singular: numpy answers, as it does where there is no kernel."""
+    grid, (M, C, K, J), load = system(5, 1)
+    for x in (M, C, K):
+        x[:, 4], x[:, :, 4] = 0.0, 0.0
+    J[:, :, 4], load[:, 4] = 0.0, 0.0
+    march = LinearMarch(newmark(), grid, (M, C, K, J), float(grid.t[1]))
+    found = march(load, np.zeros(5))
+    assert_same(found, without_kernel(monkeypatch, march, load, np.zeros(5)))
+    assert np.all(np.isfinite(found.d)) and not np.any(found.d[:, 4])
+
+
+@needs_kernel
+def test_arrays_of_other_shapes_are_refused():
+    one = np.eye(2)
+    still = Still(one, one, one, np.zeros((0, 2)), np.zeros((2, 2), bool), np.zeros((0, 2), bool))
+    kernel = LinearKernel(still, 0.1, (1.0, 0.25, 0.5, 0.0, 0.0), 3, kept=True)
+    value, steps = np.zeros((3, 0)), np.zeros(4, dtype=np.intp)
+    found = tuple(np.zeros((4, width)) for width in (2, 2, 2, 0))
+    with pytest.raises(PinflexError, match="no room"):
+        kernel.march(steps, value, np.zeros((4, 2)), found)
+    with pytest.raises(PinflexError, match="11 numbers"):
+        kernel.use(np.zeros(11))
+    kernel.use(np.zeros(12))
+    assert kernel.march(steps, value, np.zeros((4, 2)), found) == 4
+    with pytest.raises(PinflexError, match="a march of"):
+        kernel.march(steps, value, np.zeros((4, 3)), found)
+    with pytest.raises(PinflexError, match="not given"):
+        kernel.march(steps + 3, value, np.zeros((4, 2)), found)
