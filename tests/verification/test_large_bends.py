@@ -12,7 +12,6 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pinflex as pf
-from pinflex.arrays import Array
 from pinflex.bodies.family import assumed, quadrature
 from tests import analytical
 from tests.finite import slope
