@@ -143,7 +143,8 @@ def apart(
         full = _at_level(large, motion, "coupled")
         some = slice(None, None, max(1, (len(mine.t) - 1) // (_INSTANTS - 1)))
         runs = (small, mine), (large, full), (small, small.rigid())
-        return differences(*(_result(probe, run.at(some), some) for probe, run in runs))
+        a, b, rigid = (_result(probe, run.at(some), some) for probe, run in runs)
+        return differences(a, b, rigid, bool(finer.description.platform))
 
 
 def described(probe: Probe) -> Deviation:
@@ -181,11 +182,12 @@ def _result(probe: Probe, run: Run, some: slice) -> Result:
     return result_of(probe.mechanism, run, path, "probe", {}, "")
 
 
-def differences(a: Result, b: Result, rigid: Result) -> Errors:
+def differences(a: Result, b: Result, rigid: Result, platform: bool) -> Errors:
     """Largest differences of what two results report, relative as in `pinflex.levels.outputs`.
 
     Args:
         a: Judged. b: By this one, at the same instants. rigid: Their rigid motion.
+        platform: Whether they have one.
     """
     found: Errors = {}
     if a.torque.shape[1] and np.any(b.torque):
@@ -199,7 +201,7 @@ def differences(a: Result, b: Result, rigid: Result) -> Errors:
     scale = max((float(np.max(y)) for _, y in stresses), default=0.0)
     if scale > 0:
         found["stress"] = max(float(np.max(np.abs(x - y))) for x, y in stresses) / scale
-    if "platform" in b.frames:
+    if platform:
         found |= _platform(a, b, rigid)
     return found
 

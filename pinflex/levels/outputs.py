@@ -140,10 +140,11 @@ class Outputs:
         rigid = fine.system.rigid
         nq, nv = int(rigid.nq), int(rigid.nv)
         pairs = zip(coarse.y[:, :nq], fine.y[:, :nq], strict=True)
-        # Steps may hold no sample: rows without any keep their width.
-        apart = np.array([pin.difference(rigid, a, b) for a, b in pairs]).reshape(-1, nv)
+        # Steps may hold no sample, and robots no joint: rows without any keep their width.
+        shape = len(fine.y), nv
+        apart = np.array([pin.difference(rigid, a, b) for a, b in pairs]).reshape(shape)
         way = np.array([pin.difference(rigid, first[:nq], q) for q in fine.y[:, :nq]])
-        way = way.reshape(-1, nv)
+        way = way.reshape(shape)
         return {
             "joint positions": _history(apart, way),
             "joint speeds": _history(coarse.v[:, :nv] - fine.v[:, :nv], fine.v[:, :nv]),
