@@ -17,6 +17,7 @@ from pinflex.mechanics.mechanism import Mechanism
 # Interpolated motor motions (m, rad) are refined until the mid-interval error falls below this:
 # far below any step error, far above round-off of the second derivative.
 _FINE = 1e-10
+_KEPT = 4  # paths: whoever marches once more, or in other steps, asks for the same one
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,11 @@ class MotorPath:
     position: Array
     velocity: Array
     acceleration: Array
+
+
+_recent: list[
+    tuple[Mechanism, Motion, tuple[float, float], Callable[[Array], MotorPath]]
+] = []
 
 
 def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
@@ -57,9 +63,16 @@ def path_between(
         motion: Of motors or of the platform.
         start, end: First and last time that it will be asked for [s].
     """
+    for owner, moved, ends, path in _recent:
+        if owner is mechanism and moved is motion and ends == (start, end):
+            return path
     if motion.target == "joints":
-        return _path(joint_curve(mechanism, motion))
-    return _interpolated(mechanism, motion, start, end)[0]
+        found = _path(joint_curve(mechanism, motion))
+    else:
+        found = _interpolated(mechanism, motion, start, end)[0]
+    _recent.insert(0, (mechanism, motion, (start, end), found))
+    del _recent[_KEPT:]
+    return found
 
 
 def _interpolated(

@@ -55,7 +55,7 @@ class CompiledSteps:
         self.of, self._compiled, self.table = of, of.compiled, table
         n = of.compiled.kernel.counts
         table = table or no_table(3 * n["motors"] + n["forces"])
-        self.kernel = MarchKernel(of.compiled.kernel, marched, table, *room)
+        self.kernel = of.compiled.march(marched, table, room)
         self.tangents = tangents or self.kernel
 
     def inputs(self, t: Array, seen: Array | None = None) -> Array:
@@ -117,11 +117,14 @@ def steps_of(
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
-    table = None
+    made_of, table = stages.compiled.table
+    asked_for = (stages.motion, *ends, *stops)
     # A load that switches is another at the end of one step than at the start of the next.
-    if not system.loads.timed:
+    if not system.loads.timed and made_of != asked_for:
+        table = None
         with contextlib.suppress(SceneError):  # somewhere on the way: as far as it can
             table = tabulated(inputs, kinds, *ends, stops)
+        stages.compiled.table = asked_for, table
     return CompiledSteps(stages, marched, table, room)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.kernel.spares import Spares
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.added_mass import AddedMasses
 from pinflex.mechanics.closure import Closures
@@ -142,3 +143,8 @@ class System:
         from pinflex.mechanics.kernel_tables import tables
 
         return tables(self)
+
+    @cached_property
+    def spares(self) -> Spares:
+        """Workspaces of the compiled kernel that the next run finds ready."""
+        return Spares()
