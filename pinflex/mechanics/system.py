@@ -145,6 +145,13 @@ class System:
         return tables(self)
 
     @cached_property
+    def node_of_joints(self) -> IntArray:
+        """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
+        from pinflex.mechanics.kernel_tables import node_of_joints
+
+        return node_of_joints(self)
+
+    @cached_property
     def spares(self) -> Spares:
         """Workspaces of the compiled kernel that the next run finds ready."""
         return Spares()

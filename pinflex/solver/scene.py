@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -33,6 +34,7 @@ from pinflex.levels.speeds import with_speeds
 from pinflex.levels.start import Start, start_from, start_of
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.lending import lent
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.following import following, rigid_torques
 from pinflex.solver.resume import state
@@ -204,7 +206,12 @@ class Scene:
             dynamics: A workspace of what moves; None: one of its own.
             ends: Of the steps in s, where these are given; then they are not judged.
         """
-        start, dynamics = self._start, dynamics or self.equations()
+        if dynamics is None:
+            with self.equations() as own:
+                return self.kept(
+                    t, resolution, keeper, first, scale, progress, pilot, alpha, own, ends
+                )
+        start = self._start
         stops, sampler = breaks(self.motion, dynamics.system.loads), None
         steps: Steps
         if alpha:
@@ -228,10 +235,10 @@ class Scene:
             run = replace(run, signals=sampler.signals(run.t, run.y))
         return start.told(run)
 
-    def equations(self) -> Equations:
-        """A workspace of what moves: the one that finding the start has given back."""
+    def equations(self) -> AbstractContextManager[Equations]:
+        """A workspace of what moves, lent: the one that finding the start has given back."""
         assert self._start is not None
-        return Equations(self._system)
+        return lent(self._system)
 
     def _stages(
         self, t: Array, dynamics: Equations, resolution: float

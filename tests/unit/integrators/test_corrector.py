@@ -12,7 +12,7 @@ import pytest
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
-from pinflex.integrators.corrector import Corrector
+from pinflex.integrators.corrector import Before, Corrector
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
@@ -33,6 +33,7 @@ class Kept(Record):
         super().__init__(stages, t, resolution)
         self.stages, self.corrector, self.steps, self.fine = stages, Corrector(stages), [], []
         self.corrected, self.back = Record(self.corrector, t, resolution), back
+        self.before: Before | None = None
 
     def start(self, now: object) -> None:
         super().start(now)
@@ -42,8 +43,9 @@ class Kept(Record):
         if self.back:
             self.back, self.resolution = False, 0.1 * self.resolution
             return 3 if super().take(steps[:3]) else 0
-        before = (self.steps[-1], self.fine[-1]) if self.steps else None
-        self.fine += self.corrector.correct_all(steps, before)
+        corrected = self.corrector.correct_all(steps, self.before)
+        self.before = self.corrector.last(steps, corrected)
+        self.fine += corrected
         self.corrected.take(self.fine[len(self.steps) :])
         self.steps += steps
         return super().take(steps)
