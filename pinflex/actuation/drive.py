@@ -30,9 +30,7 @@ class MotorPath:
     acceleration: Array
 
 
-_recent: list[
-    tuple[Mechanism, Motion, tuple[float, float], Callable[[Array], MotorPath]]
-] = []
+_recent: list[tuple[Mechanism, Motion, tuple[float, float], Callable[[Array], MotorPath]]] = []
 
 
 def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:

@@ -132,9 +132,7 @@ class Corrector(StageEquations):
         made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
         return made
 
-    def _corrected(
-        self, step: Step, before: Before | None, path: MotorPath, change: Array
-    ) -> Step:
+    def _corrected(self, step: Step, before: Before | None, path: MotorPath, change: Array) -> Step:
         """A step taken once more, from the end of the corrected step before it.
 
         `change` becomes the last correction of the displacement, shape (s, nv).

@@ -68,7 +68,12 @@ class Evaluator:
         return R.copy(), C.copy()
 
     def poses(self, Y: Array, node: int) -> tuple[Array, Array]:
-        """Rotations (n, 3, 3) and origins (n, 3) of a node in the world at poses Y (n, nq)."""
+        """Rotations (n, 3, 3) and origins (n, 3), m, of a node in the world.
+
+        Args:
+            Y: Coordinates, shape (n, nq).
+            node: Number in the tree of the kernel.
+        """
         Y, out = np.ascontiguousarray(Y, dtype=np.float64), np.empty((len(Y), 12))
         if Y.ndim != 2 or Y.shape[1] != self._widths[0]:
             raise PinflexError(f"kernel: poses of {Y.shape}, not (n, {self._widths[0]}).")
