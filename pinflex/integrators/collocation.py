@@ -94,12 +94,22 @@ def legendre(method: Collocation) -> Array:
     return np.asarray(np.linalg.inv(at))[:, 1:]
 
 
+def _nodes(s: int) -> Array:
+    """Zeros of P_(s-1) - P_s on the unit interval, the last one 1.
+
+    By numpy: scipy's special functions take longer to import than a run.
+    """
+    of, legendre = np.zeros(s + 1), np.polynomial.legendre
+    of[-2:] = 1.0, -1.0
+    x = np.sort(legendre.legroots(of).real)[:-1]
+    for _ in range(2):  # of Newton, to the last digit
+        x = x - legendre.legval(x, of) / legendre.legval(x, legendre.legder(of))
+    return np.append((x + 1.0) / 2.0, 1.0)
+
+
 @cache
 def _tableau(s: int) -> Collocation:
-    from scipy.special import roots_jacobi
-
-    inner, _ = roots_jacobi(s - 1, 1, 0)
-    c: Array = np.append((inner + 1.0) / 2.0, 1.0)
+    c = _nodes(s)
     powers = np.arange(s)
     V = np.vander(c, increasing=True)
     A = (c[:, None] ** (powers + 1) / (powers + 1)) @ np.asarray(np.linalg.inv(V))
