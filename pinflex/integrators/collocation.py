@@ -90,10 +90,16 @@ def with_one_more(method: Collocation) -> Collocation:
 
 def legendre(method: Collocation) -> Array:
     """Weights of the stages for the coefficients of a polynomial that is 0 at 0, (s + 1, s)."""
-    at = np.polynomial.legendre.legvander(2.0 * np.append(0.0, method.c) - 1.0, method.s)
+    return _legendre(method.s)
+
+
+@cache
+def _legendre(s: int) -> Array:
+    at = np.polynomial.legendre.legvander(2.0 * np.append(0.0, _nodes(s)) - 1.0, s)
     return np.asarray(np.linalg.inv(at))[:, 1:]
 
 
+@cache
 def _nodes(s: int) -> Array:
     """Zeros of P_(s-1) - P_s on the unit interval, the last one 1.
 
@@ -118,8 +124,7 @@ def _tableau(s: int) -> Collocation:
     kept = np.flatnonzero(values.imag > -1e-9)
     # A pair counts twice: its other half is the conjugate.
     twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
-    legendre = np.polynomial.legendre.legvander(2.0 * np.append(0.0, c) - 1.0, s)
-    last = np.asarray(np.linalg.inv(legendre))[s, 1:]
+    last = _legendre(s)[s]
     return Collocation(
         c, A, A @ A, np.asarray(np.linalg.inv(A @ A)), values[kept], inverse[kept],
         vectors[:, kept] * twice, last,

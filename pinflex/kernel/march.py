@@ -154,7 +154,7 @@ class MarchKernel:
         values = {"stop_at": np.array(given.stops, dtype=float), "weight": weight}
         values |= {name: getattr(given, name) for name in ("basis", "basis_0", "last")}
         numbers, inputs = Block(zeros, values), _inputs(table)
-        self._keep, self._inputs = (of_steps, integers, numbers), inputs
+        self._keep, self._inputs, self._table = (of_steps, integers, numbers), inputs, table
         self.size = sum(block.size for block in self._keep)
         self.steps, self.integers = of_steps.arrays, integers.arrays
         at = numbers.arrays
@@ -174,7 +174,8 @@ class MarchKernel:
         )  # fmt: skip
         self._functions, self._tables = stages.functions, stages.tables
         self._call = (stages.tables, stages.work, ctypes.addressof(self.at))
-        self._state = (nq, nv, nv, rows, motors, 2)
+        self._widths = (nq, nv, nv, rows, motors, 2)
+        self._state = np.cumsum([0, *self._widths])  # one state after the other
         self._new = bytes(self.at)
 
     def begin_anew(self, given: Marched, table: Table) -> None:
@@ -184,7 +185,8 @@ class MarchKernel:
             given: What the kernel has to know. table: What is prescribed.
         """
         _check(self._stages, given, table)
-        self._inputs = _inputs(table)
+        if table is not self._table:
+            self._inputs, self._table = _inputs(table), table
         ctypes.memmove(ctypes.byref(self.at), self._new, len(self._new))
         self.at.inputs = ctypes.addressof(self._inputs[1])
         numbers, integers = self._keep[2].arrays, self._keep[1].arrays
@@ -237,12 +239,18 @@ class MarchKernel:
         given = None if inputs is None else _numbers(inputs)
         if given is not None and given.shape != (len(t), self.input.shape[1]):
             raise PinflexError(f"kernel: inputs of {given.shape}.")
-        found = tuple(np.empty((len(t), width)) for width in self._state)
+        ends = len(t) * self._state
+        room = np.empty(ends[-1])  # one, for where an array lies takes numpy long to tell
+        first = room.ctypes.data
         self._functions.pinflex_samples(
             self._tables, self._call[2], len(t), t.ctypes.data, of.ctypes.data,
-            None if given is None else given.ctypes.data, *(x.ctypes.data for x in found),
+            None if given is None else given.ctypes.data,
+            *(first + 8 * int(begin) for begin in ends[:-1]),
         )  # fmt: skip
-        return found
+        return tuple(
+            room[begin:end].reshape(len(t), width)
+            for begin, end, width in zip(ends[:-1], ends[1:], self._widths, strict=True)
+        )
 
 
 def _columns(stages: StageKernel) -> int:

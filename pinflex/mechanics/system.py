@@ -108,6 +108,8 @@ class System:
         Args:
             prescribed: Whether motors do; else they push, and may stick too.
         """
+        if not self.friction.present:
+            return False
         moving = self.free if prescribed else self.unheld
         return bool(np.any(np.isin(self.friction.rows, moving)))
 
