@@ -94,7 +94,7 @@ class Scene:
             run.settings["integrator"] = spec.by_steps
             if spec.start_speeds:
                 run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
-            return thin(self._judged(run, every), every)
+            return _thin(self._judged(run, every), every)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
@@ -115,9 +115,9 @@ class Scene:
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             if isinstance(stop, RunInterrupted):
-                stop.result = thin(stop.result, every)
+                stop.result = _thin(stop.result, every)
             raise
-        return thin(start.told(self._judged(run, every)), every)
+        return _thin(start.told(self._judged(run, every)), every)
 
     def _judged(self, run: Run, every: int) -> Run:
         """The run with what its step alone tells: samples that cut it, too long, round-off."""
@@ -208,10 +208,9 @@ class Scene:
             ends: Of the steps in s, where these are given; then they are not judged.
         """
         if dynamics is None:
+            given = (t, resolution, keeper, first, scale, progress, pilot, alpha)
             with self.equations() as own:
-                return self.kept(
-                    t, resolution, keeper, first, scale, progress, pilot, alpha, own, ends
-                )
+                return self.kept(*given, own, ends)
         start = self._start
         stops, sampler = breaks(self.motion, dynamics.system.loads), None
         steps: Steps
@@ -346,11 +345,6 @@ def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
         stop.result = start.told(stop.result)
 
 
-def thin(run: Run, every: int) -> Run:
-    """Every k-th step of a run.
-
-    Args:
-        run: A run.
-        every: k.
-    """
+def _thin(run: Run, every: int) -> Run:
+    """Every k-th step of a run."""
     return run if every == 1 else run.at(slice(None, None, every))
