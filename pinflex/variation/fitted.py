@@ -18,7 +18,6 @@ from pinflex.variation.scene_file import write_scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LEVEL = 0.95
 _UNLIKELY = 0.01  # chance of so large residuals below which the model does not explain them
 _AT_BOUND = 1e-4  # of a logarithm
 
@@ -29,7 +28,13 @@ class Fit(Worded):
 
     Attributes:
         parameters: Key paths; `first` and `best` values, shape (n,); `bounds`, shape (n, 2).
-        covariance: Of their logarithms, shape (n, n); infinite where nothing measured tells them.
+        intervals: 95 % confidence intervals of each parameter alone, shape (n, 2): 0 or infinite
+            where the measurements tell no end within the bounds, NaN where as many numbers were
+            measured as fitted and none with its standard deviation.
+        profiled: Which of these are of the profile likelihood, shape (n,), see
+            `pinflex.variation.profile`; the others are of straight residuals.
+        covariance: Of straight residuals by logarithms, shape (n, n); infinite where these do not
+            tell the parameter.
         residuals: At the best values, in standard deviations, shape (rows,).
         told: Whether standard deviations were measured; else one scale was estimated.
         freedom: Residuals and priors, less parameters.
@@ -45,6 +50,8 @@ class Fit(Worded):
     first: Array
     best: Array
     bounds: Array
+    intervals: Array
+    profiled: tuple[bool, ...]
     covariance: Array
     residuals: Array
     told: bool
@@ -58,24 +65,6 @@ class Fit(Worded):
     def __getitem__(self, key: str) -> float:
         """The best value of a parameter."""
         return float(self.best[self.parameters.index(key)])
-
-    @property
-    def intervals(self) -> Array:
-        """95 % confidence intervals of each parameter alone, shape (n, 2).
-
-        NaN where as many numbers were measured as fitted, and none with its standard deviation.
-        """
-        from scipy.stats import norm, t
-
-        if self.told:
-            factor = norm.ppf(0.5 + _LEVEL / 2)
-        elif self.freedom > 0:
-            factor = t.ppf(0.5 + _LEVEL / 2, self.freedom)
-        else:
-            factor = np.nan
-        spread = factor * np.sqrt(np.diag(self.covariance))
-        ends = np.exp(np.stack([-spread, spread], axis=1)) * self.best[:, None]
-        return np.sort(np.asarray(ends), axis=1)
 
     @property
     def misfit(self) -> float:

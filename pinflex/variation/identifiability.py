@@ -79,7 +79,7 @@ def hidden(J: Array) -> BoolArray:
     return found
 
 
-def sentences(J: Array, C: Array, names: Sequence[str]) -> list[str]:
+def sentences(J: Array, C: Array, names: Sequence[str], found=None) -> list[str]:
     """What the measurements do not tell, in words.
 
     Args:
