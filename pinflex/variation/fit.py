@@ -308,7 +308,8 @@ def _fitted(problem: _Problem, x: Array, rows: Array, J: Array) -> Fit:
     return Fit(
         problem.names, designs.first, np.array([*values.values()]),
         np.exp(problem.bounds) * designs.first[:, None],
-        np.sort(np.exp(found.x) * designs.first[:, None], axis=1), found.profiled, C, rows,
-        data.told, freedom, tuple(sentences(J, C, problem.names, found)), text,
+        np.sort(np.exp(found.x) * designs.first[:, None], axis=1), found.profiled, found.leaning,
+        C, rows,
+        data.told, freedom, tuple(sentences(J, C, problem.names, found.x)), text,
         tuple(data.panels(best)), problem.solves, designs.described(values),
     )  # fmt: skip

@@ -70,10 +70,12 @@ class Ends:
     Attributes:
         x: Lower and upper, shape (n, 2); -inf and inf: not told within the bounds.
         profiled: Whether they are of the profile, shape (n,); else of straight residuals.
+        leaning: Other parameters that are at a bound of theirs at an end, of each parameter.
     """
 
     x: Array
     profiled: tuple[bool, ...]
+    leaning: tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -103,22 +105,31 @@ def ends(rows: Rows, best: Best, bounds: Array, z: float) -> Ends:
     """
     half = z * np.sqrt(np.diag(best.C))
     found = best.x[:, None] + half[:, None] * np.array([-1.0, 1.0])
-    if not math.isfinite(z):
-        return Ends(found, (False,) * len(half))
-    curved = tuple(not _straight(rows, best, bounds, z, k) for k in range(len(half)))
-    if any(curved):
+    curved = [k for k in range(len(half)) if not _straight(rows, best, bounds, z, k)]
+    leaning: list[tuple[int, ...]] = [()] * len(half)
+    if curved:
         steps = np.clip(0.25 * half, *_CURVE)
         profile = _Profile(rows, best, _curvature(rows, best, bounds, steps), bounds, z)
-        for k in np.flatnonzero(curved).tolist():
-            found[k] = profile.end(k, -1.0), profile.end(k, 1.0)
-    return Ends(found, curved)
+        for k in curved:
+            both = [profile.end(k, sign) for sign in (-1.0, 1.0)]
+            found[k] = [sign * math.inf if x is None else x[k]
+                        for sign, x in zip((-1.0, 1.0), both, strict=True)]  # fmt: skip
+            leaning[k] = _leaning(k, [x for x in both if x is not None], bounds)
+    return Ends(found, tuple(k in curved for k in range(len(half))), tuple(leaning))
+
+
+def _leaning(k: int, points: list[Array], bounds: Array) -> tuple[int, ...]:
+    """Parameters but k that are at a bound at one of the points."""
+    at = [np.min(np.abs(bounds - x[:, None]), axis=1) < _AT_BOUND for x in points]
+    places: list[int] = np.flatnonzero(np.any(at, axis=0)).tolist() if at else []
+    return tuple(j for j in places if j != k)
 
 
 def _straight(rows: Rows, best: Best, bounds: Array, z: float, k: int) -> bool:
     """Whether residuals are straight as far as the linear interval of a parameter goes."""
     spread = math.sqrt(best.C[k, k])
-    if not math.isfinite(spread):
-        return False
+    if math.isnan(z) or not math.isfinite(spread):
+        return math.isnan(z)  # no scale, and so no ends
     if z * spread < _NARROW:
         return True
     step = z * best.C[:, k] / spread
@@ -199,22 +210,22 @@ class _Profile:
         """Of S."""
         return float(self.best.r @ self.best.r) + self.z**2
 
-    def end(self, k: int, sign: float) -> float:
-        """The last x_k within the limit; infinite where a bound comes first, or designs end."""
-        x, untold = self.best.x, sign * math.inf
+    def end(self, k: int, sign: float) -> Array | None:
+        """Where x_k is last within the limit; None where its bound comes first, or designs end."""
+        x = self.best.x
         bound = self.bounds[k, int(sign > 0)]
         if abs(bound - x[k]) < _AT_BOUND:
-            return untold
+            return None
         at, longest, judged, old = _Local(x, self.best.r, self.best.J, self.H), _FIRST, False, 0
         for _ in range(_MOST):
             over = (float(at.r @ at.r) - self.limit) / self.z**2
             if abs(bound - at.x[k]) < 1e-9 and over <= 2 * _ENDED:
-                return untold
+                return None
             d = self._step(at, k, sign, longest)
             width = abs(at.x[k] - x[k])
             ended = abs(d[k]) <= (3 if judged else 1) * _ENDED * width and abs(over) <= 2 * _ENDED
             if ended and judged:
-                return float(at.x[k] + d[k])
+                return np.asarray(at.x + d)
             if ended or old >= _STALE:
                 longest = max(longest, min(width, _FIRST))
                 at, judged, old = self._anew(at), True, 0
@@ -224,7 +235,7 @@ class _Profile:
             rise = math.inf if there is None else float(there @ there) - self.limit
             if there is None or rise > _LOST * self.z**2:
                 if size < _SHORTEST:
-                    return untold
+                    return None
                 longest = 0.3 * size
                 continue
             gap = there - at.at(d)
@@ -234,7 +245,7 @@ class _Profile:
             poor = float(np.linalg.norm(gap)) > _POOR * self.z
             longest = 0.5 * size if poor else min(2.0 * longest, _LONGEST)
             at, judged = at.moved(d, there), False
-        return untold
+        return None
 
     def _anew(self, at: _Local) -> _Local:
         """With derivatives by one-sided differences, away from the nearer bound."""
@@ -271,4 +282,4 @@ class _Profile:
             d = np.clip(found.x, *room.T)
             broken = max(0.0, -spare(d) - 1e-4)
             tried.append((broken, float(aim @ d), d))
-        return min(tried, key=lambda row: row[:2])[2]
+        return np.asarray(min(tried, key=lambda row: row[:2])[2])
