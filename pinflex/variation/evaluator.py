@@ -20,7 +20,7 @@ from pinflex.variation.limits import Limit
 from pinflex.variation.measures import RUNS, measure
 from pinflex.variation.variants import Variants, keys, variants_of
 
-_STEP = 2.5e-4  # of a logarithm: truncation 1e-7, noise of a solved output 1e-5
+_STEP = 5e-4  # of a logarithm: truncation 1e-6, noise of a solved output 1e-6 or less
 _SHARP = 2e3  # per logarithm: frequencies nearer than its inverse count together
 FEASIBLE = -1e-5  # a margin below this is a limit broken
 _BEYOND = 10.0  # objective where a design cannot be solved

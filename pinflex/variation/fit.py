@@ -310,6 +310,6 @@ def _fitted(problem: _Problem, x: Array, rows: Array, J: Array) -> Fit:
         np.exp(problem.bounds) * designs.first[:, None],
         np.sort(np.exp(found.x) * designs.first[:, None], axis=1), found.profiled, found.leaning,
         C, rows,
-        data.told, freedom, tuple(sentences(J, C, problem.names, found.x)), text,
+        data.told, freedom, tuple(sentences(J, C, problem.names, found.own)), text,
         tuple(data.panels(best)), problem.solves, designs.described(values),
     )  # fmt: skip

@@ -77,6 +77,12 @@ class Ends:
     profiled: tuple[bool, ...]
     leaning: tuple[tuple[int, ...], ...]
 
+    @property
+    def own(self) -> Array:
+        """Ends that the measurements tell alone, shape (n, 2); infinite where bounds take part."""
+        rests = np.array([bool(others) for others in self.leaning])
+        return np.where(rests[:, None], np.array([-math.inf, math.inf]), self.x)
+
 
 @dataclass(frozen=True)
 class Best:

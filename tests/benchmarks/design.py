@@ -27,7 +27,10 @@ from pinflex.variation.measures import measure
 from pinflex.variation.variants import variants
 
 BASIS = "basis: {kind: craig_bampton, internal: 1}"
-ARM = f"{{material: aluminium_6061, section: {{shape: tube, diameter: 0.036, wall: 0.0025}}, {BASIS}}}"
+ARM = (
+    "{material: aluminium_6061, section: {shape: tube, diameter: 0.036, wall: 0.0025}, "
+    f"{BASIS}}}"
+)
 ROD = (
     "{material: {E: 1.1e11, nu: 0.3, rho: 1600, yield_strength: 6.0e8, name: carbon}, "
     f"section: {{shape: tube, diameter: 0.014, wall: 0.0015}}, {BASIS}}}"
