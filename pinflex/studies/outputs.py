@@ -114,9 +114,7 @@ def _of_run(
     """The groups of a run; of poses, forces and stresses only what they need is found."""
     found: dict[str, Any] = {}
     if "torque" in groups:
-        columns = dict(zip(run.motors, run.torque.T, strict=True))
-        found |= {f"torque.peak.{motor}": peak(torque) for motor, torque in columns.items()}
-        found |= {f"torque.rms.{motor}": rms(torque) for motor, torque in columns.items()}
+        found |= _torques(run)
     if "deviation" in groups and rigid is None:
         rigid = _rigid(mechanism, run)
     if "deviation" in groups and rigid is not None and run.level != "rigid":
@@ -127,15 +125,25 @@ def _of_run(
         known = yield_strengths(mechanism)
         stresses = [stress_row("run", run, link, known.get(link)) for link in run.links]
     if "stress" in groups and stresses:
-        worst = max(stresses, key=lambda row: row.von_mises)
-        found |= {"stress.peak": worst.von_mises, "stress.link": worst.link}
-        found |= {"stress.x": worst.x, "stress.t": worst.time, "stress.yield": _yield(stresses)}
+        found |= _stress(stresses)
     if "cost" in groups:
         cost = cost_row("run", run, None)
         found |= {f"cost.{name}": getattr(cost, name) for name in ("seconds", "steps", "newton")}
-    if "validity" in groups:
-        found |= _validity(run, stresses)
-    return found
+    return found | (_validity(run, stresses) if "validity" in groups else {})
+
+
+def _torques(run: Result) -> dict[str, float]:
+    columns = dict(zip(run.motors, run.torque.T, strict=True))
+    found = {f"torque.peak.{motor}": peak(torque) for motor, torque in columns.items()}
+    return found | {f"torque.rms.{motor}": rms(torque) for motor, torque in columns.items()}
+
+
+def _stress(stresses: list[StressRow]) -> dict[str, Any]:
+    worst = max(stresses, key=lambda row: row.von_mises)
+    return {
+        "stress.peak": worst.von_mises, "stress.link": worst.link, "stress.x": worst.x,
+        "stress.t": worst.time, "stress.yield": _yield(stresses),
+    }  # fmt: skip
 
 
 def _yield(stresses: list[StressRow]) -> float | None:

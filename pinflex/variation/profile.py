@@ -38,7 +38,7 @@ _AT_BOUND = 1e-4  # of a logarithm
 _CURVE = (1e-3, 0.1)  # least and largest step of second derivatives [ln]
 _SLOPE = 1e-4  # step of last slopes [ln]: they err by that share of the curvature
 _FIRST, _LONGEST = 0.5, 1.0  # steps [ln]
-_SHORTEST = 1e-3  # step, of the longest: designs end there
+_SHORTEST = 1e-5  # step [ln]: beyond it there are no designs
 _POOR = 0.3  # departure from the model, of z: the next step is shorter
 _LOST = 4.0  # S above the limit, of z^2, from which a step teaches nothing: another mode is paired
 _STALE = 10  # steps after which derivatives are taken anew
@@ -224,7 +224,7 @@ class _Profile:
             return None
         at, longest, judged, old = _Local(x, self.best.r, self.best.J, self.H), _FIRST, False, 0
         for _ in range(_MOST):
-            over = (float(at.r @ at.r) - self.limit) / self.z**2
+            over = self._over(at.r)
             if abs(bound - at.x[k]) < 1e-9 and over <= 2 * _ENDED:
                 return None
             d = self._step(at, k, sign, longest)
@@ -236,22 +236,30 @@ class _Profile:
                 longest = max(longest, min(width, _FIRST))
                 at, judged, old = self._anew(at), True, 0
                 continue
-            there, old = self.rows(at.x + d), old + 1
-            size = float(np.max(np.abs(d)))
-            rise = math.inf if there is None else float(there @ there) - self.limit
-            if there is None or rise > _LOST * self.z**2:
-                if size < _SHORTEST:
-                    return None
-                longest = 0.3 * size
-                continue
-            gap = there - at.at(d)
-            if rise > _OVER * self.z**2:
-                at, longest = at.corrected(d, gap), 0.5 * size
-                continue
-            poor = float(np.linalg.norm(gap)) > _POOR * self.z
-            longest = 0.5 * size if poor else min(2.0 * longest, _LONGEST)
-            at, judged = at.moved(d, there), False
+            moved, longest = self._moved(at, d, longest)
+            if not longest:
+                return None
+            judged, old = judged and moved.x is at.x, old + 1
+            at = moved
         return None
+
+    def _over(self, r: Array) -> float:
+        """S above the limit, over z^2."""
+        return (float(r @ r) - self.limit) / self.z**2
+
+    def _moved(self, at: _Local, d: Array, longest: float) -> tuple[_Local, float]:
+        """About x + d, or x again with what was learned there; and the longest next step.
+
+        That is 0 where designs end.
+        """
+        there, size = self.rows(at.x + d), float(np.max(np.abs(d)))
+        if there is None or self._over(there) > _LOST:
+            return at, 0.3 * size if size > _SHORTEST else 0.0
+        gap = there - at.at(d)
+        if self._over(there) > _OVER:
+            return at.corrected(d, gap), 0.5 * size
+        poor = float(np.linalg.norm(gap)) > _POOR * self.z
+        return at.moved(d, there), 0.5 * size if poor else min(2.0 * longest, _LONGEST)
 
     def _anew(self, at: _Local) -> _Local:
         """With derivatives by one-sided differences, away from the nearer bound."""
