@@ -15,15 +15,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.external import AddedMass
-from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.expanded import Attachment
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.coordinate_map import Configuration
 
 
 @dataclass(frozen=True)

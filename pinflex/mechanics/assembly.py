@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,8 +13,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.closure_log import size_of, translations
-from pinflex.mechanics.equations import Equations
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.equations import Equations
 
 # Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
 # mechanism is 1e-16, and Newton squares the error, so the last step ends far below this.

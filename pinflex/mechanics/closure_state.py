@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.contact import ContactState
-from pinflex.mechanics.passing import PassingState
 from pinflex.mechanics.poses import LEVERS, skew
 
 if TYPE_CHECKING:
     from pinflex.mechanics.closure_rows import ClosureRows
+    from pinflex.mechanics.contact import ContactState
+    from pinflex.mechanics.passing import PassingState
 
 
 class ClosureState:

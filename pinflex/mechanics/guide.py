@@ -12,12 +12,16 @@ the next segment, and whatever runs along the curve has no jump of direction the
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.track import Sections
 from pinflex.mechanics.jets import Jet, applied, constant, stacked, turned
-from pinflex.mechanics.slider import Segment, Sleeve
+
+if TYPE_CHECKING:
+    from pinflex.bodies.track import Sections
+    from pinflex.mechanics.slider import Segment, Sleeve
 
 # Iterations for s, and the last step over the length: Newton leaves the square of it.
 NEWTON, MET = 20, 1e-9

@@ -14,6 +14,7 @@ next, residual, Jacobian and multipliers go on without a jump, and no event is n
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.guide import Guide
 from pinflex.mechanics.jets import Jet, constant, dot, eliminated, stacked
 from pinflex.mechanics.poses import skew
-from pinflex.mechanics.slider import Contact
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.slider import Contact
 
 _P, _X, _Y, _FIRST = slice(1, 4), slice(4, 7), slice(7, 10), 10  # variables: s, p, e_x, e_y, eta
 _SIDES = {"right": (1,), "left": (-1,), "pivot": (-1, 1)}

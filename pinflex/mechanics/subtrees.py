@@ -16,10 +16,9 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics import workspace
-from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.poses import JointPoses, columns
 from pinflex.mechanics.split import Rows, Subtree
-from pinflex.mechanics.whole import Whole
+from pinflex.mechanics.whole import Whole, rotor_energy_left_out
 
 _FREE = 6, 7  # velocities and coordinates of a free joint
 

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.poses import JointPoses, columns
 
 
@@ -147,3 +146,25 @@ class Whole:
         """Let wrenches (acted, 6) act in what Pinocchio evaluates next."""
         for joint, wrench in zip(acted, wrenches, strict=True):
             self._pushed[joint] = pin.Force(wrench)
+
+
+def rotor_energy_left_out(model: pin.Model, data: pin.Data) -> Array:
+    """Half of the armature of each row that `pin.computeKineticEnergy` leaves out, shape (nv,).
+
+    Pinocchio 4.1 does so for a revolute joint whose axis is none of x, y and z. Each row is asked
+    for the energy of its unit speed, so that a Pinocchio that counts it is not counted twice.
+
+    Args:
+        model: Of the system.
+        data: Its workspace, which is overwritten: another one of a large model takes a second.
+    """
+    found = np.zeros(model.nv)
+    rows = np.flatnonzero(model.armature)
+    if not len(rows):
+        return found
+    q = pin.neutral(model)
+    whole = np.diag(pin.crba(model, data, q)) / 2
+    for row in rows:
+        found[row] = whole[row] - pin.computeKineticEnergy(model, data, q, np.eye(model.nv)[row])
+    found[np.abs(found) < 1e-9 * whole] = 0.0  # round-off of the two sums
+    return found
