@@ -56,11 +56,8 @@ def run(args: argparse.Namespace) -> int:
     folder = None if args.output is None else Path(args.output)
     if folder is not None:
         writable(folder / "bench.png")
-    bar = Bar("bench")
-    try:
+    with Bar("bench") as bar:
         study = bench(mechanism, bar)
-    finally:
-        bar.close()
     data = _json(study)
     text = write(study, whole=True)
     files = [] if folder is None else _save(study, folder, text, data)
