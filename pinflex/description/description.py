@@ -160,10 +160,17 @@ class Description:
 
     def flexible_blocks(self) -> dict[str, Any]:
         """The YAML block of every flexible link, by link."""
+        blocks = self.blocks().get("flexible") or {}
+        return link_groups.expand(blocks, f"{self.name}.yaml: flexible", self.tree())
+
+    def blocks(self) -> dict[str, Any]:
+        """The YAML as plain data."""
         label = f"{self.name}.yaml"
-        raw = schema.mapping(yaml_text.load(self.yaml_text, label), label)
-        tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
-        return link_groups.expand(raw.get("flexible") or {}, schema.at(label, "flexible"), tree)
+        return schema.mapping(yaml_text.load(self.yaml_text, label), label)
+
+    def tree(self) -> Source:
+        """The robot's file, read again."""
+        return sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
 
     def replace(self, **changes: Any) -> Description:
         """A copy with other fields; nothing is checked, unlike in `with_overrides`."""
@@ -185,13 +192,10 @@ class Description:
         changes = [schema.text(change, "overrides") for change in assignments]
         if not changes:
             return self
-        label = f"{self.name}.yaml"
-        raw = schema.mapping(yaml_text.load(self.yaml_text, label), label)
-        tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
-        tree = dataclasses.replace(tree, notes=self.notes)
+        raw, tree = self.blocks(), dataclasses.replace(self.tree(), notes=self.notes)
         links: dict[str, list[str]] = {}
         if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
-            place = schema.at(label, "flexible")
+            place = f"{self.name}.yaml: flexible"
             links = link_groups.groups(schema.mapping(raw["flexible"], place), place, tree)
             raw["flexible"] = link_groups.expand(raw["flexible"], place, tree)
         before = raw.get("urdf")
