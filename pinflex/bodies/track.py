@@ -78,7 +78,12 @@ class Track:
         )
 
     def moved(self, x: float, eta: Array) -> Array:
-        """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3)."""
+        """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3).
+
+        Args:
+            x: Place on the beam [m].
+            eta: Coordinates of the body, shape (n,).
+        """
         inside = min(max(x, 0.0), self.length)
         k, basis = self._basis(inside, _ORDERS if inside != x else 2)
         # the first half of the six rows

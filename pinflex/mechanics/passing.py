@@ -45,7 +45,11 @@ class PassingRows:
         self.about = np.array([int(sorts[k] == "twist") for k in self.turning], dtype=np.intp)
 
     def at(self, frame_a: Array, frame_b: Array, arm: Array, eta: Array) -> PassingState:
-        """The rows at one state, as `ContactRows.at`."""
+        """The rows at one state.
+
+        Args:
+            As `ContactRows.at`.
+        """
         return PassingState(self, frame_a, frame_b, arm, eta)
 
 

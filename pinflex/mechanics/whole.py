@@ -55,7 +55,11 @@ class Whole:
         return poses, rates
 
     def jacobians(self, Q: Array, V: Array | None = None) -> tuple[Array, Array, Array]:
-        """Poses (n, joints, 12), world Jacobians (n, 6, nV) and, with V, their rates."""
+        """Poses (n, joints, 12), world Jacobians (n, 6, nV) and, with V, their rates.
+
+        Args:
+            Q, V: Coordinates and rates, shapes (n, nQ), (n, nV).
+        """
         n, model, data = len(Q), self.model, self.data
         poses, J = np.empty((n, self._joints, 12)), np.empty((n, 6, self._nV))
         dJ = np.empty((0 if V is None else n, 6, self._nV))
@@ -69,7 +73,11 @@ class Whole:
         return poses, J, dJ
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
-        """Generalised forces of motions, shape (n, nV)."""
+        """Generalised forces of motions, shape (n, nV).
+
+        Args:
+            Q, V, A: Coordinates, rates and accelerations, shapes (n, nQ), (n, nV), (n, nV).
+        """
         model, data, g = self.model, self.data, np.empty((len(Q), self._nV))
         for k in range(len(Q)):
             g[k] = pin.rnea(model, data, Q[k], V[k], A[k])
@@ -119,7 +127,11 @@ class Whole:
         return (*found, np.array(data.tau))
 
     def energies(self, Q: Array, V: Array) -> tuple[Array, Array]:
-        """Kinetic and potential energy, J, shape (n,)."""
+        """Kinetic and potential energy, J, shape (n,).
+
+        Args:
+            Q, V: Coordinates and rates, shapes (n, nQ), (n, nV).
+        """
         model, data = self.model, self.data
         if self._rotors is None:
             self._rotors = rotor_energy_left_out(model, data)
@@ -130,7 +142,11 @@ class Whole:
         return kinetic, potential
 
     def from_ground(self, Q: Array, V: Array, A: Array) -> tuple[Array, Array]:
-        """Force (3,) and moment (3,) about the origin that one motion needs, without rotors."""
+        """Force (3,) and moment (3,) about the origin that one motion needs, without rotors.
+
+        Args:
+            Q, V, A: Coordinates, rates and accelerations, shapes (nQ,), (nV,), (nV,).
+        """
         model, data = self.model, self.data
         pin.computeCentroidalMomentumTimeVariation(model, data, Q, V, A)
         mass, center = float(pin.computeTotalMass(model)), data.com[0]
