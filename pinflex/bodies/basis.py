@@ -258,7 +258,7 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
     basis, section, material = link.basis, link.section, link.material
     ratio = 0.0
     if link.shear and direction in BENDING:
-        second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
+        second, k = section.bending(direction)
         ratio = material.E * second / (k * material.G * section.A)
     if basis.kind == "finite_element":
         free = basis.boundary == "free_free" and direction in BENDING

@@ -35,7 +35,7 @@ def beam_energy(
     elif direction == "p":
         stiffness, spin = G * section.J, rho * section.Ip
     else:
-        second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
+        second, k = section.bending(direction)
         stiffness = E * second
         spin = rho * section.turning[direction == "v"] * link.rotary_inertia
         shear = k * G * section.A * family.shear

@@ -77,13 +77,12 @@ def run(args: argparse.Namespace) -> int:
     runs, commands = {}, {args.level: found}
     if args.verify:
         with working("verifying by a forward run"):
-            runs[args.level] = followed(mechanism, motion, found)
             if args.level != "rigid":
-                rigid = command(
+                commands["rigid"] = command(
                     mechanism, motion, "rigid", before=found.before, after=found.after,
                     coordinates=found.coordinates, instants=len(found.t), limited=False,
                 )  # fmt: skip
-                runs["rigid"], commands["rigid"] = followed(mechanism, motion, rigid), rigid
+            runs = {level: followed(mechanism, motion, x) for level, x in commands.items()}
     files = [] if args.output is None else [found.to_csv(args.output)]
     files += _shown(args, commands, runs)
     rows = [

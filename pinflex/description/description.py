@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,14 +69,6 @@ KEYS = (
 ALLOWED = ("wide", "heavy", "large")
 
 
-def _gravity(value: object, where: str) -> Vec3:
-    return schema.vector(value, where, of="acceleration")
-
-
-def _allow(value: object, where: str) -> tuple[str, ...]:
-    return schema.names(value, where, ALLOWED, "word")
-
-
 @dataclass(frozen=True)
 class Description:
     """Everything a YAML and its URDF say, checked; models/README.md explains every key.
@@ -122,7 +115,7 @@ class Description:
     urdf_text: str
     yaml_text: str
     package_dirs: tuple[str, ...] = ()
-    gravity: Vec3 = fields.key((0.0, 0.0, -9.81), _gravity)
+    gravity: Vec3 = fields.key((0.0, 0.0, -9.81), partial(schema.vector, of="acceleration"))
     base: str = fields.word("fixed", ("fixed", "free_flyer"))
     joints: dict[str, JointExtra] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
@@ -142,7 +135,7 @@ class Description:
     motion: dict[str, Any] | None = None
     solve: SolveSpec = field(default_factory=SolveSpec)
     limit: float = fields.real(1.0, "ratio", above=0)
-    allow: tuple[str, ...] = fields.key((), _allow)
+    allow: tuple[str, ...] = fields.key((), partial(schema.names, allowed=ALLOWED, what="word"))
     use_urdf_dynamics: bool = fields.flag(True)
     notes: tuple[str, ...] = ()
 
@@ -157,6 +150,17 @@ class Description:
         if self.platform is None or self.platform in self.frames:
             return self.frames
         return (self.platform, *self.frames)
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Frames that loops tie, once each."""
+        return tuple(dict.fromkeys(f for x in self.loops for f in (x.frame_a, x.frame_b)))
+
+    @property
+    def loaded(self) -> tuple[str, ...]:
+        """Frames that forces, springs and added masses act on, once each."""
+        springs = (f for x in self.springs for f in (x.frame_a, x.frame_b))
+        return tuple(dict.fromkeys([*(x.frame for x in self.forces + self.added_masses), *springs]))
 
     def flexible_blocks(self) -> dict[str, Any]:
         """The YAML block of every flexible link, by link."""
@@ -256,10 +260,9 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
-        has_platform = "platform" in block
         written = motion_block.without_units(block["motion"], types)
         values["motion"] = motion_block.read_motion(
-            written, place["motion"], folder, actuated, has_platform
+            written, place["motion"], folder, actuated, "platform" in block
         )
     return Description(
         name=name,

@@ -81,10 +81,6 @@ def _newmark(value: object, where: str) -> tuple[float, float]:
     return gamma, beta
 
 
-def _outputs(value: object, where: str) -> tuple[str, ...]:
-    return schema.names(value, where, ASKED, "output")
-
-
 def _speeds(value: object, where: str) -> Speeds:
     """Names with a speed, or a list of them; null leaves a component open."""
     found = []
@@ -143,7 +139,7 @@ class SolveSpec:
     dt: float | None = fields.real(None, "time", above=0)
     samples: int | None = fields.whole(None, 2)
     tol: float | None = fields.real(None, low=TOLERANCES[0], high=TOLERANCES[1])
-    asked: tuple[str, ...] = fields.key((), _outputs)
+    asked: tuple[str, ...] = fields.key((), partial(schema.names, allowed=ASKED, what="output"))
     integrator: Any = fields.key(None, partial(_word, words=INTEGRATORS))
     rho_inf: float | None = fields.real(None, low=0, high=1)
     newmark: tuple[float, float] | None = fields.key(None, _newmark)

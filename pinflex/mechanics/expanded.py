@@ -37,7 +37,6 @@ class Interface:
     x: float
     attachment: Attachment
     force_rows: IntArray
-    turns: tuple[int, ...]
 
 
 @dataclass(frozen=True)

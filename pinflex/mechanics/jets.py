@@ -74,11 +74,6 @@ class Jet:
             np.array(f), df * self.grad, df * self.hess + ddf * np.outer(self.grad, self.grad)
         )
 
-    def over(self, other: Jet) -> Jet:
-        """The quotient of two scalar jets."""
-        x = float(other.value)
-        return self * other.of(1.0 / x, -1.0 / x**2, 2.0 / x**3)
-
 
 def constant(value: Array, m: int, second: bool) -> Jet:
     """What depends on none of m variables.

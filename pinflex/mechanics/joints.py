@@ -60,6 +60,12 @@ def coordinate_names(model: pin.Model) -> tuple[str, ...]:
     return tuple(names)
 
 
+def sliding(model: pin.Model) -> set[str]:
+    """Prismatic joints."""
+    pairs = zip(model.names, model.joints, strict=True)
+    return {n for n, j in pairs if j.nv == 1 and j.shortname().startswith("JointModelP")}
+
+
 def motor_rows(description: Description, model: pin.Model) -> IntArray:
     """Velocity rows of the actuated joints.
 

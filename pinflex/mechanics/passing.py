@@ -76,7 +76,7 @@ class PassingState:
         self._ends = self._find_ends()
         self.eta = guide.eta
         h = self._evaluate(second=False)
-        self.value, self._grad, self.by_eta = h.value, h.grad, h.grad[:, _FIRST:]
+        self.value, self.by_eta = h.value, h.grad[:, _FIRST:]
         self._normal = {k: h.grad[:, at] @ self._R.T for k, at in ((0, _X), (1, _Y))}
         push = h.grad[:, _P] @ self._R.T
         self.W = np.hstack([push, push @ arm.T])

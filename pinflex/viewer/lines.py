@@ -95,7 +95,8 @@ def _canvas(
         bar.ax.set_title(f"{label} [{unit}]", size=10, loc="left", pad=10)
         bar.outline.set_visible(False)
 
-    cloud = np.concatenate([line for k in _some(scene) for line, _ in polylines(scene, k, mag)])
+    some = np.linspace(0, len(scene["t"]) - 1, 12).astype(int).tolist()
+    cloud = np.concatenate([line for k in some for line, _ in polylines(scene, k, mag)])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     extent = np.maximum(high - low, 0.1 * (float((high - low).max()) or 1.0))
     axes.view_init(*view_of(extent))
@@ -109,20 +110,15 @@ def _canvas(
         for line, name in polylines(scene, k, mag):
             if name in values:
                 pieces = np.stack([line[:-1], line[1:]], axis=1)
-                mean = (values[name][k, :-1] + values[name][k, 1:]) / 2
-                axes.add_collection3d(
-                    Line3DCollection(
-                        pieces, colors=colours.to_rgba(mean), linewidths=3.5, clip_on=False
-                    )
-                )
+                shown = colours.to_rgba((values[name][k, :-1] + values[name][k, 1:]) / 2)
+                style = {"colors": shown, "linewidths": 3.5, "clip_on": False}
+                axes.add_collection3d(Line3DCollection(pieces, **style))
             else:
                 base = name == BASE
                 style = {"lw": 1.0 if base else 2.5, "marker": "o", "ms": 4, "clip_on": False}
                 axes.plot(*line.T, color=PALE if base else GREY, **style)
-        for setter, c, r in zip(
-            (axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, reach, strict=True
-        ):
-            setter(c - r, c + r)
+        for axis, c, r in zip("xyz", middle, reach, strict=True):
+            axes.set(**{f"{axis}lim": (c - r, c + r)})
         axes.set_box_aspect(reach, zoom=1.3)
         caption.set_text(f"t = {scene['t'][k]:.4g} s, deflection \u00d7{mag:g}")
 
@@ -144,10 +140,6 @@ def magnified(body: dict[str, Any], k: int, mag: float) -> Array:
     """
     pose = body["rigid"][min(k, len(body["rigid"]) - 1)]
     return np.asarray(pose if body["disp"] is None else pose + mag * body["disp"][k]).reshape(3, 4)
-
-
-def _some(scene: dict[str, Any]) -> list[int]:
-    return [int(k) for k in np.linspace(0, len(scene["t"]) - 1, 12)]
 
 
 def _field(link: dict[str, Any], field: str) -> Array:

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 RIGID = "#000000"
 _COMPONENTS = {  # of a section, in the beam frame
-    "u": "stretch",
-    "v": "deflection",
-    "w": "deflection",
-    "rx": "twist",
-    "ry": "slope",
-    "rz": "slope",
+    "u": ("stretch", "m"),
+    "v": ("deflection", "m"),
+    "w": ("deflection", "m"),
+    "rx": ("twist", "rad"),
+    "ry": ("slope", "rad"),
+    "rz": ("slope", "rad"),
 }
 _PARTS = {  # of a deviation: components, and units by whether it is small
     "position": ("x y z", ("mm", "µm")),
@@ -293,11 +293,10 @@ def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
     if kind == "frame" and axis in ("x", "y", "z"):
         return result.frame(name).position[:, "xyz".index(axis)], f"{name} {axis}", "m"
     if kind == "link" and axis in _COMPONENTS:
-        field = result.link(name).deflection[:, :, list(_COMPONENTS).index(axis)]
+        field = result.link(name).deflection[:, :, [*_COMPONENTS].index(axis)]
         station = int(np.argmax(np.abs(field).max(axis=0)))
-        unit = "m" if axis in "uvw" else "rad"
         at = f"x = {1e3 * result.link(name).x[station]:.4g} mm"
-        word = _COMPONENTS[axis]
+        word, unit = _COMPONENTS[axis]
         return field[:, station], f"{name}: {word} {axis} at {at}", unit
     forms = ("torque/MOTOR", "joint/JOINT", "frame/FRAME/x", "link/LINK/v")
     raise DescriptionError(

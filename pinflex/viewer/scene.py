@@ -224,19 +224,18 @@ def _opens(result: Result, path: dict[str, Any] | None, stress: dict[str, Array]
     return float(result.t[0])
 
 
-def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
-    """Magnification 1, 2 or 5 times a power of ten that shows `largest` as a share of `size`.
+def automatic_scale(largest: float, size: float) -> float:
+    """Magnification 1, 2 or 5 times a power of ten that shows `largest` as `SHARE` of `size`.
 
     A displacement that is large as it is stays at 1: nothing is ever drawn smaller.
 
     Args:
         largest: Displacement [m].
         size: Of the robot [m].
-        share: Of the size that the displacement should fill.
     """
-    if not 0.0 < largest < share * size:
+    if not 0.0 < largest < SHARE * size:
         return 1.0
-    wanted = np.log10(share * size / largest)
+    wanted = np.log10(SHARE * size / largest)
     steps = [np.log10(s) + np.floor(wanted) for s in (1, 2, 5, 10)]
     return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
 
