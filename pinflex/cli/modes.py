@@ -99,9 +99,9 @@ def _moving(args: argparse.Namespace, mechanism: Mechanism) -> int:
     """Modes about a motion: with stiffening and gyroscopic terms, and the rate of growth."""
     from pinflex.levels.modes import modes
 
-    beside, own = [name for name in ("pose", "view", "map") if getattr(args, name)], "at"
-    if args.spin:
-        beside, own = [*(["at"] if args.at is not None else beside)], "spin"
+    own = "spin" if args.spin else "at"
+    beside = [name for name in ("pose", "view", "map") if getattr(args, name)]
+    beside = ["at"] if args.spin and args.at is not None else beside
     if beside:
         raise DescriptionError(f"--{beside[0]}: has no meaning beside --{own}. Give one of them.")
     at = args.spin or args.at
