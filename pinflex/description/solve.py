@@ -94,7 +94,7 @@ def _speeds(value: object, where: str) -> Speeds:
 
 
 def _word(value: object, where: str, words: Collection[str]) -> Any:
-    """A word; in Python also an object (a scheme, a function, a run), which the level looks at."""
+    """A word; in Python also an object (scheme, function, run, states), which the level looks at."""
     if not isinstance(value, str | int | float | list | dict):
         return value
     return schema.choice(value, where, words)
@@ -126,8 +126,8 @@ class SolveSpec:
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
         start: straight (undeformed), static (in equilibrium), or auto (static where something
-            acts and an equilibrium exists). In Python also a run, or (run, time [s]), of level
-            coupled: from its state then.
+            acts and an equilibrium exists). In Python also, for level coupled, a run or
+            (run, time [s]): from its state then; or (y, v): coordinates and velocities.
         start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
             velocities of links' origins in the world [m/s]; level coupled.
     """
