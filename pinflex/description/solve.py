@@ -94,7 +94,7 @@ def _speeds(value: object, where: str) -> Speeds:
 
 
 def _word(value: object, where: str, words: Collection[str]) -> Any:
-    """A word; in Python also an object (scheme, function, run, states), which the level looks at."""
+    """A word; in Python also an object (scheme, run, states), which the level looks at."""
     if not isinstance(value, str | int | float | list | dict):
         return value
     return schema.choice(value, where, words)
