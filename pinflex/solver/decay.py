@@ -49,5 +49,6 @@ class Decay:
 
 def _around(x: Array) -> Array:
     """Root of the sum of squares of each number and those beside it."""
-    wide = np.pad(x * x, _AROUND, mode="edge")
+    square = x * x
+    wide = np.concatenate([square[:1].repeat(_AROUND), square, square[-1:].repeat(_AROUND)])
     return np.asarray(np.sqrt(np.convolve(wide, np.ones(2 * _AROUND + 1), "valid")))

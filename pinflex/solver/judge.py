@@ -15,9 +15,9 @@ import numpy as np
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.corrector import Corrector
+from pinflex.integrators.corrector import Before, Corrector
 from pinflex.integrators.radau import Stages
-from pinflex.integrators.record import Record, ends_of
+from pinflex.integrators.record import Record, ends_of, spans_of
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
 from pinflex.integrators.steps import Path, States
@@ -87,7 +87,7 @@ class Judge:
         self._fine = Record(self._corrector, self._t, self.resolution)
         self._coarse.start(now)
         self._fine.start(now)
-        self._before: tuple[Step, Step] | None = None
+        self._before: Before | None = None
         self._decay = Decay()
         self._sizes: dict[str, float] = {}
         self._moved, self._borne = False, 0.0
@@ -99,7 +99,8 @@ class Judge:
         """Correct steps and record both; the number of them that may stay, or -1."""
         if not steps:
             return 0
-        self._stages.slow = self._slowest(steps[-1])
+        t, h = spans_of(steps)
+        self._stages.slow = self._slowest(float(h[-1]))
         try:
             corrected = self._corrector.correct_all(steps, self._before)
         except np.linalg.LinAlgError:
@@ -110,24 +111,35 @@ class Judge:
         bad = np.flatnonzero(~(errors <= max(self._allowed, self._borne)))
         good = len(steps)
         if len(bad) and not self.stuck:
-            good = self._send_back(steps, errors, int(bad[0]))
+            good = self._send_back(float(t[bad[0]] + h[bad[0]]), errors, int(bad[0]))
             if good < 0:
                 self.begun += 1
                 self.start(self._now)
             if good <= 0:
                 return good
         self._borne = min(self._borne, _MORE * float(np.max(errors)))
-        end = steps[good - 1].start.t + steps[good - 1].h
+        end = float(t[good - 1] + h[good - 1])
         if good == len(steps) and not len(bad) and not self.stuck:
             self._adapt(errors, end)
         self._error, self._error_at = max(self._error, float(np.max(errors[:good]))), end
-        kept = self._samples(steps[:good])
-        self._coarse.take(steps[:good], States(*(part[:kept] for part in coarse)))
-        self._fine.take(corrected[:good], States(*(part[:kept] for part in fine)))
-        self._decay.add(self._corrector.sizes[:good])
-        self._before = steps[good - 1], corrected[good - 1]
-        self._histories.append({key: h.upto(kept) for key, h in histories.items()})
+        self._keep(steps[:good], corrected[:good], coarse, fine, histories)
         return good
+
+    def _keep(
+        self,
+        steps: Sequence[Step],
+        corrected: Sequence[Step],
+        coarse: States,
+        fine: States,
+        histories: dict[str, History],
+    ) -> None:
+        """Record steps that stay, out of all that lies ahead."""
+        kept = self._samples(steps)
+        self._coarse.take(steps, States(*(part[:kept] for part in coarse)))
+        self._fine.take(corrected, States(*(part[:kept] for part in fine)))
+        self._decay.add(self._corrector.sizes[: len(steps)])
+        self._before = self._corrector.last(steps, corrected)
+        self._histories.append({key: history.upto(kept) for key, history in histories.items()})
 
     def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
         """The run and the corrected one.
@@ -185,9 +197,9 @@ class Judge:
         end = float(ends_of(steps)[-1])
         return int(np.searchsorted(self._t, end, side="right")) - self._coarse.count
 
-    def _slowest(self, step: Step) -> float:
-        """Contraction that a correction may have, where so many follow on each other."""
-        number = float(self._t[-1] - self._t[0]) / step.h
+    def _slowest(self, h: float) -> float:
+        """Contraction that a correction may have, where so many steps of h (s) follow."""
+        number = float(self._t[-1] - self._t[0]) / h
         return min(0.1, float(np.sqrt(0.3 / number)))
 
     def _compared(self, coarse: States, fine: States) -> dict[str, History]:
@@ -237,20 +249,23 @@ class Judge:
         size = max(self._sizes.get(key, 0.0), _HALF * self._foreseen.sizes.get(key, 0.0))
         return size if size > LEAST_SIZES.get(key, 0.0) else np.inf
 
-    def _send_back(self, steps: Sequence[Step], errors: Array, bad: int) -> int:
-        """The number of good steps before a bad one; resolution for those that replace it."""
+    def _send_back(self, end: float, errors: Array, bad: int) -> int:
+        """The number of good steps before a bad one, which ends at `end` (s).
+
+        And the resolution for those that replace it.
+        """
         error = float(np.max(errors))
         error = error if np.isfinite(error) else 1.0
-        if self._in_vain(steps[bad].start.t + steps[bad].h, error):
-            return len(steps)
+        if self._in_vain(end, error):
+            return len(errors)
         before = max(self._error, float(np.max(errors[:bad], initial=0.0)))
         anew = before > FULL * self._allowed  # what is carried along is too much already
         if anew and error < self._most:
             self._borne, self.resolution = self._most, FALL * self.resolution
-            return len(steps)
+            return len(errors)
         if self.resolution < _FINEST or (anew and self.begun > _AGAIN):
             self._borne = _MORE * error
-            return len(steps)
+            return len(errors)
         room = AIM * (self._allowed - before)
         self.resolution *= min(max(room / (error - before), LEAST), FALL)
         self.lowest = min(self.lowest, self.resolution)
