@@ -47,19 +47,8 @@ from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
-__all__ = [
-    "Basis",
-    "Description",
-    "EndMass",
-    "FlexibleLink",
-    "JointExtra",
-    "Loop",
-    "Material",
-    "Section",
-    "SolveSpec",
-    "model_names",
-    "read",
-]
+__all__ = ["Basis", "Description", "EndMass", "FlexibleLink", "JointExtra", "Loop", "Material"]
+__all__ += ["Section", "SolveSpec", "model_names", "read"]
 
 KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),

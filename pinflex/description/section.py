@@ -66,10 +66,6 @@ class Section:
         """Second moments [m^4] of rotary inertia about beam y and z."""
         return self.Iy if self.my is None else self.my, self.Iz if self.mz is None else self.mz
 
-    def bending(self, direction: str) -> tuple[float, float]:
-        """Second moment [m^4] and shear factor of bending along v or w."""
-        return (self.Iz, self.ky) if direction == "v" else (self.Iy, self.kz)
-
     @property
     def Ip(self) -> float:
         """Polar second moment [m^4]: inertia of the twist, not its stiffness."""

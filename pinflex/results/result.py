@@ -33,7 +33,7 @@ from pinflex.results.views import (
 )
 from pinflex.rotations import rotation_vector
 from pinflex.text import short
-from pinflex.writing import replaced, write_csv
+from pinflex.writing import write_csv
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
