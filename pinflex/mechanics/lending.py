@@ -17,15 +17,16 @@ _ready: list[tuple[bool, Equations]] = []  # newest first
 
 @contextmanager
 def lent(system: System) -> Iterator[Equations]:
-    """Equations of a system that are their borrower's own until the block ends."""
+    """Equations of a system that are their borrower's own until the block ends.
+
+    Those of a run that broke off are not lent again.
+    """
     compiled = serves(system)
     found = _taken(system, compiled) or Equations(system)
-    try:
-        yield found
-    finally:
-        if workspace.size(found.model) <= _LARGEST:
-            _ready.insert(0, (compiled, found))
-            del _ready[_KEPT:]
+    yield found
+    if workspace.size(found.model) <= _LARGEST:
+        _ready.insert(0, (compiled, found))
+        del _ready[_KEPT:]
 
 
 def _taken(system: System, compiled: bool) -> Equations | None:
