@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from papers.modal_test import ModalTest, identify, modal_test
 from papers.spectra import ModalForces, modal_forces, spectrum
 
 import pinflex as pf
-from pinflex.studies.modal_test import ModalTest, identify, modal_test
 
 # links that bend, to first order, and do not stretch: models/3rrr/published.yaml
 PUBLISHED = (

@@ -6,13 +6,14 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import wraps
 from importlib import import_module
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
+B = TypeVar("B", bound="Bar")
 _WIDTH = 30  # [characters]
 _PAUSE = 0.1  # [s] between drawings
 Callback = Callable[[int, int], None]  # called with (step, steps)
@@ -20,7 +21,7 @@ Progress = Callback | bool | None  # True: a bar; None or False: nothing
 
 
 class Bar:
-    """A bar on stderr, only where a person sees it: call it with (step, steps), then `close` it."""
+    """A bar on stderr, only where a person sees it: call it with (step, steps) inside `with`."""
 
     def __init__(self, label: str, shown: bool | None = None) -> None:
         self.label, self.drawn = label, False
@@ -51,6 +52,12 @@ class Bar:
         if self.drawn:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
+
+    def __enter__(self: B) -> B:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
 class _Tqdm:
@@ -110,11 +117,8 @@ def shown(progress: Progress, label: str) -> Iterator[Callback | None]:
     if not isinstance(progress, bool) or not progress:
         yield None if isinstance(progress, bool) else progress
         return
-    bar = _bar(label)
-    try:
+    with closing(_bar(label)) as bar:
         yield bar
-    finally:
-        bar.close()
 
 
 def barred(function: Callable[P, R]) -> Callable[P, R]:

@@ -24,6 +24,18 @@ def rotation_vector(R: Array) -> Array:
     return np.asarray(flat.reshape(*R.shape[:-2], 3))
 
 
+def axis_turn(axis: Array, angle: float) -> Array:
+    """Rotation about an axis, shape (3, 3).
+
+    Args:
+        axis: Of any length, shape (3,); none at all turns nothing.
+        angle: [rad].
+    """
+    x, y, z = axis / max(float(np.linalg.norm(axis)), 1e-300)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
 def zyx_matrix(angles: Array) -> Array:
     """Rz(rz) Ry(ry) Rx(rx), shape (..., 3, 3), of angles (rz, ry, rx), shape (..., 3)."""
     z, y, x = (angles[..., k] for k in range(3))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import os
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -84,6 +85,19 @@ def write_text(path: str | Path, text: str) -> Path:
     """
     with replaced(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
+    return Path(path)
+
+
+def write_csv(path: str | Path, header: Iterable[str], rows: Iterable[Iterable[str]]) -> Path:
+    """Write a table whole.
+
+    Args:
+        path: File.
+        header: Names of the columns.
+        rows: Cells.
+    """
+    with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+        csv.writer(stream).writerows([header, *rows])
     return Path(path)
 
 

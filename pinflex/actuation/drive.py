@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import comb
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.mechanics.loads import Loads
-from pinflex.mechanics.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 # Interpolated motor motions (m, rad) are refined until the mid-interval error falls below this:
 # far below any step error, far above round-off of the second derivative.

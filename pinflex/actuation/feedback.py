@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from pinflex.arrays import Array
 from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
 
 # Gains of a law come from differences over this part of the size of its arguments: exact for the
 # linear laws, and Newton needs two digits.

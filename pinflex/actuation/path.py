@@ -177,7 +177,7 @@ class Path:
         for _ in range(40):
             if size < assembly.CLOSED:
                 break
-            step = -np.linalg.lstsq(J, error, rcond=1e-12)[0] if _bad(J) else _solve(J, -error)
+            step = _solve(J, -error)
             step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-300))
             for _ in range(8):
                 dy = np.zeros(self.dynamics.system.nv)
@@ -286,12 +286,8 @@ class Path:
             raise self._singular(J, which, good)
 
 
-def _bad(J: Array) -> bool:
-    return bool(J.shape[0] != J.shape[1])
-
-
 def _solve(A: Array, b: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(A, b))
-    except np.linalg.LinAlgError:
+    except np.linalg.LinAlgError:  # singular, or not square
         return np.asarray(np.linalg.lstsq(A, b, rcond=1e-12)[0])

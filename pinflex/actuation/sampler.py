@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import copy
 from collections import deque
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.actuation.feedback import Feedback
 from pinflex.actuation.signals import Signals
 from pinflex.arrays import Array
 from pinflex.description.control import Control, Effort
@@ -20,7 +19,10 @@ from pinflex.description.digital import is_system, linear_law
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from pinflex.actuation.feedback import Feedback
+    from pinflex.mechanics.mechanism import Mechanism
 
 _EARLY = 1e-9  # of the period: round-off of an instant's time
 

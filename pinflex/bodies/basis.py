@@ -19,7 +19,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.bodies import beam
 from pinflex.bodies.beam_check import DIRECTIONS, checked_density
-from pinflex.bodies.beam_matrices import beam_energy, craig_bampton
+from pinflex.bodies.beam_matrices import beam_energy, bending, craig_bampton
 from pinflex.bodies.curvature import Curvature, curvature
 from pinflex.bodies.damping import damping
 from pinflex.bodies.family import (
@@ -258,7 +258,7 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
     basis, section, material = link.basis, link.section, link.material
     ratio = 0.0
     if link.shear and direction in BENDING:
-        second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
+        second, k = bending(section, direction)
         ratio = material.E * second / (k * material.G * section.A)
     if basis.kind == "finite_element":
         free = basis.boundary == "free_free" and direction in BENDING

@@ -15,6 +15,17 @@ from pinflex.bodies.family import (
 
 if TYPE_CHECKING:
     from pinflex.description.flexible import FlexibleLink
+    from pinflex.description.section import Section
+
+
+def bending(section: Section, direction: str) -> tuple[float, float]:
+    """Second moment [m^4] and shear factor of bending.
+
+    Args:
+        section: Of the beam.
+        direction: v or w.
+    """
+    return (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
 
 
 def beam_energy(
@@ -35,7 +46,7 @@ def beam_energy(
     elif direction == "p":
         stiffness, spin = G * section.J, rho * section.Ip
     else:
-        second, k = (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
+        second, k = bending(section, direction)
         stiffness = E * second
         spin = rho * section.turning[direction == "v"] * link.rotary_inertia
         shear = k * G * section.A * family.shear

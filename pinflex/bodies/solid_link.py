@@ -38,9 +38,10 @@ def solid_body(
     """
     place = f"{where}.basis"
     pose = np.column_stack([placement.rotation, placement.translation])
+    basis = spec.basis
     stamp = tuple(
-        _path(folder, name).stat().st_mtime_ns if name and _path(folder, name).is_file() else 0
-        for name in _files(spec.basis)
+        (folder / name).stat().st_mtime_ns if name and (folder / name).is_file() else 0
+        for name in (basis.file, basis.mass, basis.stiffness, basis.nodes)
     )
     frame = tuple(map(tuple, np.round(pose, 12).tolist()))  # equal links differ by round-off
     options = spec.second_order, spec.rayleigh, spec.modal_damping
@@ -78,7 +79,7 @@ def _reduced(
     if basis.rod:
         solid = of_mesh(_rod(basis, length, where), material, where)
     elif basis.kind == "mesh":
-        path = _path(folder, basis.file or "")
+        path = folder / (basis.file or "")
         drawn = mesh.read(path, dict(basis.interfaces), basis.scale, where)
         _right_size(drawn.cells.doflocs.T, length, where)
         moved = P[:, :3].T @ (drawn.cells.doflocs - P[:, 3:])
@@ -106,14 +107,6 @@ def _rod(basis: Basis, length: float, where: str) -> mesh.Mesh:
             f"{length:.6g} m. Make them agree."
         )
     return mesh.stepped_rod(segments, basis.size, where)
-
-
-def _files(basis: Basis) -> tuple[str | None, ...]:
-    return basis.file, basis.mass, basis.stiffness, basis.nodes
-
-
-def _path(folder: Path, name: str) -> Path:
-    return folder / name
 
 
 def _right_size(nodes: Array, length: float, where: str) -> None:
@@ -157,12 +150,12 @@ def _matrices(basis: Basis, folder: Path, where: str) -> Solid:
     """M, K, nodes and interfaces from one .npz, or from Matrix Market files and a table."""
     found: dict[str, Any] = {}
     if basis.file:
-        found = _npz(_path(folder, basis.file), where)
+        found = _npz(folder / basis.file, where)
     for key, name in (("M", basis.mass), ("K", basis.stiffness)):
         if name:
-            found[key] = _market(_path(folder, name), f"{where}.{key}")
+            found[key] = _market(folder / name, f"{where}.{key}")
     if basis.nodes:
-        path = _existing(_path(folder, basis.nodes), f"{where}.nodes")
+        path = _existing(folder / basis.nodes, f"{where}.nodes")
         try:
             found["nodes"] = np.loadtxt(path, delimiter="," if path.suffix == ".csv" else None)
         except ValueError as error:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.moments import CROSS
 
@@ -48,7 +47,9 @@ def modal_data(body: FlexibleBody) -> dict[str, Any]:
     if body.inertia is not None:
         inertia += np.diag(body.inertia.sum(axis=0))
     inertia[0, 0] += float(body.It.sum())
-    M = body.M if _definite(body.M) else body.M + 1e-12 * np.trace(body.M) * np.eye(body.n)
+    M = body.M
+    if np.linalg.eigvalsh(M)[0] <= 0.0:
+        M = M + 1e-12 * np.trace(M) * np.eye(body.n)
     squares, V = eigh(body.K, M)
     rigid = np.concatenate(
         [np.tile(np.eye(3), (len(m), 1, 1)), np.einsum("acb,ib->ica", CROSS, p)], 2
@@ -68,10 +69,6 @@ def modal_data(body: FlexibleBody) -> dict[str, Any]:
         "points": len(m),
         "inertia_error": 0.0 if body.solid is None else body.solid.inertia_error,
     }
-
-
-def _definite(M: Array) -> bool:
-    return bool(np.linalg.eigvalsh(M)[0] > 0.0)
 
 
 def summary(body: FlexibleBody, count: int = 12) -> str:

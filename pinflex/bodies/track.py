@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import factorial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from pinflex.arrays import Array
 from pinflex.bodies import beam
-from pinflex.bodies.basis import FlexibleBody
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.bodies.basis import FlexibleBody
 
 _ORDERS = 4  # the value and three derivatives: the bias of a slope takes its second
 # Polynomials of degree p have gauss = p + 1 points, and products of two, integrated twice, degree
@@ -76,7 +78,12 @@ class Track:
         )
 
     def moved(self, x: float, eta: Array) -> Array:
-        """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3)."""
+        """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3).
+
+        Args:
+            x: Place on the beam [m].
+            eta: Coordinates of the body, shape (n,).
+        """
         inside = min(max(x, 0.0), self.length)
         k, basis = self._basis(inside, _ORDERS if inside != x else 2)
         # the first half of the six rows

@@ -43,12 +43,10 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.advice import text as advise_text
     from pinflex.advice.advise import advise
 
-    mechanism, bar = load_model(args), Bar("looking")
-    bar.say()
-    try:
+    mechanism = load_model(args)
+    with Bar("looking") as bar:
+        bar.say()
         advice = advise(mechanism, tol=args.tol, asked=args.asked, until=args.until, progress=bar)
-    finally:
-        bar.close()
     if args.json:
         print_json(asdict(advice))
     else:

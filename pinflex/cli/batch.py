@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.cli.cases_text import ranges
-from pinflex.cli.console import print_json
+from pinflex.cli.console import print_json, say_written
 from pinflex.errors import SceneError
 from pinflex.progress import Bar
 from pinflex.results.columns import Columns, check_suffix
@@ -104,7 +104,7 @@ def answer(
             print(paragraph(why, "    ", f"  case {row}: "))
         if len(failed) > _SHOWN:
             print(f"  and {len(failed) - _SHOWN} more")
-        print("\n".join(f"wrote {path}" for path in files) or "nothing saved (--out FILE saves it)")
+        say_written(files, "--out FILE")
     if len(failed) == len(cases_table):
         raise SceneError(f"none of the cases has an answer: {errors[1]}")
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,11 +56,8 @@ def run(args: argparse.Namespace) -> int:
     folder = None if args.output is None else Path(args.output)
     if folder is not None:
         writable(folder / "bench.png")
-    bar = Bar("bench")
-    try:
+    with Bar("bench") as bar:
         study = bench(mechanism, bar)
-    finally:
-        bar.close()
     data = _json(study)
     text = write(study, whole=True)
     files = [] if folder is None else _save(study, folder, text, data)
@@ -83,20 +80,10 @@ def write(study: Bench, whole: bool = False) -> str:
     points = sorted((p for p in study.points if not p.failed), key=lambda p: p.cpu)
     shown = points if whole else [p for p in points if id(p) in best]
     failures = [p for p in study.points if p.failed]
-    beside = {
-        "slower and worse than one of these": len(points) - len(shown),
-        "failed": len(failures),
-    }
     own = ", ".join(f"{name} {error:.1e}" for name, error in study.own_error.items())
-    return (
-        _points(study, shown, best)
-        + "\n\n"
-        + paragraph(advice(study))
-        + "\n\n"
-        + paragraph(f"Reference: {study.reference}. Its own error: {own}.")
-        + "\n"
-        + (_reasons(failures) if whole else _hidden(beside))
-    )
+    last = paragraph(f"Reference: {study.reference}. Its own error: {own}.") + "\n"
+    rest = _reasons(failures) if whole else _hidden(len(points) - len(shown), len(failures))
+    return "\n\n".join([_points(study, shown, best), paragraph(advice(study)), last + rest])
 
 
 def _points(study: Bench, points: Sequence[Point], best: Container[int]) -> str:
@@ -119,9 +106,10 @@ def _reasons(failures: Sequence[Point]) -> str:
     return "".join(paragraph(text, indent="  ") + "\n" for text in texts)
 
 
-def _hidden(counts: Mapping[str, int]) -> str:
+def _hidden(worse: int, failed: int) -> str:
     """How many points are not shown, by what they are."""
-    some = [f"{n} {what}" for what, n in counts.items() if n]
+    counts = ((worse, "slower and worse than one of these"), (failed, "failed"))
+    some = [f"{n} {what}" for n, what in counts if n]
     return paragraph(f"{'; '.join(some)}: -v shows them.") + "\n" if some else ""
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json, working
+from pinflex.cli.console import load_model, print_json, say_written, working
 from pinflex.errors import DescriptionError
 from pinflex.text import length, number, paragraph, table
 from pinflex.writing import writable
@@ -69,27 +69,20 @@ def run(args: argparse.Namespace) -> int:
     for path in (args.output, args.plot, args.view):
         writable(path)
     motion = default_motion(mechanism)
-    given = {"limited": not args.beyond_limits, "instants": args.instants}
     with working("finding the motor motion"):
         found = command(
-            mechanism,
-            motion,
-            args.level,
-            tol=args.tol,
-            before=args.before,
-            after=args.after,
-            **given,
-        )
+            mechanism, motion, args.level, tol=args.tol, before=args.before, after=args.after,
+            instants=args.instants, limited=not args.beyond_limits,
+        )  # fmt: skip
     runs, commands = {}, {args.level: found}
     if args.verify:
         with working("verifying by a forward run"):
-            runs[args.level] = followed(mechanism, motion, found)
             if args.level != "rigid":
-                rigid = command(
+                commands["rigid"] = command(
                     mechanism, motion, "rigid", before=found.before, after=found.after,
                     coordinates=found.coordinates, instants=len(found.t), limited=False,
                 )  # fmt: skip
-                runs["rigid"], commands["rigid"] = followed(mechanism, motion, rigid), rigid
+            runs = {level: followed(mechanism, motion, x) for level, x in commands.items()}
     files = [] if args.output is None else [found.to_csv(args.output)]
     files += _shown(args, commands, runs)
     rows = [
@@ -101,8 +94,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(data)
     else:
         print(_text(data, drive_table(rows)))
-        wrote = "\n".join(f"wrote {path}" for path in files)
-        print(wrote or "nothing saved (-o FILE.csv saves it)")
+        say_written(files, "-o FILE.csv")
     return 0
 
 

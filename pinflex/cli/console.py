@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any
 
@@ -37,15 +37,22 @@ def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
     return files
 
 
+def say_written(files: Sequence[object], how: str = "-o FILE") -> None:
+    """Print the files written, or which option writes one.
+
+    Args:
+        files: Their paths.
+        how: The option.
+    """
+    print("\n".join(f"wrote {path}" for path in files) or f"nothing saved ({how} saves it)")
+
+
 @contextmanager
 def working(text: str) -> Iterator[None]:
     """Say what is being done, where a person sees it, until it is."""
-    bar = Bar(text)
-    bar.say()
-    try:
+    with Bar(text) as bar:
+        bar.say()
         yield
-    finally:
-        bar.close()
 
 
 def load_model(args: argparse.Namespace) -> Mechanism:

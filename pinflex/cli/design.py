@@ -7,7 +7,7 @@ import csv
 from pathlib import Path
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json, written
+from pinflex.cli.console import load_model, print_json, say_written, written
 from pinflex.errors import DescriptionError
 from pinflex.progress import Bar
 
@@ -53,28 +53,22 @@ def run(args: argparse.Namespace) -> int:
     choose = dict(_choice(text) for text in args.choose)
     if not vary and not choose:
         raise DescriptionError("design: nothing varies. Give --vary KEY=LOW:HIGH, or --choose.")
-    bar = Bar("design")
-    options = {
-        "choose": choose, "level": args.level, "starts": args.starts, "jobs": args.jobs,
-        "journal": f"{args.output}.journal" if args.output else None, "progress": bar,
-    }  # fmt: skip
     robot = load_model(args)
-    try:
+    with Bar("design") as bar:
+        options = {
+            "choose": choose, "level": args.level, "starts": args.starts, "jobs": args.jobs,
+            "journal": f"{args.output}.journal" if args.output else None, "progress": bar,
+        }  # fmt: skip
         if args.against is not None:
             front = pareto(robot, args.minimise, args.against, vary, args.keep, **options)
         else:
             front = [design(robot, args.minimise, vary, args.keep, **options)]
-    finally:
-        bar.close()
     files = written(front[0], args)
     if args.json:
         print_json({"designs": [found.as_json() for found in front], "files": files})
         return 0
-    if args.against is not None:
-        print(_front(front, args.minimise, args.against))
-    else:
-        print(front[0].text())
-    print("\n".join(f"wrote {path}" for path in files) or "nothing saved (-o FILE saves it)")
+    print(_front(front, args.minimise, args.against) if args.against else front[0].text())
+    say_written(files)
     return 0
 
 

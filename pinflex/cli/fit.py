@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json, written
+from pinflex.cli.console import load_model, print_json, say_written, written
 from pinflex.errors import DescriptionError
 from pinflex.progress import Bar
 
@@ -54,20 +54,17 @@ def run(args: argparse.Namespace) -> int:
     vary = dict(_vary(text) for text in args.vary)
     priors = dict(_prior(text) for text in args.prior)
     nodes = dict(_node(text) for text in args.node)
-    bar = Bar("fit")
-    try:
+    with Bar("fit") as bar:
         found = fit(
             load_model(args), args.measured, vary, priors, shape_std=args.shape_std,
             level=args.level, dt=args.dt, nodes=nodes, progress=bar,
         )  # fmt: skip
-    finally:
-        bar.close()
     files = written(found, args)
     if args.json:
         print_json(found.as_json() | {"files": files})
         return 0
     print(found.text())
-    print("\n".join(f"wrote {path}" for path in files) or "nothing saved (-o FILE saves it)")
+    say_written(files)
     return 0
 
 

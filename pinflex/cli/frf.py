@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json, working
 from pinflex.text import number, paragraph, table
-from pinflex.writing import writable
+from pinflex.writing import writable, write_csv
 
 if TYPE_CHECKING:
     from pinflex.arrays import Array
@@ -105,12 +104,8 @@ def _write(study: FrequencyResponse, path: Path) -> Path:
     header = ["frequency", *(f"{n}.{part}" for n in names for part in ("magnitude", "phase"))]
     H = study.response
     columns = np.stack([np.abs(H), np.rad2deg(np.angle(H))], axis=2).reshape(len(H), -1)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        rows = np.column_stack([study.frequencies, columns])
-        writer.writerows([f"{x:.12g}" for x in row] for row in rows)
-    return path
+    rows = np.column_stack([study.frequencies, columns])
+    return write_csv(path, header, ([f"{x:.12g}" for x in row] for row in rows))
 
 
 def _data(study: FrequencyResponse) -> dict[str, Any]:

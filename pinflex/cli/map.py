@@ -65,14 +65,11 @@ def run(args: argparse.Namespace) -> int:
     where: dict[str, Any] = {"grid": grid}
     if args.instants is not None:
         where |= {"along": default_motion(mechanism), "instants": args.instants}
-    bar = batch.CaseBar("map", options)
-    try:
+    with batch.CaseBar("map", options) as bar:
         poses = pose_map(
             mechanism, **where, count=args.count, preload=args.preload,
             free_motors=args.free_motors, progress=bar, **options,
         )  # fmt: skip
-    finally:
-        bar.close()
     figures = [] if args.plot is None else [save_map(poses, args.plot)]
     notes = _notes(poses)
     if not grid and args.instants is None:

@@ -62,16 +62,12 @@ otherwise.""",
 def run(args: argparse.Namespace) -> int:
     """Natural frequencies and mode shapes at a pose."""
     from pinflex.levels.modes import modes
-    from pinflex.studies.check import is_loaded
+    from pinflex.studies.check import is_loaded, require_vibrating
     from pinflex.studies.mode_shapes import first_modes
     from pinflex.studies.pose import pose
 
     mechanism = load_model(args)
-    if not mechanism.flexible.n_eta and not len(mechanism.flexible.springs.v_at):
-        raise DescriptionError(
-            f"{mechanism.name}: no flexible link and no spring, so nothing vibrates. Write some "
-            "under `flexible`."
-        )
+    require_vibrating(mechanism)
     # without a load the equilibrium is the undeformed pose, which also exists where motors are free
     if args.spin or args.at is not None:
         return _moving(args, mechanism)
@@ -103,13 +99,11 @@ def _moving(args: argparse.Namespace, mechanism: Mechanism) -> int:
     """Modes about a motion: with stiffening and gyroscopic terms, and the rate of growth."""
     from pinflex.levels.modes import modes
 
-    both = bool(args.spin) and args.at is not None
-    others = [name for name in ("pose", "view", "map") if getattr(args, name)]
-    if both or others:
-        first = "at" if both else others[0]
-        raise DescriptionError(
-            f"--{first}: has no meaning beside --{'spin' if args.spin else 'at'}. Give one of them."
-        )
+    own = "spin" if args.spin else "at"
+    beside = [name for name in ("pose", "view", "map") if getattr(args, name)]
+    beside = ["at"] if args.spin and args.at is not None else beside
+    if beside:
+        raise DescriptionError(f"--{beside[0]}: has no meaning beside --{own}. Give one of them.")
     at = args.spin or args.at
     found = modes(mechanism, at=at, count=args.count, free_motors=args.free_motors)
     if args.json:

@@ -36,11 +36,8 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.writing import writable
 
     writable(args.plot)
-    bar = Bar("sensitivity")
-    try:
+    with Bar("sensitivity") as bar:
         found = sensitivities(load_model(args), args.by, args.of, args.level, bar)
-    finally:
-        bar.close()
     if args.plot is not None:
         found.plot(args.plot)
     if args.json:

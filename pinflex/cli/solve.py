@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+from pinflex.cli.console import load_model, print_json, say_written
 from pinflex.errors import RunInterrupted, SceneError
 from pinflex.progress import Bar
 from pinflex.text import length, number, table
@@ -63,15 +63,13 @@ def run(args: argparse.Namespace) -> int:
     mechanism = load_model(args)
     for path in (args.output, args.csv):
         writable(path)
-    bar = Bar(args.level or mechanism.description.solve.level)
     try:
-        result = _solve(args, mechanism, bar)
+        with Bar(args.level or mechanism.description.solve.level) as bar:
+            result = _solve(args, mechanism, bar)
     except RunInterrupted as stop:
         _interrupted(args, stop)
     except SceneError as error:
         _stopped(args, error)
-    finally:
-        bar.close()
     if result.meta["settings"].get("tol") is not None:  # who asks for one wants both errors
         result = result.with_errors()
     files = _save(args, result)
@@ -81,7 +79,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     print(result.summary())
     print("".join(f"\n{block}\n" for block in _tables(numbers)), end="")
-    print("".join(f"\nwrote {path}" for path in files) or "\nnothing saved (-o run.npz saves it)")
+    print()
+    say_written(files, "-o run.npz")
     return 0
 
 

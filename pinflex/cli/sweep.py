@@ -74,18 +74,16 @@ def run(args: argparse.Namespace) -> int:
             raise DescriptionError(f"--{option} belongs to random designs. Add --random N.")
     out, options = batch.options(args)
     outputs = OUTPUTS if args.outputs is None else parser.names(args.outputs)
-    bar = batch.CaseBar("sweep", options)
-    try:
-        columns = sweep(
-            args.model, parsed(args.set, "--set"), level=args.level, outputs=outputs,
-            paired=args.zip, progress=bar, **options,
-        )  # fmt: skip
-    except Interrupted as stop:
-        if out is not None and stop.table:  # any rows
-            stop.table.save(out)
-        raise
-    finally:
-        bar.close()
+    with batch.CaseBar("sweep", options) as bar:
+        try:
+            columns = sweep(
+                args.model, parsed(args.set, "--set"), level=args.level, outputs=outputs,
+                paired=args.zip, progress=bar, **options,
+            )  # fmt: skip
+        except Interrupted as stop:
+            if out is not None and stop.table:  # any rows
+                stop.table.save(out)
+            raise
     return batch.answer(args, columns, out, [], _screen(columns, args.set), bar, _notes(args.set))
 
 
@@ -111,7 +109,7 @@ def _notes(given: list[str]) -> list[str]:
 def _random(args: argparse.Namespace) -> int:
     """Solve random designs; their table, quantiles and indices."""
     from pinflex.cli import batch
-    from pinflex.cli.console import print_json
+    from pinflex.cli.console import print_json, say_written
     from pinflex.description.description import read
     from pinflex.variation.scatter import OUTPUTS, scatter
     from pinflex.writing import writable
@@ -119,15 +117,12 @@ def _random(args: argparse.Namespace) -> int:
     out, options = batch.options(args)
     writable(args.plot)
     normal, uniform = (dict(_pair(x, kind) for x in getattr(args, kind)) for kind in _KINDS)
-    bar = batch.CaseBar("sweep", options)
-    try:
+    with batch.CaseBar("sweep", options) as bar:
         found = scatter(
             read(args.model).with_overrides(args.set), args.random, seed=args.seed,
             normal=normal, uniform=uniform, level=args.level, progress=bar,
             outputs=OUTPUTS if args.outputs is None else parser.names(args.outputs), **options,
         )  # fmt: skip
-    finally:
-        bar.close()
     files = [] if out is None else [found.table.save(out)]
     if out is not None and not np.any(found.table["status"] == "failed"):
         batch.journal(out).unlink(missing_ok=True)
@@ -140,7 +135,7 @@ def _random(args: argparse.Namespace) -> int:
     print(found.text())
     failed = int((found.table["status"] == "failed").sum())
     print(f"\n{len(found.table)} designs, {failed} failed{bar.text()}")
-    print("\n".join(f"wrote {path}" for path in files) or "nothing saved (--out FILE saves it)")
+    say_written(files, "--out FILE")
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,19 +47,8 @@ from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
-__all__ = [
-    "Basis",
-    "Description",
-    "EndMass",
-    "FlexibleLink",
-    "JointExtra",
-    "Loop",
-    "Material",
-    "Section",
-    "SolveSpec",
-    "model_names",
-    "read",
-]
+__all__ = ["Basis", "Description", "EndMass", "FlexibleLink", "JointExtra", "Loop", "Material"]
+__all__ += ["Section", "SolveSpec", "model_names", "read"]
 
 KEYS = (
     *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),
@@ -66,14 +56,6 @@ KEYS = (
     *("motion", "solve", "limit", "allow", "use_urdf_dynamics"),
 )
 ALLOWED = ("wide", "heavy", "large")
-
-
-def _gravity(value: object, where: str) -> Vec3:
-    return schema.vector(value, where, of="acceleration")
-
-
-def _allow(value: object, where: str) -> tuple[str, ...]:
-    return schema.names(value, where, ALLOWED, "word")
 
 
 @dataclass(frozen=True)
@@ -122,7 +104,7 @@ class Description:
     urdf_text: str
     yaml_text: str
     package_dirs: tuple[str, ...] = ()
-    gravity: Vec3 = fields.key((0.0, 0.0, -9.81), _gravity)
+    gravity: Vec3 = fields.key((0.0, 0.0, -9.81), partial(schema.vector, of="acceleration"))
     base: str = fields.word("fixed", ("fixed", "free_flyer"))
     joints: dict[str, JointExtra] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
@@ -142,7 +124,7 @@ class Description:
     motion: dict[str, Any] | None = None
     solve: SolveSpec = field(default_factory=SolveSpec)
     limit: float = fields.real(1.0, "ratio", above=0)
-    allow: tuple[str, ...] = fields.key((), _allow)
+    allow: tuple[str, ...] = fields.key((), partial(schema.names, allowed=ALLOWED, what="word"))
     use_urdf_dynamics: bool = fields.flag(True)
     notes: tuple[str, ...] = ()
 
@@ -158,12 +140,30 @@ class Description:
             return self.frames
         return (self.platform, *self.frames)
 
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Frames that loops tie, once each."""
+        return tuple(dict.fromkeys(f for x in self.loops for f in (x.frame_a, x.frame_b)))
+
+    @property
+    def loaded(self) -> tuple[str, ...]:
+        """Frames that forces, springs and added masses act on, once each."""
+        springs = (f for x in self.springs for f in (x.frame_a, x.frame_b))
+        return tuple(dict.fromkeys([*(x.frame for x in self.forces + self.added_masses), *springs]))
+
     def flexible_blocks(self) -> dict[str, Any]:
         """The YAML block of every flexible link, by link."""
+        blocks = self.blocks().get("flexible") or {}
+        return link_groups.expand(blocks, f"{self.name}.yaml: flexible", self.tree())
+
+    def blocks(self) -> dict[str, Any]:
+        """The YAML as plain data."""
         label = f"{self.name}.yaml"
-        raw = schema.mapping(yaml_text.load(self.yaml_text, label), label)
-        tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
-        return link_groups.expand(raw.get("flexible") or {}, schema.at(label, "flexible"), tree)
+        return schema.mapping(yaml_text.load(self.yaml_text, label), label)
+
+    def tree(self) -> Source:
+        """The robot's file, read again."""
+        return sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
 
     def replace(self, **changes: Any) -> Description:
         """A copy with other fields; nothing is checked, unlike in `with_overrides`."""
@@ -185,13 +185,10 @@ class Description:
         changes = [schema.text(change, "overrides") for change in assignments]
         if not changes:
             return self
-        label = f"{self.name}.yaml"
-        raw = schema.mapping(yaml_text.load(self.yaml_text, label), label)
-        tree = sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
-        tree = dataclasses.replace(tree, notes=self.notes)
+        raw, tree = self.blocks(), dataclasses.replace(self.tree(), notes=self.notes)
         links: dict[str, list[str]] = {}
         if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
-            place = schema.at(label, "flexible")
+            place = f"{self.name}.yaml: flexible"
             links = link_groups.groups(schema.mapping(raw["flexible"], place), place, tree)
             raw["flexible"] = link_groups.expand(raw["flexible"], place, tree)
         before = raw.get("urdf")
@@ -252,10 +249,9 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
-        has_platform = "platform" in block
         written = motion_block.without_units(block["motion"], types)
         values["motion"] = motion_block.read_motion(
-            written, place["motion"], folder, actuated, has_platform
+            written, place["motion"], folder, actuated, "platform" in block
         )
     return Description(
         name=name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from pinflex.description import schema
@@ -101,14 +102,12 @@ def from_spec(spec: object, where: str = "material") -> Material:
             f"{where}: {missing} is missing. Write {{E, nu, rho}}, {{E, G, rho}} or a name: "
             f"{', '.join(MATERIALS)}."
         )
-    given = {
-        key: schema.number(block[key], place[key], above=0, of="elasticity")
-        for key in block.keys() & {"E", "G"}
-    }
+    positive = partial(schema.number, above=0, of="elasticity")
+    given = {key: positive(block[key], place[key]) for key in block.keys() & {"E", "G"}}
     if "nu" in block:
         given["nu"] = schema.number(block["nu"], place["nu"], high=0.5, above=-1)
     changes: dict[str, Any] = dict(zip(("E", "nu", "G"), _elastic(given, base, where), strict=True))
-    for key, reader in (("rho", _density), ("yield_strength", _strength), ("name", schema.text)):
+    for key, reader in (("rho", _density), ("yield_strength", positive), ("name", schema.text)):
         if key in block:
             changes[key] = reader(block[key], place[key])
     return Material(**{"rho": None} | changes) if base is None else replace(base, **changes)
@@ -133,10 +132,6 @@ def _elastic(
             "has -1 < nu <= 0.5. Correct one, or add nu if the material is not isotropic."
         )
     return E, nu, given["G"]
-
-
-def _strength(value: object, where: str) -> float:
-    return schema.number(value, where, above=0, of="elasticity")
 
 
 def _density(value: object, where: str) -> float | None:

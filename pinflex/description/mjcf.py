@@ -19,7 +19,7 @@ from pinflex.arrays import Array
 from pinflex.description import mjcf_values, urdf
 from pinflex.description.mjcf_values import Values
 from pinflex.description.source import Source
-from pinflex.description.tree_text import Inertia, Joint, Tree, Visual, inverse, pose
+from pinflex.description.tree_text import Inertia, Joint, Tree, Visual, pose
 from pinflex.description.xml_lines import Element, numbers
 from pinflex.errors import DescriptionError
 
@@ -268,14 +268,3 @@ def _quaternion(rotation: Array) -> Array:
 
 def _plain(values: Array) -> list[float]:
     return [float(x) for x in values]
-
-
-def relative(robot: Robot, body: str, matrix: Array) -> Array:
-    """A pose of the world in a body's own frame, as the file draws it.
-
-    Args:
-        robot: The file as read so far.
-        body: Name of the body.
-        matrix: Pose in the world, shape (4, 4).
-    """
-    return inverse(robot.poses[body]) @ matrix

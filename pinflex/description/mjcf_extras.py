@@ -8,6 +8,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.mjcf import JointData, Robot, base_pose
+from pinflex.description.mjcf_values import quaternion
 from pinflex.description.tree_text import pose
 from pinflex.description.xml_lines import Element, known, numbers, unused
 
@@ -156,8 +157,8 @@ def _loop(robot: Robot, element: Element, given: dict[str, str], name: str) -> N
         _grounded(robot, element, name, body, own, ground)
         return
     ends = [
-        robot.tree.mark(f"{name}_a", _link(robot, a), at),
-        robot.tree.mark(f"{name}_b", _link(robot, b), beside),
+        robot.tree.mark(f"{name}_a", a, at),
+        robot.tree.mark(f"{name}_b", b, beside),
     ]
     kind = "spherical" if element.tag == "connect" else "weld"
     robot.loops[name] = {"kind": kind, "between": ends}
@@ -183,14 +184,10 @@ def _grounded(
     base = robot.blocks.setdefault("home", {})
     if "root_joint" not in base:  # places on the ground are those of the file
         base["root_joint"] = base_pose(next(iter(robot.poses.values())))
-    frame = robot.tree.mark(f"{name}_a", _link(robot, body), own)
+    frame = robot.tree.mark(f"{name}_a", body, own)
     at = [float(x) for x in ground[:3, 3]]
     kind = "weld" if weld else "spherical"
     robot.loops[name] = {"kind": kind, "between": [frame, "world"], "at": at}
-
-
-def _link(robot: Robot, body: str) -> str:
-    return body
 
 
 def _frames(
@@ -206,8 +203,6 @@ def _frames(
     if not relative[3:].any():  # as the file draws the two bodies
         both = first if b == "world" else second
         return both, both
-    from pinflex.description.mjcf_values import quaternion
-
     step = pose(quaternion(relative[3:], element), relative[:3])
     return first @ step, second
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.files import MOST_TEXT, require_regular
-from pinflex.description.tree_text import Inertia, Visual, pose, turn
+from pinflex.description.tree_text import Inertia, Visual, pose
 from pinflex.description.xml_lines import Element, known, numbers, parse
 from pinflex.errors import DescriptionError
+from pinflex.rotations import axis_turn
 
 _DENSITY = 1000.0  # kg/m^3, MuJoCo's
 _SHORTEST = 1e-12  # [m] of a direction
@@ -97,7 +98,7 @@ class Values:
             return quaternion(numbers(values["quat"], element, "quat", 4), element)
         if "axisangle" in values:
             *axis, angle = numbers(values["axisangle"], element, "axisangle", 4)
-            return turn(unit(np.array(axis), element, "axisangle"), float(self.angle(angle)))
+            return axis_turn(unit(np.array(axis), element, "axisangle"), float(self.angle(angle)))
         if "xyaxes" in values:
             six = numbers(values["xyaxes"], element, "xyaxes", 6)
             x = unit(six[:3], element, "xyaxes")
@@ -113,7 +114,7 @@ class Values:
         total = np.eye(3)
         order = self.compiler.get("eulerseq", "xyz")
         for letter, angle in zip(order, self.angle(angles), strict=True):
-            step = turn(np.eye(3)["xyz".index(letter.lower())], float(angle))
+            step = axis_turn(np.eye(3)["xyz".index(letter.lower())], float(angle))
             total = total @ step if letter.islower() else step @ total
         return total
 
@@ -221,7 +222,7 @@ def along_z(axis: Array) -> Array:
     size = float(np.linalg.norm(cross))
     if size < _SHORTEST:
         return np.eye(3) if c > 0 else np.diag([1.0, -1.0, -1.0])
-    return turn(cross / size, math.atan2(size, c))
+    return axis_turn(cross / size, math.atan2(size, c))
 
 
 def inertial(values: Values, element: Element) -> Inertia:

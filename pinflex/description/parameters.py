@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
-from pinflex.description import link_groups, schema, sources, yaml_text
+from pinflex.description import link_groups
 from pinflex.description.description import Description
 from pinflex.description.material import MATERIALS, named
 from pinflex.description.overrides import assignments
@@ -55,9 +55,8 @@ def parameters(
     """
     if isinstance(patterns, str):
         patterns = (patterns,)
-    raw = schema.mapping(yaml_text.load(description.yaml_text, description.name), description.name)
-    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
-    groups = link_groups.groups(raw.get("flexible") or {}, f"{description.name}: flexible", tree)
+    raw, place = description.blocks(), f"{description.name}: flexible"
+    groups = link_groups.groups(raw.get("flexible") or {}, place, description.tree())
     named_materials, found = list[str](), dict[str, Parameter]()
     for pattern in patterns:
         segments = [part.strip() for part in str(pattern).split(".")]

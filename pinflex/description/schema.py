@@ -80,10 +80,9 @@ def number(
         of: What it is the number of: a quantity of `ranges.RANGES`, whose range also holds, and
             whose units (`ranges.UNITS`) may be written.
     """
-    bounds = [f"> {above:g}"] if above > -math.inf else []
-    bounds += [f">= {low:g}"] if low > -math.inf else []
-    bounds += [f"<= {high:g}"] if high < math.inf else []
-    allowed = f"Allowed: a finite number {' and '.join(bounds)}".rstrip() + "."
+    edges = ((">", above), (">=", low), ("<=", high))
+    bounds = " and ".join(f"{sign} {edge:g}" for sign, edge in edges if math.isfinite(edge))
+    allowed = f"Allowed: a finite number {bounds}".rstrip() + "."
     value = ranges.measured(value, of)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = ranges.units_of(of) if isinstance(value, str) else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from pinflex.description import schema
@@ -55,15 +56,12 @@ def read(key: str, value: object, place: str) -> Any:
     if key == "rod":
         return _rod(value, place)
     if key == "interfaces":
+        box = partial(schema.numbers, size=6, of="place")
         return tuple(
-            (name, item if isinstance(item, str) else _box(item, f"{place}.{name}"))
+            (name, item if isinstance(item, str) else box(item, f"{place}.{name}"))
             for name, item in schema.mapping(value, place).items()
         )
     return schema.number(value, place, above=0, of="ratio" if key == "scale" else "length")
-
-
-def _box(value: object, where: str) -> tuple[float, ...]:
-    return schema.numbers(value, where, 6, of="place")
 
 
 def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:

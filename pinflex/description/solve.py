@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -80,17 +81,6 @@ def _newmark(value: object, where: str) -> tuple[float, float]:
     return gamma, beta
 
 
-def _outputs(value: object, where: str) -> tuple[str, ...]:
-    return schema.names(value, where, ASKED, "output")
-
-
-def _start(value: object, where: str) -> Any:
-    """A word; in Python also a run, (run, time) or (y, v), which level coupled looks at."""
-    if not isinstance(value, str | int | float | list | dict):
-        return value
-    return schema.choice(value, where, STARTS)
-
-
 def _speeds(value: object, where: str) -> Speeds:
     """Names with a speed, or a list of them; null leaves a component open."""
     found = []
@@ -103,11 +93,11 @@ def _speeds(value: object, where: str) -> Speeds:
     return tuple(found)
 
 
-def _integrator(value: object, where: str) -> Any:
-    """A name; in Python also a scheme, a tableau or a function, which the level looks at."""
+def _word(value: object, where: str, words: Collection[str]) -> Any:
+    """A word; in Python also an object (scheme, run, states), which the level looks at."""
     if not isinstance(value, str | int | float | list | dict):
         return value
-    return schema.choice(value, where, INTEGRATORS)
+    return schema.choice(value, where, words)
 
 
 @dataclass(frozen=True)
@@ -149,8 +139,8 @@ class SolveSpec:
     dt: float | None = fields.real(None, "time", above=0)
     samples: int | None = fields.whole(None, 2)
     tol: float | None = fields.real(None, low=TOLERANCES[0], high=TOLERANCES[1])
-    asked: tuple[str, ...] = fields.key((), _outputs)
-    integrator: Any = fields.key(None, _integrator)
+    asked: tuple[str, ...] = fields.key((), partial(schema.names, allowed=ASKED, what="output"))
+    integrator: Any = fields.key(None, partial(_word, words=INTEGRATORS))
     rho_inf: float | None = fields.real(None, low=0, high=1)
     newmark: tuple[float, float] | None = fields.key(None, _newmark)
     ked: str = fields.word("full", KED_TERMS)
@@ -159,7 +149,9 @@ class SolveSpec:
     drive: str = fields.word("prescribed", DRIVES)
     kp: float = fields.real(0.0, "stiffness", low=0)
     kd: float = fields.real(0.0, "damping", low=0)
-    start: Any = fields.key("auto", _start, choices=STARTS, form={"enum": STARTS})
+    start: Any = fields.key(
+        "auto", partial(_word, words=STARTS), choices=STARTS, form={"enum": STARTS}
+    )
     start_speeds: Speeds = fields.key((), _speeds)
 
     @property

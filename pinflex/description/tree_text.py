@@ -13,6 +13,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
+from pinflex.rotations import axis_turn
 
 
 def pose(rotation: Array | None = None, shift: Array | None = None) -> Array:
@@ -58,17 +59,6 @@ def from_rpy(angles: Array) -> Array:
             [-e, b * d, b * a],
         ]
     )
-
-
-def turn(axis: Array, angle: float) -> Array:
-    """Rotation about a unit axis [rad], shape (3, 3).
-
-    Args:
-        axis: Unit vector, shape (3,).
-        angle: [rad].
-    """
-    x = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * x + (1 - np.cos(angle)) * x @ x)
 
 
 @dataclass(frozen=True)
@@ -231,7 +221,7 @@ def _joint(robot: ET.Element, name: str, parent: str, joint: Joint, matrix: Arra
     if joint.offset:  # the joint stands at zero there
         back = -joint.offset
         slide = joint.type == "prismatic"
-        step = pose(shift=back * joint.axis) if slide else pose(turn(joint.axis, back))
+        step = pose(shift=back * joint.axis) if slide else pose(axis_turn(joint.axis, back))
         matrix = matrix @ step
     _origin(element, matrix)
     if joint.type in ("fixed", "floating"):

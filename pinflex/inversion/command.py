@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -26,10 +25,12 @@ from pinflex.inversion.internal import rest_needed
 from pinflex.inversion.limits import require_within_curves, require_within_limits
 from pinflex.inversion.on_grid import on_grid
 from pinflex.inversion.target import target
+from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.drives import drives
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
+from pinflex.writing import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,18 +143,13 @@ class Command:
 
         Behind them stand position, speed and torque of the motor of every drive.
         """
-        path = Path(path)
         groups = ("position", "velocity", "acceleration", "torque")
         header = ["t", *(f"{motor}.{group}" for motor in self.motors for group in groups)]
         header += [f"{name}.{key}" for name in self.drives for key in _MOTOR_SIDE]
         more = [values[key] for values in self.drives.values() for key in _MOTOR_SIDE]
         columns = np.stack([getattr(self, group) for group in groups], axis=2)
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(header)
-            table = np.column_stack([self.t, columns.reshape(len(self.t), -1), *more])
-            writer.writerows([f"{x:.12g}" for x in row] for row in table)
-        return path
+        table = np.column_stack([self.t, columns.reshape(len(self.t), -1), *more])
+        return write_csv(path, header, ([f"{x:.12g}" for x in row] for row in table))
 
 
 def _follow(curve: Callable[..., Array], end: float, t: Array) -> Kinematics:
@@ -304,9 +300,8 @@ def _both_sides(
 
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
-    model = mechanism.rigid.rigid
-    joints = (model.joints[model.getJointId(name)] for name in mechanism.description.actuated)
-    return tuple("N" if j.shortname().startswith("JointModelP") else "N m" for j in joints)
+    slides = sliding(mechanism.rigid.rigid)
+    return tuple("N" if name in slides else "N m" for name in mechanism.motors)
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

@@ -167,7 +167,7 @@ def linearise(
     A, B = _state_matrices(P, W, (M, C, K), F)
     n, nt = P.shape[1], W.shape[1]
     still = np.zeros((system.nv, n + nt))
-    by_x = np.hstack([np.hstack([P, W]) - compliance @ K @ W @ _last(nt, n + nt), still])
+    by_x = np.hstack([np.hstack([P, W]) - compliance @ K @ W @ np.eye(n + nt)[n:], still])
     by_u = np.hstack([-compliance @ M @ W, compliance @ F])
     C_out, D_out = np.zeros((len(H), len(A))), np.zeros((len(H), B.shape[1]))
     for rate in range(len(RATES)):  # position, velocity, acceleration
@@ -224,11 +224,6 @@ def _kept(N: Array, K: Array, M: Array, modes: int | None) -> tuple[Array, Array
         compliance = compliance + (left / omega2[many:]) @ left.T
     frequencies = np.sqrt(np.maximum(omega2[:many], 0.0)) / (2.0 * np.pi)
     return N @ heavy[:, :many], N @ compliance @ N.T, frequencies
-
-
-def _last(nt: int, size: int) -> Array:
-    """Picks the prescribed motors out of (p, theta)."""
-    return np.eye(size)[size - nt :]
 
 
 def _followers(nv: int, motors: Any, free: Any, J: Array) -> Array:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pinflex.advice.solve import solve
-from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.inversion.command import Command
 from pinflex.inversion.target import delayed
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.result import Result
+from pinflex.results.result import Result, peak
 from pinflex.results.views import Deviation
-from pinflex.rotations import rotation_vector
 
 _SAMPLES = 401
 _TOL = 1e-4  # of time integration, relative to the largest deflection
@@ -60,28 +57,18 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
     )  # fmt: skip
     path = delayed(motion, found.before)
     ideal = solve(mechanism, path, level="rigid", samples=_SAMPLES, until=until)
-    (p, R), (p_ideal, R_ideal) = _pose(run, frame), _pose(ideal, frame)
+    away = run.deviation_from(ideal, frame)
     imposed = np.array([name in found.coordinates for name in ("x", "y", "z", "rx", "ry", "rz")])
-    shift = (p - p_ideal) * imposed[:3]
-    turn = rotation_vector(R @ R_ideal.transpose(0, 2, 1)) * imposed[3:]
+    off = Deviation(run.t, away.position * imposed[:3], away.rotation * imposed[3:])
     moving = run.t <= until - found.after
-    swing = np.ptp(shift[~moving], axis=0) if np.any(~moving) else np.zeros(0)
-
-    def largest(x: Array, at: Any) -> float:
-        return float(np.max(np.linalg.norm(x, axis=1)[at], initial=0.0))
-
+    swing = np.ptp(off.position[~moving], axis=0) if np.any(~moving) else np.zeros(0)
     return Followed(
-        during=largest(shift, moving),
-        after=largest(shift, ~moving),
-        turned_during=largest(turn, moving),
-        turned_after=largest(turn, ~moving),
-        swing=float(np.max(swing, initial=0.0)),
-        off_path=Deviation(run.t, shift, turn),
+        during=peak(off.norm[moving]),
+        after=peak(off.norm[~moving]),
+        turned_during=peak(off.angle[moving]),
+        turned_after=peak(off.angle[~moving]),
+        swing=peak(swing),
+        off_path=off,
         run=run,
         ideal=ideal,
     )
-
-
-def _pose(run: Result, frame: str) -> tuple[Array, Array]:
-    view = run.frame(frame)
-    return np.asarray(view.position), np.asarray(view.rotation)

@@ -17,6 +17,7 @@ from pinflex.lab.extrapolation import by_step
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import Body, energy, released, scene
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.rotations import zyx_angles
 from pinflex.solver.solve import solve_level
 
 G = 9.81  # [m/s^2]
@@ -170,12 +171,7 @@ def slider_crank() -> Mechanism:
     d = np.array([-0.2, 0.1, 0.2]) / CONROD  # from the slider to the crank's tip
     y = np.array([0.0, -2.0, 1.0]) / np.sqrt(5.0)  # second axis of the universal joint
     z = np.cross(d, y)
-    turn = np.column_stack([d, y, z])
-    rpy = (
-        np.arctan2(turn[2, 1], turn[2, 2]),
-        -np.arcsin(turn[2, 0]),
-        np.arctan2(turn[1, 0], turn[0, 0]),
-    )
+    rpy = tuple(zyx_angles(np.column_stack([d, y, z]))[::-1])
     bodies = (
         Body("crank", "base", "continuous", xyz=CENTRE, axis=(1, 0, 0), mass=0.12,
              com=(0, 0, CRANK / 2), inertia=(1e-4, 1e-4, 1e-5)),
@@ -233,8 +229,7 @@ def spatial_slider_crank() -> Outcome:
     m = slider_crank()
     r = solve_level(m, hold(duration=5.0), "coupled", dt=5e-4, samples=201,
                     start_speeds={"crank_joint": 6.0})  # fmt: skip
-    turn = r.joint("crank_joint").position
-    angle = np.unwrap(np.arctan2(turn[:, 1], turn[:, 0]))
+    angle = r.joint("crank_joint").angle
     exact = slider_crank_exact(r.t)
     off = np.abs(angle - exact[:, 0]).max()
     checks = (

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pinflex.errors import DescriptionError, PinflexError, nearest
+from pinflex.lab.published import CASES
 from pinflex.lab.record import Case, Outcome, Picture
 from pinflex.text import paragraph, table
 from pinflex.threads import one_blas_thread
@@ -68,13 +69,6 @@ class Verification:
         return [asdict(r) for r in self.records]
 
 
-def cases() -> tuple[Case, ...]:
-    """All benchmarks, in the order they run."""
-    from pinflex.lab.published import CASES
-
-    return CASES
-
-
 @one_blas_thread()
 def verify(
     names: Sequence[str] = (),
@@ -110,13 +104,12 @@ def verify(
 
 def _chosen(names: Sequence[str], slow: bool) -> list[Case]:
     """Cases whose names hold one of the given parts; slow ones on request, or if alone."""
-    known = cases()
     for name in names:
-        if not any(name.lower() in case.name.lower() for case in known):
+        if not any(name.lower() in case.name.lower() for case in CASES):
             raise DescriptionError(
-                f"verify: {name}: no such case.{nearest(name, (c.name for c in known), 30)}"
+                f"verify: {name}: no such case.{nearest(name, (c.name for c in CASES), 30)}"
             )
-    chosen = [c for c in known if not names or any(n.lower() in c.name.lower() for n in names)]
+    chosen = [c for c in CASES if any(n.lower() in c.name.lower() for n in names or [""])]
     # Slow ones alone were asked for by name.
     return chosen if slow else [c for c in chosen if not c.slow] or chosen
 
@@ -143,12 +136,6 @@ def _records(case: Case, outcome: Outcome, seconds: float) -> list[Record]:
 
 
 # Text --------------------------------------------------------------------------------------------
-
-
-def text(found: Verification) -> str:
-    """One table per case, and a last line that counts."""
-    blocks = [case_text(name, records) for name, records in _by_case(found.records)]
-    return "\n\n".join([*blocks, verdict(found)]) + "\n"
 
 
 def case_text(name: str, records: Sequence[Record]) -> str:

@@ -61,7 +61,7 @@ def with_speeds(
                 v[row] = value
                 named.append(row)
     free = np.setdiff1d(np.arange(system.nv), [*fixed, *named]).astype(np.intp)
-    rows, given = _link_rows(mechanism, dynamics, y, links)
+    rows, given = _link_rows(dynamics, y, links)
     J = dynamics.close(y)[1].copy() if dynamics.looped else np.zeros((0, system.nv))
     A, b = np.vstack([J, rows]), np.concatenate([np.zeros(len(J)), given])
     if not links:
@@ -166,10 +166,7 @@ def _prescribed(
 
 
 def _link_rows(
-    mechanism: Mechanism,
-    dynamics: Equations,
-    y: Array,
-    links: Sequence[tuple[str, Sequence[float | None]]],
+    dynamics: Equations, y: Array, links: Sequence[tuple[str, Sequence[float | None]]]
 ) -> tuple[Array, Array]:
     """Rows (k, nv) that make the given components of the links' velocities, and those (k,)."""
     rows, given = [np.zeros((0, dynamics.system.nv))], list[float]()

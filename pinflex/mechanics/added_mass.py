@@ -15,15 +15,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.external import AddedMass
-from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.expanded import Attachment
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.coordinate_map import Configuration
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,12 @@ class AddedMasses:
 
 
 def added_masses(given: Sequence[AddedMass], frames: Mapping[str, Attachment]) -> AddedMasses:
-    """Place the described masses on a model."""
+    """Place the described masses on a model.
+
+    Args:
+        given: From the description.
+        frames: Where they are, by name.
+    """
     found: dict[int, Array] = {}
     for one in given:
         at = frames[one.frame]
@@ -61,7 +69,11 @@ class AddedInertia:
         self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
 
     def wrenches(self, Q: Array, V: Array, A: Array) -> Array:
-        """What each needs, in its joint's frame, shape (joints, 6), N and N m."""
+        """What each needs, in its joint's frame, shape (joints, 6), N and N m.
+
+        Args:
+            Q, V, A: Coordinates, rates and accelerations, shapes (nQ,), (nV,), (nV,).
+        """
         pin.forwardKinematics(self._model, self._data, Q, V, A)
         out = np.empty((len(self.joints), 6))
         for k, (joint, M) in enumerate(zip(self.joints, self._inertia, strict=True)):
@@ -80,7 +92,11 @@ class AddedInertia:
         local[:, at] -= np.array([self.wrenches(*state) for state in states])
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
-        """Forces of inertia and weight with those of the added masses, shape (nV,)."""
+        """Forces of inertia and weight with those of the added masses, shape (nV,).
+
+        Args:
+            Q, V, A: Coordinates, rates and accelerations, shapes (nQ,), (nV,), (nV,).
+        """
         for joint, wrench in zip(self.joints, self.wrenches(Q, V, A), strict=True):
             self._pushed[joint] = pin.Force(-wrench)
         return np.array(pin.rnea(self._model, self._data, Q, V, A, self._pushed))
@@ -91,7 +107,11 @@ class AddedInertia:
         return np.asarray(sum(J.T @ M @ J for J, M in zip(self._jacobians(), self._inertia)))  # noqa: B905
 
     def kinetic(self, Q: Array, V: Array) -> float:
-        """Their kinetic energy, J."""
+        """Their kinetic energy, J.
+
+        Args:
+            Q, V: Coordinates and rates, shapes (nQ,), (nV,).
+        """
         pin.forwardKinematics(self._model, self._data, Q, V)
         speeds = [self._data.v[joint].vector for joint in self.joints]
         return 0.5 * float(sum(v @ M @ v for v, M in zip(speeds, self._inertia, strict=True)))
@@ -120,7 +140,11 @@ class AddedInertia:
         return dQ, dV, M
 
     def from_ground(self, Q: Array, V: Array, A: Array) -> Array:
-        """What all of them need, as a wrench about the world's origin, shape (6,)."""
+        """What all of them need, as a wrench about the world's origin, shape (6,).
+
+        Args:
+            Q, V, A: Coordinates, rates and accelerations, shapes (nQ,), (nV,), (nV,).
+        """
         pairs = zip(self.joints, self.wrenches(Q, V, A), strict=True)
         placed = [self._data.oMi[joint].act(pin.Force(wrench)).vector for joint, wrench in pairs]
         return np.asarray(sum(placed))

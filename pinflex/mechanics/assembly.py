@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,8 +13,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.closure_log import size_of, translations
-from pinflex.mechanics.equations import Equations
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.equations import Equations
 
 # Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
 # mechanism is 1e-16, and Newton squares the error, so the last step ends far below this.
@@ -107,7 +110,7 @@ def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array,
     for _ in range(_ITERATIONS):
         if size < CLOSED * 1e-2:
             break
-        step = -_least_norm(J[:, moving], c)
+        step = -np.linalg.lstsq(J[:, moving], c, rcond=1e-10)[0]
         # A joint never needs more than half a turn; longer steps come from nearly singular rows.
         longest = float(np.max(np.abs(step), initial=0.0))
         step = step * min(1.0, 1.0 / max(longest, 1e-300))
@@ -126,10 +129,6 @@ def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array,
             break
         y, J, c, size = trial, J_trial, c_trial, size_trial
     return y, size
-
-
-def _least_norm(A: Array, b: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(A, b, rcond=1e-10)[0], dtype=float)
 
 
 def independent_rows(J: Array, labels: Sequence[str]) -> tuple[IntArray, tuple[str, ...]]:

@@ -21,10 +21,10 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.loops import ALONG, TURNED, Pairs, loop_kind
 from pinflex.mechanics.closure import LENGTHS, Closures
-from pinflex.mechanics.geometry import Kinematics
 
 if TYPE_CHECKING:
     from pinflex.mechanics.equations import Equations
+    from pinflex.mechanics.geometry import Kinematics
 
 _STRAIGHT = 1e-9  # sine of the angle of two axes below which they count as one line
 

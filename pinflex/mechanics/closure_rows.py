@@ -6,15 +6,18 @@ The states are copies of the loops whose joint poses lie one after the other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.contact import ContactRows
 from pinflex.mechanics.passing import PassingRows
 from pinflex.mechanics.slider import Contact
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.closure import Closures
 
 
 class ClosureRows:

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.contact import ContactState
-from pinflex.mechanics.passing import PassingState
 from pinflex.mechanics.poses import LEVERS, skew
 
 if TYPE_CHECKING:
     from pinflex.mechanics.closure_rows import ClosureRows
+    from pinflex.mechanics.contact import ContactState
+    from pinflex.mechanics.passing import PassingState
 
 
 class ClosureState:
@@ -123,7 +123,12 @@ class ClosureState:
         return np.asarray(np.matmul(self._rows.of_loop, rows))
 
     def on_joints(self, lam: Array, joints: Sequence[int]) -> Array:
-        """World wrenches about the origin on some joints, shape (n, joints, 6): +1 B, -1 A."""
+        """World wrenches about the origin on some joints, shape (n, joints, 6): +1 B, -1 A.
+
+        Args:
+            lam: Multipliers, shape (n, rows).
+            joints: Numbers of the joints.
+        """
         at, sides = np.array(joints, dtype=np.intp)[:, None], self._rows.sides
         of_loops = (at == sides[:, None, 1]).astype(float) - (at == sides[:, None, 0])
         return np.asarray(of_loops @ self.wrenches(lam))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
-from pinflex.mechanics.system import System
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.system import System
 
 
 def on_kernel(system: System) -> Compiled | None:

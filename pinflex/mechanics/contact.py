@@ -10,12 +10,16 @@ X - a, X, X + a, their slopes at X and the twist psi(X); n0, N and O are constan
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import MotionError
 from pinflex.mechanics.poses import skew
-from pinflex.mechanics.slider import Contact, Sleeve
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.slider import Contact, Sleeve
 
 # Third derivatives come from second ones over this part of the length: round-off and truncation
 # both stay below 1e-8 of them. They only enter the bias and the tangent.

@@ -6,12 +6,15 @@ X = dQ/dy is the identity on the rigid rows and Phi + G eta on the rows of each 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.expanded import Block, Expansion
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.expanded import Block, Expansion
 
 _SIZES = 8  # numbers of states whose arrays are kept
 

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.loads import LoadState
-from pinflex.mechanics.system import System
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.basis import FlexibleBody
 from pinflex.mechanics.split import Subtree, split
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.bodies.basis import FlexibleBody
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,6 @@ class Interface:
     x: float
     attachment: Attachment
     force_rows: IntArray
-    turns: tuple[int, ...]
 
 
 @dataclass(frozen=True)

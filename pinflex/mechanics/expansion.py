@@ -216,7 +216,7 @@ class _Assembler:
             tensor = _POINT
             if body.inertia is not None and body.Phi_r is not None:
                 turn = None if body.G_r is None else body.G_r[k]
-                joint, _ = self._turn(joint, slot, body.Phi_r[k], turn)
+                joint = self._turn(joint, slot, body.Phi_r[k], turn)
                 tensor = np.diag(body.inertia[k])
             self._inertia(joint, pin.Inertia(float(body.mass[k]), np.zeros(3), tensor))
         return rows
@@ -243,21 +243,16 @@ class _Assembler:
         joint = self._slide(root, place)
         slide = self._rows(joint)
         self._map(slot, slide, Phi[:3], None if G is None else G[:3])
-        joint, turned = self._turn(joint, slot, Phi[3:], None if G is None else G[3:])
-        turns = tuple(direction for direction, _ in turned)
-        x = float(place[0])
-        return Interface(x, Attachment(joint, pin.SE3.Identity()), slide, turns)
+        joint = self._turn(joint, slot, Phi[3:], None if G is None else G[3:])
+        return Interface(float(place[0]), Attachment(joint, pin.SE3.Identity()), slide)
 
     def _slide(self, root: Attachment, place: Array) -> int:
         placement = root.placement * pin.SE3(np.eye(3), place)
         name = f"section {self.model.njoints}"
         return int(self.model.addJoint(root.joint, pin.JointModelTranslation(), placement, name))
 
-    def _turn(
-        self, joint: int, slot: int, Phi: Array, G: Array | None
-    ) -> tuple[int, list[tuple[int, int]]]:
+    def _turn(self, joint: int, slot: int, Phi: Array, G: Array | None) -> int:
         """Rotations z, y, x of a section: only the ones that move become joints."""
-        turned = []
         for direction, turn in enumerate(_TURNS):
             curve = None if G is None else G[direction]
             if not np.any(Phi[direction]) and (curve is None or not np.any(curve)):
@@ -265,10 +260,9 @@ class _Assembler:
             name = f"turn {self.model.njoints}"
             joint = int(self.model.addJoint(joint, turn(), pin.SE3.Identity(), name))
             row = self.model.joints[joint].idx_v
-            turned.append((direction, row))
             bend = None if curve is None else curve[None]
             self._map(slot, np.array([row]), Phi[direction][None], bend)
-        return joint, turned
+        return joint
 
     def _rows(self, joint: int) -> IntArray:
         start = self.model.joints[joint].idx_v

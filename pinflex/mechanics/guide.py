@@ -12,12 +12,16 @@ the next segment, and whatever runs along the curve has no jump of direction the
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.track import Sections
 from pinflex.mechanics.jets import Jet, applied, constant, stacked, turned
-from pinflex.mechanics.slider import Segment, Sleeve
+
+if TYPE_CHECKING:
+    from pinflex.bodies.track import Sections
+    from pinflex.mechanics.slider import Segment, Sleeve
 
 # Iterations for s, and the last step over the length: Newton leaves the square of it.
 NEWTON, MET = 20, 1e-9
@@ -59,7 +63,12 @@ class Guide:
     # Values ----------------------------------------------------------------------------------
 
     def place(self, number: int, s: float) -> tuple[Array, Array]:
-        """r and dr/ds of a segment in the frame of its own root, shape (3,) each."""
+        """r and dr/ds of a segment in the frame of its own root, shape (3,) each.
+
+        Args:
+            number: Of the segment.
+            s: Place on it [m].
+        """
         segment, kink = self.segment(number), self._kink(number, False).value
         out = segment.track.moved(s, self._all[segment.eta])
         out = out + bump(s, segment.length)[:2, None] * kink
@@ -67,7 +76,12 @@ class Guide:
         return out[0], out[1]
 
     def ahead(self, number: int, normal: Array, distance: float) -> float:
-        """s of a segment at which normal . r(s), in this frame, is a distance (m)."""
+        """s of a segment at which normal . r(s), in this frame, is a distance (m).
+
+        Args:
+            number: Of the segment.
+            normal: Shape (3,). distance: [m].
+        """
         matrix, origin = self._frame(number, False)
         along, s = normal @ matrix.value, 0.0
         gap = distance - float(normal @ origin.value)
@@ -88,7 +102,12 @@ class Guide:
     # Jets ------------------------------------------------------------------------------------
 
     def seen(self, number: int, s: float, second: bool) -> Jet:
-        """The section's place in this frame by (s, coordinates)."""
+        """The section's place in this frame by (s, coordinates).
+
+        Args:
+            number: Of the segment. s: Place on it [m].
+            second: Second derivatives too.
+        """
         r = self.curve(number, s, second)
         if number == self.on:
             return r
@@ -114,14 +133,24 @@ class Guide:
         return self._last[2]
 
     def turn(self, number: int, s: float, second: bool) -> Jet:
-        """R of a section against its segment's root by (s, coordinates)."""
+        """R of a section against its segment's root by (s, coordinates).
+
+        Args:
+            number: Of the segment. s: Place on it [m].
+            second: Second derivatives too.
+        """
         segment = self.segment(number)
         sections, mine = self._sections(number, s), self._all[segment.eta]
         a = _rows(sections, mine, slice(3, 6), 0, self._at[number], self.m, second)
         return turned(2, a[0]) @ turned(1, a[1]) @ turned(0, a[2])
 
     def curve(self, number: int, s: float, second: bool) -> Jet:
-        """r of a section in the frame of its own segment by (s, coordinates)."""
+        """r of a section in the frame of its own segment by (s, coordinates).
+
+        Args:
+            number: Of the segment. s: Place on it [m].
+            second: Second derivatives too.
+        """
         segment = self.segment(number)
         sections, mine = self._sections(number, s), self._all[segment.eta]
         r = _rows(sections, mine, slice(0, 3), 0, self._at[number], self.m, second)
@@ -162,7 +191,12 @@ def _rows(
 
 
 def bump(s: float, length: float) -> Array:
-    """b = s^2 (s - l) / l^2 and two derivatives: no value at the ends, slopes 0 and 1."""
+    """b = s^2 (s - l) / l^2 and two derivatives: no value at the ends, slopes 0 and 1.
+
+    Args:
+        s: Place [m].
+        length: l [m].
+    """
     raw = (s * s * (s - length), 3 * s * s - 2 * s * length, 6 * s - 2 * length)
     return np.array(raw) / length**2
 

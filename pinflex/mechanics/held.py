@@ -61,9 +61,7 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
     frames, found = system.expansion.frames, Idle()
     if len(locked) + system.closed.n < system.nv:
         J = Equations(system).close(home)[1].copy() if system.closed.n else np.zeros((0, system.nv))
-        named = [*description.frames, *(force.frame for force in description.forces)]
-        named += [one.frame for one in description.added_masses]
-        named += [f for spring in description.springs for f in (spring.frame_a, spring.frame_b)]
+        named = (*description.frames, *description.loaded)
         still = None if description.platform is None else frames[description.platform]
         every = Freedoms(Equations(system), home)
         found = every.idle(J, locked, [frames[name] for name in named], still)

@@ -63,21 +63,25 @@ class Jet:
         return Jet(factor * self.value, factor * self.grad, hess)
 
     def of(self, f: float, df: float, ddf: float) -> Jet:
-        """A function of a scalar jet, by its value and its derivatives there."""
+        """A function of a scalar jet, by its value and its derivatives there.
+
+        Args:
+            f, df, ddf: Value, first and second derivative.
+        """
         if self.hess is None:
             return Jet(np.array(f), df * self.grad, None)
         return Jet(
             np.array(f), df * self.grad, df * self.hess + ddf * np.outer(self.grad, self.grad)
         )
 
-    def over(self, other: Jet) -> Jet:
-        """The quotient of two scalar jets."""
-        x = float(other.value)
-        return self * other.of(1.0 / x, -1.0 / x**2, 2.0 / x**3)
-
 
 def constant(value: Array, m: int, second: bool) -> Jet:
-    """What depends on none of m variables."""
+    """What depends on none of m variables.
+
+    Args:
+        value: Of any shape.
+        m: Number of variables. second: Second derivatives too.
+    """
     value = np.asarray(value, dtype=float)
     hess = np.zeros((*value.shape, m, m)) if second else None
     return Jet(value, np.zeros((*value.shape, m)), hess)
@@ -92,7 +96,12 @@ def stacked(parts: Sequence[Jet]) -> Jet:
 
 
 def turned(axis: int, angle: Jet) -> Jet:
-    """The rotation (3, 3) about a coordinate axis by a scalar jet (rad)."""
+    """The rotation (3, 3) about a coordinate axis by a scalar jet (rad).
+
+    Args:
+        axis: 0, 1 or 2.
+        angle: [rad].
+    """
     a, m = float(angle.value), angle.grad.shape[-1]
     out = constant(np.zeros((3, 3)), m, angle.hess is not None)
     cos, sin = (
@@ -115,14 +124,23 @@ def turned(axis: int, angle: Jet) -> Jet:
 
 
 def applied(matrix: Jet, f: Jet) -> Jet:
-    """A matrix (i, j) times a vector (j,)."""
+    """A matrix (i, j) times a vector (j,).
+
+    Args:
+        matrix: Of shape (i, j).
+        f: Of shape (j,).
+    """
     hess = None if f.hess is None else f.hess[:, None]
     out = matrix @ Jet(f.value[:, None], f.grad[:, None], hess)
     return Jet(out.value[:, 0], out.grad[:, 0], None if out.hess is None else out.hess[:, 0])
 
 
 def dot(f: Jet, g: Jet) -> Jet:
-    """The product of two vectors."""
+    """The product of two vectors.
+
+    Args:
+        f, g: Of one shape (i,).
+    """
     both = f * g
     hess = None if both.hess is None else both.hess.sum(axis=0)
     return Jet(both.value.sum(axis=0), both.grad.sum(axis=0), hess)

@@ -60,6 +60,12 @@ def coordinate_names(model: pin.Model) -> tuple[str, ...]:
     return tuple(names)
 
 
+def sliding(model: pin.Model) -> set[str]:
+    """Prismatic joints."""
+    pairs = zip(model.names, model.joints, strict=True)
+    return {n for n, j in pairs if j.nv == 1 and j.shortname().startswith("JointModelP")}
+
+
 def motor_rows(description: Description, model: pin.Model) -> IntArray:
     """Velocity rows of the actuated joints.
 
@@ -131,25 +137,3 @@ def _rows_of(model: pin.Model, name: str) -> list[int]:
             joint = model.joints[model.getJointId(joint_name)]
             rows.extend(range(joint.idx_v, joint.idx_v + joint.nv))
     return rows
-
-
-def rotor_energy_left_out(model: pin.Model, data: pin.Data) -> Array:
-    """Half of the armature of each row that `pin.computeKineticEnergy` leaves out, shape (nv,).
-
-    Pinocchio 4.1 does so for a revolute joint whose axis is none of x, y and z. Each row is asked
-    for the energy of its unit speed, so that a Pinocchio that counts it is not counted twice.
-
-    Args:
-        model: Of the system.
-        data: Its workspace, which is overwritten: another one of a large model takes a second.
-    """
-    found = np.zeros(model.nv)
-    rows = np.flatnonzero(model.armature)
-    if not len(rows):
-        return found
-    q = pin.neutral(model)
-    whole = np.diag(pin.crba(model, data, q)) / 2
-    for row in rows:
-        found[row] = whole[row] - pin.computeKineticEnergy(model, data, q, np.eye(model.nv)[row])
-    found[np.abs(found) < 1e-9 * whole] = 0.0  # round-off of the two sums
-    return found

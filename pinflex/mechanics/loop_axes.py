@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.loops import ALONG, Loop, loop_kind
-from pinflex.mechanics.equations import Equations
 from pinflex.rotations import axis_frame
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.equations import Equations
 
 _PARALLEL = 1e-6  # sine of the angle of two axes below which they are parallel
 _TURNED = 1e-2  # sine of the angle from which a loop's axis is another one

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.equations import Equations
 from pinflex.rotations import quaternion, quaternion_vector
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.equations import Equations
 
 # p @ _TIMES gives the 4x4 matrix of a product from the left by each quaternion p.
 _TIMES = np.array(

@@ -337,11 +337,4 @@ def _size(spec: FlexibleLink) -> int:
 
 
 def _needed_frames(description: Description) -> frozenset[str]:
-    frames = {f for loop in description.loops for f in (loop.frame_a, loop.frame_b)}
-    frames.update(description.frames)
-    frames.update(force.frame for force in description.forces)
-    frames.update(one.frame for one in description.added_masses)
-    frames.update(f for spring in description.springs for f in (spring.frame_a, spring.frame_b))
-    if description.platform is not None:
-        frames.add(description.platform)
-    return frozenset(frames)
+    return frozenset((*description.tied, *description.loaded, *description.reported))

@@ -14,6 +14,7 @@ next, residual, Jacobian and multipliers go on without a jump, and no event is n
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.guide import Guide
 from pinflex.mechanics.jets import Jet, constant, dot, eliminated, stacked
 from pinflex.mechanics.poses import skew
-from pinflex.mechanics.slider import Contact
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.slider import Contact
 
 _P, _X, _Y, _FIRST = slice(1, 4), slice(4, 7), slice(7, 10), 10  # variables: s, p, e_x, e_y, eta
 _SIDES = {"right": (1,), "left": (-1,), "pivot": (-1, 1)}
@@ -42,7 +45,11 @@ class PassingRows:
         self.about = np.array([int(sorts[k] == "twist") for k in self.turning], dtype=np.intp)
 
     def at(self, frame_a: Array, frame_b: Array, arm: Array, eta: Array) -> PassingState:
-        """The rows at one state, as `ContactRows.at`."""
+        """The rows at one state.
+
+        Args:
+            As `ContactRows.at`.
+        """
         return PassingState(self, frame_a, frame_b, arm, eta)
 
 
@@ -69,7 +76,7 @@ class PassingState:
         self._ends = self._find_ends()
         self.eta = guide.eta
         h = self._evaluate(second=False)
-        self.value, self._grad, self.by_eta = h.value, h.grad, h.grad[:, _FIRST:]
+        self.value, self.by_eta = h.value, h.grad[:, _FIRST:]
         self._normal = {k: h.grad[:, at] @ self._R.T for k, at in ((0, _X), (1, _Y))}
         push = h.grad[:, _P] @ self._R.T
         self.W = np.hstack([push, push @ arm.T])

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import pinocchio as pin
 
@@ -40,8 +41,10 @@ from pinflex.bodies.track import Sections, Track, track
 from pinflex.description.loops import Loop
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.expanded import Attachment, Expansion, Slot
-from pinflex.mechanics.parts import FlexiblePart
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.parts import FlexiblePart
 
 _LABELS = {
     "hold": "position across the beam",

@@ -81,7 +81,7 @@ def require_carrying(
     first = index[spec.end]
     while links[first].parent != number:
         first = links[first].parent
-    named = _loaded_frames(description)
+    named = {*description.tied, *description.loaded}
     beyond = [
         k
         for k, link in enumerate(links)
@@ -90,14 +90,6 @@ def require_carrying(
     carries = any(_next_joint(k, links) is not None or _has(k, links, named) for k in beyond)
     if not (carries or first in beyond or first == index[spec.end]):
         raise _leaves_at_the_root(where, spec.link, links[first].name, spec.end)
-
-
-def _loaded_frames(description: Description) -> set[str]:
-    """Frames that loops, forces, springs and added masses act on."""
-    named = {frame for loop in description.loops for frame in (loop.frame_a, loop.frame_b)}
-    named |= {frame for s in description.springs for frame in (s.frame_a, s.frame_b)}
-    named |= {one.frame for one in description.added_masses}
-    return named | {force.frame for force in description.forces}
 
 
 def _leaves_at_the_root(where: str, link: str, child: str, end: str) -> DescriptionError:

@@ -16,10 +16,9 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics import workspace
-from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.poses import JointPoses, columns
 from pinflex.mechanics.split import Rows, Subtree
-from pinflex.mechanics.whole import Whole
+from pinflex.mechanics.whole import Whole, rotor_energy_left_out
 
 _FREE = 6, 7  # velocities and coordinates of a free joint
 
@@ -117,7 +116,11 @@ class Subtrees:
         return out
 
     def motions(self, Q: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
-        """As `Whole.motions`."""
+        """Motions of joints.
+
+        Args:
+            As `Whole.motions`.
+        """
         out, rates = self._no_poses(len(Q)), np.zeros((len(Q), len(joints), 2, 6))
         wanted = self._by_part(joints)
         for part, data, k, q, v, a in self._outward(Q, V, A, True):
@@ -137,7 +140,11 @@ class Subtrees:
         return found
 
     def jacobians(self, Q: Array, V: Array | None = None) -> tuple[Array, Array, Array]:
-        """As `Whole.jacobians`."""
+        """Poses, Jacobians and their rates.
+
+        Args:
+            As `Whole.jacobians`.
+        """
         n, poses = len(Q), self._no_poses(len(Q))
         J, dJ = np.empty((n, 6, self._nV)), np.empty((0 if V is None else n, 6, self._nV))
         for part, data, k, q, v, _ in self._outward(Q, V, None, V is not None):
@@ -152,7 +159,11 @@ class Subtrees:
         return poses, J, dJ
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
-        """Generalised forces of motions, shape (n, nV)."""
+        """Generalised forces of motions, shape (n, nV).
+
+        Args:
+            As `Whole.rnea`.
+        """
         return self.forces(Q, V, A, (), np.zeros((len(Q), 0, 6)), ())[0]
 
     def forces(
@@ -164,7 +175,11 @@ class Subtrees:
         wrenches: Array,
         joints: Sequence[int],
     ) -> tuple[Array, Array]:
-        """As `Whole.forces`: motions outward, then forces inward."""
+        """Motions outward, then forces inward.
+
+        Args:
+            As `Whole.forces`.
+        """
         visits = []
         for part, data, k, q, v, a in self._outward(Q, V, A, True):
             if part.carriers:
@@ -209,7 +224,11 @@ class Subtrees:
     def derivatives(
         self, Q: Array, V: Array, A: Array, acted: Sequence[int], wrenches: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """As `Whole.derivatives`, where nothing is cut."""
+        """Derivatives of the forces, where nothing is cut.
+
+        Args:
+            As `Whole.derivatives`.
+        """
         found, tau = np.zeros((3, self._nV, self._nV)), np.empty(self._nV)
         pushed = self._by_part(acted)
         for part, data, _, q, v, a in self._outward(Q[None], V[None], A[None]):
@@ -222,7 +241,11 @@ class Subtrees:
         return found[0], found[1], found[2], tau
 
     def energies(self, Q: Array, V: Array) -> tuple[Array, Array]:
-        """Kinetic and potential energy, J, shape (n,)."""
+        """Kinetic and potential energy, J, shape (n,).
+
+        Args:
+            As `Whole.energies`.
+        """
         if self._rotors is None:
             pairs = zip(self._parts, self._data, strict=True)
             self._rotors = [rotor_energy_left_out(part.model, data) for part, data in pairs]
@@ -234,7 +257,11 @@ class Subtrees:
         return kinetic, potential
 
     def from_ground(self, Q: Array, V: Array, A: Array) -> tuple[Array, Array]:
-        """As `Whole.from_ground`."""
+        """Force and moment about the origin that one motion needs.
+
+        Args:
+            As `Whole.from_ground`.
+        """
         force, moment = np.zeros(3), np.zeros(3)
         for part, data, _, q, v, a in self._outward(Q[None], V[None], A[None], True):
             if part.carriers:  # what is carried wants the accelerations too
@@ -266,5 +293,10 @@ def _block(rows: Rows) -> tuple[Rows, Rows] | tuple[IntArray, ...]:
 
 
 def on_model(model: pin.Model, parts: Sequence[Subtree]) -> Whole | Subtrees:
-    """Pinocchio on a model, for one use: in parts, or whole where there are none."""
+    """Pinocchio on a model, for one use: in parts, or whole where there are none.
+
+    Args:
+        model: Of the whole mechanism.
+        parts: Its subtrees.
+    """
     return Subtrees(model, parts) if parts else Whole(model, pin.Data(model))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -12,12 +13,14 @@ from pinflex.arrays import Array, IntArray
 from pinflex.kernel.spares import Spares
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.added_mass import AddedMasses
-from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.split import Subtree
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.closure import Closures
 
 
 @dataclass(frozen=True)

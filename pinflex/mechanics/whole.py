@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.mechanics.joints import rotor_energy_left_out
 from pinflex.mechanics.poses import JointPoses, columns
 
 
@@ -56,7 +55,11 @@ class Whole:
         return poses, rates
 
     def jacobians(self, Q: Array, V: Array | None = None) -> tuple[Array, Array, Array]:
-        """Poses (n, joints, 12), world Jacobians (n, 6, nV) and, with V, their rates."""
+        """Poses (n, joints, 12), world Jacobians (n, 6, nV) and, with V, their rates.
+
+        Args:
+            Q, V: Coordinates and rates, shapes (n, nQ), (n, nV).
+        """
         n, model, data = len(Q), self.model, self.data
         poses, J = np.empty((n, self._joints, 12)), np.empty((n, 6, self._nV))
         dJ = np.empty((0 if V is None else n, 6, self._nV))
@@ -70,7 +73,11 @@ class Whole:
         return poses, J, dJ
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
-        """Generalised forces of motions, shape (n, nV)."""
+        """Generalised forces of motions, shape (n, nV).
+
+        Args:
+            Q, V, A: Coordinates, rates and accelerations, shapes (n, nQ), (n, nV), (n, nV).
+        """
         model, data, g = self.model, self.data, np.empty((len(Q), self._nV))
         for k in range(len(Q)):
             g[k] = pin.rnea(model, data, Q[k], V[k], A[k])
@@ -120,7 +127,11 @@ class Whole:
         return (*found, np.array(data.tau))
 
     def energies(self, Q: Array, V: Array) -> tuple[Array, Array]:
-        """Kinetic and potential energy, J, shape (n,)."""
+        """Kinetic and potential energy, J, shape (n,).
+
+        Args:
+            Q, V: Coordinates and rates, shapes (n, nQ), (n, nV).
+        """
         model, data = self.model, self.data
         if self._rotors is None:
             self._rotors = rotor_energy_left_out(model, data)
@@ -131,7 +142,11 @@ class Whole:
         return kinetic, potential
 
     def from_ground(self, Q: Array, V: Array, A: Array) -> tuple[Array, Array]:
-        """Force (3,) and moment (3,) about the origin that one motion needs, without rotors."""
+        """Force (3,) and moment (3,) about the origin that one motion needs, without rotors.
+
+        Args:
+            Q, V, A: Coordinates, rates and accelerations, shapes (nQ,), (nV,), (nV,).
+        """
         model, data = self.model, self.data
         pin.computeCentroidalMomentumTimeVariation(model, data, Q, V, A)
         mass, center = float(pin.computeTotalMass(model)), data.com[0]
@@ -147,3 +162,25 @@ class Whole:
         """Let wrenches (acted, 6) act in what Pinocchio evaluates next."""
         for joint, wrench in zip(acted, wrenches, strict=True):
             self._pushed[joint] = pin.Force(wrench)
+
+
+def rotor_energy_left_out(model: pin.Model, data: pin.Data) -> Array:
+    """Half of the armature of each row that `pin.computeKineticEnergy` leaves out, shape (nv,).
+
+    Pinocchio 4.1 does so for a revolute joint whose axis is none of x, y and z. Each row is asked
+    for the energy of its unit speed, so that a Pinocchio that counts it is not counted twice.
+
+    Args:
+        model: Of the system.
+        data: Its workspace, which is overwritten: another one of a large model takes a second.
+    """
+    found = np.zeros(model.nv)
+    rows = np.flatnonzero(model.armature)
+    if not len(rows):
+        return found
+    q = pin.neutral(model)
+    whole = np.diag(pin.crba(model, data, q)) / 2
+    for row in rows:
+        found[row] = whole[row] - pin.computeKineticEnergy(model, data, q, np.eye(model.nv)[row])
+    found[np.abs(found) < 1e-9 * whole] = 0.0  # round-off of the two sums
+    return found

@@ -80,7 +80,11 @@ def _make_room(wanted: float = 0.0) -> None:
 
 
 def same_tree(one: pin.Model, other: pin.Model) -> bool:
-    """Equal kinds and axes of joints (with their indices) on equal parents, as many frames."""
+    """Equal kinds and axes of joints (with their indices) on equal parents, as many frames.
+
+    Args:
+        one, other: Models.
+    """
     return one is other or (
         one.nv == other.nv
         and one.nframes == other.nframes

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
+from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import drives, grades, validity
 from pinflex.recovery.sticking import sticking
@@ -28,13 +29,7 @@ _DRIVE = {
     **{"position": "rad", "deflection": "rad", "speed": "rad/s", "torque": "N m", "power": "W"},
 }
 _SLIDES = {"position": "m", "deflection": "m", "speed": "m/s", "torque": "N"}  # of a drive
-ASSESSED = (
-    "energy_balance",
-    "grades",
-    "warnings",
-    "limits",
-    "monitors",
-)  # the keys that `assess` knows
+ASSESSED = ("energy_balance", "grades", "warnings", "limits", "monitors")  # keys of `assess`
 
 
 def version() -> str:
@@ -231,12 +226,12 @@ def _units(mechanism: Mechanism) -> dict[str, str]:
     for name, extra in mechanism.description.joints.items():
         if extra.drive is not None:
             units |= {f"drive/{name}/{key}": unit for key, unit in _DRIVE.items()}
-    model = mechanism.rigid.rigid
+    model, slides = mechanism.rigid.rigid, sliding(mechanism.rigid.rigid)
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         if joint.nq > joint.nv:  # on a circle or a sphere: no rad among its coordinates
             flat = joint.shortname() == "JointModelPlanar"
             units[f"joint/q/{name}"] = "m, m, cos, sin" if flat else _LAID_OUT[joint.nq]
-        if joint.shortname().startswith("JointModelP") and joint.nv == 1:
+        if name in slides:
             units[f"torque/{name}"] = "N"
             units[f"joint/q/{name}"] = "m"
             units[f"joint/v/{name}"] = "m/s"

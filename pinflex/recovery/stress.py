@@ -11,6 +11,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import legendre
 
 from pinflex.arrays import Array
 from pinflex.bodies import beam
@@ -72,16 +73,13 @@ def _outer(x: Array, stations: Array, breaks: Array) -> Array:
         if not n:
             continue
         xi = 2.0 * (stations[inside] - start) / (end - start) - 1.0
-        V = np.polynomial.legendre.legvander(xi, n - 1)
+        V = legendre.legvander(xi, n - 1)
         # Discrete orthogonality at Gauss points: coefficients of force density from lumped forces.
         k = np.arange(n)
         coefficients = (2 * k + 1)[:, None] / 2.0 * V.T
         at = np.clip(2.0 * (x - start) / (end - start) - 1.0, -1.0, 1.0)
-        integrals = np.empty((len(x), n))
-        for j in range(n):
-            primitive = np.polynomial.legendre.legint(np.eye(n)[j])
-            ends = np.polynomial.legendre.legval(np.array([1.0]), primitive)
-            integrals[:, j] = ends - np.polynomial.legendre.legval(at, primitive)
+        primitive = legendre.legint(np.eye(n))
+        integrals = legendre.legval(1.0, primitive) - legendre.legval(at, primitive).T
         operator[:, inside] = integrals @ coefficients
     return operator
 

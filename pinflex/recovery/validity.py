@@ -6,7 +6,7 @@ stiffness that axial forces bring. Each monitor is a number without unit: small 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,6 +161,40 @@ def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
     return run.t[every], {joint: speeds[:, k] for k, joint in enumerate(joints)}
 
 
+def _passed(part: FlexiblePart, m: Monitors) -> Iterator[str]:
+    """Limits that one link passes."""
+    name, second = part.link, part.spec.second_order
+    if not np.isfinite(m.deflection) or m.deflection > DEFLECTION or m.rotation > ROTATION:
+        yield (
+            f"{name}: deflection is {percent(m.deflection)} of the length and "
+            f"{m.rotation:.2g} rad in one of {len(part.bodies)} segment(s), beyond what one "
+            f"carries; raise flexible.{name}.segments."
+        )
+    if m.fastest > FASTEST:
+        yield (
+            f"{name}: the fastest of its shapes carries {percent(m.fastest)} of its elastic "
+            "kinetic energy, so that those left out matter too; raise the number of shapes "
+            f"in flexible.{name}.basis (internal, elements or modes)."
+        )
+    if not second and m.speed > SPEED:
+        grows = "" if m.when is None else f" and it runs away from t = {m.when:.4g} s on"
+        yield (
+            f"{name}: turns at {m.speed:.2g} of its first frequency without second order: its "
+            f"stiffness is wrong by {percent(m.speed**2)}{grows}; set "
+            f"flexible.{name}.second_order: true."
+        )
+    if not second and m.compression > COMPRESSION:
+        yield (
+            f"{name}: compressed by {percent(m.compression)} of its Euler load without second "
+            f"order, which does not see buckling; set flexible.{name}.second_order: true."
+        )
+    elif m.compression > 1.0:
+        yield (
+            f"{name}: compressed by {percent(m.compression)} of its Euler load: it buckles "
+            f"unless its ends hold it; cut it (flexible.{name}.segments) or stiffen it."
+        )
+
+
 def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:
     """One sentence for each link and limit that the run passes, with what to change.
 
@@ -169,39 +203,7 @@ def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list
         run: A run of it.
         found: Monitors of each flexible link.
     """
-    texts = []
-    for name, m in found.items():
-        part = mechanism.parts[name]
-        segments, second = len(part.bodies), part.spec.second_order
-        if not np.isfinite(m.deflection) or m.deflection > DEFLECTION or m.rotation > ROTATION:
-            texts.append(
-                f"{name}: deflection is {percent(m.deflection)} of the length and "
-                f"{m.rotation:.2g} rad in one of {segments} segment(s), beyond what one carries; "
-                f"raise flexible.{name}.segments."
-            )
-        if m.fastest > FASTEST:
-            texts.append(
-                f"{name}: the fastest of its shapes carries {percent(m.fastest)} of its elastic "
-                "kinetic energy, so that those left out matter too; raise the number of shapes "
-                f"in flexible.{name}.basis (internal, elements or modes)."
-            )
-        if not second and m.speed > SPEED:
-            grows = "" if m.when is None else f" and it runs away from t = {m.when:.4g} s on"
-            texts.append(
-                f"{name}: turns at {m.speed:.2g} of its first frequency without second order: its "
-                f"stiffness is wrong by {percent(m.speed**2)}{grows}; set "
-                f"flexible.{name}.second_order: true."
-            )
-        if not second and m.compression > COMPRESSION:
-            texts.append(
-                f"{name}: compressed by {percent(m.compression)} of its Euler load without second "
-                f"order, which does not see buckling; set flexible.{name}.second_order: true."
-            )
-        elif m.compression > 1.0:
-            texts.append(
-                f"{name}: compressed by {percent(m.compression)} of its Euler load: it buckles "
-                f"unless its ends hold it; cut it (flexible.{name}.segments) or stiffen it."
-            )
+    texts = [text for name, m in found.items() for text in _passed(mechanism.parts[name], m)]
     if run.system.closed.n and run.settings.get("gamma") == 0.5:
         texts.append(
             "no numerical dissipation (rho_inf: 1, or newmark: [0.5, 0.25]): loop forces may "

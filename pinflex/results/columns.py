@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ from pinflex.cards import card, grid
 from pinflex.doors import library
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
-from pinflex.writing import replaced
+from pinflex.writing import replaced, write_csv
 
 Column = npt.NDArray[Any]
 SUFFIXES = (".csv", ".parquet")
@@ -65,19 +64,24 @@ class Columns:
         return list(self.arrays)
 
     def _repr_html_(self) -> str:
-        heads = [f"{n} [{self.units[n]}]" if self.units.get(n) else n for n in self.arrays]
         cells = [[_shown(x) for x in row] for row in zip(*self.arrays.values(), strict=True)]
-        return card(f"table of {len(self)} rows", grid(heads, cells))
+        return card(f"table of {len(self)} rows", grid([*self._headed()], cells))
+
+    def _headed(self) -> dict[str, np.ndarray]:
+        """Columns by their names with units."""
+        return {
+            f"{name} [{self.units[name]}]" if self.units.get(name) else name: column
+            for name, column in self.arrays.items()
+        }
 
     def save(self, path: str | Path) -> Path:
         """Write .csv or .parquet; a file already there is replaced only by a complete one."""
         path = check_suffix(path)
-        headings = {
-            f"{name} [{self.units[name]}]" if self.units.get(name) else name: column
-            for name, column in self.arrays.items()
-        }
+        if path.suffix == ".csv":
+            cells = map(_cells, self.arrays.values())
+            return write_csv(path, self._headed(), zip(*cells, strict=True))
         with replaced(path) as part:
-            (_parquet if path.suffix == ".parquet" else _csv)(headings, part)
+            _parquet(self._headed(), part)
         return path
 
 
@@ -110,17 +114,9 @@ def _shown(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def _csv(headings: Mapping[str, Column], path: Path) -> None:
-    columns = [
-        ["" if value != value else repr(value) for value in values.tolist()]
-        if values.dtype.kind == "f"
-        else [str(value) for value in values.tolist()]
-        for values in headings.values()
-    ]
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(headings)
-        writer.writerows(zip(*columns, strict=True))
+def _cells(values: Column) -> list[str]:
+    write = repr if values.dtype.kind == "f" else str
+    return ["" if value != value else write(value) for value in values.tolist()]
 
 
 def _parquet(headings: Mapping[str, Column], path: Path) -> None:

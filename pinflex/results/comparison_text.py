@@ -9,7 +9,7 @@ from pinflex.results.drives import drive_table
 from pinflex.text import bullets, number, paragraph, percent, report, short, table
 
 if TYPE_CHECKING:
-    from pinflex.results.comparison import Comparison, PlatformRow, ResidualRow
+    from pinflex.results.comparison import Comparison, ResidualRow
 
 # What a person should know of a level before trusting its numbers.
 _LEFT_OUT = {
@@ -98,18 +98,14 @@ def _torque_table(c: Comparison) -> str:
 
 
 def _platform_table(c: Comparison) -> str:
-    if not c.platform:
-        return ""
-    far = max(r.position for r in c.platform)
-    turned = max(r.rotation for r in c.platform)
+    far = max((r.position for r in c.platform), default=0.0)
+    turned = max((r.rotation for r in c.platform), default=0.0)
     mm, metres = ("mm", 1e3) if far >= 1e-5 else ("um", 1e6)
     mrad, radians = ("mrad", 1e3) if turned >= 1e-5 else ("urad", 1e6)
     rows = []
     for r in c.platform:
-        values = [x if x > _ROUND_OFF else 0.0 for x in (r.position, r.rotation)]
-        times = [f"{t:.4f}" if x else "-" for x, t in zip(values, _times(r), strict=True)]
-        rows.append([r.frame, r.level, number(metres * values[0]), times[0]])
-        rows[-1] += [number(radians * values[1]), times[1]]
+        rows.append([r.frame, r.level, *_largest(metres, r.position, r.position_time)])
+        rows[-1] += _largest(radians, r.rotation, r.rotation_time)
     return table(
         "Platform, largest deviation from rigid",
         f"frame|level|position [{mm}]|at [s]|rotation [{mrad}]|at [s]",
@@ -177,8 +173,8 @@ def _remarks(c: Comparison, most: int | None = None) -> str:
     return f"Notes\n{bullets(notes)}" if notes else ""
 
 
-def _times(row: PlatformRow) -> tuple[float, float]:
-    return row.position_time, row.rotation_time
+def _largest(factor: float, value: float, time: float) -> list[str]:
+    return [number(factor * value), f"{time:.4f}"] if value > _ROUND_OFF else ["0", "-"]
 
 
 def _once(rows: list[list[str]]) -> list[list[str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -34,7 +33,7 @@ from pinflex.results.views import (
 )
 from pinflex.rotations import rotation_vector
 from pinflex.text import short
-from pinflex.writing import replaced
+from pinflex.writing import write_csv
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
 
@@ -271,12 +270,8 @@ class Result(Shown):
     def to_csv(self, path: str | Path) -> Path:
         """Write one wide table: a row per instant, a unit in every header."""
         table = report.columns(self)
-        path = Path(path)
-        with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(table)
-            writer.writerows(zip(*(map(repr, c.tolist()) for c in table.values()), strict=True))
-        return path
+        cells = (map(repr, column.tolist()) for column in table.values())
+        return write_csv(path, table, zip(*cells, strict=True))
 
     def summary(self) -> str:
         """The run in a few aligned lines of text."""

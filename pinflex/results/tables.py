@@ -24,8 +24,8 @@ _LABELS = {
     "displacement": ["u", "v", "w", "rx", "ry", "rz"],
     "resultant": ["N", "Vy", "Vz", "T", "My", "Mz"],
 }
-_FIELDS = {"deflection": "displacement", "resultant": "resultant"}
-_POINTS = ("centreline", "centreline_rigid", "section_y")
+_FIELDS = {"deflection": ("displacement",), "resultant": ("resultant",)}
+_FIELDS |= dict.fromkeys(("centreline", "centreline_rigid", "section_y"), ("xyz",))
 
 
 def run_frame(result: Result) -> Any:
@@ -50,7 +50,7 @@ def run_dataset(result: Result) -> Any:
             place = name.removesuffix(".x")
             labels[place] = (place, values, {"units": "m"})
             continue
-        dims = _dimensions(result, key, values.shape)
+        dims = _dimensions(key, values.shape)
         labels |= {d: _LABELS[d] for d in dims if d in _LABELS}
         if key == "torque":
             labels["motor"] = list(result.motors)
@@ -60,20 +60,17 @@ def run_dataset(result: Result) -> Any:
     return xarray.Dataset(variables, labels, about)
 
 
-def _dimensions(result: Result, key: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+def _dimensions(key: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Names of the dimensions of an array; of one not known, numbered after its key."""
     parts = key.split("/")
-    name = ".".join(parts)
     if key == "torque":
         return ("t", "motor")
-    fallback = tuple(f"{name}.{k}" for k in range(1, len(shape)))
+    fallback = tuple(f"{'.'.join(parts)}.{k}" for k in range(1, len(shape)))
     if parts[0] == "link" and len(parts) > 2:
         if "mesh" in parts:
             return _of_mesh(parts, shape)
-        along = f"link.{parts[1]}"
-        more = (_FIELDS[parts[2]],) if parts[2] in _FIELDS else ()
-        more = ("xyz",) if parts[2] in _POINTS else more
-        return ("t", along, *more) if len(shape) == 2 + len(more) else ("t", *fallback)
+        dims = ("t", f"link.{parts[1]}", *_FIELDS.get(parts[2], ()))
+        return dims if len(shape) == len(dims) else ("t", *fallback)
     if parts[0] in ("frame", "loop") and len(_AXES.get(parts[-1], ())) == len(shape) - 1:
         return ("t", *_AXES[parts[-1]])
     return ("t", *fallback)

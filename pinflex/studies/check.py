@@ -12,10 +12,11 @@ from pinflex.bodies.summary import summary
 from pinflex.boundary import public
 from pinflex.cards import Worded
 from pinflex.description.schema import integer
-from pinflex.errors import ConvergenceError, SceneError, SingularityError
+from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.excited import default_motion
 from pinflex.levels.modes import modes
 from pinflex.mechanics.assembly import LoopReport
+from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.studies import check_urdf, check_warnings
 from pinflex.studies.check_parts import (
@@ -162,6 +163,19 @@ def _summaries(mechanism: Mechanism) -> tuple[str, ...]:
     )
 
 
+def require_vibrating(mechanism: Mechanism) -> None:
+    """Refuse a mechanism in which nothing is elastic."""
+    if not _vibrates(mechanism):
+        raise DescriptionError(
+            f"{mechanism.name}: no flexible link and no spring, so nothing vibrates. Write some "
+            "under `flexible`."
+        )
+
+
+def _vibrates(mechanism: Mechanism) -> bool:
+    return bool(mechanism.flexible.n_eta or len(mechanism.flexible.springs.v_at))
+
+
 def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ...], str]:
     """Natural frequencies [Hz] at home with locked motors, and the words for that state.
 
@@ -171,7 +185,7 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
         mechanism: From `load`.
         count: Most frequencies.
     """
-    if not mechanism.flexible.n_eta and not len(mechanism.flexible.springs.v_at):
+    if not _vibrates(mechanism):
         return (), "no flexible link and no spring: nothing vibrates"
     locked = "at home, motors locked" if mechanism.motors else "at home"
     loaded, every = is_loaded(mechanism), mechanism.flexible.nv
@@ -198,13 +212,8 @@ def _unloaded(mechanism: Mechanism, count: int, loaded: tuple[float, ...]) -> tu
 
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
-    model = mechanism.rigid.rigid
-    linear = {
-        joint.idx_v
-        for joint in model.joints
-        if joint.nv == 1 and joint.shortname().startswith("JointModelP")
-    }
-    return tuple("N" if int(row) in linear else "N m" for row in mechanism.rigid.motors)
+    slides = sliding(mechanism.rigid.rigid)
+    return tuple("N" if name in slides else "N m" for name in mechanism.motors)
 
 
 def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:

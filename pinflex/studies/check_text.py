@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from pinflex.description.drives import Friction
 from pinflex.studies.check import Check
-from pinflex.studies.check_parts import LinkCheck
+from pinflex.studies.check_parts import DriveCheck, LinkCheck
 from pinflex.studies.check_statics import Sag, Statics
 from pinflex.text import (
     angle,
@@ -39,17 +39,18 @@ def write(c: Check) -> str:
         *c.summaries,
         _statics(c),
         _frequencies(c),
-        _warnings(c),
+        f"Warnings\n{bullets(c.warnings)}" if c.warnings else "Warnings: none",
     )
 
 
 def _head(c: Check) -> str:
     """The model in a few rows, those with nothing to say left out."""
+    names = ", ".join(c.motors)
     rows = {
         "URDF": f"{c.urdf}, base {c.base}",
         "gravity": "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2",
         "mobility": _mobility(c),
-        "motors": _counted("motor", c.motors) if c.motors else "none",
+        "motors": f"{plural(len(c.motors), 'motor')} ({names})" if names else "none",
         "elastic": _elastic(c),
         "coupled": "; ".join(c.couplings),
         "dynamics": c.urdf_dynamics,
@@ -83,10 +84,6 @@ def _elastic(c: Check) -> str:
     text = f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
     text += f" and {plural(gears, 'elastic drive')}" if gears else ""
     return text + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else "")
-
-
-def _counted(noun: str, names: Sequence[str]) -> str:
-    return f"{plural(len(names), noun)} ({', '.join(names)})"
 
 
 def _renamed(by_joint: Mapping[str, str]) -> str:
@@ -123,20 +120,12 @@ def _loop_table(c: Check) -> str:
 
 def _drive_table(c: Check) -> str:
     """Drives and friction, with what is left out of them."""
-    rows = []
-    for x in c.drives:
-        d, f = x.drive, x.friction
-        row = [x.name, "-" if d is None else number(d.gear), number(x.armature)]
-        gives = d is not None and d.stiffness is not None
-        row += [number(d.stiffness), number(d.damping)] if d is not None and gives else ["-", "-"]
-        row += ["-", "-"] if f is None else [_dry(f), number(f.viscous)]
-        rows.append([*row, "-" if d is None else f"{100 * d.efficiency:g} %"])
-    if not rows:
+    if not c.drives:
         return ""
     text = table(
         "Drives and friction, at the joint [N m, rad | N, m]",
         "joint|gear|inertia|stiffness|damping|dry|viscous|efficiency",
-        rows,
+        [_drive_row(x) for x in c.drives],
         (24,),
     )
     said = ["rotors turn about their own axes only (Spong), and there is no backlash"]
@@ -145,6 +134,15 @@ def _drive_table(c: Check) -> str:
         shown = ", ".join(f"{v:g}" for v in sorted(speeds))
         said.append(f"dry friction is smooth below {shown} rad/s or m/s, at which a joint creeps")
     return "\n".join([text, paragraph("; ".join(said), "    ", "  ")])
+
+
+def _drive_row(x: DriveCheck) -> list[str]:
+    d, f = x.drive, x.friction
+    row = [x.name, "-" if d is None else number(d.gear), number(x.armature)]
+    gives = d is not None and d.stiffness is not None
+    row += [number(d.stiffness), number(d.damping)] if d is not None and gives else ["-", "-"]
+    row += ["-", "-"] if f is None else [_dry(f), number(f.viscous)]
+    return [*row, "-" if d is None else f"{100 * d.efficiency:g} %"]
 
 
 def _dry(f: Friction) -> str:
@@ -204,14 +202,18 @@ def _planes(c: Check) -> str:
     for (planes, reason, out), links in groups.items():
         names, active = ", ".join(x.name for x in links), ", ".join(_PLANES[p] for p in planes)
         lines.append(paragraph(f"{names}: {active} ({reason})", "    ", "  "))
-        for direction in out:
-            every = (x for link in links for x in link.left_out if x.direction == direction)
-            most = max(every, key=lambda x: x.share)
-            share = f"{most.share:.0e}" if most.share > _NOTHING else "nothing"
-            of = f" ({most.of})" if most.share > _NOTHING else ""
-            words = f"{_PLANES[direction]} left out: at most {share} of compliance, sag, torques"
-            lines.append(paragraph(f"{words} and inertia loads{of}", "      ", "    "))
+        lines += [paragraph(_left_out(links, direction), "      ", "    ") for direction in out]
     return "\n".join(["Planes chosen", *lines]) if lines else ""
+
+
+def _left_out(links: Sequence[LinkCheck], direction: str) -> str:
+    every = (x for link in links for x in link.left_out if x.direction == direction)
+    most = max(every, key=lambda x: x.share)
+    share, of = f"{most.share:.0e}", f" ({most.of})"
+    if most.share <= _NOTHING:
+        share, of = "nothing", ""
+    words = f"{_PLANES[direction]} left out: at most {share} of compliance, sag, torques"
+    return f"{words} and inertia loads{of}"
 
 
 def _statics(c: Check) -> str:
@@ -258,7 +260,3 @@ def _frequencies(c: Check) -> str:
         return text
     plain = "  ".join(number(f) for f in c.unloaded)
     return f"{text}\n  {plain}   without gravity and loads (modes --preload none)"
-
-
-def _warnings(c: Check) -> str:
-    return f"Warnings\n{bullets(c.warnings)}" if c.warnings else "Warnings: none"

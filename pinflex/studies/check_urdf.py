@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pinflex.actuation.motors import motor_axes
-from pinflex.description import sources
 from pinflex.description.description import Description
 from pinflex.description.source import Source
 from pinflex.description.urdf import Limits, limits
@@ -14,7 +13,7 @@ _SOME = 6  # names listed before "..."
 
 def ignored(description: Description) -> list[str]:
     """Sentences on what the URDF says of joints and transmissions and has no effect."""
-    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
+    tree = description.tree()
     geared = [
         f"{name} {joint.reduction:g}"
         for name, joint in tree.joints.items()
@@ -53,7 +52,7 @@ def used(description: Description) -> str:
     """Joints whose damping and friction are the URDF's, in words; "" for none."""
     if not description.use_urdf_dynamics:
         return ""
-    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
+    tree = description.tree()
     parts = []
     for key in ("damping", "friction"):
         names = [name for name in _moving(tree, key) if _as_written(description, tree, name, key)]

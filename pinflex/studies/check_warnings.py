@@ -70,7 +70,7 @@ def _link_warnings(link: LinkCheck) -> list[str]:
 def _carries_nothing(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
     """A beam beside the load path: everything that hangs on its link sits at its root."""
     number = next(k for k, link in enumerate(mechanism.links) if link.name == part.link)
-    ends = {f for loop in mechanism.description.loops for f in (loop.frame_a, loop.frame_b)}
+    ends = mechanism.description.tied
     sections = {
         link.name: part.length if link.name in ends else part.section_of(link.placement.translation)
         for link in mechanism.links

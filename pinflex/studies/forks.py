@@ -44,7 +44,12 @@ class _Copy:
 
 
 def alone(work: Work, item: Any) -> Any:
-    """One piece of work on one BLAS thread: as many processes as cores leave none to spare."""
+    """One piece of work on one BLAS thread: as many processes as cores leave none to spare.
+
+    Args:
+        work: Function of one piece.
+        item: The piece.
+    """
     from threadpoolctl import threadpool_limits
 
     # a worker of Dask may have several threads, a solve is made for one

@@ -76,7 +76,7 @@ def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> list[Guess]:
 def _spans(mechanism: Mechanism) -> dict[str, tuple[str | None, float, Array]]:
     """Far frame (None: the only one), length and beam frame of each link with mass."""
     links = mechanism.links
-    closing = {f for loop in mechanism.description.loops for f in (loop.frame_a, loop.frame_b)}
+    closing = {*mechanism.description.tied}
     found = {}
     for number, link in enumerate(links):
         ends = _ends(number, links, closing) if link.parent >= 0 and link.weighs else []

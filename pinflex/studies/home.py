@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +12,7 @@ from pinflex.description.description import read
 from pinflex.description.home_text import with_home
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.writing import replaced
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _ZERO = 5e-10  # [rad | m] a value that is not written: joints stand at zero anyway
@@ -83,14 +81,6 @@ def write_home(mechanism: Mechanism) -> Path:
         )
     mark = b"\xef\xbb\xbf" if raw.startswith(b"\xef\xbb\xbf") else b""
     text = with_home(raw[len(mark) :].decode("utf-8"), home_values(mechanism), path.name)
-    try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
-            new = Path(folder) / path.name
-            new.write_bytes(mark + text.encode("utf-8"))
-            shutil.copymode(path, new)
-            os.replace(new, path)
-    except OSError as error:
-        raise DescriptionError(
-            f"{path}: cannot be written ({error.strerror}). Choose a folder you may write to."
-        ) from error
+    with replaced(path) as part:
+        part.write_bytes(mark + text.encode("utf-8"))
     return path

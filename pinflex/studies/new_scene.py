@@ -107,12 +107,9 @@ def _text(
     lines = ["# Written by `pinflex import`. What each key means: models/README.md."]
     lines += _wrapped("Not taken over from the file:", tree.notes)
     lines += ["", f"urdf: {quoted(name)}", "", *_joints(tree)]
-    for key in _ORDER:
-        if key in blocks:
-            lines += _block(key, blocks[key])
-    lines += [
-        key_line for key in blocks if key not in _ORDER for key_line in _block(key, blocks[key])
-    ]
+    ordered = {key: blocks[key] for key in _ORDER if key in blocks} | blocks
+    for key, value in ordered.items():
+        lines += _block(key, value)
     lines += _wrapped("", remarks)
     if not flexible:
         lines += [
@@ -145,14 +142,9 @@ def _joints(tree: Source) -> list[str]:
 
 
 def _block(key: str, value: Any) -> list[str]:
-    flow = (
-        None
-        if isinstance(value, dict) and any(isinstance(v, dict) for v in value.values())
-        else False
-    )
-    text = yaml.safe_dump(
-        {key: value}, sort_keys=False, allow_unicode=True, width=96, default_flow_style=flow
-    )
+    nested = isinstance(value, dict) and any(isinstance(v, dict) for v in value.values())
+    flow: dict[str, Any] = {"default_flow_style": None if nested else False}
+    text = yaml.safe_dump({key: value}, sort_keys=False, allow_unicode=True, width=96, **flow)
     if isinstance(value, list):
         text = f"{key}: {yaml.safe_dump(value, width=88, default_flow_style=True)}"
     comment = {
@@ -169,8 +161,7 @@ def _block(key: str, value: Any) -> list[str]:
 
 def _proposals(mechanism: Mechanism) -> list[str]:
     """Loops that the file does not close, where ends of branches coincide at home."""
-    taken = {f for loop in mechanism.description.loops for f in (loop.frame_a, loop.frame_b)}
-    pairs = coinciding(mechanism, taken)
+    pairs = coinciding(mechanism, mechanism.description.tied)
     return [
         f"{a} and {b} coincide at home. If they meet in a joint: loops: {{{a}_{b}: {{kind: "
         f"{kind}, between: [{a}, {b}]}}}}, and list the motors under actuated."

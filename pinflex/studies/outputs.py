@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from pinflex.advice.solve import solve
-from pinflex.description import sources
 from pinflex.description.description import Description
 from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
@@ -80,7 +79,7 @@ def scene_outputs(
 
 def prismatic(description: Description) -> frozenset[str]:
     """Motors that push: their outputs are forces."""
-    tree = sources.read(description.urdf_text, description.urdf_name, description.package_dirs)
+    tree = description.tree()
     motors = description.actuated
     return frozenset(
         name for name in motors if name in tree.joints and tree.joints[name].type == "prismatic"

@@ -64,10 +64,10 @@ def _panel(
     ax: Any, study: Bench, name: str, colours: Mapping[str, str], markers: Mapping[int, str]
 ) -> None:
     """One output."""
-    for p in study.points:
-        if p.errors.get(name):
-            marker = markers.get(p.case.modes or 0, "o")
-            ax.loglog(p.cpu, p.errors[name], marker, color=colours[p.case.method], ms=5, mew=0)
+    known = [p for p in study.points if p.errors.get(name)]
+    for p in known:
+        marker = markers.get(p.case.modes or 0, "o")
+        ax.loglog(p.cpu, p.errors[name], marker, color=colours[p.case.method], ms=5, mew=0)
     front = [p for p in study.pareto(name) if p.errors[name]]
     ax.loglog(
         [p.cpu for p in front], [p.errors[name] for p in front],
@@ -75,7 +75,7 @@ def _panel(
     )  # fmt: skip
     ax.axhspan(1e-12, study.own_error[name], color="0.92", zorder=0)
     low = min(study.own_error[name], *(p.errors[name] for p in front))
-    high = max((p.errors[name] for p in study.points if p.errors.get(name)), default=1.0)
+    high = max((p.errors[name] for p in known), default=1.0)
     ax.set_ylim(0.4 * low, 2.0 * max(high, 1.0))
     ax.margins(x=0.06)
     ax.grid(True, which="major", color="0.9", lw=0.6)

@@ -19,12 +19,13 @@ from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.pose_map import PoseMap
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.cases import Case, combined, listed
-from pinflex.studies.check import is_loaded
+from pinflex.studies.check import is_loaded, require_vibrating
 from pinflex.studies.mode_shapes import first_modes
 from pinflex.studies.pose import moved
 from pinflex.studies.stiffness import platform_compliance
@@ -79,11 +80,7 @@ def pose_map(
     """
     description = described(model)
     mechanism = model if isinstance(model, Mechanism) else load(description)
-    if not mechanism.flexible.n_eta and not len(mechanism.flexible.springs.v_at):
-        raise DescriptionError(
-            f"{mechanism.name}: no flexible link and no spring, so nothing vibrates. Write some "
-            "under `flexible`."
-        )
+    require_vibrating(mechanism)
     if along is not None and grid:
         raise DescriptionError(f"{mechanism.name}: map: a grid and a motion. Give one of them.")
     axes, cases = (
@@ -193,10 +190,5 @@ def _increasing(name: str, values: Iterable[Any]) -> Array:
 
 def _units(mechanism: Mechanism, names: Iterable[str]) -> dict[str, str]:
     """m of x, y, z and of motors that slide, else rad."""
-    model = mechanism.rigid.rigid
-    slides = {
-        name
-        for name, joint in zip(model.names, model.joints, strict=True)
-        if joint.nv == 1 and joint.shortname().startswith("JointModelP")
-    }
-    return {name: "m" if name in {*slides, "x", "y", "z"} else "rad" for name in names}
+    lengths = sliding(mechanism.rigid.rigid) | {*"xyz"}
+    return {name: "m" if name in lengths else "rad" for name in names}

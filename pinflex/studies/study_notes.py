@@ -76,19 +76,8 @@ def notes_of(mechanism: Mechanism, record: Outcomes, frequencies: Sequence[float
         mechanism: Scene. record: Its runs.
         frequencies: Natural frequencies [Hz].
     """
-    notes: list[str] = []
-    beyond = {
-        name
-        for run in record.runs.values()
-        for name, strength in yield_strengths(mechanism).items()
-        if name in run.links and peak(run.link(name).von_mises) > _BEYOND_YIELD * strength
-    }
-    if beyond:
-        notes.append(
-            f"stress beyond the yield strength in {', '.join(sorted(beyond))}: the material would "
-            "deform for good, which is not modelled."
-        )
-    if frequencies and min(frequencies) < 0:
+    notes = _yielding(mechanism, record.runs)
+    if min(frequencies, default=0.0) < 0:
         notes.append("a negative frequency is an unstable direction: the static pose buckles.")
     notes += _run_warnings(record.runs)
     for level, run in record.runs.items():
@@ -97,6 +86,21 @@ def notes_of(mechanism: Mechanism, record: Outcomes, frequencies: Sequence[float
     if record.runs and not any(run.meta.get("errors") for run in record.runs.values()):
         notes.append("error bars take some seconds more here: add --errors.")
     return notes
+
+
+def _yielding(mechanism: Mechanism, runs: Mapping[str, Result]) -> list[str]:
+    beyond = {
+        name
+        for run in runs.values()
+        for name, strength in yield_strengths(mechanism).items()
+        if name in run.links and peak(run.link(name).von_mises) > _BEYOND_YIELD * strength
+    }
+    if not beyond:
+        return []
+    return [
+        f"stress beyond the yield strength in {', '.join(sorted(beyond))}: the material would "
+        "deform for good, which is not modelled."
+    ]
 
 
 def starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) -> list[str]:

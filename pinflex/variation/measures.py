@@ -25,7 +25,6 @@ from pinflex.studies.check_statics import statics
 from pinflex.studies.outputs import scene_outputs
 from pinflex.studies.stiffness import platform_compliance
 
-STATIC = ("frequency", "mass", "sag", "stiffness")
 RUNS = ("deviation", "torque", "stress")
 _SHORT = {"deviation.peak": "deviation.position"}
 _FREQUENCIES = 12

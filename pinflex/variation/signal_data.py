@@ -24,8 +24,33 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _SAMPLES = 41  # at least, of a run whose measured times are not equal: cubic between its steps
 
 
+class _Sampled:
+    """Measured samples, each with a residual of its own."""
+
+    std: Array | None
+
+    def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
+        """Residuals."""
+        raise NotImplementedError
+
+    @property
+    def told(self) -> bool:
+        """Whether the standard deviations are known."""
+        return self.std is not None
+
+    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
+        """By the logarithms of the parameters.
+
+        Args:
+            designs: What varies.
+            values: By key, SI.
+            base: The design of these values.
+        """
+        return differences(self.rows, designs, values)
+
+
 @dataclass(frozen=True)
-class ResponseData:
+class ResponseData(_Sampled):
     """Frequency responses.
 
     Attributes:
@@ -37,11 +62,6 @@ class ResponseData:
     pairs: tuple[tuple[str, str], ...]
     values: Array
     std: Array | None
-
-    @property
-    def told(self) -> bool:
-        """Whether the standard deviations are known."""
-        return self.std is not None
 
     @property
     def leads(self) -> bool:
@@ -79,16 +99,6 @@ class ResponseData:
             apart = (H - self.values) / self._std
         return np.concatenate([apart.real.ravel(), apart.imag.ravel()])
 
-    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By the logarithms of the parameters.
-
-        Args:
-            designs: What varies.
-            values: By key, SI.
-            base: The design of these values.
-        """
-        return differences(self.rows, designs, values)
-
     def text(self, mechanism: Mechanism) -> str:
         """How far the responses are apart."""
         apart = np.abs(self._model(mechanism) - self.values)
@@ -110,7 +120,7 @@ class ResponseData:
 
 
 @dataclass(frozen=True)
-class HistoryData:
+class HistoryData(_Sampled):
     """Time histories.
 
     Attributes:
@@ -125,11 +135,6 @@ class HistoryData:
     std: Array | None
     level: str | None
     dt: float | None
-
-    @property
-    def told(self) -> bool:
-        """Whether the standard deviations are known."""
-        return self.std is not None
 
     @property
     def leads(self) -> bool:
@@ -162,16 +167,6 @@ class HistoryData:
             coarse: From afar; the same here.
         """
         return np.asarray(((self._model(mechanism) - self.values) / self._std).ravel())
-
-    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By the logarithms of the parameters.
-
-        Args:
-            designs: What varies.
-            values: By key, SI.
-            base: The design of these values.
-        """
-        return differences(self.rows, designs, values)
 
     def text(self, mechanism: Mechanism) -> str:
         """How far the histories are apart."""

@@ -56,7 +56,12 @@ def around(centre: float, half: float, piece: tuple[float, float]) -> tuple[Arra
 
 
 def steps_around(k: int, t: Array) -> tuple[Array, BoolArray]:
-    """The same at steps t (n,) about the k-th of them."""
+    """The same at steps t (n,) about the k-th of them.
+
+    Args:
+        k: The step in the middle.
+        t: Times of the steps [s], shape (n,).
+    """
     first = min(max(k - NODES // 2, 0), len(t) - NODES)
     last = first + NODES
     return t[first:last], np.array([first == 0, last == len(t)])

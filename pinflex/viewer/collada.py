@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.rotations import axis_turn
 
 _UP = {  # rows: where x, y, z of the file point
     "X_UP": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
@@ -82,7 +83,7 @@ def _transform(element: _Element) -> Array:
     elif element.tag == "scale":
         step[:3, :3] = np.diag(numbers)
     else:
-        step[:3, :3] = _about(numbers[:3], np.deg2rad(numbers[3]))
+        step[:3, :3] = axis_turn(numbers[:3], np.deg2rad(numbers[3]))
     return step
 
 
@@ -115,12 +116,6 @@ def _fans(corners: IntArray, sizes: list[int]) -> IntArray:
         out += [(corners[at], corners[at + k], corners[at + k + 1]) for k in range(1, n - 1)]
         at += n
     return np.array(out, dtype=np.intp).reshape(-1, 3)
-
-
-def _about(axis: Array, angle: float) -> Array:
-    x, y, z = axis / max(float(np.linalg.norm(axis)), 1e-300)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def _text(element: _Element | None) -> str:

@@ -30,12 +30,12 @@ class Drawing:
     """A figure, and its panels one by one.
 
     Attributes:
-        whole: Makes the figure.
+        whole: Makes the figure; None: its one panel alone is the figure.
         panels: By name, draws one panel on axes; its further axes (a scale) it adds itself.
         height: Of one panel alone [in].
     """
 
-    whole: Callable[[], Figure]
+    whole: Callable[[], Figure] | None
     panels: Mapping[str, Callable[[Axes], object]]
     height: float = _ALONE * HEIGHT
 
@@ -57,7 +57,8 @@ class Drawing:
         if panel is not None and panel not in self.panels:
             raise DescriptionError(f"plot: panel {panel!r}: no such panel.{self._names(panel)}")
         if ax is None:
-            make = self.whole if panel is None else self._alone(panel)
+            whole = self.whole if panel is None else None
+            make = whole or self._alone(panel or self._only())
             drawn = shown_axes(make) if path is None else axes_of(make())
         else:
             self.panels[str(panel)](styled(ax))

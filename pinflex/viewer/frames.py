@@ -28,12 +28,10 @@ class FrameLocator:
         """Joint and loop forces [N] on the child: {name, rigid, disp, vector}, each (nt, 3)."""
         arrays, arrows = self.result.arrays, list[dict[str, Any]]()
         for key in sorted(k for k in arrays if k.startswith("reaction/")):
-            joint = self.joints.get(key[9:])
-            place = self.point(joint.child) if joint else None
-            turn = self.rotation(joint.child) if joint else None
-            if place is not None and turn is not None:
-                force = np.einsum("tij,tj->ti", turn, arrays[key][:, :3])
-                arrows.append(_arrow(key[9:], place, force))
+            child = self._child(key[9:])
+            if child is not None:
+                force = np.einsum("tij,tj->ti", child[1], arrays[key][:, :3])
+                arrows.append(_arrow(key[9:], child[0], force))
         for name, between in self.drawing.loops.items():
             place = next((p for p in map(self.point, reversed(between)) if p), None)
             if place is not None and f"loop/{name}/wrench" in arrays:
@@ -43,17 +41,20 @@ class FrameLocator:
     def torques(self) -> list[dict[str, Any]]:
         """Motor torques: as forces, the axis being the vector, and value (nt,), linear."""
         arrows: list[dict[str, Any]] = []
-        for i, name in enumerate(self.result.motors):
-            joint = self.joints.get(name)
-            place = self.point(joint.child) if joint else None
-            turn = self.rotation(joint.child) if joint else None
-            if joint is None or place is None or turn is None or "torque" not in self.result.arrays:
-                continue
-            linear = joint.kind == "prismatic"
-            arrow = _arrow(name, place, turn @ joint.axis)
-            arrow |= {"value": self.result.torque[:, i], "linear": linear}
-            arrows.append(arrow)
+        for i, name in enumerate(self.result.motors if "torque" in self.result.arrays else ()):
+            child = self._child(name)
+            if child is not None:
+                joint = self.joints[name]
+                more = {"value": self.result.torque[:, i], "linear": joint.kind == "prismatic"}
+                arrows.append(_arrow(name, child[0], child[1] @ joint.axis) | more)
         return arrows
+
+    def _child(self, name: str) -> tuple[tuple[Array, Array], Array] | None:
+        """Place and rotation of the link that a joint carries, where both are known."""
+        joint = self.joints.get(name)
+        place = self.point(joint.child) if joint else None
+        turn = self.rotation(joint.child) if joint else None
+        return None if place is None or turn is None else (place, turn)
 
     @cached_property
     def drawing(self) -> Drawing:
@@ -69,9 +70,7 @@ class FrameLocator:
         """World position of a link or frame, and that of the rigid mechanism; each (nt, 3)."""
         arrays = self.result.arrays
         if f"body/{name}/pose" in arrays:
-            pose = arrays[f"body/{name}/pose"]
-            rigid = arrays.get(f"body/{name}/pose_rigid", pose)
-            return pose[:, :, 3], rigid[:, :, 3]
+            return self._on_body(name, np.zeros(3))
         if f"link/{name}/centreline" in arrays:
             return self._station(name, 0)
         if f"frame/{name}/position" in arrays:
@@ -83,9 +82,7 @@ class FrameLocator:
             if f"link/{joint.parent}/centreline" in arrays:
                 return self._station(joint.parent, -1 if np.any(joint.origin) else 0)
             if f"body/{joint.parent}/pose" in arrays:
-                pose = arrays[f"body/{joint.parent}/pose"]
-                rigid = arrays.get(f"body/{joint.parent}/pose_rigid", pose)
-                return _move(pose, joint.origin), _move(rigid, joint.origin)
+                return self._on_body(joint.parent, joint.origin)
         return None
 
     def rotation(self, name: str) -> Array | None:
@@ -113,11 +110,10 @@ class FrameLocator:
         arrays = self.result.arrays
         position = arrays[f"frame/{name}/position"]
         turn = arrays.get(f"frame/{name}/rotation")
-        bodies = [k[5:-5] for k in arrays if k.startswith("body/") and k.endswith("/pose")]
-        for body in sorted(bodies, key=lambda b: b != name):
+        for body in sorted(body_names(self.result), key=lambda b: b != name):
             rigid = arrays.get(f"body/{body}/pose_rigid")
             pose = arrays[f"body/{body}/pose"]
-            local = np.einsum("tji,tj->ti", pose[:, :, :3], position - pose[:, :, 3])
+            local = seen_from(pose, position)
             if rigid is not None and np.ptp(local, axis=0).max() < 1e-7:
                 spin = rigid[:, :, :3] @ np.swapaxes(pose[:, :, :3], 1, 2)
                 return _move(rigid, local[0]), None if turn is None else spin @ turn
@@ -128,10 +124,32 @@ class FrameLocator:
                     return rigid, None
         return None, None
 
+    def _on_body(self, name: str, point: Array) -> tuple[Array, Array]:
+        """A point of a body, as it is and as the rigid mechanism has it."""
+        pose = self.result.arrays[f"body/{name}/pose"]
+        rigid = self.result.arrays.get(f"body/{name}/pose_rigid", pose)
+        return _move(pose, point), _move(rigid, point)
+
     def _station(self, link: str, index: int) -> tuple[Array, Array]:
         centre = self.result.arrays[f"link/{link}/centreline"]
         rigid = self.result.arrays.get(f"link/{link}/centreline_rigid", centre)
         return centre[:, index], rigid[:, index]
+
+
+def body_names(result: Result) -> list[str]:
+    """Rigid bodies of a result."""
+    heads = (key.partition("/")[2] for key in result.arrays if key.startswith("body/"))
+    return [name.removesuffix("/pose") for name in heads if name.endswith("/pose")]
+
+
+def seen_from(pose: Array, points: Array) -> Array:
+    """Points of the world as a body sees them, shape (nt, 3).
+
+    Args:
+        pose: Of the body, shape (nt, 3, 4).
+        points: [m], shape (nt, 3).
+    """
+    return np.asarray(np.einsum("tji,tj->ti", pose[:, :, :3], points - pose[:, :, 3]))
 
 
 def _arrow(name: str, place: tuple[Array, Array], vector: Array) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.viewer.links import FIELDS
+from pinflex.viewer.links import FIELDS, centreline
 from pinflex.viewer.skin import triangles
 from pinflex.writing import replaced
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _DPI = 100
 # Elevation and azimuth [deg] for a mechanism flat in x, y, z, or (last) in none.
-VIEWS = ((8, -8), (8, -80), (58, -90), (20, -58))
+_VIEWS = ((8, -8), (8, -80), (58, -90), (20, -58))
 BASE = "\0base"  # marks a line as no link of the user's
 GREY, PALE = "#56637a", "#c3c9d2"
 
@@ -95,12 +95,12 @@ def _canvas(
         bar.ax.set_title(f"{label} [{unit}]", size=10, loc="left", pad=10)
         bar.outline.set_visible(False)
 
-    cloud = np.concatenate([line for k in _some(scene) for line, _ in polylines(scene, k, mag)])
+    some = np.linspace(0, len(scene["t"]) - 1, 12).astype(int).tolist()
+    cloud = np.concatenate([line for k in some for line, _ in polylines(scene, k, mag)])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     extent = np.maximum(high - low, 0.1 * (float((high - low).max()) or 1.0))
-    reach, flat = extent / 2, int(extent.argmin()) if extent.min() < 0.15 * extent.max() else -1
-    axes.view_init(*VIEWS[flat])
-    middle = (low + high) / 2
+    axes.view_init(*view_of(extent))
+    reach, middle = extent / 2, (low + high) / 2
 
     def draw(k: int) -> None:
         axes.clear()
@@ -110,24 +110,24 @@ def _canvas(
         for line, name in polylines(scene, k, mag):
             if name in values:
                 pieces = np.stack([line[:-1], line[1:]], axis=1)
-                mean = (values[name][k, :-1] + values[name][k, 1:]) / 2
-                axes.add_collection3d(
-                    Line3DCollection(
-                        pieces, colors=colours.to_rgba(mean), linewidths=3.5, clip_on=False
-                    )
-                )
+                shown = colours.to_rgba((values[name][k, :-1] + values[name][k, 1:]) / 2)
+                style = {"colors": shown, "linewidths": 3.5, "clip_on": False}
+                axes.add_collection3d(Line3DCollection(pieces, **style))
             else:
                 base = name == BASE
                 style = {"lw": 1.0 if base else 2.5, "marker": "o", "ms": 4, "clip_on": False}
                 axes.plot(*line.T, color=PALE if base else GREY, **style)
-        for setter, c, r in zip(
-            (axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, reach, strict=True
-        ):
-            setter(c - r, c + r)
+        for axis, c, r in zip("xyz", middle, reach, strict=True):
+            axes.set(**{f"{axis}lim": (c - r, c + r)})
         axes.set_box_aspect(reach, zoom=1.3)
         caption.set_text(f"t = {scene['t'][k]:.4g} s, deflection \u00d7{mag:g}")
 
     return figure, draw
+
+
+def view_of(extent: Array) -> tuple[int, int]:
+    """Elevation and azimuth [deg] from which a mechanism of this extent, (3,), is seen well."""
+    return _VIEWS[int(extent.argmin()) if extent.min() < 0.15 * extent.max() else -1]
 
 
 def magnified(body: dict[str, Any], k: int, mag: float) -> Array:
@@ -140,10 +140,6 @@ def magnified(body: dict[str, Any], k: int, mag: float) -> Array:
     """
     pose = body["rigid"][min(k, len(body["rigid"]) - 1)]
     return np.asarray(pose if body["disp"] is None else pose + mag * body["disp"][k]).reshape(3, 4)
-
-
-def _some(scene: dict[str, Any]) -> list[int]:
-    return [int(k) for k in np.linspace(0, len(scene["t"]) - 1, 12)]
 
 
 def _field(link: dict[str, Any], field: str) -> Array:
@@ -164,13 +160,7 @@ def polylines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, st
         scene: From `build_scene`. k: Number of the instant.
         mag: Factor on displacements.
     """
-    lines = []
-    for link in scene["links"]:
-        share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
-        rigid = link["rigid"][k]
-        if len(rigid) == 2:  # a straight one is kept by its ends
-            rigid = rigid[0] * (1 - share) + rigid[1] * share
-        lines.append((rigid + mag * link["disp"][k], link["name"]))
+    lines = [(centreline(link, k, mag), link["name"]) for link in scene["links"]]
     for body in scene["bodies"]:
         pose = magnified(body, k, mag)
         points = np.array(body["points"]).reshape(-1, 3)

@@ -115,11 +115,30 @@ def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
     for kind in ("fields", "surface", "sections"):
         out[kind] = {k: f[keep] for k, f in link[kind].items()}
     ends = out["rigid"][:, [0, -1]]
-    share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
-    line = ends[:, :1] * (1 - share) + ends[:, 1:] * share
+    line = _straight(link["x"], ends)
     if np.abs(line - out["rigid"]).max() < 1e-6 * link["length"]:  # straight: two ends say it all
         out["rigid"] = ends
     return out
+
+
+def centreline(link: dict[str, Any], k: int, mag: float) -> Array:
+    """Points of a centreline at instant k, displacements magnified; shape (n, 3).
+
+    Args:
+        link: From `thinned`.
+        k: Number of the instant.
+        mag: Factor on displacements.
+    """
+    rigid = link["rigid"][k]
+    if len(rigid) == 2:  # a straight one is kept by its ends
+        rigid = _straight(link["x"], rigid)
+    return np.asarray(rigid + mag * link["disp"][k])
+
+
+def _straight(x: Array, ends: Array) -> Array:
+    """Points at x between two ends, shape (..., 2, 3)."""
+    share = ((x - x[0]) / (x[-1] - x[0]))[:, None]
+    return np.asarray(ends[..., :1, :] * (1 - share) + ends[..., 1:, :] * share)
 
 
 def time_arrays(link: dict[str, Any]) -> list[Array]:
@@ -178,19 +197,20 @@ def _rigid_normal(rigid: Array, section_y: Array) -> Array:
     The root section's own, made square to the rigid span: a turn about an axis across the span
     moves y along the span only, to first order.
     """
-    along, y = _unit(rigid[:, -1] - rigid[:, 0]), section_y[:, 0]
-    return _unit(y - along * np.sum(along * y, axis=1)[:, None])
+    along, y = unit(rigid[:, -1] - rigid[:, 0]), section_y[:, 0]
+    return unit(y - along * np.sum(along * y, axis=1)[:, None])
 
 
-def _unit(vector: Array) -> Array:
+def unit(vector: Array) -> Array:
+    """Vectors of length one, shape (..., 3)."""
     return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-30))
 
 
 def _any_normal(rigid: Array) -> Array:
     """A direction across the link, for a result without section directions."""
-    along = _unit(rigid[:, -1] - rigid[:, 0])
+    along = unit(rigid[:, -1] - rigid[:, 0])
     pick = np.eye(3)[np.abs(along).mean(axis=0).argmin()]
-    return np.broadcast_to(_unit(np.cross(along, pick))[:, None], rigid.shape)
+    return np.broadcast_to(unit(np.cross(along, pick))[:, None], rigid.shape)
 
 
 def _circle(radius: float) -> list[list[float]]:

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -119,12 +118,7 @@ class Live:
     def __enter__(self) -> Live:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _top(self) -> float:
@@ -134,26 +128,29 @@ class Live:
         from meshcat import geometry
 
         for n, body in enumerate(self.scene["bodies"]):
-            material = geometry.MeshPhongMaterial(color=_BASE if body["base"] else _GREY)
+            colour = _BASE if body["base"] else _GREY
             here = self._viewer[f"robot/body_{n}"]
             if body["mesh"]:
                 shape = geometry.TriangularMeshGeometry(*triangles(body["mesh"]))
-                colour = _BASE if body["base"] else _GREY
                 here.set_object(shape, geometry.MeshPhongMaterial(color=colour, flatShading=True))
-                continue
-            for i, point in enumerate(body["points"]):
-                here[f"joint_{i}"].set_object(geometry.Sphere(body["radius"]), material)
-                here[f"joint_{i}"].set_transform(_shifted(np.eye(3), np.array(point)))
-            rods = [] if body["base"] else list(body["rods"])
-            if body["plate"] and not body["base"]:
-                corners = body["points"]
-                rods += [[corners[i - 1], corners[i]] for i in range(len(corners))]
-            for i, (a, b) in enumerate(rods):
-                start, way = np.array(a), np.array(b) - np.array(a)
-                shape = geometry.Cylinder(float(np.linalg.norm(way)), 0.8 * body["radius"])
-                here[f"rod_{i}"].set_object(shape, material)
-                turned = _shifted(_towards(way), start + way / 2)
-                here[f"rod_{i}"].set_transform(turned)
+            else:
+                _sticks(here, body, geometry.MeshPhongMaterial(color=colour))
+
+
+def _sticks(here: Any, body: dict[str, Any], material: Any) -> None:
+    """Draw joints as balls, and rods between them."""
+    from meshcat import geometry
+
+    points = body["points"]
+    for i, point in enumerate(points):
+        here[f"joint_{i}"].set_object(geometry.Sphere(body["radius"]), material)
+        here[f"joint_{i}"].set_transform(_shifted(np.eye(3), np.array(point)))
+    edges = [[points[k - 1], points[k]] for k in range(len(points))] if body["plate"] else []
+    for i, (a, b) in enumerate([] if body["base"] else [*body["rods"], *edges]):
+        start, way = np.array(a), np.array(b) - np.array(a)
+        shape = geometry.Cylinder(float(np.linalg.norm(way)), 0.8 * body["radius"])
+        here[f"rod_{i}"].set_object(shape, material)
+        here[f"rod_{i}"].set_transform(_shifted(_towards(way), start + way / 2))
 
 
 def _fit(scene: dict[str, Any]) -> Array:

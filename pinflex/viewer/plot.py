@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 RIGID = "#000000"
 _COMPONENTS = {  # of a section, in the beam frame
-    "u": "stretch",
-    "v": "deflection",
-    "w": "deflection",
-    "rx": "twist",
-    "ry": "slope",
-    "rz": "slope",
+    "u": ("stretch", "m"),
+    "v": ("deflection", "m"),
+    "w": ("deflection", "m"),
+    "rx": ("twist", "rad"),
+    "ry": ("slope", "rad"),
+    "rz": ("slope", "rad"),
 }
 _PARTS = {  # of a deviation: components, and units by whether it is small
     "position": ("x y z", ("mm", "µm")),
@@ -59,18 +59,10 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         band, column = divmod(i, columns)
         above, below = axes[2 * band, column], axes[2 * band + 1, column]
         # dashed and on top: where the levels agree, rigid stays visible
-        above.plot(
-            rigid.t,
-            rigid.torque[:, i],
-            color=RIGID,
-            lw=1.0,
-            ls=(0, (5, 4)),
-            zorder=5,
-            label="rigid",
-        )
-        for n, (colour, (label, run)) in enumerate(
-            zip(_cycle(len(others)), others.items(), strict=True)
-        ):
+        dashed: dict[str, Any] = {"color": RIGID, "lw": 1.0, "ls": (0, (5, 4)), "zorder": 5}
+        above.plot(rigid.t, rigid.torque[:, i], label="rigid", **dashed)
+        for n, (label, run) in enumerate(others.items()):
+            colour = COLOURS[n % len(COLOURS)]
             width = 0.9 + 0.7 * (len(others) - 1 - n)  # thinner on top: where they agree, all show
             above.plot(run.t, run.torque[:, i], color=colour, lw=width, label=label)
             below.plot(run.t, run.torque[:, i] - rigid.torque[:, i], color=colour, lw=width)
@@ -83,10 +75,8 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
             aligned(above, below)
         below.set_xlabel("time [s]")
         below.tick_params(labelbottom=True)
-    for spare in range(len(motors), bands * columns):
-        band, column = divmod(spare, columns)
-        axes[2 * band, column].remove()
-        axes[2 * band + 1, column].remove()
+    for spare in axes[-2:, len(motors) - (bands - 1) * columns :].flat:
+        spare.remove()
     _legend(figure, axes[0, 0])
     return figure
 
@@ -252,18 +242,13 @@ def spectrum(
     added = QUANTITIES.get(quantity)
     colour = COLOURS[0] if added is None or added.colour is None else added.colour
     ax.plot(frequency, amplitude, color=colour, lw=1.0)
+    line = 1.0 / (result.t[-1] - max(after, result.t[0]))
+    box = {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8}
+    text: dict[str, Any] = {"ha": "center", "fontsize": 8, "linespacing": 1.1, "bbox": box}
     for f, a in found:
         ax.plot(f, a, "o", color=COLOURS[1], ms=4)
-        ax.annotate(
-            f"{f:.1f} Hz" + modes_near(f, natural, 1.0 / (result.t[-1] - max(after, result.t[0]))),
-            (f, a),
-            (0, 6),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-            linespacing=1.1,
-            bbox={"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
-        )
+        words = f"{f:.1f} Hz" + modes_near(f, natural, line)
+        ax.annotate(words, (f, a), (0, 6), textcoords="offset points", **text)
     title(ax, f"{label}, {result.level}" + (f", after {after:g} s" if after else ""))
     for i, f in enumerate(natural):
         name = None if i else "natural frequencies at home"
@@ -272,14 +257,17 @@ def spectrum(
     ax.set_ylabel(f"amplitude [{unit}]")
     # beyond the peaks there is only the decay of the window
     end = min(frequency[-1], 2.5 * max((f for f, _ in found), default=frequency[-1]))
-    shown = amplitude[frequency <= end]
     ax.set_xlim(0.0, end)
-    if shown.max() > 0:  # a quantity that never moves has no logarithm
-        ax.set_yscale("log")
-        ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 9 * shown.max())  # and labels
+    _logarithmic(ax, amplitude[frequency <= end])
     if len(natural):
         _legend(figure, ax)
     return figure
+
+
+def _logarithmic(ax: Axes, shown: Array) -> None:
+    if shown.max() > 0:  # a quantity that never moves has no logarithm
+        ax.set_yscale("log")
+        ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 9 * shown.max())  # and labels
 
 
 def figure_of(ax: Axes) -> Figure:
@@ -305,11 +293,10 @@ def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
     if kind == "frame" and axis in ("x", "y", "z"):
         return result.frame(name).position[:, "xyz".index(axis)], f"{name} {axis}", "m"
     if kind == "link" and axis in _COMPONENTS:
-        field = result.link(name).deflection[:, :, list(_COMPONENTS).index(axis)]
+        field = result.link(name).deflection[:, :, [*_COMPONENTS].index(axis)]
         station = int(np.argmax(np.abs(field).max(axis=0)))
-        unit = "m" if axis in "uvw" else "rad"
         at = f"x = {1e3 * result.link(name).x[station]:.4g} mm"
-        word = _COMPONENTS[axis]
+        word, unit = _COMPONENTS[axis]
         return field[:, station], f"{name}: {word} {axis} at {at}", unit
     forms = ("torque/MOTOR", "joint/JOINT", "frame/FRAME/x", "link/LINK/v")
     raise DescriptionError(
@@ -320,10 +307,6 @@ def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
 
 def _torque_word(result: Result, motor: str) -> str:
     return "force" if result.unit(f"torque/{motor}") == "N" else "torque"
-
-
-def _cycle(count: int) -> list[str]:
-    return [COLOURS[i % len(COLOURS)] for i in range(count)]
 
 
 def _legend(figure: Figure, ax: Axes) -> None:

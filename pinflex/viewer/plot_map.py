@@ -242,13 +242,7 @@ def _draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None
     else:
         low, high = min(0.0, 1.06 * bottom), 1.06 * top
     ax.set_ylim(low, high)
-
-    def height(f: Array) -> Array:  # 0 to 1 of the axis
-        return np.asarray(
-            np.log(f / low) / np.log(high / low) if wide else (f - low) / (high - low)
-        )
-
-    for group in _close_together(height(frequencies[n]), 0.045):
+    for group in _close_together(_heights(ax, frequencies[n]), 0.045):
         ax.annotate(
             ", ".join(str(i + 1) for i in sorted(group)),
             (t[n], float(np.mean(frequencies[n][group]))), (5, 0), va="center",
@@ -256,21 +250,31 @@ def _draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None
             color=COLOURS[group[0] % len(COLOURS)] if len(group) == 1 else "0.2",
         )  # fmt: skip
     lowest = np.where(known, np.min(frequencies, axis=1), np.inf)
-    k = int(np.argmin(lowest))
-    if np.ptp(lowest[known]) > 1e-3 * lowest[k]:  # otherwise no pose is worse than another
-        ax.plot(t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
-        early, below = k < len(lowest) / 2, height(lowest[k]) > 0.08
-        ax.annotate(
-            f"lowest {lowest[k]:.4g} Hz at {t[k]:.4g} {unit}", (t[k], lowest[k]),
-            (8 if early else -8, -14 if below else 10), textcoords="offset points", fontsize=8,
-            ha="left" if early else "right", bbox={"fc": "w", "ec": "none", "pad": 1}, zorder=4,
-        )  # fmt: skip
+    if np.ptp(lowest[known]) > 1e-3 * lowest.min():  # otherwise no pose is worse than another
+        _mark_lowest(ax, t, lowest, unit)
     if not known.all() and n + 1 < len(t):
         ax.axvspan(t[n], t[-1], color="0.95", zorder=0)
         middle, place = (t[n] + t[-1]) / 2, ax.get_xaxis_transform()
         ax.text(middle, 0.5, "no answer", transform=place, fontsize=9, ha="center", color="0.4")
     ax.set_xlim(t[0], t[-1])
     ax.set_ylabel("natural frequency [Hz]")
+
+
+def _mark_lowest(ax: Axes, t: Array, lowest: Array, unit: str) -> None:
+    k = int(np.argmin(lowest))
+    ax.plot(t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
+    early, below = k < len(lowest) / 2, _heights(ax, lowest[[k]])[0] > 0.08
+    ax.annotate(
+        f"lowest {lowest[k]:.4g} Hz at {t[k]:.4g} {unit}", (t[k], lowest[k]),
+        (8 if early else -8, -14 if below else 10), textcoords="offset points", fontsize=8,
+        ha="left" if early else "right", bbox={"fc": "w", "ec": "none", "pad": 1}, zorder=4,
+    )  # fmt: skip
+
+
+def _heights(ax: Axes, values: Array) -> Array:
+    """Heights of values on the vertical axis, 0 to 1."""
+    points = np.column_stack([np.zeros(len(values)), values])
+    return np.asarray((ax.transData - ax.transAxes).transform(points)[:, 1])
 
 
 def _close_together(heights: Array, least: float) -> list[list[int]]:

@@ -10,14 +10,12 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.results.result import Result
 from pinflex.viewer.drawing import Drawing
-from pinflex.viewer.lines import BASE, GREY, PALE, VIEWS, polylines
-from pinflex.viewer.panels import COLOURS, WIDTH, panels, title
-from pinflex.viewer.scene import build_scene
-from pinflex.viewer.view import MODE_SHARE
+from pinflex.viewer.lines import BASE, GREY, PALE, polylines, view_of
+from pinflex.viewer.panels import COLOURS, WIDTH, title
+from pinflex.viewer.scene import mode_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _NAMED = 6  # of what deforms: the rest is one colour
 _REST = "0.8"
@@ -41,14 +39,8 @@ def plot_frequencies(found: Found, ax: Axes | None = None) -> Any:
         found: Modes.
         ax: Where to draw; default: axes of a new figure.
     """
-    draw = partial(_bars, found=found)
-
-    def whole() -> Figure:
-        figure, axes = panels(1, 1, 1.1 + 0.24 * len(found.frequencies), None)
-        draw(axes[0, 0])
-        return figure
-
-    return Drawing(whole, {"frequencies": draw}).axes(None, ax)
+    height = 1.1 + 0.24 * len(found.frequencies)
+    return Drawing(None, {"frequencies": partial(_bars, found=found)}, height).axes(None, ax)
 
 
 def _bars(ax: Axes, found: Found) -> None:
@@ -96,17 +88,8 @@ def shape_axes(run: Result, heading: str, ax: Axes | None = None) -> Any:
         run: One period of the mode. heading: Above.
         ax: Where to draw; default: axes of a new figure.
     """
-    scene = build_scene(run, meshes=None)
-    largest = scene["largest"]
-    scene["scale"] = MODE_SHARE * scene["size"] / largest if largest else 1.0
-    draw = partial(_shape, scene=scene, heading=heading)
-    return Drawing(partial(_alone, draw), {"shape": draw}).axes(None, ax)
-
-
-def _alone(draw: Any) -> Figure:
-    figure, axes = panels(1, 1, 0.75 * WIDTH, None)
-    draw(axes[0, 0])
-    return figure
+    draw = partial(_shape, scene=mode_scene(run, meshes=None), heading=heading)
+    return Drawing(None, {"shape": draw}, 0.75 * WIDTH).axes(None, ax)
 
 
 def _shape(ax: Axes, scene: dict[str, Any], heading: str) -> None:
@@ -114,9 +97,7 @@ def _shape(ax: Axes, scene: dict[str, Any], heading: str) -> None:
     quarter = (len(scene["t"]) - 1) // 4
     swing = [(0, 0.0), (3 * quarter, scene["scale"]), (quarter, scene["scale"])]
     cloud = np.concatenate([line for k, mag in swing for line, _ in polylines(scene, k, mag)])
-    extent = np.ptp(cloud, axis=0)
-    flat = int(extent.argmin()) if extent.min() < 0.15 * extent.max() else -1
-    across, up = _screen(*VIEWS[flat])
+    across, up = _screen(*view_of(np.ptp(cloud, axis=0)))
     links = {link["name"] for link in scene["links"]}
     for (k, mag), alpha in zip(swing, (1.0, 0.35, 1.0), strict=True):
         for line, name in polylines(scene, k, mag):

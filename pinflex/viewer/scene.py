@@ -37,6 +37,7 @@ NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
 _UNSEEN = 1e-6  # [m], and of a direction: nobody sees it
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
+_MODE_SHARE = 0.08  # the same of a mode shape, which has no size of its own
 LEVELS = {
     "rigid": "rigid mechanism",
     "quasistatic": "quasistatic: no vibration",
@@ -60,6 +61,18 @@ def build_scene(
         meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
     """
     return build_scenes([result], rigid, scale, meshes)[0]
+
+
+def mode_scene(result: Result, meshes: Sequence[str | Path] | None = ()) -> dict[str, Any]:
+    """Scene of a period of a mode shape, magnified to be seen.
+
+    Args:
+        result: The period.
+        meshes: As in `build_scene`.
+    """
+    scene = build_scene(result, meshes=meshes)
+    largest = scene["largest"]
+    return scene | {"scale": _MODE_SHARE * scene["size"] / largest if largest else 1.0}
 
 
 def build_scenes(
@@ -153,11 +166,8 @@ def _stations(results: Sequence[Result]) -> dict[tuple[str, int], IntArray]:
 def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any]:
     result, links, path = drawn.result, drawn.links, drawn.path
     size = _size(drawn.bodies, links, keep)
-    most = max(
-        [float(np.linalg.norm(link["disp"], axis=2).max()) for link in links.values()]
-        + ([float(path["deviation"].max())] if path else [])
-        + [0.0]
-    )
+    moved = [np.linalg.norm(link["disp"], axis=2) for link in links.values()]
+    moved += [path["deviation"]] if path else []
     peaks = {name: largest(link, "von_mises") for name, link in links.items()}
     stress = {name: p for name, p in peaks.items() if p is not None}
     return {
@@ -169,9 +179,9 @@ def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any
         "t": result.t[keep],
         "opens": _opens(result, path, stress),
         "size": size,
-        "largest": most,
+        "largest": max((float(x.max()) for x in moved), default=0.0),
         "links": [
-            {**thinned(link, keep), "strength": _strength(result, name)}
+            {**thinned(link, keep), "strength": strength(result, name)}
             for name, link in links.items()
         ],
         "bodies": [body_shapes(body, keep, size) for body in drawn.bodies],
@@ -194,8 +204,13 @@ def _notes(result: Result, kept: int) -> list[str]:
     return notes
 
 
-def _strength(result: Result, link: str) -> float | None:
-    """Yield strength of a link [MPa], where known."""
+def strength(result: Result, link: str) -> float | None:
+    """Yield strength of a link [MPa], where known.
+
+    Args:
+        result: Run.
+        link: Flexible link.
+    """
     known = result.meta.get("links", {}).get(link, {}).get("material", {}).get("yield_strength")
     return None if not known else 1e-6 * float(known)
 
@@ -209,19 +224,18 @@ def _opens(result: Result, path: dict[str, Any] | None, stress: dict[str, Array]
     return float(result.t[0])
 
 
-def automatic_scale(largest: float, size: float, share: float = SHARE) -> float:
-    """Magnification 1, 2 or 5 times a power of ten that shows `largest` as a share of `size`.
+def automatic_scale(largest: float, size: float) -> float:
+    """Magnification 1, 2 or 5 times a power of ten that shows `largest` as `SHARE` of `size`.
 
     A displacement that is large as it is stays at 1: nothing is ever drawn smaller.
 
     Args:
         largest: Displacement [m].
         size: Of the robot [m].
-        share: Of the size that the displacement should fill.
     """
-    if not 0.0 < largest < share * size:
+    if not 0.0 < largest < SHARE * size:
         return 1.0
-    wanted = np.log10(share * size / largest)
+    wanted = np.log10(SHARE * size / largest)
     steps = [np.log10(s) + np.floor(wanted) for s in (1, 2, 5, 10)]
     return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
 
@@ -275,8 +289,6 @@ def _extremes(drawn: _Drawn) -> list[int]:
 
 
 def _fields(links: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
-    if not links:
-        return []
     known = set.intersection(*[set(link["fields"]) for link in links.values()]) | {"displacement"}
     return [
         {"key": k, "label": label, "unit": unit, "factor": factor}

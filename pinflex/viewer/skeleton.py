@@ -11,7 +11,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.results.drawing import Joint
 from pinflex.results.result import Result
-from pinflex.viewer.frames import FrameLocator
+from pinflex.viewer.frames import FrameLocator, body_names, seen_from
 from pinflex.viewer.surfaces import Surface, joined, packed
 
 
@@ -54,7 +54,7 @@ def skeletons(
         locator: Finds what moves with what.
         surfaces: What the URDF draws, by link.
     """
-    names = [k[5:-5] for k in result.arrays if k.startswith("body/") and k.endswith("/pose")]
+    names = body_names(result)
     joints = [j for j in locator.joints.values() if j.child in names]
     fixed = [j for j in joints if j.kind == "fixed" and _together(result, j.parent, j.child)]
     moving = {j.child for j in joints if j not in fixed}
@@ -182,13 +182,13 @@ def _together(result: Result, parent: str, child: str) -> bool:
     if a is None or b is None:
         return True
     turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
-    shift = np.einsum("tji,tj->ti", a[:, :, :3], b[:, :, 3] - a[:, :, 3])
+    shift = seen_from(a, b[:, :, 3])
     return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
 
 
 def _way(pose: Array, child: Array) -> Array:
     """Ends of the path of a sliding link, as its parent sees it; shape (2, 3)."""
-    path = np.einsum("tji,tj->ti", pose[:, :, :3], child[:, :, 3] - pose[:, :, 3])
+    path = seen_from(pose, child[:, :, 3])
     axis = int(np.ptp(path, axis=0).argmax())
     return np.asarray(path[[path[:, axis].argmin(), path[:, axis].argmax()]])
 
@@ -205,7 +205,7 @@ def _plate(points: Array, axes: Array, margin: float) -> dict[str, Any]:
 
 
 def _hull(points: Array) -> Array:
-    """Convex hull, counter-clockwise (Andrew's monotone chain)."""
+    """Convex hull, counter-clockwise (Andrew's monotone chain); scipy would take 0.1 s to load."""
     order = sorted(map(tuple, points.tolist()))
     chains: list[list[tuple[float, ...]]] = []
     for run in (order, order[::-1]):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.viewer.links import centreline, unit
 from pinflex.viewer.simplify import simplify
 
 _SIDES = 20  # of an outline, at most
@@ -96,16 +97,8 @@ def _tube(link: dict[str, Any], least: float) -> tuple[Array, IntArray]:
 
 def _sections(link: dict[str, Any], k: int, mag: float) -> tuple[Array, Array, Array, Array]:
     """Centre and axes of the sections of a link at instant k, each (s, 3)."""
-    share = ((link["x"] - link["x"][0]) / (link["x"][-1] - link["x"][0]))[:, None]
-    rigid = link["rigid"][k]
-    if len(rigid) == 2:  # a straight one is kept by its ends
-        rigid = rigid[0] * (1 - share) + rigid[1] * share
-    centre = rigid + mag * link["disp"][k]
-    along = _unit(np.gradient(centre, axis=0))
+    centre = centreline(link, k, mag)
+    along = unit(np.gradient(centre, axis=0))
     y = link["y_rigid"][k] + mag * link["y_disp"][k]
-    y = _unit(y - along * np.sum(along * y, axis=1, keepdims=True))
+    y = unit(y - along * np.sum(along * y, axis=1, keepdims=True))
     return centre, along, y, np.cross(along, y)
-
-
-def _unit(rows: Array) -> Array:
-    return np.asarray(rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300))

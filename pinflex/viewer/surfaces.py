@@ -75,28 +75,26 @@ def surfaces_of(
         visuals: Meshes and simple shapes by link.
         folders: As above.
     """
-    count = sum(1 for parts in visuals.values() for part in parts if part.file)
+    every = [(link, part) for link, parts in visuals.items() for part in parts]
+    count = sum(bool(part.file) for _, part in every)
     most = int(np.clip(TRIANGLES / max(count, 1), 200, MOST))
     roots = [*_robot_data(), *map(_folder, folders)]
-    found: dict[str, Surface] = {}
+    found: dict[str, list[Surface]] = {}
     missing: list[str] = []
     thinned = 0
-    for link, parts in visuals.items():
-        pieces = []
-        for part in parts:
-            piece, less = _mesh(part, roots, most) if part.file else (_shape(part), False)
-            thinned += less
-            if piece is None:
-                missing.append(part.file)
-            else:
-                pieces.append(piece.moved(zyx_matrix(np.array(part.rpy[::-1])), np.array(part.xyz)))
-        if pieces:
-            found[link] = joined(pieces)
+    for link, part in every:
+        piece, less = _mesh(part, roots, most) if part.file else (_shape(part), False)
+        thinned += less
+        if piece is None:
+            missing.append(part.file)
+            continue
+        turn, shift = zyx_matrix(np.array(part.rpy[::-1])), np.array(part.xyz)
+        found.setdefault(link, []).append(piece.moved(turn, shift))
     notes = [f"{thinned} of {count} meshes are drawn with fewer triangles"] if thinned else []
     if missing:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
         notes.append(f"mesh not found: {missing[0]}{more}; simple shapes are drawn instead")
-    return found, notes
+    return {link: joined(pieces) for link, pieces in found.items()}, notes
 
 
 def packed(surface: Surface) -> tuple[dict[str, Any] | None, IntArray]:

@@ -33,19 +33,17 @@ def _ended(result: Result) -> list[dict[str, str]]:
 
 def _grades(result: Result) -> list[dict[str, str]]:
     """Closures and energy that are not good, each with the warning about it."""
-    grades: dict[str, Any] = result.meta.get("grades") or {}
     found = []
-    for key, grade in grades.items():
-        if grade != "good":
-            why = next((w for w in _warnings(result) if _about(key, w)), "")
-            found.append(
-                _verdict(BAD if grade == "wrong" else CARE, f"{_GRADES[key]}: {grade}", why)
-            )
+    for key, grade in _poor(result).items():
+        why = next((text for text in _warnings(result) if _WORDS[key] in text), "")
+        found.append(_verdict(BAD if grade == "wrong" else CARE, f"{_GRADES[key]}: {grade}", why))
     return found
 
 
-def _about(key: str, warning: str) -> bool:
-    return _WORDS[key] in warning
+def _poor(result: Result) -> dict[str, str]:
+    """Grades that are not good."""
+    grades: dict[str, str] = result.meta.get("grades") or {}
+    return {key: grade for key, grade in grades.items() if grade != "good"}
 
 
 def _warnings(result: Result) -> list[str]:
@@ -54,18 +52,18 @@ def _warnings(result: Result) -> list[str]:
 
 def _warned(result: Result) -> list[dict[str, str]]:
     """Remarks and warnings, shortened to what matters; those that a grade tells are left out."""
-    grades: dict[str, Any] = result.meta.get("grades") or {}
-    told = [key for key, grade in grades.items() if grade != "good"]
+    told = [_WORDS[key] for key in _poor(result)]
     remarks = [x for x in str(result.meta.get("remark") or "").split("; ") if x and x != _STRAIGHT]
+    rest = [text for text in _warnings(result) if not any(words in text for words in told)]
     found = [_verdict(BAD, text.partition(":")[0], text) for text in remarks]
-    for text in _warnings(result):
-        if any(_about(key, text) for key in told):
-            continue
-        when = re.match(r"t = (\S+ s):", text)
-        buckles = "buckle" in text
-        short = f"buckles from {when[1]} on" if buckles and when else text
-        found.append(_verdict(BAD if buckles else CARE, short, text))
-    return found
+    return found + [_in_short(text) for text in rest]
+
+
+def _in_short(warning: str) -> dict[str, str]:
+    if "buckle" not in warning:
+        return _verdict(CARE, warning, warning)
+    when = re.match(r"t = (\S+ s):", warning)
+    return _verdict(BAD, f"buckles from {when[1]} on" if when else warning, warning)
 
 
 def _model(result: Result) -> list[dict[str, str]]:

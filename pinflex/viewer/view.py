@@ -29,11 +29,10 @@ from pinflex.results.views import Deviation
 from pinflex.text import brief
 from pinflex.viewer.links import FIELDS
 from pinflex.viewer.packing import Coarse, deflated, pack
-from pinflex.viewer.scene import build_scene, build_scenes
+from pinflex.viewer.scene import build_scene, build_scenes, mode_scene, strength
 from pinflex.writing import write_text
 
 FRAME = 640  # [px] height of a page in a notebook
-MODE_SHARE = 0.08  # a mode shape has no size of its own: drawn as this share of the robot
 # Files of the folder page, in this order one script and one style sheet.
 PLAYER = (
     *("load", "state", "layout", "theme", "viewer", "meshes", "sweep", "base", "bodies", "links"),
@@ -106,19 +105,11 @@ def write_modes_html(
         path: The .html file to write.
         title: Heading; default the mechanism's name.
     """
-    scenes: list[dict[str, Any]] = []
-    for frequency, result in shapes:
-        scene = build_scene(result)
-        largest = scene["largest"]
-        scene |= {
-            "mode": {"frequency": float(frequency)},
-            "scale": MODE_SHARE * scene["size"] / largest if largest else 1.0,
-            "forces": [],
-            "torques": [],
-            "plots": [],
-            "track": None,
-        }
-        scenes.append(scene)
+    bare: dict[str, Any] = {"forces": [], "torques": [], "plots": [], "track": None}
+    scenes = [
+        mode_scene(result) | {"mode": {"frequency": float(frequency)}} | bare
+        for frequency, result in shapes
+    ]
     if not scenes:
         raise DescriptionError("view: no mode shape was given. Compute at least one mode.")
     page = {"field": "displacement", "limit": None}
@@ -278,10 +269,8 @@ def _coarse(scene: dict[str, Any]) -> dict[str, Any]:
 
 def _lowest_strength(results: Sequence[Result]) -> float | None:
     """Lowest yield strength [MPa] among the flexible links, where known."""
-    links = [about for result in results for about in result.meta.get("links", {}).values()]
-    materials = [about.get("material", {}) for about in links]
-    known = [m["yield_strength"] for m in materials if m.get("yield_strength")]
-    return 1e-6 * min(known) if known else None
+    every = (strength(result, link) for result in results for link in result.meta.get("links", {}))
+    return min(filter(None, every), default=None)
 
 
 def _write(

@@ -11,8 +11,8 @@ import pinflex as pf
 
 ROOT = Path(pf.__file__).parent
 COMPLETE = (  # packages all of whose public functions do
-    *("actuation", "advice", "cli", "description", "inversion", "kernel", "lab", "levels"),
-    *("recovery", "results", "solver", "viewer"),
+    *("actuation", "advice", "bodies", "cli", "description", "inversion", "kernel", "lab"),
+    *("levels", "mechanics", "recovery", "results", "solver", "studies", "variation", "viewer"),
 )
 FILES = {name: Path(*module.split(".")) for name, module in pf._MODULE.items()}
 WHERE = {name: ROOT.parent / f"{file}.py" for name, file in FILES.items()}

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from papers.modal_test import identify, modal_test
 from papers.spectra import ModalForces, modal_forces, spectrum
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.studies.modal_test import identify, modal_test
 from tests.scenes import published
 
 FAMILY = "flexible.*.basis={{kind: assumed, boundary: {}, modes: {}}}"

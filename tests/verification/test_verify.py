@@ -41,13 +41,13 @@ def test_a_case_that_raises_is_a_failed_record_and_the_others_run(
         raise pf.ConvergenceError("t = 1 s: it stopped")
 
     good = Case("good", "here", lambda: Outcome((Check("one", 1.0, 1.0, 0.0),)))
-    monkeypatch.setattr(verify, "cases", lambda: (Case("bad", "nowhere", broken), good))
+    monkeypatch.setattr(verify, "CASES", (Case("bad", "nowhere", broken), good))
     found = verify.verify()
     assert [r.passed for r in found.records] == [False, True]
     assert not found.passed
     assert np.isnan(found.records[0].measured)
-    assert "it stopped" in verify.text(found)
-    assert "1 of 2 quantities" in verify.text(found)
+    assert "it stopped" in verify.case_text("bad", found.records[:1])
+    assert "1 of 2 quantities" in verify.verdict(found)
 
 
 def test_a_reported_row_is_shown_and_never_counts_as_passed(
@@ -55,21 +55,20 @@ def test_a_reported_row_is_shown_and_never_counts_as_passed(
 ) -> None:
     rows = (Check("near", 1.0, 1.0, 0.1), Check("far", 2.0, 1.0, 0.1, note="why", reported=True),
             Check("lucky", 1.0, 1.0, 0.1, reported=True))  # fmt: skip
-    monkeypatch.setattr(verify, "cases", lambda: (Case("one", "here", lambda: Outcome(rows)),))
+    monkeypatch.setattr(verify, "CASES", (Case("one", "here", lambda: Outcome(rows)),))
     found = verify.verify()
     assert [r.mark for r in found.records] == ["ok", "off", "off"]
     assert found.passed
-    text = verify.text(found)
-    assert "1 of 3 quantities passed" in text
-    assert "the other 2 are known to be outside their limits" in text
-    assert "far: why" in text
+    assert "1 of 3 quantities passed" in verify.verdict(found)
+    assert "the other 2 are known to be outside their limits" in verify.verdict(found)
+    assert "far: why" in verify.case_text("one", found.records)
 
 
 def test_slow_cases_run_only_when_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     def one(name: str, slow: bool) -> Case:
         return Case(name, "here", lambda: Outcome((Check(name, 1.0, 1.0, 0.0),)), slow)
 
-    monkeypatch.setattr(verify, "cases", lambda: (one("quick", False), one("patient", True)))
+    monkeypatch.setattr(verify, "CASES", (one("quick", False), one("patient", True)))
     assert [r.case for r in verify.verify().records] == ["quick"]
     assert [r.case for r in verify.verify(slow=True).records] == ["quick", "patient"]
     assert [r.case for r in verify.verify(["patient"]).records] == ["patient"]

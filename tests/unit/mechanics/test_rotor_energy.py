@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.joints import rotor_energy_left_out
+from pinflex.mechanics.whole import rotor_energy_left_out
 
 ARM = """<robot name="arm"><link name="base"/>
   <link name="rod"><inertial><mass value="2"/><inertia ixx="0.3" ixy="0" ixz="0" iyy="0.3" iyz="0"

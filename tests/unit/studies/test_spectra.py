@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from papers.modal_test import identify, modal_test
 from papers.spectra import spectrum
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.studies.modal_test import identify, modal_test
 from tests.scenes import published
 
 ROBOT = "flexible.*.basis={kind: craig_bampton, internal: 4}"
