@@ -127,11 +127,6 @@ def _only_coupled(mechanism: Mechanism) -> str:
     return ""
 
 
-def _covering(error: Errors, apart: Errors) -> Errors:
-    """Error bars that cover a measured difference of the whole model too."""
-    return {key: max(e, SAFETY * apart.get(key, 0.0)) for key, e in error.items()}
-
-
 class _Study:
     """The probes of one scene."""
 
@@ -225,7 +220,7 @@ class _Study:
             model = load(mechanism.description.with_overrides(list(found.overrides)))
             apart = measure(model, finer)
             self._tell(4, _LOOKS)
-            error = _covering(found.error, apart)
+            error = error_bars.covering(found.error, apart)
             more = fewer.segmented(model)
             if level == "rigid" or worst(error) <= self.tol or self.rich is mechanism or not more:
                 return replace(found, error=error)
@@ -233,7 +228,7 @@ class _Study:
             rest = measure(cut, finer)
             # What two segments leave is a quarter to a third of what they mend.
             left = {k: e + _MENDED * apart.get(k, 0.0) for k, e in rest.items()}
-            better = _covering(found.error, left)
+            better = error_bars.covering(found.error, left)
             if worst(better) > _WORTH * worst(error):
                 return replace(found, error=error)
             n = cut.flexible.n_eta

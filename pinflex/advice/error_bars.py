@@ -114,6 +114,15 @@ def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
     return finer, f"{words}, second order, stretch and twist: {n} coordinates"
 
 
+def covering(error: Errors, apart: Errors) -> Errors:
+    """Error bars that cover a measured difference of the whole model too.
+
+    Args:
+        error: Bars. apart: Differences measured.
+    """
+    return {key: max(e, SAFETY * apart.get(key, 0.0)) for key, e in error.items()}
+
+
 def apart(
     mechanism: Mechanism,
     finer: Mechanism,

@@ -62,12 +62,7 @@ class Equations(Geometry):
     @property
     def on_kernel(self) -> bool:
         """Whether the compiled equations serve."""
-        return (self._often or self.in_parts) and serves(self.system)
-
-    @property
-    def in_parts(self) -> bool:
-        """Whether Pinocchio takes the model in parts."""
-        return bool(self.system.parts)
+        return bool(self._often or self.system.parts) and serves(self.system)
 
     @property
     def _coupled(self) -> Whole | Subtrees:
@@ -162,7 +157,7 @@ class Equations(Geometry):
 
     def mass(self, y: Array) -> Array:
         """M = X' crba(Q) X, shape (nv, nv)."""
-        if self.in_parts and self.compiled is not None:
+        if self.system.parts and self.compiled is not None:
             still, lam = np.zeros(self.system.nv), np.zeros(self.system.closed.n)
             return self.compiled.tangent(y, still, still, lam, 0.0, False)[0]
         here = self.map.at(y[None], passing=True)

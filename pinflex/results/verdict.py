@@ -12,7 +12,8 @@ from pinflex.results.result import Result, peak
 from pinflex.text import percent, short
 
 if TYPE_CHECKING:
-    from pinflex.results.comparison import Comparison, ResidualRow, TorqueRow
+    from pinflex.results.comparison import Comparison
+    from pinflex.results.comparison_rows import ResidualRow, TorqueRow
 
 SHARE = 0.05  # of the largest torque or deviation, by which a level that suffices may differ
 
