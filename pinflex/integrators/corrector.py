@@ -23,7 +23,7 @@ from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.kernel.march import Marched
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.
-_SLOW = 0.2
+_SLOW = 0.1
 
 
 class Corrector(StageEquations):

@@ -228,8 +228,10 @@ class Judge:
             np.maximum.at(worst, np.searchsorted(ends, looked_at[at]), apart / self._scale(key))
         fewest = min((len(history.at) for history in histories.values()), default=0)
         if fewest < len(twice):  # between few samples an error would be found too late
+            # What velocities leave open at the start shows in the forces of the first step.
+            first = int(self._before is None)
             for key, (_, apart, _) in self._at_ends(corrected, twice).items():
-                worst = np.maximum(worst, apart / self._scale(key))
+                worst[first:] = np.maximum(worst, apart / self._scale(key))[first:]
         return worst
 
     def _scale(self, key: str) -> float:
@@ -254,9 +256,12 @@ class Judge:
         if self.resolution < _FINEST or (anew and self.begun > _AGAIN):
             self._borne = _MORE * error
             return len(steps)
-        room = AIM * (self._allowed - before)
-        self.resolution *= min(max(room / (error - before), LEAST), FALL)
+        so_far = 0.0 if anew else before
+        room = AIM * (self._allowed - so_far)
+        self.resolution *= min(max(room / (error - so_far), LEAST), FALL)
         self.lowest = min(self.lowest, self.resolution)
+        if anew:
+            self._coarsest = self.resolution  # where it rose again the error did too
         return -1 if anew else bad
 
     def _in_vain(self, t: float, error: float) -> bool:
