@@ -17,6 +17,20 @@ static void swap_rows(double *A, Int n, Int i, Int j) {
   }
 }
 
+/* Columns u + iv and, `apart` numbers on, the next one, less a + ib times their entries in row 0:
+   two at a time, for what is loaded of the first column serves both. */
+static void eliminate(Int n, Int apart, const double *restrict a, const double *restrict b,
+                      double *restrict u, double *restrict v) {
+  double *restrict u1 = u + apart, *restrict v1 = v + apart;
+  double p = u[0], q = v[0], p1 = u1[0], q1 = v1[0];
+  for (Int i = 1; i < n; i++) {
+    u[i] -= a[i] * p - b[i] * q;
+    v[i] -= a[i] * q + b[i] * p;
+    u1[i] -= a[i] * p1 - b[i] * q1;
+    v1[i] -= a[i] * q1 + b[i] * p1;
+  }
+}
+
 /* Complex LU with row pivots; 0 where a pivot is none. */
 int decompose(double *re, double *im, Int n, Int *pivot) {
   for (Int k = 0; k < n; k++) {
@@ -32,7 +46,9 @@ int decompose(double *re, double *im, Int n, Int *pivot) {
       double p = a[i], q = b[i];
       a[i] = p * x - q * y, b[i] = p * y + q * x;
     }
-    for (Int j = k + 1; j < n; j++) {
+    Int j = k + 1;
+    for (; j + 1 < n; j += 2) eliminate(n - k, n, a + k, b + k, re + j * n + k, im + j * n + k);
+    for (; j < n; j++) {
       double *u = re + j * n, *v = im + j * n, p = u[k], q = v[k];
       if (p == 0.0 && q == 0.0) continue;
       for (Int i = k + 1; i < n; i++) {
