@@ -105,9 +105,19 @@ closure._coupled = weak
     "start speeds do not reach the loops": (
         """
 import pinflex.levels.speeds as speeds
-speeds._corrected = lambda dynamics, y, v, A, b, free: v
+speeds.corrected = lambda dynamics, y, v, A, b, free: v
 """,
         ["tests/verification/test_start_speeds.py"],
+    ),
+    "blows off: what a motor that jumps carries keeps its speeds": (
+        """
+import pinflex.levels.given_start as given
+def still(dynamics, y, v, speed):
+    v = v.copy(); v[dynamics.system.motors] = speed
+    return v
+given._struck = still
+""",
+        ["tests/verification/test_given_starts.py"],
     ),
     "gyroscopic terms off: velocities make no force": (
         """

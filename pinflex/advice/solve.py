@@ -10,6 +10,7 @@ from typing import Any
 
 from pinflex.advice.advise import advise
 from pinflex.advice.error_bars import error_bars
+from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
@@ -36,7 +37,7 @@ def solve(
     tol: float | None = None,
     samples: int | None = None,
     asked: Sequence[str] | None = None,
-    start: str | Result | tuple[Result, float] | None = None,
+    start: str | Result | tuple[Result, float] | tuple[Array, Array] | None = None,
     start_speeds: Mapping[str, Any] | None = None,
     integrator: Any = None,
     rho_inf: float | None = None,
@@ -72,7 +73,8 @@ def solve(
         samples: Number of output times nt; default 401.
         asked: Outputs that `tol` is about: torque, deflection, platform; default: the YAML's.
         start: straight (undeformed), static (in equilibrium) or auto; at level coupled also a run,
-            or (run, t), from whose state at t [s] it goes on.
+            or (run, t), from whose state at t [s] it goes on, or (y, v): coordinates and
+            velocities, laid out as y and the columns of shapes in `modes`.
         start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
             velocities of links' origins in the world [m/s] (level coupled).
         integrator: A name (generalized_alpha, hht, newmark, radau, ...), an `AlphaScheme`, or of

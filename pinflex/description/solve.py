@@ -85,7 +85,7 @@ def _outputs(value: object, where: str) -> tuple[str, ...]:
 
 
 def _start(value: object, where: str) -> Any:
-    """A word; in Python also a run, or (run, time), which level coupled looks at."""
+    """A word; in Python also a run, (run, time) or (y, v), which level coupled looks at."""
     if not isinstance(value, str | int | float | list | dict):
         return value
     return schema.choice(value, where, STARTS)
@@ -136,8 +136,8 @@ class SolveSpec:
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
         start: straight (undeformed), static (in equilibrium), or auto (static where something
-            acts and an equilibrium exists). In Python also a run, or (run, time [s]), of level
-            coupled: from its state then.
+            acts and an equilibrium exists). In Python also, for level coupled, a run or
+            (run, time [s]): from its state then; or (y, v): coordinates and velocities.
         start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
             velocities of links' origins in the world [m/s]; level coupled.
     """

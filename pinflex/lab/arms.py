@@ -11,15 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
-from pinflex.integrators.run import Run
+from pinflex.description.motion import formula, hold
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
-from pinflex.lab.scene import PLANE_BEAM, Body, frame_positions, release, scene
-from pinflex.mechanics.equations import Equations
+from pinflex.lab.scene import PLANE_BEAM, Body, energy, momenta, scene
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.result import Result
+from pinflex.solver.solve import solve_level
 
 TURN, SPAN = -1.5, 10.0  # [rad], [m]
 
@@ -72,41 +71,17 @@ flexible:
     return scene("arm", bodies, yaml)
 
 
-def struck(m: Mechanism, y: Array, v: Array, jump: float) -> Array:
-    """v after the root's speed has jumped: other momenta stay, M_ff dv_f + M_fm jump = 0.
-
-    Args:
-        m: The arm.
-        y: Coordinates, shape (nq,).
-        v: Velocity before, shape (nv,).
-        jump: Change of the root's speed [rad/s].
-    """
-    M, free, motors = Equations(m.flexible).mass(y), m.flexible.free, m.flexible.motors
-    after = v.copy()
-    after[motors] += jump
-    after[free] -= np.linalg.solve(
-        M[np.ix_(free, free)], M[np.ix_(free, motors)].sum(axis=1) * jump
-    )
-    return after
-
-
-def conserved(m: Mechanism, run: Run, omega: float, every: int) -> Array:
+def conserved(m: Mechanism, run: Result, omega: float) -> Array:
     """T + V - omega H [J], shape (nt,).
 
     Args:
         m: The arm.
         run: A run of it.
         omega: Speed of its root [rad/s].
-        every: Instants between two rows.
     """
-    d, rows = Equations(run.system), []
-    for y, v in zip(run.y[::every], run.v[::every], strict=True):
-        energy = sum(d.energies(y, v, 0.0))
-        here = d.at(y, v, np.zeros_like(v))
-        h = pin.computeCentroidalMomentum(d.model, d.data, here.Q[0], here.V[0])
-        about_axis = h.angular[2] + np.cross(d.data.com[0], h.linear)[2]
-        rows.append(energy - omega * about_axis)
-    return np.array(rows)
+    found = momenta(m, run)
+    about_axis = found.angular[:, 2] + np.cross(found.centre, found.linear)[:, 2]
+    return np.asarray(energy(run) - omega * about_axis)
 
 
 def swing(arm: Arm, h: float) -> tuple[Array, Array, Array, Array]:
@@ -117,21 +92,21 @@ def swing(arm: Arm, h: float) -> tuple[Array, Array, Array, Array]:
         h: Step [s].
     """
     m, omega = build(arm), TURN / arm.turn
-    t = np.linspace(0.0, arm.turn, round(arm.turn / h) + 1)[:, None]
-    path = MotorPath(t[:, 0], omega * t, omega + 0 * t, 0 * t)
-    y = m.undeformed()
-    v = struck(m, y, np.zeros(m.flexible.nv), omega)
-    first = release(m, arm.turn, h, v=v, y=y, path=path, tolerance=1e-10)
-    rest = arm.until - arm.turn
-    t = np.linspace(0.0, rest, round(rest / h) + 1)[:, None]
-    path = MotorPath(t[:, 0], TURN + 0 * t, 0 * t, 0 * t)
-    v = struck(m, first.y[-1], first.v[-1], -omega)
-    second = release(m, rest, h, v=v, y=first.y[-1], path=path, tolerance=1e-10)
-    every = 20
-    times = np.concatenate([first.t[::every], arm.turn + second.t[::every]])
-    tips = [frame_positions(m, r, "tip", range(0, len(r.t), every)) for r in (first, second)]
-    return (times, np.vstack(tips), conserved(m, first, omega, every),
-            conserved(m, second, 0.0, every))  # fmt: skip
+
+    def run(angle: str, span: float, start: Result) -> Result:
+        """Both starts are blows: the root has another speed in the state that is gone on from."""
+        motion = formula(joints={"arm_joint": angle}, duration=span)
+        samples = round(span / (20 * h)) + 1
+        return solve_level(
+            m, motion, "coupled", dt=h, samples=samples, start=start, tolerance=1e-10
+        )
+
+    at_rest = solve_level(m, hold(duration=h), "coupled", dt=h, samples=2)
+    first = run(f"{omega!r} * t", arm.turn, at_rest)
+    second = run(f"{TURN!r}", arm.until - arm.turn, first)
+    times = np.concatenate([first.t, arm.turn + second.t])
+    tips = [r.frame("tip").position for r in (first, second)]
+    return times, np.vstack(tips), conserved(m, first, omega), conserved(m, second, 0.0)
 
 
 def case(arm: Arm) -> Callable[[], Outcome]:

@@ -7,14 +7,12 @@ kick energy, momentum and angular momentum stay.
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.integrators.run import Run
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
-from pinflex.lab.scene import PLANE_BEAM, Body, release, scene
-from pinflex.mechanics.equations import Equations
+from pinflex.lab.scene import PLANE_BEAM, Body, energy, momenta, released, scene
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.result import Result
 
 KICK, UNTIL = 2.5, 5.0  # [s]
 STEP = 1.25e-3  # [s]
@@ -49,22 +47,16 @@ flexible:
     return scene("flying_beam", bodies, yaml)
 
 
-def invariants(mechanism: Mechanism, run: Run, every: int) -> Array:
+def invariants(mechanism: Mechanism, run: Result) -> Array:
     """Centre of mass x, y, momentum p_x, p_y, angular momentum about it, energy; (nt, 6).
 
     Args:
         mechanism: The beam.
         run: A run of it.
-        every: Instants between two rows.
     """
-    d = Equations(run.system)
-    rows = []
-    for y, v in zip(run.y[::every], run.v[::every], strict=True):
-        energy = sum(d.energies(y, v, 0.0)[:3])
-        here = d.at(y, v, np.zeros_like(v))
-        h = pin.computeCentroidalMomentum(d.model, d.data, here.Q[0], here.V[0])
-        rows.append([*d.data.com[0][:2], *h.linear[:2], h.angular[2], energy])
-    return np.array(rows)
+    found = momenta(mechanism, run)
+    columns = found.centre[:, :2], found.linear[:, :2], found.angular[:, 2], energy(run)
+    return np.column_stack(columns)
 
 
 def flight(segments: int, h: float) -> Array:
@@ -75,11 +67,10 @@ def flight(segments: int, h: float) -> Array:
         h: Step [s].
     """
     kicked, free = beam(segments, True), beam(segments, False)
-    every = round(0.1 / h)
-    first = release(kicked, KICK, h, tolerance=1e-10)
+    first = released(kicked, KICK, h, 26, tolerance=1e-10)
     # The load goes at once: a new start, so that the step does not smear it.
-    second = release(free, UNTIL - KICK, h, y=first.y[-1], v=first.v[-1], tolerance=1e-10)
-    return np.vstack([invariants(kicked, first, every), invariants(free, second, every)])
+    second = released(free, UNTIL - KICK, h, 26, start=first, tolerance=1e-10)
+    return np.vstack([invariants(kicked, first), invariants(free, second)])
 
 
 def flying_beam() -> Outcome:

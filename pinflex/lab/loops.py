@@ -15,7 +15,7 @@ from pinflex.arrays import Array
 from pinflex.description.motion import hold
 from pinflex.lab.extrapolation import by_step
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
-from pinflex.lab.scene import Body, energy, frame_positions, release, scene
+from pinflex.lab.scene import Body, energy, released, scene
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import solve_level
 
@@ -66,14 +66,15 @@ def a01() -> Outcome:
     """Error at 10 s, its order, drift off the loop and energy."""
     m = pendulum()
     steps = (1e-3, 5e-4)
-    runs = [release(m, 10.0, h) for h in steps]
-    errors = [float(np.linalg.norm(r.y[-1] - PENDULUM[10.0])) for r in runs]
+    runs = [released(m, 10.0, h, round(10.0 / h) + 1) for h in steps]
+    errors = [float(np.linalg.norm(r.array("joint/q")[-1] - PENDULUM[10.0])) for r in runs]
     r = runs[-1]
-    gap = np.abs(np.linalg.norm(r.y, axis=1) - 1.0).max()
-    drift = np.abs(energy(m, r, 20)).max()
+    q = r.array("joint/q")
+    gap = np.abs(np.linalg.norm(q, axis=1) - 1.0).max()
+    drift = np.abs(energy(r)).max()
     checks = [
         Check(f"distance to the exact place at {t:g} s [m]",
-              float(np.linalg.norm(r.y[round(t / steps[1])] - xy)), 0.0, 1e-3, False,
+              float(np.linalg.norm(q[round(t / steps[1])] - xy)), 0.0, 1e-3, False,
               "the library's own limit, high precision")
         for t, xy in PENDULUM.items()
     ]  # fmt: skip
@@ -87,7 +88,7 @@ def a01() -> Outcome:
     exact = np.array(list(PENDULUM.values()))
     picture = Picture(
         "A01 pendulum as a closed loop", "time [s]", "x [m]",
-        (Series("pinflex", r.t[::20], r.y[::20, 0]), Series("exact", at, exact[:, 0], True)),
+        (Series("pinflex", r.t[::20], q[::20, 0]), Series("exact", at, exact[:, 0], True)),
     )  # fmt: skip
     return Outcome(tuple(checks), picture)
 
@@ -117,6 +118,7 @@ def bricard() -> Mechanism:
     yaml = f"""
 gravity: [0, {-G}, 0]
 actuated: []
+frames: [p3]
 loops: {{last: {{kind: revolute, between: [wall, end], axis: x}}}}
 """
     return scene("bricard", bodies, yaml)
@@ -128,10 +130,8 @@ def a04() -> Outcome:
     every = 0.04
 
     def path_and_energy(h: float) -> Array:
-        r = release(m, 10.0, h, tolerance=1e-12)
-        stride = round(every / h)
-        steps = [int(k) for k in np.arange(0, len(r.t), stride)]
-        return np.column_stack([frame_positions(m, r, "p3", steps), energy(m, r, stride)])
+        r = released(m, 10.0, h, round(10.0 / every) + 1, tolerance=1e-12)
+        return np.column_stack([r.frame("p3").position, energy(r)])
 
     fine, best = by_step(path_and_energy, (4e-3, 2e-3, 1e-3))
     at = np.arange(len(fine)) * every

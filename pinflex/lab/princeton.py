@@ -87,8 +87,8 @@ def tip(load: float, angle: float, segments: int) -> Array:
     turn = math.radians(angle)
     force = f"force: [0, {load * math.cos(turn)!r}, {load * math.sin(turn)!r}]"
     m = cantilever(segments, force, length=LENGTH, EI=EI, GJ=GJ, EA=EA, GA=GA, planar=False)
-    pose = tip_pose(m)
-    R, p = pose.rotation, 1e3 * pose.translation
+    R, p = tip_pose(m)
+    p = 1e3 * p
     return np.array([p[1], p[2], math.degrees(math.atan2(-R[2, 1], R[1, 1]))])
 
 

@@ -1,4 +1,4 @@
-"""Scenes from a few numbers: a URDF as text, the YAML beside it, and runs from any state."""
+"""Scenes from a few numbers: a URDF as text, the YAML beside it, and what is measured of runs."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from pinflex.actuation.drive import MotorPath, motor_path
 from pinflex.arrays import Array
 from pinflex.description.motion import hold
-from pinflex.integrators.equal_steps import integrate
-from pinflex.integrators.run import Run
-from pinflex.integrators.schemes import generalized_alpha
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import Frame
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.results.result import Result
+from pinflex.solver.solve import solve_level
 
 Vec = Sequence[float]
 
@@ -94,61 +93,48 @@ def scene(name: str, bodies: Sequence[Body], yaml: str) -> Mechanism:
         return load(path)
 
 
-def release(
-    mechanism: Mechanism,
-    until: float,
-    dt: float,
-    *,
-    v: Array | None = None,
-    y: Array | None = None,
-    rho_inf: float = 0.8,
-    path: MotorPath | None = None,
-    tolerance: float = 1e-7,
-) -> Run:
-    """Coupled run from a state; motors rest unless a path is given.
+def released(mechanism: Mechanism, until: float, dt: float, samples: int, **options: Any) -> Result:
+    """Coupled run in equal steps, from rest at home unless a start is given, motors held.
 
     Args:
         mechanism: Mechanism.
-        until: End time in s. dt: Step in s (rounded to a whole number of steps).
-        v: Start velocity (nv,), default rest. y: Start pose (nq,), default home, undeformed.
-        rho_inf: Spectral radius of the integrator. path: Motor motion.
-        tolerance: Newton's.
-    Returns:
-        Every step of the run.
+        until: End [s].
+        dt: Step [s].
+        samples: Number of instants told.
+        **options: Of `pinflex.solve`.
     """
-    system = mechanism.flexible
-    t = np.linspace(0.0, until, round(until / dt) + 1)
-    path = motor_path(mechanism, hold(duration=until), t) if path is None else path
-    start = mechanism.undeformed() if y is None else y
-    speed = np.zeros(system.nv) if v is None else v
-    return integrate(
-        mechanism, Equations(system), (start, speed), path, generalized_alpha(rho_inf),
-        tolerance=tolerance,
+    return solve_level(
+        mechanism, hold(duration=until), "coupled", dt=dt, samples=samples,
+        **({"start": "straight"} | options),
     )  # fmt: skip
 
 
-def energy(mechanism: Mechanism, run: Run, every: int = 1) -> Array:
-    """Kinetic and potential energy of a run, J, shape (nt,).
+def energy(run: Result) -> Array:
+    """Kinetic and potential energy of a run [J], shape (nt,)."""
+    parts = ("kinetic", "gravity", "elastic", "spring")
+    return np.asarray(sum(run.array(f"energy/{part}") for part in parts))
+
+
+@dataclass(frozen=True)
+class Momenta:
+    """Centre of mass [m], momentum [kg m/s], angular momentum about it [kg m^2/s]; (nt, 3)."""
+
+    centre: Array
+    linear: Array
+    angular: Array
+
+
+def momenta(mechanism: Mechanism, run: Result) -> Momenta:
+    """Momenta of a whole mechanism, which no output of a run tells.
 
     Args:
-        mechanism: Mechanism.
-        run: A run of it.
-        every: Instants between two values.
+        mechanism: With flexible links.
+        run: Its run.
     """
-    dynamics = Equations(run.system)
-    return np.asarray(np.sum(dynamics.energies(run.y[::every], run.v[::every], 0.0), axis=0))
-
-
-def frame_positions(mechanism: Mechanism, run: Run, name: str, steps: Sequence[int]) -> Array:
-    """World positions of a frame at some steps, m, shape (len(steps), 3).
-
-    Args:
-        mechanism: Mechanism.
-        run: A run of it.
-        name: Of the frame.
-        steps: Numbers of the instants.
-    """
-    dynamics = Equations(run.system)
-    here = run.system.expansion.frames[name]
-    _, p = Frame(dynamics.model, here).pose(dynamics.joint_poses(run.y[list(steps)]))
-    return p
+    dynamics, rows = Equations(mechanism.flexible), []
+    y = np.hstack([run.array("joint/q"), run.array("eta")])
+    v = np.hstack([run.array("joint/v"), run.array("eta_v")])
+    for here in (dynamics.at(*state, 0 * state[1]) for state in zip(y, v, strict=True)):
+        h = pin.computeCentroidalMomentum(dynamics.model, dynamics.data, here.Q[0], here.V[0])
+        rows.append([dynamics.data.com[0].copy(), h.linear, h.angular])
+    return Momenta(*np.array(rows).transpose(1, 0, 2))

@@ -8,10 +8,9 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.motion import hold
-from pinflex.integrators.run import Run
 from pinflex.lab.extrapolation import by_step
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
-from pinflex.lab.scene import Body, energy, release, scene
+from pinflex.lab.scene import Body, energy, released, scene
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import solve_level
 
@@ -90,17 +89,15 @@ def a03() -> Outcome:
     names = [name.removesuffix("_joint") for name in m.coordinates]
     beta = names.index("beta")
     every = 1e-3
-    shown: list[Run] = []
 
     def states(h: float) -> Array:
-        """y, v, lam and energy less the motor's work, every ms."""
-        r = release(m, 0.05, h, tolerance=1e-10)
-        shown[:] = [r]
-        k, kept = round(every / h), slice(None, None, round(every / h))
-        spent = energy(m, r, k) - 0.033 * r.y[kept, beta]
-        return np.column_stack([r.y[kept], r.v[kept], r.lam[kept], spent])
+        """q, v, multipliers and energy less the motor's work, every ms."""
+        r = released(m, 0.05, h, 51, tolerance=1e-10)
+        q = r.array("joint/q")
+        spent = energy(r) - 0.033 * q[:, beta]
+        return np.column_stack([q, r.array("joint/v"), r.array("multiplier"), spent])
 
-    _, best = by_step(states, (4e-5, 2e-5, 1e-5))
+    fine, best = by_step(states, (4e-5, 2e-5, 1e-5))
     q, v, lam, spent = (best[:, at] for at in (slice(7), slice(7, 14), slice(14, 20), 20))
     k = round(0.03 / every)
     angles, speeds = (np.array([SQUEEZER[n][i] for n in names]) for i in (0, 1))
@@ -127,10 +124,9 @@ def a03() -> Outcome:
               1e-4 * abs(g), False, "the project's limit: 1e-4 of it, both components")
         for n, f, g in zip(("E to K3", "E to K4", "E to K6"), force, exact, strict=True)
     ]  # fmt: skip
-    r = shown[0]
     picture = Picture(
         "A03 Andrews' squeezer", "time [s]", "gamma [rad]",
-        (Series("pinflex", r.t[::20], r.y[::20, names.index("gamma")]),
+        (Series("pinflex", np.linspace(0.0, 0.05, len(fine)), fine[:, names.index("gamma")]),
          Series("PSIDE", np.array([0.03]), np.array([SQUEEZER["gamma"][0]]), True)),
     )  # fmt: skip
     return Outcome(tuple(checks), picture)

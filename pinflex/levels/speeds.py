@@ -67,11 +67,11 @@ def with_speeds(
     if not links:
         rigid = free[free < dynamics.n_rigid]
         looped = rigid[np.any(J[:, rigid] != 0, axis=0)]
-        v = _corrected(dynamics, y, v, A, b, looped)
-        if not _misses(A, b, v):
+        v = corrected(dynamics, y, v, A, b, looped)
+        if not misses(A, b, v):
             return v
-    v = _corrected(dynamics, y, v, A, b, free)
-    if _misses(A, b, v):
+    v = corrected(dynamics, y, v, A, b, free)
+    if misses(A, b, v):
         raise DescriptionError(
             f"{mechanism.name}: solve.start_speeds: {', '.join(name for name, _ in speeds)}: the "
             "loops and motors do not allow these speeds together; they miss by "
@@ -81,15 +81,30 @@ def with_speeds(
     return v
 
 
-def _misses(A: Array, b: Array, v: Array) -> bool:
+def misses(A: Array, b: Array, v: Array, share: float = _MISSED) -> bool:
+    """Whether v misses A v = b by more than a share of the largest velocity.
+
+    Args:
+        A: Rows of constraints, shape (k, nv).
+        b: What they give, shape (k,).
+        v: Velocities, shape (nv,).
+        share: [-].
+    """
     size = max(float(np.max(np.abs(v), initial=0.0)), 1e-300)
-    return float(np.max(np.abs(A @ v - b), initial=0.0)) > _MISSED * size
+    return float(np.max(np.abs(A @ v - b), initial=0.0)) > share * size
 
 
-def _corrected(
-    dynamics: Equations, y: Array, v: Array, A: Array, b: Array, free: IntArray
-) -> Array:
-    """v with the rows `free` moved by the least kinetic energy so that A v = b, if that can be."""
+def corrected(dynamics: Equations, y: Array, v: Array, A: Array, b: Array, free: IntArray) -> Array:
+    """v with the rows `free` moved by the least kinetic energy so that A v = b, if that can be.
+
+    Args:
+        dynamics: Workspace of the system.
+        y: Pose, shape (nq,).
+        v: Velocities, shape (nv,).
+        A: Rows of constraints, shape (k, nv).
+        b: What they give, shape (k,).
+        free: Velocity rows that may change.
+    """
     if not len(free) or not len(A):
         return v
     M, A_free = dynamics.mass(y)[np.ix_(free, free)], A[:, free]

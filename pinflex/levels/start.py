@@ -11,23 +11,19 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
-from pinflex.description.schema import shown
-from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError
+from pinflex.errors import AssemblyError, ConvergenceError
 from pinflex.integrators.run import Run
 from pinflex.levels.linearised import LinearPath
-from pinflex.levels.moving_modes import state_of_run
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
-from pinflex.results.result import Result
 
 # Newton iterations that `auto` spends on a load put on in parts: an equilibrium that is near takes
 # thirty, and without one nobody should wait.
 _PATIENCE = 120
-_SAME = 1e-6  # [rad | m] what a stored state may miss of the motion that goes on with it
 
 
 @dataclass(frozen=True)
@@ -36,7 +32,8 @@ class Start:
 
     Attributes:
         y, v: Shapes (nq,) and (nv,); of a linear run the deviations from the nominal motion.
-        kind: static or straight. said: A sentence where it is not what one would expect, or "".
+        kind: static, straight, run or state.
+        said: A sentence where it is not what one would expect, or "".
     """
 
     y: Array
@@ -103,39 +100,6 @@ def start_of(
     if not static:
         return Start(y, v, "straight", _shaken(why))
     return _static_start(mechanism, motion, path, dynamics, start, Start(y, v, "straight"))
-
-
-def start_from(mechanism: Mechanism, dynamics: Equations, path: MotorPath, given: object) -> Start:
-    """The state of a run of the same coordinates; its loads and motion may have been others.
-
-    Args:
-        mechanism: Mechanism. dynamics: Workspace of the system that is run.
-        path: Motor motion. given: A result of level coupled, or (result, time [s]).
-    Raises:
-        DescriptionError: No such run, or one whose motors stand elsewhere or whose loops are open.
-    """
-    run, time = given if isinstance(given, tuple) and len(given) == 2 else (given, np.inf)
-    where = f"{mechanism.name}: solve.start"
-    if not isinstance(run, Result):
-        raise DescriptionError(
-            f"{where}: {shown(given)} is not valid. Allowed: auto, static, straight, a result of "
-            "level coupled, or (result, time in s)."
-        )
-    state = state_of_run(mechanism, run, min(float(time), float(run.t[-1])))
-    axes = motor_axes(mechanism)
-    off = float(np.max(np.abs(axes.read(state.y) - path.position[0]), initial=0.0))
-    gap = float(np.max(np.abs(dynamics.close(state.y)[0]), initial=0.0)) if dynamics.looped else 0
-    if off > _SAME or gap > _SAME:
-        what = (
-            f"its motors stand {off:.3g} (rad or m) away" if off > _SAME else "its loops are open"
-        )
-        raise DescriptionError(
-            f"{where}: {state.about} is no start of this motion: {what}. Give a motion (absolute) "
-            "that begins there, or the mechanism that was solved."
-        )
-    v = state.v.copy()
-    v[dynamics.system.motors] = path.velocity[0]
-    return Start(state.y.copy(), v, "run")
 
 
 def _static_start(

@@ -14,6 +14,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import drives, grades, validity
+from pinflex.recovery.sticking import sticking
 from pinflex.results.drawing import urdf_parts
 from pinflex.results.result import UNITS
 
@@ -108,6 +109,7 @@ def assess(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[
             *poor,
             *_redundant(mechanism, run),
             *_held(mechanism, run),
+            *sticking(mechanism, run),
             *limits,
         ],
         "limits": limits,

@@ -27,10 +27,11 @@ from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.integrators.steps import Steps
+from pinflex.levels.given_start import start_from
 from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.modes import modes
 from pinflex.levels.speeds import with_speeds
-from pinflex.levels.start import Start, start_from, start_of
+from pinflex.levels.start import Start, start_of
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -79,7 +80,7 @@ class Scene:
         if self.linear:
             if not isinstance(spec.start, str):
                 raise DescriptionError(
-                    f"{self.mechanism.name}: solve.start: a run is gone on with at level coupled. "
+                    f"{self.mechanism.name}: solve.start: a given state is one of level coupled. "
                     "Give a word: auto, static or straight."
                 )
             structural = spec.ked == "structural"
@@ -297,11 +298,11 @@ class Scene:
         """Found once, however often the scene is run."""
         dynamics = Equations(self._system)
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
+        driven = self.spec.drive == "torque"
         if isinstance(self.spec.start, str):
             start = start_of(self.mechanism, self.motion, path, dynamics, self.spec.start)
         else:
-            start = start_from(self.mechanism, dynamics, path, self.spec.start)
-        driven = self.spec.drive == "torque"
+            start = start_from(self.mechanism, dynamics, path, self.spec.start, driven)
         v = with_speeds(self.mechanism, dynamics, start.y, start.v, self.spec.start_speeds, driven)
         return replace(start, v=v)
 

@@ -10,7 +10,7 @@ import pytest
 import pinflex as pf
 from pinflex.integrators.schemes import generalized_alpha
 from pinflex.lab.loops import pendulum
-from pinflex.lab.scene import energy, release
+from pinflex.lab.scene import energy, released
 from pinflex.mechanics.equations import Equations
 from tests.scenes import Body, load
 
@@ -55,14 +55,13 @@ def test_a_few_steps_of_any_size_stay_on_the_loops_and_on_the_same_motion(h: flo
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.95])
 def test_multipliers_are_smooth_for_every_dissipation(rho: float) -> None:
     """The zig-zag of index 3 is the part of lambda that changes sign at every step."""
-    m = pendulum()
-    r = release(m, 1.0, 2e-3, rho_inf=rho)
-    lam = r.lam[:, 0]
+    r = released(pendulum(), 1.0, 2e-3, 501, rho_inf=rho)
+    lam = r.array("multiplier")[:, 0]
     zigzag = np.abs(lam[2:] - 2 * lam[1:-1] + lam[:-2]) / 4
     # The smooth second difference is lam'' h^2/4, below 1e-3 of lambda's size at 2 ms.
     assert zigzag.max() < 1e-3 * np.abs(lam).max()
-    y = r.y[:, 1]
-    vx, vy = r.v.T
+    y = r.array("joint/q")[:, 1]
+    vx, vy = r.array("joint/v").T
     exact = -(vx * vx + vy * vy - 9.81 * y)
     # Second order at 2 ms; lambda is the pull of the rod (its row is scaled by the length, 1 m).
     assert np.abs(np.abs(lam) - np.abs(exact)).max() < 2e-3 * np.abs(exact).max()
@@ -70,7 +69,7 @@ def test_multipliers_are_smooth_for_every_dissipation(rho: float) -> None:
 
 def test_without_any_dissipation_the_zigzag_is_there_and_is_warned_of() -> None:
     """Index 3 and rho_inf = 1: the zig-zag grows slowly; 2 to 3 % of lambda after 500 steps."""
-    lam = release(pendulum(), 1.0, 2e-3, rho_inf=1.0).lam[:, 0]
+    lam = released(pendulum(), 1.0, 2e-3, 501, rho_inf=1.0).array("multiplier")[:, 0]
     zigzag = np.abs(lam[2:] - 2 * lam[1:-1] + lam[:-2]) / 4
     assert 5e-3 < zigzag.max() / np.abs(lam).max() < 0.1
     for options in ({"rho_inf": 1.0}, {"integrator": "newmark"}):
@@ -85,15 +84,15 @@ def test_position_speed_and_multiplier_converge_with_order_two(rho: float) -> No
     m = pendulum()
     errors = []
     for h in (4e-3, 2e-3, 1e-3):
-        r = release(m, 1.0, h, rho_inf=rho, tolerance=1e-9)
+        r = released(m, 1.0, h, 2, rho_inf=rho, tolerance=1e-9)
         exact = np.array([-0.986291751132, -0.165010853126])
         speed = np.sqrt(2 * 9.81 * -exact[1])
         pull = speed**2 - 9.81 * exact[1]
         errors.append(
             [
-                np.linalg.norm(r.y[-1] - exact),
-                abs(np.linalg.norm(r.v[-1]) - speed),
-                abs(abs(r.lam[-1, 0]) - pull),
+                np.linalg.norm(r.array("joint/q")[-1] - exact),
+                abs(np.linalg.norm(r.array("joint/v")[-1]) - speed),
+                abs(abs(r.array("multiplier")[-1, 0]) - pull),
             ]
         )
     orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
@@ -102,17 +101,18 @@ def test_position_speed_and_multiplier_converge_with_order_two(rho: float) -> No
 
 def test_a_hundred_thousand_steps_do_not_drift_off_the_loop() -> None:
     """200 s at 2 ms; with constraints on acceleration only the gap grows with t^2."""
-    r = release(pendulum(), 200.0, 2e-3, rho_inf=0.9)  # 11 s here
-    gap = np.abs(np.linalg.norm(r.y, axis=1) - 1)
+    r = released(pendulum(), 200.0, 2e-3, 100001, rho_inf=0.9)
+    q, v = r.array("joint/q"), r.array("joint/v")
+    gap = np.abs(np.linalg.norm(q, axis=1) - 1)
     assert gap.max() < 1e-10
     assert gap[-10000:].max() < 3 * gap[:10000].max() + 1e-13  # it does not grow
     # The rod's direction of motion: speed stays on the tangent to the order of the step.
-    assert np.abs(np.einsum("ti,ti->t", r.y, r.v)).max() < 1e-3
+    assert np.abs(np.einsum("ti,ti->t", q, v)).max() < 1e-3
 
 
 def test_energy_over_long_time_decays_with_dissipation_and_never_grows() -> None:
     for rho in (0.0, 0.5, 0.9):
-        drift = energy(pendulum(), release(pendulum(), 40.0, 4e-3, rho_inf=rho), 10)
+        drift = energy(released(pendulum(), 40.0, 4e-3, 1001, rho_inf=rho))
         assert drift.max() < 2e-4  # [J] of 9.81
         assert drift[-1] < 1e-6
 

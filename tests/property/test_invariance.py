@@ -9,10 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import pinflex as pf
-from pinflex.actuation.drive import motor_path
 from pinflex.arrays import Array
-from pinflex.integrators.equal_steps import integrate
-from pinflex.integrators.schemes import newmark
 from pinflex.lab.four_bars import four_bars
 from pinflex.mechanics.equations import Equations
 from tests import finite
@@ -166,10 +163,10 @@ def test_a_mirrored_robot_has_mirrored_forces(seed: int) -> None:
 
 
 def swing(m: pf.Mechanism, y: Array, v: Array, until: float, h: float) -> tuple[Array, Array]:
-    t = np.linspace(0.0, until, round(until / h) + 1)
-    path = motor_path(m, pf.hold(duration=until), t)
-    run = integrate(m, Equations(m.flexible), (y, v), path, newmark(), tolerance=1e-10)
-    return run.y[-1], run.v[-1]
+    run = pf.solve(m, pf.hold(duration=until), "coupled", start=(y, v), dt=h, samples=2,
+                   integrator="newmark", tolerance=1e-10)  # fmt: skip
+    return (np.append(run.array("joint/q")[-1], run.array("eta")[-1]),
+            np.append(run.array("joint/v")[-1], run.array("eta_v")[-1]))  # fmt: skip
 
 
 def released(recipe: Recipe) -> pf.Mechanism:

@@ -34,18 +34,18 @@ def test_a_pushed_cantilever_has_the_exponents_of_its_equations(level):
 
 
 @pytest.mark.parametrize(
-    "model, changes, key, tol, step, noise",
+    "model, changes, key, tol, step, samples, noise",
     [
-        ("delta", ["solve.until=0.1"], "flexible.arm_?.section.diameter", 1e-6, 1e-3, 2e-5),
-        # 1 % of damping: undamped, torques and stresses ring at 25 kHz, which nobody resolves
-        ("3rrr", ["solve.until=0.05", "damping={modal: 0.01}"], "flexible.*.section.thickness",
-         1e-5, 2e-3, 2e-5),
-        ("3rrs", ["solve.until=0.1"], "flexible.*.section.thickness", 5e-5, 4e-3, 5e-4),
-        ("models/ur5/geared.yaml", [], "joints.elbow_joint.drive.stiffness", 3e-5, 1e-2, 2e-5),
+        ("delta", ["solve.until=0.1"], "flexible.arm_?.section.diameter", 1e-6, 1e-3, 401, 2e-5),
+        # its deviation, of 2.5 um, still has 1e-5 of vibration where it is largest, whose phase
+        # the thickness shifts by a thousand radians: a derivative of 0.004
+        ("3rrr", ["solve.until=0.12"], "flexible.*.section.thickness", 1e-5, 2e-3, 1921, 2e-5),
+        ("3rrs", ["solve.until=0.1"], "flexible.*.section.thickness", 5e-5, 4e-3, 401, 5e-4),
+        ("models/ur5/geared.yaml", [], "joints.elbow_joint.drive.stiffness", 3e-5, 1e-2, 401, 2e-5),
     ],
 )  # fmt: skip
 def test_peaks_are_those_of_designs_run_in_steps_of_their_own(
-    model, changes, key, tol, step, noise
+    model, changes, key, tol, step, samples, noise
 ):
     # each design by a tolerance, so in other steps, and its peaks off its own samples
     robot = pf.load(model, changes)
@@ -55,7 +55,7 @@ def test_peaks_are_those_of_designs_run_in_steps_of_their_own(
     (parameter,) = designs.parameters
 
     def difference(h):
-        below, above = (_peaks(designs.scaled(parameter, s), tol) for s in (-h, h))
+        below, above = (_peaks(designs.scaled(parameter, s), tol, samples) for s in (-h, h))
         return np.array([np.log(above[name] / below[name]) / (2 * h) for name in outputs])
 
     wide, near = difference(step), difference(0.5 * step)
@@ -67,10 +67,10 @@ def test_peaks_are_those_of_designs_run_in_steps_of_their_own(
     assert np.all(found.error < ASKED)
 
 
-def _peaks(robot, tol):
+def _peaks(robot, tol, samples):
     """Peaks of a run by a tolerance, each by a polynomial through seven of its samples."""
-    run = pf.solve(robot, level="coupled", tol=tol, samples=401)
-    rigid = pf.solve(robot, level="rigid", samples=401)
+    run = pf.solve(robot, level="coupled", tol=tol, samples=samples)
+    rigid = pf.solve(robot, level="rigid", samples=samples)
     off = run.deviation_from(rigid, robot.description.platform).norm
     found = {"deviation.peak": _refined(off), "torque.peak": max(map(_refined, abs(run.torque).T))}
     stresses = [run.link(link).von_mises for link in run.links]
@@ -91,11 +91,12 @@ def _refined(curve):
     return float(line(near).max())
 
 
-def test_the_3rrr_as_it_is_told_says_what_its_steps_leave_out():
+def test_the_3rrr_without_damping_says_what_its_steps_leave_out():
     # 800 equal steps of other lengths, 6400 of them: -1.1026 to -1.1028, -1.1024 +- 0.003
-    found = pf.sensitivities("3rrr", ["flexible.*.section.thickness"], ["deviation.peak"])
+    undamped = pf.load("3rrr", ["damping={modal: 0}"])
+    found = pf.sensitivities(undamped, ["flexible.*.section.thickness"], ["deviation.peak"])
     assert found.table[0, 0] == pytest.approx(-1.1026, abs=ASKED)
-    assert found.error[0, 0] < ASKED
+    assert abs(found.table[0, 0] + 1.1026) <= found.error[0, 0]
     assert "too fast for the steps" in found.remarks[0] and "damping: {modal: 0.01}" in found.text()
 
 

@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.levels.modes import Modes
-from pinflex.mechanics.mechanism import Mechanism
-from pinflex.solver.solve import default_motion
 from pinflex.studies import pose_map as maps
 from tests.scenes import Body, load
 
@@ -18,7 +15,7 @@ ARM = [Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(0.4, 0, 0))]
 STEEL = "{E: 2.0e11, nu: 0.3, rho: 7850}"
 
 
-def arm(folder: Path, section: str, more: str) -> Mechanism:
+def arm(folder: Path, section: str, more: str) -> pf.Mechanism:
     return load(
         folder,
         ARM,
@@ -90,15 +87,15 @@ def test_modes_are_followed_through_two_crossings(monkeypatch: pytest.MonkeyPatc
     real = pf.modes(robot, preload="none", count=n)
     basis = real.shapes[:, :2]
 
-    def crossing(*unused: object, **more: object) -> Modes:
+    def crossing(*unused: object, **more: object) -> pf.Modes:
         swing = 4.0 * np.sin(3.0 * np.pi * next(calls) / (count - 1))
         frequencies = np.array([10.0 + swing, 10.0 - swing])
         order = np.argsort(frequencies)
         shapes = basis[:, order]
-        return Modes(frequencies[order], shapes, real.y, real.share, real.links, "none", False)
+        return pf.Modes(frequencies[order], shapes, real.y, real.share, real.links, "none", False)
 
     monkeypatch.setattr(maps, "modes", crossing)
-    found = maps.pose_map(robot, along=default_motion(robot), count=2, instants=count)
+    found = maps.pose_map(robot, along=pf.hold(duration=1.0), count=2, instants=count)
     swing = 4.0 * np.sin(3.0 * np.pi * np.arange(count) / (count - 1))
     first = found.frequencies[:, 0]
     assert first == pytest.approx(10.0 + swing, abs=1e-9) or first == pytest.approx(10.0 - swing)
