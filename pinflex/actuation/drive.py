@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
 from pinflex.actuation.motors import MotorAxes, joint_curve, joint_path, motor_axes
 from pinflex.actuation.nominal import nominal
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
@@ -17,6 +18,7 @@ from pinflex.mechanics.mechanism import Mechanism
 # Interpolated motor motions (m, rad) are refined until the mid-interval error falls below this:
 # far below any step error, far above round-off of the second derivative.
 _FINE = 1e-10
+_KEPT = 4  # paths: whoever marches once more, or in other steps, asks for the same one
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,9 @@ class MotorPath:
     position: Array
     velocity: Array
     acceleration: Array
+
+
+_recent: list[tuple[Mechanism, Motion, tuple[float, float], Callable[[Array], MotorPath]]] = []
 
 
 def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
@@ -57,9 +62,16 @@ def path_between(
         motion: Of motors or of the platform.
         start, end: First and last time that it will be asked for [s].
     """
+    for owner, moved, ends, path in _recent:
+        if owner is mechanism and moved is motion and ends == (start, end):
+            return path
     if motion.target == "joints":
-        return _path(joint_curve(mechanism, motion))
-    return _interpolated(mechanism, motion, start, end)[0]
+        found = _path(joint_curve(mechanism, motion))
+    else:
+        found = _interpolated(mechanism, motion, start, end)[0]
+    _recent.insert(0, (mechanism, motion, (start, end), found))
+    del _recent[_KEPT:]
+    return found
 
 
 def _interpolated(
@@ -100,18 +112,38 @@ def _hermite(t: Array, values: list[Array]) -> Callable[[Array], tuple[Array, Ar
     """The quintics through positions, velocities and accelerations (nt, nm) at times t (nt,).
 
     In Bernstein's form, whose k-th derivative at an end is a difference of the k + 1 coefficients
-    there (Farouki 2012, eq. 30).
+    there (Farouki 2012, eq. 30). By numpy: scipy's splines take longer to import than a run.
     """
-    from scipy.interpolate import BPoly
-
     h, (x, v, a) = np.diff(t)[:, None], values
     rise, bend = h / 5.0, h * h / 20.0
     begin = (x[:-1], x[:-1] + rise * v[:-1], x[:-1] + 2.0 * rise * v[:-1] + bend * a[:-1])
     end = (x[1:] - 2.0 * rise * v[1:] + bend * a[1:], x[1:] - rise * v[1:], x[1:])
-    curve = BPoly(np.stack([*begin, *end]), t)
-    rate = curve.derivative()
-    second = rate.derivative()
-    return lambda at: (curve(at), rate(at), second(at))
+    curve = np.stack([*begin, *end])
+    rate = 5.0 / h * np.diff(curve, axis=0)
+    second = 4.0 / h * np.diff(rate, axis=0)
+
+    def at(times: Array) -> tuple[Array, Array, Array]:
+        times = np.asarray(times, float)
+        left = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(h) - 1)
+        part = ((times - t[left]) / h[left, 0])[:, None]
+        x, v, a = (_bernstein(of, left, part) for of in (curve, rate, second))
+        return x, v, a
+
+    return at
+
+
+def _bernstein(coefficients: Array, left: IntArray, x: Array) -> Array:
+    """Sum of C(n, k) x^k (1 - x)^(n - k) c_k of the pieces `left`, coefficients (n + 1, pieces, m).
+
+    Args:
+        coefficients: Of each piece, shape (n + 1, pieces, m).
+        left: Piece of each time, shape (k,).
+        x: Where in it, 0 to 1, shape (k, 1).
+    """
+    n, total = len(coefficients) - 1, np.zeros((len(left), coefficients.shape[2]))
+    for k, c in enumerate(coefficients):
+        total += comb(n, k) * x**k * (1.0 - x) ** (n - k) * c[left]
+    return total
 
 
 @dataclass(frozen=True)

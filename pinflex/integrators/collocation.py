@@ -89,11 +89,29 @@ def with_one_more(method: Collocation) -> Collocation:
 
 
 @cache
-def _tableau(s: int) -> Collocation:
-    from scipy.special import roots_jacobi
+def _legendre(s: int) -> Array:
+    """Weights of s stages for the coefficients of a polynomial that is 0 at 0, (s + 1, s)."""
+    at = np.polynomial.legendre.legvander(2.0 * np.append(0.0, _nodes(s)) - 1.0, s)
+    return np.asarray(np.linalg.inv(at))[:, 1:]
 
-    inner, _ = roots_jacobi(s - 1, 1, 0)
-    c: Array = np.append((inner + 1.0) / 2.0, 1.0)
+
+@cache
+def _nodes(s: int) -> Array:
+    """Zeros of P_(s-1) - P_s on the unit interval, the last one 1.
+
+    By numpy: scipy's special functions take longer to import than a run.
+    """
+    of, legendre = np.zeros(s + 1), np.polynomial.legendre
+    of[-2:] = 1.0, -1.0
+    x = np.sort(legendre.legroots(of).real)[:-1]
+    for _ in range(2):  # of Newton, to the last digit
+        x = x - legendre.legval(x, of) / legendre.legval(x, legendre.legder(of))
+    return np.append((x + 1.0) / 2.0, 1.0)
+
+
+@cache
+def _tableau(s: int) -> Collocation:
+    c = _nodes(s)
     powers = np.arange(s)
     V = np.vander(c, increasing=True)
     A = (c[:, None] ** (powers + 1) / (powers + 1)) @ np.asarray(np.linalg.inv(V))
@@ -102,8 +120,7 @@ def _tableau(s: int) -> Collocation:
     kept = np.flatnonzero(values.imag > -1e-9)
     # A pair counts twice: its other half is the conjugate.
     twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
-    legendre = np.polynomial.legendre.legvander(2.0 * np.append(0.0, c) - 1.0, s)
-    last = np.asarray(np.linalg.inv(legendre))[s, 1:]
+    last = _legendre(s)[s]
     return Collocation(
         c, A, A @ A, np.asarray(np.linalg.inv(A @ A)), values[kept], inverse[kept],
         vectors[:, kept] * twice, last,

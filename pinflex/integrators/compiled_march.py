@@ -27,7 +27,7 @@ from pinflex.kernel.march import FULL, INPUTS, START, STUCK, Marched, MarchKerne
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RECORDED = 64  # steps of a batch that nobody judges
 _POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
-_STATE = ("y", "v", "a", "lam", "torque")
+STATE = ("y", "v", "a", "lam", "torque")
 _COPIED = (
     *("t", "y0", "v0", "a0", "lam0", "torque0", "h", "coarseness", "rate"),
     *("move", "turn", "a", "lam", "torque", "power", "position", "velocity"),
@@ -55,7 +55,7 @@ class CompiledSteps:
         self.of, self._compiled, self.table = of, of.compiled, table
         n = of.compiled.kernel.counts
         table = table or no_table(3 * n["motors"] + n["forces"])
-        self.kernel = MarchKernel(of.compiled.kernel, marched, table, *room)
+        self.kernel = of.compiled.march(marched, table, room)
         self.tangents = tangents or self.kernel
 
     def inputs(self, t: Array, seen: Array | None = None) -> Array:
@@ -83,7 +83,7 @@ class CompiledSteps:
     def step(self, k: int, arrays: Mapping[str, Array], tangent: Tangent) -> Step:
         """The k-th step of a batch, of copies of its arrays."""
         at = {name: arrays[name][k] for name in _COPIED}
-        start = Start(float(at["t"]), *(at[f"{name}0"] for name in _STATE))
+        start = Start(float(at["t"]), *(at[f"{name}0"] for name in STATE))
         h, a = float(at["h"]), at["a"]
         prescribed = a[:, self.of.motors]
         times = start.t + h * self.of.method.c
@@ -117,11 +117,14 @@ def steps_of(
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
-    table = None
+    made_of, table = stages.compiled.table
+    asked_for = (stages.motion, *ends, *stops)
     # A load that switches is another at the end of one step than at the start of the next.
-    if not system.loads.timed:
+    if not system.loads.timed and made_of != asked_for:
+        table = None
         with contextlib.suppress(SceneError):  # somewhere on the way: as far as it can
             table = tabulated(inputs, kinds, *ends, stops)
+        stages.compiled.table = asked_for, table
     return CompiledSteps(stages, marched, table, room)
 
 
@@ -174,10 +177,10 @@ class Batch(Sequence[Step]):
         return self.made.step(k + 1, self._arrays, self._tangents[slot])
 
     @property
-    def ends(self) -> Array:
-        """Ends of the steps, s, a little later than they are."""
+    def spans(self) -> tuple[Array, Array]:
+        """Starts and lengths of the steps, s, shape (k,) each."""
         found, at = self.made.kernel.steps, slice(1, self._size + 1)
-        return np.asarray(found["t"][at] + (1.0 + 1e-9) * found["h"][at])
+        return found["t"][at], found["h"][at]
 
 
 class CompiledMarch:
@@ -226,7 +229,7 @@ class CompiledMarch:
     def now(self) -> Start:
         """The state that the run has come to."""
         k = self._kernel
-        return Start(float(self._at.t), *(getattr(k, name).copy() for name in _STATE))
+        return Start(float(self._at.t), *(getattr(k, name).copy() for name in STATE))
 
     def cost(self) -> dict[str, float]:
         """What the run has cost so far."""
@@ -291,20 +294,20 @@ class CompiledMarch:
     def _point(self) -> dict[str, Any]:
         """Where the run is: it can go on from here once more."""
         point = {name: getattr(self._at, name) for name in _POINT}
-        return point | {name: getattr(self._kernel, name).copy() for name in _STATE}
+        return point | {name: getattr(self._kernel, name).copy() for name in STATE}
 
     def _go_back(self, good: int) -> None:
         """To where a step of the batch began, or to the start of the run."""
         k, at, steps = self._kernel, self._at, self._kernel.steps
         if good < 0:
-            for name in _STATE:
+            for name in STATE:
                 getattr(k, name)[...] = self._origin[name]
             for name in _POINT:
                 setattr(at, name, self._origin[name])
             at.count = 0
             return
         step = good + 1
-        for name in _STATE:
+        for name in STATE:
             getattr(k, name)[...] = steps[f"{name}0"][step]
         for name in ("t", "ceiling", "before", "refused", "scale"):
             setattr(at, name, float(steps[name][step]))

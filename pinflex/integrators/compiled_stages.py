@@ -9,6 +9,7 @@ import numpy as np
 from pinflex.actuation.motors import MotorAxes
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
+from pinflex.kernel.march import Marched, MarchKernel, Table
 from pinflex.kernel.stages import Rows, Scheme, StageKernel
 from pinflex.mechanics.compiled import Compiled
 from pinflex.mechanics.equations import Equations
@@ -22,10 +23,13 @@ class CompiledStages:
 
     Attributes:
         kernel: The arrays of the step. compiled: Residual and tangent of the system.
+        method: The scheme. table: What the last run prescribed, and of what its table was made.
     """
 
     def __init__(self, compiled: Compiled, method: Collocation, rows: Rows) -> None:
-        m = method
+        m = self.method = method
+        self.table: tuple[tuple[object, ...], Table | None] = ((), None)
+        self._march: tuple[tuple[int, ...], MarchKernel] | None = None
         scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
         self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
         self._prescribed, self._free = len(rows.motor_v) > 0, rows.free_at
@@ -49,6 +53,25 @@ class CompiledStages:
             k.scale[...] = self.compiled.scale(t)
         k.a[...], k.lam[...], k.turn[...], k.change[...] = a, lam, turn, 0.0
 
+    def march(self, marched: Marched, table: Table, room: tuple[int, int]) -> MarchKernel:
+        """The arrays of a run by these stages: those of the last one, where they fit.
+
+        Args:
+            marched: What the kernel has to know. table: What is prescribed.
+            room: Steps of a batch, and tangents.
+        """
+        fits = (*room, len(marched.measured), int(marched.weight is None), len(marched.stops))
+        if self._march is not None and self._march[0] == fits:
+            self._march[1].begin_anew(marched, table)
+        else:
+            self._march = fits, MarchKernel(self.kernel, marched, table, *room)
+        return self._march[1]
+
+    @property
+    def size(self) -> int:
+        """Bytes of its arrays."""
+        return self.kernel.size + (0 if self._march is None else self._march[1].size)
+
     def solve(self, r: Array, c: Array) -> tuple[Array, Array]:
         """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows).
 
@@ -65,15 +88,19 @@ class CompiledStages:
 def compiled_stages(
     equations: Equations, method: Collocation, free: IntArray, axes: MotorAxes | None
 ) -> CompiledStages | None:
-    """The stages of a system on the kernel; None: those of numpy serve.
+    """The stages of a system on the kernel, spare ones or new; None: those of numpy serve.
 
     Args:
         equations: Of what moves. method: The scheme. free: Velocity rows that are solved for.
         axes: Prescribed motors; None where motors give torques.
     """
-    if axes is None:
+    if axes is None or not equations.on_kernel:
         return None
-    system, compiled = equations.system, equations.compiled
+    system = equations.system
+    spare = system.spares.acquire(method.s)
+    if spare is not None and spare.method is method:
+        return spare  # type: ignore[no-any-return]
+    compiled = equations.compiled
     sorts = _sorts(system)
     if compiled is None or sorts is None or not compiled.complete:
         return None

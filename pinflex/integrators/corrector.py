@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 from weakref import proxy
 
 import numpy as np
@@ -17,13 +18,24 @@ import numpy as np
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import with_one_more
-from pinflex.integrators.compiled_march import Batch, CompiledSteps
+from pinflex.integrators.compiled_march import STATE, Batch, CompiledSteps
 from pinflex.integrators.radau import SAME_STEP
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.kernel.march import Marched
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.
 _SLOW = 0.1
+
+
+class Before(NamedTuple):
+    """What the steps before leave to those to be corrected.
+
+    Attributes:
+        a: Accelerations at the end of the run's last step, shape (nv,). end: Its corrected end.
+    """
+
+    a: Array
+    end: Start
 
 
 class Corrector(StageEquations):
@@ -40,32 +52,39 @@ class Corrector(StageEquations):
         self._guess, self.iterations = stages.at(self.method.c), 0
         self._made: CompiledSteps | None = None
 
-    def correct_all(
-        self, steps: Sequence[Step], before: tuple[Step, Step] | None
-    ) -> Sequence[Step]:
-        """Steps corrected one after the other; before: the last one so far, and its correction."""
+    def correct_all(self, steps: Sequence[Step], before: Before | None) -> Sequence[Step]:
+        """Steps corrected one after the other; before: `last` of those so far."""
         if isinstance(steps, Batch) and self.compiled is not None:
             return self._compiled_steps(steps, before)
         paths, done = self._paths(steps), list[Step]()
         for number, step in enumerate(steps):
             done.append(self._corrected(step, before, _part(paths, number, self.method.s)))
-            before = step, done[-1]
+            before = Before(step.a[-1], self.end(done[-1]))
         return done
+
+    def last(self, steps: Sequence[Step], corrected: Sequence[Step]) -> Before:
+        """What the next steps are corrected from, before other steps are made."""
+        if isinstance(steps, Batch) and isinstance(corrected, Batch):
+            kernel, count = corrected.made.kernel, len(corrected)
+            if count == kernel.at.count:
+                parts = (getattr(kernel, name).copy() for name in STATE)
+                a = steps.made.kernel.steps["a"][count, -1].copy()
+                return Before(a, Start(float(kernel.at.t), *parts))
+        return Before(steps[-1].a[-1], self.end(corrected[-1]))
 
     def _paths(self, steps: Sequence[Step]) -> MotorPath:
         """Motion of the motors at the stages of all steps."""
         start, h = np.array([(step.start.t, step.h) for step in steps]).T
         return self.path((start[:, None] + np.outer(h, self.method.c)).ravel())
 
-    def _compiled_steps(self, steps: Batch, before: tuple[Step, Step] | None) -> Batch:
+    def _compiled_steps(self, steps: Batch, before: Before | None) -> Batch:
         """The same on the kernel, while it has the steps."""
         if self._made is None or self._made.tangents is not steps.made.tangents:
             self._made = self._like(steps.made)
         kernel, end_a, given = self._made.kernel, None, None
         if before is not None:
-            coarse, fine = before
-            end_a, end = coarse.a[-1], self.end(fine)
-            for name in ("y", "v", "a", "lam", "torque"):
+            end_a, end = before
+            for name in STATE:
                 getattr(kernel, name)[...] = getattr(end, name)
         if self._made.table is None:
             t = [step.start.t + step.h * self.method.c for step in steps]
@@ -86,7 +105,7 @@ class Corrector(StageEquations):
         made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
         return made
 
-    def _corrected(self, step: Step, before: tuple[Step, Step] | None, path: MotorPath) -> Step:
+    def _corrected(self, step: Step, before: Before | None, path: MotorPath) -> Step:
         """A step taken once more, from the end of the corrected step before it."""
         x = self.begin(self._start(step, before), step.h, *self._polynomials(step), path)
         newton = self.newton
@@ -124,14 +143,13 @@ class Corrector(StageEquations):
         W = self._guess
         return W @ step.a, W @ step.lam, W @ step.turn
 
-    def _start(self, step: Step, before: tuple[Step, Step] | None) -> Start:
+    def _start(self, step: Step, before: Before | None) -> Start:
         """Where the corrected step starts."""
         start = step.start
         if before is None:
             return start
-        coarse, fine = before
-        end = self.end(fine)
-        if np.array_equal(start.a, coarse.a[-1]):
+        a, end = before
+        if np.array_equal(start.a, a):
             return replace(end, t=start.t)
         # After a switch of motion or loads accelerations begin anew.
         return replace(end, t=start.t, a=start.a, lam=start.lam, torque=start.torque)

@@ -28,7 +28,7 @@ class Record:
         self.y, self.v = np.empty((n, system.nq)), np.empty((n, system.nv))
         self.a, self.lam = np.empty((n, system.nv)), np.empty((n, system.closed.n))
         self.torque, self.work = np.empty((n, len(system.motors))), np.zeros((n, 2))
-        self._total = np.zeros(2)
+        self._total, self._ahead = np.zeros(2), np.zeros((0, 2))
 
     def start(self, now: Any) -> None:
         """Take the first state."""
@@ -41,22 +41,21 @@ class Record:
         upto = int(np.searchsorted(self.t, ends[-1], side="right"))
         t = self.t[self.count : upto]
         of = np.searchsorted(ends, t)
-        work = self._works(steps)
-        before = self._total + np.concatenate([np.zeros((1, 2)), np.cumsum(work, axis=0)])
+        work = self._ahead = self._works(steps)
         if not len(t):
             return States(*(part[:0] for part in self._columns()))
         if isinstance(steps, Batch):
             found = steps.made.samples(t, of)
         else:
             found = self._stages.dense(steps, t, of)
-        return found._replace(work=found.work + before[of])
+        return found._replace(work=found.work + (self._total + np.cumsum(work, axis=0) - work)[of])
 
     def take(self, steps: Sequence[Any], found: States | None = None) -> int:
         """Record steps, and the states at their samples where they are known already.
 
         Args:
             steps: Accepted steps, in order.
-            found: States at the samples in them; None: not known yet.
+            found: States at the samples in them, of those that are `ahead`; None: all of these.
         """
         if not steps:
             return 0
@@ -64,7 +63,7 @@ class Record:
         upto = self.count + len(found.y)
         for column, values in zip(self._columns(), found, strict=True):
             column[self.count : upto] = values
-        self._total = self._total + self._works(steps).sum(axis=0)
+        self._total = self._total + self._ahead[: len(steps)].sum(axis=0)
         self.count = upto
         return len(steps)
 
@@ -96,8 +95,15 @@ class Record:
         return States(self.y, self.v, self.a, self.lam, self.torque, self.work)
 
 
+def spans_of(steps: Sequence[Any]) -> tuple[Array, Array]:
+    """Starts and lengths of steps, s, shape (k,) each."""
+    if isinstance(steps, Batch):
+        return steps.spans
+    t, h = np.array([(step.start.t, step.h) for step in steps]).reshape(-1, 2).T
+    return t, h
+
+
 def ends_of(steps: Sequence[Any]) -> Array:
     """Ends of steps, s, a little later than they are: a sample that rounds to one is in it."""
-    if isinstance(steps, Batch):
-        return steps.ends
-    return np.array([step.start.t + (1.0 + 1e-9) * step.h for step in steps])
+    t, h = spans_of(steps)
+    return np.asarray(t + (1.0 + 1e-9) * h)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -113,12 +114,20 @@ class StageEquations:
         system = dynamics.system
         self.mechanism, self.dynamics, self.path, self.drive = mechanism, dynamics, path, drive
         self.axes, self.motors = motor_axes(mechanism), system.motors
-        self.method, self.sampler = method, sampler
+        self.motion, self.method, self.sampler = path, method, sampler
         self.free = system.free if drive is None else system.unheld
         prescribed = None if drive is not None or sampler is not None else self.axes
         self.compiled = compiled_stages(dynamics, method, self.free, prescribed)
         self.newton = StageNewton(dynamics, method, self.free, drive, self.compiled)
-        self.manifold = Manifold(dynamics, () if drive is not None else self.motors)
+
+    def __del__(self) -> None:
+        if (compiled := self.__dict__.get("compiled")) is not None:
+            self.dynamics.system.spares.release(self.method.s, compiled, compiled.size)
+
+    @cached_property
+    def manifold(self) -> Manifold:
+        """Poses moved and told apart; the compiled march has its own."""
+        return Manifold(self.dynamics, () if self.drive is not None else self.motors)
 
     def first(self, t: float, y: Array, v: Array) -> Start:
         """Consistent accelerations, multipliers and torques at (y, v)."""

@@ -67,6 +67,22 @@ class Evaluator:
         R, C = here.found
         return R.copy(), C.copy()
 
+    def poses(self, Y: Array, node: int) -> tuple[Array, Array]:
+        """Rotations (n, 3, 3) and origins (n, 3), m, of a node in the world.
+
+        Args:
+            Y: Coordinates, shape (n, nq).
+            node: Number in the tree of the kernel.
+        """
+        Y, out = np.ascontiguousarray(Y, dtype=np.float64), np.empty((len(Y), 12))
+        if Y.ndim != 2 or Y.shape[1] != self._widths[0]:
+            raise PinflexError(f"kernel: poses of {Y.shape}, not (n, {self._widths[0]}).")
+        if not 0 <= node < self.tables.counts["nodes"]:
+            raise PinflexError(f"kernel: {node}: a node that is none.")
+        given = self.tables.address, self.work, len(Y), Y.ctypes.data
+        self.functions.pinflex_poses(*given, node, out.ctypes.data)
+        return out[:, :9].reshape(-1, 3, 3), out[:, 9:]
+
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, scale: Array, rates: bool = True
     ) -> tuple[Array, Array, Array, Array]:

@@ -122,6 +122,7 @@ class MarchKernel:
         tangents: M, C, K and J of each tangent, flat.
         y, v, a, lam, torque: The state that the next step starts from.
         input: Inputs of the stages, shape (s, columns), where they are given.
+        size: Of all arrays in bytes.
     """
 
     def __init__(
@@ -132,6 +133,7 @@ class MarchKernel:
         nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
         size, count = n["free"] + rows, len(given.measured)
         _check(stages, given, table)
+        self._stages = stages
         shapes = dict.fromkeys(("t", "h", "coarseness", "rate", *_POINTS), ()) | {
             "y0": (nq,), "v0": (nv,), "a0": (nv,), "lam0": (rows,), "torque0": (motors,),
             "move": (s, nv), "turn": (s, nv), "a": (s, nv), "lam": (s, rows),
@@ -153,7 +155,8 @@ class MarchKernel:
         values = {"stop_at": np.array(given.stops, dtype=float), "weight": weight}
         values |= {name: getattr(given, name) for name in ("basis", "basis_0", "last")}
         numbers, inputs = Block(zeros, values), _inputs(table)
-        self._keep = (stages, of_steps, integers, numbers, inputs)
+        self._keep, self._inputs, self._table = (of_steps, integers, numbers), inputs, table
+        self.size = sum(block.size for block in self._keep)
         self.steps, self.integers = of_steps.arrays, integers.arrays
         at = numbers.arrays
         self.tangents, self.input = at["tangent_at"], at["input"]
@@ -172,7 +175,27 @@ class MarchKernel:
         )  # fmt: skip
         self._functions, self._tables = stages.functions, stages.tables
         self._call = (stages.tables, stages.work, ctypes.addressof(self.at))
-        self._state = (nq, nv, nv, rows, motors, 2)
+        self._widths = (nq, nv, nv, rows, motors, 2)
+        self._state = np.cumsum([0, *self._widths])  # one state after the other
+        self._new = bytes(self.at)
+
+    def begin_anew(self, given: Marched, table: Table) -> None:
+        """Take over another run of the same sizes, as if these arrays were new.
+
+        Args:
+            given: What the kernel has to know. table: What is prescribed.
+        """
+        _check(self._stages, given, table)
+        if table is not self._table:
+            self._inputs, self._table = _inputs(table), table
+        ctypes.memmove(ctypes.byref(self.at), self._new, len(self._new))
+        self.at.inputs = ctypes.addressof(self._inputs[1])
+        numbers, integers = self._keep[2].arrays, self._keep[1].arrays
+        numbers["stop_at"][...], integers["measured_at"][...] = given.stops, given.measured
+        if given.weight is not None:
+            numbers["weight"][...] = given.weight
+        for name in ("basis", "basis_0", "last"):
+            numbers[name][...] = getattr(given, name)
 
     def advance(self) -> int:
         """Steps until the batch is full, or something else has to answer."""
@@ -217,12 +240,18 @@ class MarchKernel:
         given = None if inputs is None else _numbers(inputs)
         if given is not None and given.shape != (len(t), self.input.shape[1]):
             raise PinflexError(f"kernel: inputs of {given.shape}.")
-        found = tuple(np.empty((len(t), width)) for width in self._state)
+        ends = len(t) * self._state
+        room = np.empty(ends[-1])  # one, for where an array lies takes numpy long to tell
+        first = room.ctypes.data
         self._functions.pinflex_samples(
             self._tables, self._call[2], len(t), t.ctypes.data, of.ctypes.data,
-            None if given is None else given.ctypes.data, *(x.ctypes.data for x in found),
+            None if given is None else given.ctypes.data,
+            *(first + 8 * int(begin) for begin in ends[:-1]),
         )  # fmt: skip
-        return found
+        return tuple(
+            room[begin:end].reshape(len(t), width)
+            for begin, end, width in zip(ends[:-1], ends[1:], self._widths, strict=True)
+        )
 
 
 def _columns(stages: StageKernel) -> int:

@@ -15,7 +15,7 @@ class Block:
     """Arrays of one type, zero or given, each at a multiple of 64 bytes.
 
     Attributes:
-        arrays, addresses: By name.
+        arrays, addresses: By name. size: Bytes.
     """
 
     def __init__(
@@ -30,6 +30,7 @@ class Block:
         shapes = dict(shapes) | {name: array.shape for name, array in given.items()}
         sizes = [_size(shape) for shape in shapes.values()]
         self._raw = np.zeros(sum(sizes) + every * (len(sizes) + 1), dtype=dtype)
+        self.size = self._raw.nbytes
         first = self._raw.ctypes.data
         at = -first % _ALIGNED // wide
         self.arrays: dict[str, npt.NDArray[Any]] = {}

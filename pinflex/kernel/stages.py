@@ -81,7 +81,7 @@ class StageKernel:
         r, open: Residuals (s, nv) and closures (s, rows) that the last correction was for.
         da, dlam, change: That correction: (s, free), (s, rows), and of the displacement (s, nv).
         counts: Sizes by name. functions: The C code. tables, work, address: Of the system, its
-            workspace, and the C structure of the stages.
+            workspace, and the C structure of the stages. size: Of all arrays in bytes.
     """
 
     def __init__(self, evaluator: Evaluator, scheme: Scheme, rows: Rows) -> None:
@@ -106,7 +106,7 @@ class StageKernel:
         real = {name: getattr(scheme, name) for name in ("c", "A", "A2", "A2_inverse")}
         pairs = {"value": scheme.values, "forward": scheme.forward, "back": scheme.back}
         numbers = Block(shapes, real | {name: _pairs(x) for name, x in pairs.items()})
-        self._keep = (integers, numbers)
+        self._keep, self.size = (integers, numbers), integers.size + numbers.size
         self._arrays = arrays = numbers.arrays
         pointers = numbers.addresses | integers.addresses
         self._structure = _Stages(

@@ -23,7 +23,8 @@ _INSTANTS = 9
 _LOOKED_AT = 9  # lowest modes
 _SEEN = 0.05  # share of the largest energy at which a mode counts
 _SAME = 0.05  # relative: modes so close are one to a shaper
-_shaped: list[tuple[Mechanism, Motion]] = []  # the last one: its modes are slow to find
+_recent: list[tuple[Mechanism, Motion]] = []  # newest first: modes of a shaped one are slow to find
+_KEPT = 2
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,20 @@ def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
 
 
 def default_motion(mechanism: Mechanism) -> Motion:
-    """The motion of the YAML, shaped where it says so; one second at rest where it has none."""
+    """The motion of the YAML, shaped where it says so; one second at rest where it has none.
+
+    The same object each time: what is known of a motion is found by it.
+    """
+    for known, motion in _recent:
+        if known is mechanism:
+            return motion
+    motion = _written(mechanism)
+    _recent.insert(0, (mechanism, motion))
+    del _recent[_KEPT:]
+    return motion
+
+
+def _written(mechanism: Mechanism) -> Motion:
     block = mechanism.description.motion
     if block is None:
         return hold(duration=1.0)
@@ -104,10 +118,5 @@ def default_motion(mechanism: Mechanism) -> Motion:
         return motion
     if asked.frequencies:
         return shaped(motion, asked.kind, asked.frequencies, asked.damping)
-    for known, made in _shaped:
-        if known is mechanism:
-            return made
     found = ringing(mechanism, motion, asked.modes)
-    made = shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
-    _shaped[:] = [(mechanism, made)]
-    return made
+    return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())

@@ -23,7 +23,7 @@ from pinflex.description.solve import ASKED
 from pinflex.errors import SceneError
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import Frame
+from pinflex.mechanics.frames import frame_poses
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 
@@ -209,7 +209,7 @@ def platform_poses(mechanism: Mechanism, dynamics: Equations, y: Array) -> tuple
         y: Coordinates, shape (n, nq).
     """
     platform = dynamics.system.expansion.frames[str(mechanism.description.platform)]
-    R, p = Frame(dynamics.model, platform).pose(dynamics.joint_poses(y))
+    R, p = frame_poses(dynamics, y, platform)
     return p, R
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.mechanics.added_mass import AddedInertia
 from pinflex.mechanics.closure_state import ClosureState
-from pinflex.mechanics.compiled import Compiled, on_kernel
+from pinflex.mechanics.compiled import Compiled, on_kernel, serves
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
@@ -57,7 +57,12 @@ class Equations(Geometry):
     @cached_property
     def compiled(self) -> Compiled | None:
         """The compiled equations, where they serve."""
-        return on_kernel(self.system) if self._often or self.in_parts else None
+        return on_kernel(self.system) if self.on_kernel else None
+
+    @property
+    def on_kernel(self) -> bool:
+        """Whether the compiled equations serve."""
+        return (self._often or self.in_parts) and serves(self.system)
 
     @property
     def in_parts(self) -> bool:

@@ -11,6 +11,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.geometry import Geometry, Kinematics
 from pinflex.mechanics.poses import skew, support
@@ -53,6 +54,23 @@ class Frame:
         speed = v + np.cross(w, p)
         linear = a + np.cross(spin, p) + np.cross(w, speed)
         return speed, w, np.concatenate([linear, spin], axis=1)
+
+
+def frame_poses(system: Equations, y: Array, place: Attachment) -> tuple[Array, Array]:
+    """Rotations (n, 3, 3) and origins (n, 3) of a frame in the world at poses y (n, nq).
+
+    Args:
+        system: Equations of a system.
+        y: Coordinates, shape (n, nq).
+        place: Joint that carries the frame, and where on it.
+    """
+    compiled, node = system.compiled, -1
+    if compiled is not None:
+        node = int(system.system.node_of_joints[place.joint])
+    if compiled is None or node < 0:
+        return Frame(system.model, place).pose(system.joint_poses(y))
+    R, p = compiled.evaluator.poses(y, node)
+    return R @ place.placement.rotation, R @ place.placement.translation + p
 
 
 def frame_pose(system: Geometry, y: Array, place: Attachment) -> pin.SE3:

@@ -173,7 +173,7 @@ class Geometry:
             return Closure(c[0], J[0])
         rows, nv = self.system.closed.n, self.system.nv
         c, J = np.empty((len(y), rows)), np.empty((len(y), rows, nv))
-        for s in spans(len(y)):
+        for s in spans(len(y)) if rows else ():
             c[s], J[s] = self.closure_of(self._kinematics(y[s], None, True))
         return Closure(c, J)
 

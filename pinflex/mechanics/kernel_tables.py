@@ -84,13 +84,28 @@ def uncovered(system: System) -> str | None:
     return None
 
 
+def node_of_joints(system: System) -> IntArray:
+    """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
+    return _numbered(system.expansion.model, _tree(system)[0])
+
+
+def _tree(system: System) -> tuple[list[int], list[int], list[int]]:
+    """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
+    used = {int(b) for b in system.closed.bodies} | set(_loaded(system.loads))
+    return _sorted(system.expansion.model, used)
+
+
+def _numbered(model: pin.Model, nodes: list[int]) -> IntArray:
+    node_of = np.full(int(model.njoints), -1)
+    node_of[nodes] = np.arange(len(nodes))
+    return node_of
+
+
 def tables(system: System) -> Tables:
     """Tables of a covered system."""
     model, expansion, closed = system.expansion.model, system.expansion, system.closed
-    used = {int(b) for b in closed.bodies} | set(_loaded(system.loads))
-    nodes, points, twists = _sorted(model, used)
-    node_of = np.full(int(model.njoints), -1)
-    node_of[nodes] = np.arange(len(nodes))
+    nodes, points, twists = _tree(system)
+    node_of = _numbered(model, nodes)
     nv_rigid = int(system.rigid.nv)
     arrays: dict[str, Any] = {
         "q_at": expansion.q_at, "v_at": expansion.v_at, "gravity": model.gravity.linear,

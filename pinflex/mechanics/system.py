@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.kernel.spares import Spares
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.added_mass import AddedMasses
 from pinflex.mechanics.closure import Closures
@@ -107,6 +108,8 @@ class System:
         Args:
             prescribed: Whether motors do; else they push, and may stick too.
         """
+        if not self.friction.present:
+            return False
         moving = self.free if prescribed else self.unheld
         return bool(np.any(np.isin(self.friction.rows, moving)))
 
@@ -142,3 +145,15 @@ class System:
         from pinflex.mechanics.kernel_tables import tables
 
         return tables(self)
+
+    @cached_property
+    def node_of_joints(self) -> IntArray:
+        """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
+        from pinflex.mechanics.kernel_tables import node_of_joints
+
+        return node_of_joints(self)
+
+    @cached_property
+    def spares(self) -> Spares:
+        """Workspaces of the compiled kernel that the next run finds ready."""
+        return Spares()

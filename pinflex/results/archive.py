@@ -17,6 +17,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results import checked
 from pinflex.results.compact import ROUNDED, decoded, encode
+from pinflex.writing import replaced
 
 FORMAT = 2  # that this pinflex reads: 1 has plain arrays, 2 those of `compact`
 HEADER = "pinflex"  # the npz member that says whose file it is, and holds meta
@@ -40,6 +41,7 @@ _DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json 
     struct.error,
 )
 _SAMPLE = 1 << 15  # bytes tried of each array
+_CODED = 4  # level of deflate: that of zlib's default takes half as long again for 1 % less
 _WORTH = 0.75  # digits of a motion shrink to 0.85 at most, for a second of a run's ten
 
 
@@ -54,7 +56,7 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
         for name, array in arrays.items():
             coded = array.dtype == np.uint8  # of `compact`: made to shrink
             kind = zipfile.ZIP_DEFLATED if coded or _shrinks(array) else zipfile.ZIP_STORED
-            archive.compression, archive.compresslevel = kind, 6 if coded else 1
+            archive.compression, archive.compresslevel = kind, _CODED if coded else 1
             with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
                 np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
 
@@ -75,6 +77,29 @@ def contents(
         header |= {"format": FORMAT, "coded": coded}
         header["meta"] |= {"rounded": ROUNDED}
     return {HEADER: np.array(json.dumps(header)), "t": t, **members}
+
+
+def as_read(members: Mapping[str, Any]) -> tuple[Array, dict[str, Array], dict[str, Any]]:
+    """Instants, arrays and meta as a file of these members has them, without the file.
+
+    Args:
+        members: Of `contents`.
+    """
+    header = json.loads(str(members[HEADER]))
+    arrays = decoded(
+        {key: values for key, values in members.items() if key != HEADER}, header.get("coded", {})
+    )
+    return arrays.pop("t"), arrays, header["meta"]
+
+
+def write(path: Path, members: Mapping[str, Any]) -> None:
+    """Write a file; one that is there is replaced only by a complete one.
+
+    Args:
+        path: The file. members: Of `contents`.
+    """
+    with replaced(path) as part, part.open("wb") as stream:
+        write_arrays(stream, members)
 
 
 def _shrinks(array: Array) -> bool:

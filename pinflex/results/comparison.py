@@ -198,12 +198,12 @@ def comparison(
         torques=_torque_rows(rigid, others),
         platform=_platform_rows(rigid, others, frame),
         stresses=tuple(
-            _stress_row(label, run, link, strengths.get(link))
+            stress_row(label, run, link, strengths.get(link))
             for label, run in others.items()
             for link in run.links
         ),
         frequencies=listed,
-        costs=tuple(_cost_row(label, run, times.get(label)) for label, run in every.items()),
+        costs=tuple(cost_row(label, run, times.get(label)) for label, run in every.items()),
         frequency_note=frequency_note,
         notes=tuple(notes),
         unsolved=dict(unsolved or {}),
@@ -253,7 +253,7 @@ def _platform_rows(
 ) -> tuple[PlatformRow, ...]:
     if rigid is None or frame is None:
         return ()
-    return tuple(_platform_row(label, rigid, run) for label, run in others.items())
+    return tuple(platform_row(label, rigid, run) for label, run in others.items())
 
 
 def _residual_rows(
@@ -305,7 +305,12 @@ def _torque_row(label: str, rigid: Result | None, run: Result, i: int) -> Torque
     )
 
 
-def _platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
+def platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
+    """Largest deviations of the platform from the rigid run.
+
+    Args:
+        label: Of the run. rigid: With a platform. run: At the same instants.
+    """
     frame = str(rigid.meta["platform"])
     deviation = run.deviation_from(rigid, frame)
     far, turned = int(np.argmax(deviation.norm)), int(np.argmax(deviation.angle))
@@ -319,7 +324,13 @@ def _platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
     )
 
 
-def _stress_row(label: str, run: Result, link: str, strength: float | None) -> StressRow:
+def stress_row(label: str, run: Result, link: str, strength: float | None) -> StressRow:
+    """The largest stress of a link.
+
+    Args:
+        label: Of the run. run: The run. link: Its name.
+        strength: Of its material [Pa], where known.
+    """
     view = run.link(link)
     when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
     return StressRow(
@@ -333,7 +344,12 @@ def _stress_row(label: str, run: Result, link: str, strength: float | None) -> S
     )
 
 
-def _cost_row(label: str, run: Result, cpu: float | None) -> CostRow:
+def cost_row(label: str, run: Result, cpu: float | None) -> CostRow:
+    """What a run cost.
+
+    Args:
+        label: Of the run. run: The run. cpu: CPU time [s], where known.
+    """
     cost: dict[str, Any] = run.meta.get("cost", {})
     seconds, steps, newton = (cost.get(key) for key in ("seconds", "steps", "newton"))
     return CostRow(

@@ -255,9 +255,7 @@ class Result(Shown):
                 links and bodies to 5e-7 of their largest value.
         """
         path = Path(path)
-        contents = archive.contents(self.t, self.arrays, self.meta, compact)
-        with replaced(path) as part, part.open("wb") as stream:
-            archive.write_arrays(stream, contents)
+        archive.write(path, archive.contents(self.t, self.arrays, self.meta, compact))
         return path
 
     @classmethod

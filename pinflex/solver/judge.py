@@ -17,9 +17,9 @@ import numpy as np
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.corrector import Corrector
+from pinflex.integrators.corrector import Before, Corrector
 from pinflex.integrators.radau import Stages
-from pinflex.integrators.record import Record, ends_of
+from pinflex.integrators.record import Record, ends_of, spans_of
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
 from pinflex.integrators.steps import Path, States
@@ -91,7 +91,7 @@ class Judge:
         self._better = Record(self._second, self._t, self.resolution)
         self._found.start(now)
         self._better.start(now)
-        self._before: tuple[Step, Step, Step] | None = None
+        self._before: tuple[Before, Before] | None = None
         self._sizes: dict[str, float] = {}
         self._moved, self._borne = False, 0.0
         self._histories: list[dict[str, History]] = []
@@ -102,7 +102,8 @@ class Judge:
         """Correct steps twice and record both; the number of them that may stay, or -1."""
         if not steps:
             return 0
-        self._stages.slow = self._slowest(steps[-1])
+        t, h = spans_of(steps)
+        self._stages.slow = self._slowest(float(h[-1]))
         try:
             corrected, twice = self._corrected(steps)
         except np.linalg.LinAlgError:
@@ -113,23 +114,34 @@ class Judge:
         bad = np.flatnonzero(~(errors <= max(self._allowed, self._borne)))
         good = len(steps)
         if len(bad) and not self.stuck:
-            good = self._send_back(steps, errors, int(bad[0]))
+            good = self._send_back(float(t[bad[0]] + h[bad[0]]), errors, int(bad[0]))
             if good < 0:
                 self.begun += 1
                 self.start(self._now)
             if good <= 0:
                 return good
         self._borne = min(self._borne, _MORE * float(np.max(errors)))
-        end = steps[good - 1].start.t + steps[good - 1].h
+        end = float(t[good - 1] + h[good - 1])
         if good == len(steps) and not len(bad) and not self.stuck:
             self._adapt(errors, end)
         self._error, self._error_at = max(self._error, float(np.max(errors[:good]))), end
         kept = self._samples(steps[:good])
-        self._found.take(corrected[:good], States(*(part[:kept] for part in found)))
-        self._better.take(twice[:good], States(*(part[:kept] for part in better)))
-        self._before = steps[good - 1], corrected[good - 1], twice[good - 1]
+        self._keep(steps[:good], (corrected[:good], twice[:good]), (found, better), kept)
         self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
+
+    def _keep(
+        self,
+        steps: Sequence[Step],
+        corrected: tuple[Sequence[Step], Sequence[Step]],
+        ahead: tuple[States, States],
+        kept: int,
+    ) -> None:
+        """Record steps that stay, corrected once and twice, and of the samples ahead so many."""
+        for record, some, states in zip((self._found, self._better), corrected, ahead, strict=True):
+            record.take(some, States(*(part[:kept] for part in states)))
+        once, twice = corrected
+        self._before = self._corrector.last(steps, once), self._second.last(once, twice)
 
     def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
         """The corrected run, and the one corrected twice.
@@ -179,18 +191,18 @@ class Judge:
 
     def _corrected(self, steps: Sequence[Step]) -> tuple[Sequence[Step], Sequence[Step]]:
         """Steps corrected once and twice."""
-        before = self._before
-        once = self._corrector.correct_all(steps, before and before[:2])
-        return once, self._second.correct_all(once, before and before[1:])
+        before, again = self._before or (None, None)
+        once = self._corrector.correct_all(steps, before)
+        return once, self._second.correct_all(once, again)
 
     def _samples(self, steps: Sequence[Step]) -> int:
         """Number of samples in steps to come."""
         end = float(ends_of(steps)[-1])
         return int(np.searchsorted(self._t, end, side="right")) - self._found.count
 
-    def _slowest(self, step: Step) -> float:
-        """Contraction that a correction may have, where so many follow on each other."""
-        number = float(self._t[-1] - self._t[0]) / step.h
+    def _slowest(self, h: float) -> float:
+        """Contraction that a correction may have, where so many steps of h (s) follow."""
+        number = float(self._t[-1] - self._t[0]) / h
         return min(0.1, float(np.sqrt(0.3 / number)))
 
     def _compared(self, found: States, better: States) -> dict[str, History]:
@@ -242,20 +254,23 @@ class Judge:
         size = max(self._sizes.get(key, 0.0), _HALF * self._foreseen.sizes.get(key, 0.0))
         return size if size > LEAST_SIZES.get(key, 0.0) else np.inf
 
-    def _send_back(self, steps: Sequence[Step], errors: Array, bad: int) -> int:
-        """The number of good steps before a bad one; resolution for those that replace it."""
+    def _send_back(self, end: float, errors: Array, bad: int) -> int:
+        """The number of good steps before a bad one, which ends at `end` (s).
+
+        And the resolution for those that replace it.
+        """
         error = float(np.max(errors))
         error = error if np.isfinite(error) else 1.0
-        if self._in_vain(steps[bad].start.t + steps[bad].h, error):
-            return len(steps)
+        if self._in_vain(end, error):
+            return len(errors)
         before = max(self._error, float(np.max(errors[:bad], initial=0.0)))
         anew = before > FULL * self._allowed  # what is carried along is too much already
         if anew and error < self._most:
             self._borne, self.resolution = self._most, FALL * self.resolution
-            return len(steps)
+            return len(errors)
         if self.resolution < _FINEST or (anew and self.begun > _AGAIN):
             self._borne = _MORE * error
-            return len(steps)
+            return len(errors)
         so_far = 0.0 if anew else before
         room = AIM * (self._allowed - so_far)
         self.resolution *= min(max(room / (error - so_far), LEAST), FALL)

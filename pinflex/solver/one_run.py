@@ -17,6 +17,7 @@ from pinflex.integrators.march import SHORT
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.mechanics.equations import Equations
 from pinflex.solver.estimates import floor
 from pinflex.solver.expected import Expected, expected, few
 from pinflex.solver.judge import AIM, LEAST, PART, Judge
@@ -38,15 +39,23 @@ def in_one_run(scene: Scene, t: Array, tol: float, progress: Progress | None = N
     Args:
         scene, t, tol, progress: As in `solve_to_tolerance`.
     """
-    return _OneRun(scene, t, tol, progress).run()
+    with scene.equations() as dynamics:
+        return _OneRun(scene, t, tol, progress, dynamics).run()
 
 
 class _OneRun:
-    def __init__(self, scene: Scene, t: Array, tol: float, progress: Progress | None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        t: Array,
+        tol: float,
+        progress: Progress | None,
+        dynamics: Equations,
+    ) -> None:
         self.scene, self.asked_for, self.tol, self.progress = scene, t, tol, progress
-        grid = t if len(t) >= _INSTANTS else np.linspace(t[0], t[-1], _INSTANTS)
-        self.t = np.union1d(t, grid)
-        self.dynamics = scene.equations()
+        few = len(t) < _INSTANTS
+        self.t = np.union1d(t, np.linspace(t[0], t[-1], _INSTANTS)) if few else t
+        self.dynamics = dynamics
         asked = scene.spec.asked or ASKED
         self.outputs = Outputs(scene.mechanism, scene.motion, self.t, asked, self.dynamics)
         self.foreseen = self._foreseen()
@@ -108,4 +117,5 @@ class _OneRun:
         told = {"tol": self.tol, "error": error, "judged": "a correction of every step"}
         settings = {**run.settings, **told}
         run = replace(run, settings=settings, warnings=(*run.warnings, *ringing(self.scene, run)))
-        return run.at(np.searchsorted(self.t, self.asked_for))
+        same = self.t is self.asked_for
+        return run if same else run.at(np.searchsorted(self.t, self.asked_for))

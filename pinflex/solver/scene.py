@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -34,6 +35,7 @@ from pinflex.levels.speeds import with_speeds
 from pinflex.levels.start import Start, start_of
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.lending import lent
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.following import following, rigid_torques
 from pinflex.solver.resume import state
@@ -92,7 +94,7 @@ class Scene:
             run.settings["integrator"] = spec.by_steps
             if spec.start_speeds:
                 run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
-            return thin(self._judged(run, every), every)
+            return _thin(self._judged(run, every), every)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
@@ -113,9 +115,9 @@ class Scene:
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             if isinstance(stop, RunInterrupted):
-                stop.result = thin(stop.result, every)
+                stop.result = _thin(stop.result, every)
             raise
-        return thin(start.told(self._judged(run, every)), every)
+        return _thin(start.told(self._judged(run, every)), every)
 
     def _judged(self, run: Run, every: int) -> Run:
         """The run with what its step alone tells: samples that cut it, too long, round-off."""
@@ -205,7 +207,11 @@ class Scene:
             dynamics: A workspace of what moves; None: one of its own.
             ends: Of the steps in s, where these are given; then they are not judged.
         """
-        start, dynamics = self._start, dynamics or self.equations()
+        if dynamics is None:
+            given = (t, resolution, keeper, first, scale, progress, pilot, alpha)
+            with self.equations() as own:
+                return self.kept(*given, own, ends)
+        start = self._start
         stops, sampler = breaks(self.motion, dynamics.system.loads), None
         steps: Steps
         if alpha:
@@ -229,10 +235,10 @@ class Scene:
             run = replace(run, signals=sampler.signals(run.t, run.y))
         return start.told(run)
 
-    def equations(self) -> Equations:
-        """A workspace of what moves: the one that finding the start has given back."""
+    def equations(self) -> AbstractContextManager[Equations]:
+        """A workspace of what moves, lent: the one that finding the start has given back."""
         assert self._start is not None
-        return Equations(self._system)
+        return lent(self._system)
 
     def _stages(
         self, t: Array, dynamics: Equations, resolution: float
@@ -339,11 +345,6 @@ def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
         stop.result = start.told(stop.result)
 
 
-def thin(run: Run, every: int) -> Run:
-    """Every k-th step of a run.
-
-    Args:
-        run: A run.
-        every: k.
-    """
+def _thin(run: Run, every: int) -> Run:
+    """Every k-th step of a run."""
     return run if every == 1 else run.at(slice(None, None, every))

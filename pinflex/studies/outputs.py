@@ -11,8 +11,8 @@ from pinflex.description.description import Description
 from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.comparison import Comparison, comparison
-from pinflex.results.result import Result
+from pinflex.results.comparison import StressRow, cost_row, platform_row, stress_row
+from pinflex.results.result import Result, peak, rms
 from pinflex.studies.check import first_frequencies
 from pinflex.studies.study_notes import yield_strengths
 
@@ -47,7 +47,10 @@ def check_outputs(names: Iterable[str], level: str | None) -> tuple[str, ...]:
 
 
 def scene_outputs(
-    mechanism: Mechanism, level: str | None = None, wanted: Iterable[str] = OUTPUTS
+    mechanism: Mechanism,
+    level: str | None = None,
+    wanted: Iterable[str] = OUTPUTS,
+    rigid: Result | None = None,
 ) -> dict[str, Any]:
     """Numbers, flags and texts of one scene, SI units; what does not exist is left out.
 
@@ -55,6 +58,7 @@ def scene_outputs(
         mechanism: The scene.
         level: Default: the level of the YAML.
         wanted: Groups of numbers; without any but `frequency` nothing is solved.
+        rigid: The rigid run, where it is known.
 
     Returns:
         torque.peak.MOTOR, torque.rms.MOTOR (N m | N); deviation.position (m) and .rotation (rad):
@@ -66,17 +70,11 @@ def scene_outputs(
     """
     groups = set(wanted)
     found: dict[str, Any] = {}
-    run: Result | None = None
     if groups - {"frequency"}:
-        run = solve(mechanism, level=level)
-        rigid = _rigid(mechanism, run) if "deviation" in groups else None
-        table = comparison(rigid, {"run": run}, yield_strengths=yield_strengths(mechanism))
-        found |= _of_table(table, groups)
+        found = _of_run(mechanism, solve(mechanism, level=level), groups, rigid)
     if "frequency" in groups:
         frequencies, _ = first_frequencies(mechanism, _FREQUENCIES)
         found |= {f"frequency.{i}": f for i, f in enumerate(frequencies, 1)}
-    if run is not None and "validity" in groups:
-        found |= _validity(run, table)
     return found
 
 
@@ -110,33 +108,52 @@ def _rigid(mechanism: Mechanism, run: Result) -> Result | None:
         return None
 
 
-def _of_table(table: Comparison, groups: set[str]) -> dict[str, Any]:
+def _of_run(
+    mechanism: Mechanism, run: Result, groups: set[str], rigid: Result | None
+) -> dict[str, Any]:
+    """The groups of a run; of poses, forces and stresses only what they need is found."""
     found: dict[str, Any] = {}
     if "torque" in groups:
-        found |= {f"torque.peak.{row.motor}": row.peak for row in table.torques}
-        found |= {f"torque.rms.{row.motor}": row.rms for row in table.torques}
-    if "deviation" in groups:
-        for place in table.platform:
-            found["deviation.position"] = place.position
-            found["deviation.rotation"] = place.rotation
-    if "stress" in groups and table.stresses:
-        worst = max(table.stresses, key=lambda row: row.von_mises)
-        found |= {"stress.peak": worst.von_mises, "stress.link": worst.link}
-        found |= {"stress.x": worst.x, "stress.t": worst.time, "stress.yield": _yield(table)}
+        found |= _torques(run)
+    if "deviation" in groups and rigid is None:
+        rigid = _rigid(mechanism, run)
+    if "deviation" in groups and rigid is not None and run.level != "rigid":
+        place = platform_row("run", rigid, run)
+        found |= {"deviation.position": place.position, "deviation.rotation": place.rotation}
+    stresses: list[StressRow] = []
+    if groups & {"stress", "validity"}:
+        known = yield_strengths(mechanism)
+        stresses = [stress_row("run", run, link, known.get(link)) for link in run.links]
+    if "stress" in groups and stresses:
+        found |= _stress(stresses)
     if "cost" in groups:
-        cost = table.costs[-1]
+        cost = cost_row("run", run, None)
         found |= {f"cost.{name}": getattr(cost, name) for name in ("seconds", "steps", "newton")}
-    return found
+    return found | (_validity(run, stresses) if "validity" in groups else {})
 
 
-def _yield(table: Comparison) -> float | None:
+def _torques(run: Result) -> dict[str, float]:
+    columns = dict(zip(run.motors, run.torque.T, strict=True))
+    found = {f"torque.peak.{motor}": peak(torque) for motor, torque in columns.items()}
+    return found | {f"torque.rms.{motor}": rms(torque) for motor, torque in columns.items()}
+
+
+def _stress(stresses: list[StressRow]) -> dict[str, Any]:
+    worst = max(stresses, key=lambda row: row.von_mises)
+    return {
+        "stress.peak": worst.von_mises, "stress.link": worst.link, "stress.x": worst.x,
+        "stress.t": worst.time, "stress.yield": _yield(stresses),
+    }  # fmt: skip
+
+
+def _yield(stresses: list[StressRow]) -> float | None:
     """Largest stress over strength of any link; None where no strength is known."""
-    shares = [row.yield_share for row in table.stresses if row.yield_share is not None]
+    shares = [row.yield_share for row in stresses if row.yield_share is not None]
     return max(shares, default=None)
 
 
-def _validity(run: Result, table: Comparison) -> dict[str, Any]:
-    share = _yield(table)
+def _validity(run: Result, stresses: list[StressRow]) -> dict[str, Any]:
+    share = _yield(stresses)
     return {
         "validity.within_theory": not run.meta["limits"],
         "validity.below_yield": None if share is None else share <= 1.0,

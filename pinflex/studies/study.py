@@ -17,6 +17,7 @@ from pinflex.description.solve import LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.progress import Callback, Progress, Stages
+from pinflex.results import archive
 from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.residual import BAND
 from pinflex.results.result import Result
@@ -147,13 +148,16 @@ def compare(
     tell = progress if isinstance(progress, Stages) else Stages() if progress is True else None
     steps = None if isinstance(progress, Stages | bool) else progress
     runs: dict[str, Path] = {}
+    members: dict[str, Mapping[str, Any]] = {}
 
     def keep(level: str, run: Result, complete: bool) -> None:
         if folder is None:
             return
         if tell is not None:
             tell(f"saving {level}")
-        runs[level] = run.save(Path(folder) / file_name(run, complete), compact=True)
+        runs[level] = Path(folder) / file_name(run, complete)
+        members[level] = archive.contents(run.t, run.arrays, run.meta, compact=True)
+        archive.write(runs[level], members[level])
         # what an earlier comparison left of this level would contradict the table
         (Path(folder) / file_name(run, not complete)).unlink(missing_ok=True)
 
@@ -166,8 +170,8 @@ def compare(
         done = study(mechanism, levels, each, keep, band, say, errors, motion)
         if folder is None:
             return done
-        # the page is drawn from the files of its runs, so that they alone give the same page
-        drawn = {level: Result.load(path) for level, path in runs.items()}
+        # the page is drawn from what the files of its runs hold: they alone give the same page
+        drawn = {level: Result(*archive.as_read(held)) for level, held in members.items()}
         return replace(done, files=(*write(done, Path(folder), say, drawn), *runs.values()))
     finally:
         if tell is not None:

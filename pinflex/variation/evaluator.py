@@ -20,7 +20,8 @@ from pinflex.variation.limits import Limit
 from pinflex.variation.measures import RUNS, measure
 from pinflex.variation.variants import Variants, keys, variants_of
 
-_STEP = 1e-3  # of a logarithm: truncation 1e-6, noise of a solved output 1e-6
+_STEP = 5e-4  # of a logarithm: truncation 1e-6, noise of a solved output 1e-6 or less
+_SHARP = 2e3  # per logarithm: frequencies nearer than its inverse count together
 FEASIBLE = -1e-5  # a margin below this is a limit broken
 _BEYOND = 10.0  # objective where a design cannot be solved
 
@@ -74,17 +75,37 @@ class Evaluator:
         return [self._known[x.tobytes()] for x in points]
 
     def margins(self, found: Mapping[str, float] | None) -> Array:
-        """Of every limit, and of the frequencies above one that has a lower limit."""
-        if found is None:
-            return np.full(len(self._rows()), -1.0)
-        return np.array([limit.margin(found[name], self.base) for limit, name in self._rows()])
+        """Of every limit; of frequencies that must keep one together, a smooth least margin.
 
-    def _rows(self) -> list[tuple[Limit, str]]:
-        return [
-            (limit, name)
-            for limit in self.limits
-            for name in (limit.output, *(() if limit.upper else _above([limit.output])))
-        ]
+        Frequencies that come together bend where they meet, so that no step along the slope of the
+        lowest raises it. -ln(sum exp(-s m)) / s is smooth there, and at most ln(count) / s less.
+
+        Source: Kreisselmeier, Steinhauser (1979), Systematic control design by optimizing a vector
+        performance index.
+        """
+        if found is None:
+            return np.full(len(self.limits), -1.0)
+        each = [self._each(limit, found) for limit in self.limits]
+        return np.array([
+            min(m) - math.log(sum(math.exp(_SHARP * (min(m) - x)) for x in m)) / _SHARP
+            for m in each
+        ])  # fmt: skip
+
+    def keeps(self, found: Mapping[str, float] | None) -> bool:
+        """Whether every limit is kept."""
+        return found is not None and all(
+            min(self._each(limit, found)) >= FEASIBLE for limit in self.limits
+        )
+
+    def feasible(self, x: Array) -> bool:
+        """Whether the design at x keeps every limit; it is kept in the history."""
+        self.at(x)
+        return self.keeps(*self([x]))
+
+    def _each(self, limit: Limit, found: Mapping[str, float]) -> list[float]:
+        """Margins of a limit, and of the frequencies above one that has a lower limit."""
+        names = (limit.output, *(() if limit.upper else _above([limit.output])))
+        return [limit.margin(found[name], self.base) for name in names]
 
     def objective(self, found: Mapping[str, float] | None) -> float:
         """ln of the minimised output."""
@@ -96,8 +117,7 @@ class Evaluator:
         margins = self.margins(found)
         if found is not None and x.tobytes() not in self._told:  # objective and margins ask apart
             self._told.add(x.tobytes())
-            kept = bool(np.all(margins >= FEASIBLE))
-            self.history.append((self.designs.values(x), found, kept))
+            self.history.append((self.designs.values(x), found, self.keeps(found)))
         return self.objective(found), margins
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
@@ -114,9 +134,8 @@ class Evaluator:
         if not self.history:
             return "none could be solved"
         _, found, _ = max(self.history, key=lambda row: float(np.min(self.margins(row[1]))))
-        worst = int(np.argmin(self.margins(found)))
-        limit, name = self._rows()[worst]
-        return f"{name} = {found[name]:.4g} where {limit} is asked"
+        limit = self.limits[int(np.argmin(self.margins(found)))]
+        return f"{limit.output} = {found[limit.output]:.4g} where {limit} is asked"
 
     def design(self, x: Array, continuous: bool) -> Design:
         """What is told of the design at a point.
@@ -128,15 +147,14 @@ class Evaluator:
         (found,) = self([x])
         assert found is not None
         slope, rates = self.slopes(x)
-        margins = self.margins(found)
-        rows = self._rows()
+        margins = np.array([min(self._each(limit, found)) for limit in self.limits])
         multipliers, ends, residual = kkt(slope, rates, margins, x, self.bounds)
         case, first = self.designs.values(x), self.designs.first
         return Design(
             self.minimise, keys(self.designs.parameters), first, np.array([*case.values()]),
             np.exp(self.bounds) * first[:, None], self.base, found,
-            tuple(f"{name} {'<' if limit.upper else '>'} {limit.number(self.base):.5g}"
-                  for limit, name in rows),
+            tuple(f"{limit.output} {'<' if limit.upper else '>'} {limit.number(self.base):.5g}"
+                  for limit in self.limits),
             margins, multipliers, ends, residual, continuous, tuple(self.history),
             self.designs.described(case),
         )  # fmt: skip
@@ -160,5 +178,6 @@ def _solved(
     case: Mapping[str, float],
 ) -> dict[str, Any]:
     runs = any(name.partition(".")[0] in RUNS for name in names)
-    found = measure(variants_of(description, patterns).at(case), names, level if runs else None)
-    return dict(found)
+    designs = variants_of(description, patterns)
+    rigid = designs.rigid if any(name.startswith("deviation") for name in names) else None
+    return measure(designs.at(case), names, level if runs else None, rigid)

@@ -39,6 +39,7 @@ from pinflex.variation.fitted import Fit
 from pinflex.variation.identifiability import covariance, hidden, sentences, unseen
 from pinflex.variation.measured import columns
 from pinflex.variation.modal_data import modal_data
+from pinflex.variation.profile import Best, ends, quantile
 from pinflex.variation.signal_data import history_data, response_data
 from pinflex.variation.variants import Variants, keys, variants
 
@@ -203,9 +204,24 @@ class _Problem:
             if not len(self._last):
                 raise
             return 10.0 * self._last
-        told = self.prior > 0
-        self._last = np.concatenate([found, (x * self.prior)[told]])
+        self._last = self.with_prior_rows(found, x)
         return self._last
+
+    def rows_or_none(self, x: Array) -> Array | None:
+        """All residuals; None where a design cannot be solved."""
+        try:
+            return self.with_prior_rows(self.data_rows(x) / self.scale, x)
+        except PinflexError:
+            return None
+
+    def with_prior_rows(self, rows: Array, x: Array) -> Array:
+        """Residuals of the priors below those of the measurements.
+
+        Args:
+            rows: Of the measurements.
+            x: Where.
+        """
+        return np.concatenate([rows, (x * self.prior)[self.prior > 0]])
 
     def jacobian(self, x: Array) -> Array:
         """Derivatives of the residuals and of the priors."""
@@ -281,13 +297,19 @@ def _scale(rows: Array, n: int) -> float:
 def _fitted(problem: _Problem, x: Array, rows: Array, J: Array) -> Fit:
     """What is told of a fit."""
     designs, data = problem.designs, problem.data
-    C = covariance(problem.with_priors(J), hidden(problem.with_priors(J)))
     values = designs.values(x)
-    best = problem.design(x)
+    best, text = problem.design(x), data.text(problem.design(x))
     freedom = len(rows) + int(np.sum(problem.prior > 0)) - len(x)
+    C = covariance(problem.with_priors(J), hidden(problem.with_priors(J)))
+    found = ends(
+        problem.rows_or_none, Best(x, problem.with_prior_rows(rows, x), problem.with_priors(J), C),
+        problem.bounds, quantile(None if data.told else freedom),
+    )  # fmt: skip
     return Fit(
         problem.names, designs.first, np.array([*values.values()]),
-        np.exp(problem.bounds) * designs.first[:, None], C, rows, data.told, freedom,
-        tuple(sentences(J, C, problem.names)), data.text(best), tuple(data.panels(best)),
-        problem.solves, designs.described(values),
+        np.exp(problem.bounds) * designs.first[:, None],
+        np.sort(np.exp(found.x) * designs.first[:, None], axis=1), found.profiled, found.leaning,
+        C, rows,
+        data.told, freedom, tuple(sentences(J, C, problem.names, found.own)), text,
+        tuple(data.panels(best)), problem.solves, designs.described(values),
     )  # fmt: skip

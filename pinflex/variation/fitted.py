@@ -18,7 +18,6 @@ from pinflex.variation.scene_file import write_scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LEVEL = 0.95
 _UNLIKELY = 0.01  # chance of so large residuals below which the model does not explain them
 _AT_BOUND = 1e-4  # of a logarithm
 
@@ -29,7 +28,14 @@ class Fit(Worded):
 
     Attributes:
         parameters: Key paths; `first` and `best` values, shape (n,); `bounds`, shape (n, 2).
-        covariance: Of their logarithms, shape (n, n); infinite where nothing measured tells them.
+        intervals: 95 % confidence intervals of each parameter alone, shape (n, 2): 0 or infinite
+            where the measurements tell no end within the bounds, NaN where as many numbers were
+            measured as fitted and none with its standard deviation.
+        profiled: Which of these are of the profile likelihood, shape (n,), see
+            `pinflex.variation.profile`; the others are of straight residuals.
+        leaning: Other parameters that are at a bound where an interval ends, of each, by place.
+        covariance: Of straight residuals by logarithms, shape (n, n); infinite where these do not
+            tell the parameter.
         residuals: At the best values, in standard deviations, shape (rows,).
         told: Whether standard deviations were measured; else one scale was estimated.
         freedom: Residuals and priors, less parameters.
@@ -45,6 +51,9 @@ class Fit(Worded):
     first: Array
     best: Array
     bounds: Array
+    intervals: Array
+    profiled: tuple[bool, ...]
+    leaning: tuple[tuple[int, ...], ...]
     covariance: Array
     residuals: Array
     told: bool
@@ -58,24 +67,6 @@ class Fit(Worded):
     def __getitem__(self, key: str) -> float:
         """The best value of a parameter."""
         return float(self.best[self.parameters.index(key)])
-
-    @property
-    def intervals(self) -> Array:
-        """95 % confidence intervals of each parameter alone, shape (n, 2).
-
-        NaN where as many numbers were measured as fitted, and none with its standard deviation.
-        """
-        from scipy.stats import norm, t
-
-        if self.told:
-            factor = norm.ppf(0.5 + _LEVEL / 2)
-        elif self.freedom > 0:
-            factor = t.ppf(0.5 + _LEVEL / 2, self.freedom)
-        else:
-            factor = np.nan
-        spread = factor * np.sqrt(np.diag(self.covariance))
-        ends = np.exp(np.stack([-spread, spread], axis=1)) * self.best[:, None]
-        return np.sort(np.asarray(ends), axis=1)
 
     @property
     def misfit(self) -> float:
@@ -104,9 +95,40 @@ class Fit(Worded):
         for key, value, (low, high) in zip(self.parameters, self.best, self.bounds, strict=True):
             if min(abs(np.log(value / low)), abs(np.log(high / value))) < _AT_BOUND:
                 said.append(f"{key} ended at its bound: widen it, or doubt the model.")
+        said += self._open()
         if not self.untold and np.all(np.isfinite(np.diag(self.covariance))):
             said.append("Every parameter is told by the measurements.")
+        return said + self._method()
+
+    def _open(self) -> list[str]:
+        """Intervals with one end, or with one that rests on a bound of another parameter."""
+        said = []
+        for k, (key, (low, high)) in enumerate(zip(self.parameters, self.intervals, strict=True)):
+            ends = _told(low), _told(high)
+            if any(ends) and not all(ends):
+                other = "upper" if ends[0] else "lower"
+                said.append(
+                    f"{key}: {_interval(low, high)}; the measurements tell no {other} end within "
+                    "its bounds."
+                )
+            if self.leaning[k]:
+                held = ", ".join(self.parameters[j] for j in self.leaning[k])
+                said.append(f"The interval of {key} ends where {held} is at a bound of its own.")
         return said
+
+    def _method(self) -> list[str]:
+        """How the intervals were found."""
+        by = [key for key, profiled in zip(self.parameters, self.profiled, strict=True) if profiled]
+        if np.any(np.isnan(self.intervals)):
+            return []
+        if not by:
+            return ["Intervals are linear: residuals are straight over them."]
+        every = len(by) == len(self.parameters)
+        which = "Intervals" if every else f"The intervals of {', '.join(by)}"
+        return [
+            f"{which} are of the profile likelihood: residuals are not straight over them."
+            + ("" if every else " The others are linear.")
+        ]
 
     def _explained(self) -> list[str]:
         from scipy.stats import chi2
@@ -159,15 +181,16 @@ class Fit(Worded):
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Plain lists and names, SI units; null for what is not told."""
+        """Plain lists and names, SI units; null for an interval or an end that is not told."""
         return {
             "parameters": {
                 key: {
-                    "first": float(a), "best": float(b),
-                    "interval": pair.tolist() if np.all(np.isfinite(pair)) else None,
+                    "first": float(a), "best": float(b), "interval": _plain(pair),
+                    "by": "profile" if profiled else "linear",
                 }
-                for key, a, b, pair in zip(
-                    self.parameters, self.first, self.best, self.intervals, strict=True
+                for key, a, b, pair, profiled in zip(
+                    self.parameters, self.first, self.best, self.intervals, self.profiled,
+                    strict=True,
                 )
             },
             "misfit": self.misfit,
@@ -177,7 +200,21 @@ class Fit(Worded):
         }  # fmt: skip
 
 
+def _told(end: float) -> bool:
+    """Whether the end of an interval is told; else it is 0, infinite or not a number."""
+    return bool(np.isfinite(end) and end != 0)
+
+
+def _plain(pair: Array) -> list[float | None] | None:
+    ends = [float(end) if _told(end) else None for end in pair]
+    return ends if any(end is not None for end in ends) else None
+
+
 def _interval(low: float, high: float) -> str:
     if np.isnan(low):
         return "not told"
-    return f"{low:.5g} to {high:.5g}" if np.isfinite(high) else "any"
+    if _told(low) and _told(high):
+        return f"{low:.5g} to {high:.5g}"
+    if _told(low):
+        return f"at least {low:.5g}"
+    return f"at most {high:.5g}" if _told(high) else "any"

@@ -20,7 +20,7 @@ _SILENT = 1e-6  # column over the largest: derivatives by differences carry 1e-7
 _SAME = 1e-3  # singular value of unit columns: a thousandth of what one parameter does
 _UNKNOWN = 1.0  # standard deviation of the logarithm of a hidden parameter
 _SHARE = 0.05  # of a singular vector: a parameter that takes part in it
-_POOR = 0.5  # standard deviation of a logarithm: known to a factor 2.7 only
+_POOR = 0.5  # a quarter of the width of an interval [ln]: known to a factor 2.7 either way
 _TWINS = 0.98  # correlation at which two estimates are one
 
 
@@ -79,24 +79,31 @@ def hidden(J: Array) -> BoolArray:
     return found
 
 
-def sentences(J: Array, C: Array, names: Sequence[str]) -> list[str]:
+def sentences(J: Array, C: Array, names: Sequence[str], ends: Array | None = None) -> list[str]:
     """What the measurements do not tell, in words.
 
     Args:
         J: Derivatives of the residuals without priors, shape (rows, n).
         C: Covariance of the logarithms, shape (n, n).
         names: Of the parameters.
+        ends: Of intervals that do not rest on C, in logarithms, shape (n, 2); infinite where there
+            is none. Default: those of C.
     """
     silent, directions = unseen(J)
-    said = [f"Nothing measured depends on {names[k]}." for k in silent.tolist()]
-    said += [_same(direction, names) for direction in directions]
-    blind = hidden(J)
     spread = np.sqrt(np.diag(C))
-    for k in np.flatnonzero(~blind & np.isfinite(spread) & (spread > _POOR)).tolist():
+    if ends is None:
+        ends = np.stack([-2.0 * spread, 2.0 * spread], axis=1)
+    told = np.any(np.isfinite(ends), axis=1)
+    said = [f"Nothing measured depends on {names[k]}." for k in silent.tolist() if not told[k]]
+    said += [_same(direction, names, bool(np.any(told[takes_part(direction)])))
+             for direction in directions]  # fmt: skip
+    width = ends[:, 1] - ends[:, 0]
+    for k in np.flatnonzero(np.isfinite(width) & (width > 4.0 * _POOR)).tolist():
         said.append(
-            f"{names[k]} is hardly told: its standard deviation is a factor {np.exp(spread[k]):.2g}"
+            f"{names[k]} is hardly told: its interval spans a factor {np.exp(width[k]):.2g}"
             ". Measure something that depends on it, or give it a prior."
         )
+    blind = hidden(J)
     for i in range(len(names)):
         for j in range(i):
             known = not (blind[i] or blind[j]) and spread[i] * spread[j] > 0
@@ -108,12 +115,22 @@ def sentences(J: Array, C: Array, names: Sequence[str]) -> list[str]:
     return said
 
 
-def _same(direction: Array, names: Sequence[str]) -> str:
-    """A change that nothing measured sees, in words."""
+def _same(direction: Array, names: Sequence[str], bent: bool) -> str:
+    """A change that nothing measured sees, in words.
+
+    Args:
+        direction: Of the logarithms, shape (n,). names: Of the parameters.
+        bent: Whether larger changes are seen.
+    """
     places = np.flatnonzero(takes_part(direction))
     places = places[np.argsort(-np.abs(direction[places]), kind="stable")]
     change = direction / direction[places[0]]
     order: list[int] = places.tolist()
     listed = ", ".join(names[k] for k in order[:-1]) + f" and {names[order[-1]]}"
     moves = ", ".join(f"{change[k]:+.2g} % of {names[k]}" for k in order)
+    if bent:
+        return (
+            f"{listed} are hard to tell apart: nothing measured changes with a little of {moves} "
+            "together, and little with more."
+        )
     return f"{listed} cannot be told apart: nothing measured changes with {moves} together."

@@ -20,6 +20,7 @@ import numpy as np
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.pose_map import AXES, free_stiffness
+from pinflex.results.result import Result
 from pinflex.studies.check_statics import statics
 from pinflex.studies.outputs import scene_outputs
 from pinflex.studies.stiffness import platform_compliance
@@ -73,7 +74,10 @@ def check_names(names: Iterable[str], mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def measure(
-    mechanism: Mechanism, names: Iterable[str], level: str | None = None
+    mechanism: Mechanism,
+    names: Iterable[str],
+    level: str | None = None,
+    rigid: Result | None = None,
 ) -> dict[str, float]:
     """The outputs of a scene.
 
@@ -81,6 +85,7 @@ def measure(
         mechanism: The scene.
         names: As in the head of this file; what a run gives is solved only if it is asked for.
         level: Of the run; default: that of the YAML.
+        rigid: The rigid run of the scene, where it is known: deviations are from it.
 
     Returns:
         By name, SI units.
@@ -89,7 +94,7 @@ def measure(
         DescriptionError: An output that the scene does not have, such as a sag without a platform.
     """
     wanted = check_names(names, mechanism)
-    found = available(mechanism, wanted, level)
+    found = available(mechanism, wanted, level, rigid)
     missing = [name for name in wanted if name not in found]
     if missing:
         raise DescriptionError(
@@ -100,7 +105,10 @@ def measure(
 
 
 def available(
-    mechanism: Mechanism, names: Iterable[str], level: str | None = None
+    mechanism: Mechanism,
+    names: Iterable[str],
+    level: str | None = None,
+    rigid: Result | None = None,
 ) -> dict[str, float]:
     """Those of the outputs that a scene has, as `measure`.
 
@@ -108,6 +116,7 @@ def available(
         mechanism: The scene.
         names: Outputs.
         level: Of the run; default: that of the YAML.
+        rigid: The rigid run, where it is known.
     """
     wanted = tuple(names)
     heads = {name.partition(".")[0] for name in wanted}
@@ -119,7 +128,7 @@ def available(
     if mechanism.description.motion is None and mechanism.description.solve.until is None:
         groups = [group for group in groups if group not in RUNS]
     if groups:
-        found |= _numbers(scene_outputs(mechanism, level, groups))
+        found |= _numbers(scene_outputs(mechanism, level, groups, rigid))
     found |= {short: found[full] for short, full in _SHORT.items() if full in found}
     found |= _of_all_motors(found)
     return {name: found[name] for name in wanted if name in found}

@@ -24,7 +24,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.threads import one_blas_thread
 from pinflex.variation.design import Design
-from pinflex.variation.evaluator import FEASIBLE, Evaluator
+from pinflex.variation.evaluator import Evaluator
 from pinflex.variation.limits import limits
 from pinflex.variation.measures import check_names
 from pinflex.variation.variants import Variants, keys, variants
@@ -192,7 +192,7 @@ def _descent(evaluate: Evaluator, x: Array) -> Array | None:
         options={"maxiter": 60, "ftol": 1e-8},
     )  # fmt: skip
     end = np.clip(found.x, *evaluate.bounds.T)
-    return end if np.all(evaluate.at(end)[1] >= FEASIBLE) else None
+    return end if evaluate.feasible(end) else None
 
 
 def _chosen(
@@ -219,5 +219,5 @@ def _chosen(
     ]
     points = [place(rows) for rows in itertools.islice(itertools.product(*groups), _MOST)]
     evaluate(points)  # many at a time
-    good = [p for p in points if np.all(evaluate.at(p)[1] >= FEASIBLE)]
+    good = [p for p in points if evaluate.feasible(p)]
     return min(good, key=lambda p: evaluate.at(p)[0], default=None)

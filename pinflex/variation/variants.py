@@ -8,19 +8,25 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
-from pinflex.errors import DescriptionError
+from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import FlexiblePart
+from pinflex.results.result import Result
+from pinflex.solver.solve import scene_of
 
+_OF_BEAMS = re.compile(r"flexible\..*\.(section|material)\..*")
 _SWITCHES = {"u": "axial", "v": "bending_y", "w": "bending_z", "p": "torsion"}
 
 
@@ -56,6 +62,26 @@ class Variants:
         """Values by key at logarithms x of those over the first ones, shape (parameters,)."""
         found = (float(value) for value in self.first * np.exp(x))
         return dict(zip(keys(self.parameters), found, strict=True))
+
+    @cached_property
+    def rigid(self) -> Result | None:
+        """The rigid run of every design, if no parameter changes it; None if one may.
+
+        Sections and materials of links do not, where motors follow a given motion.
+        """
+        told, motion = self.base.description, self.base.description.motion or {}
+        if (
+            told.platform is None
+            or told.control is not None
+            or "shaper" in motion
+            or not all(_OF_BEAMS.fullmatch(parameter.key) for parameter in self.parameters)
+        ):
+            return None
+        try:
+            run = solve(self.base, level="rigid")
+        except PinflexError:
+            return None  # each design says why
+        return run if scene_of(self.base, "rigid").spec.drive == "prescribed" else None
 
     def scaled(self, parameter: Parameter, logarithm: float) -> Mechanism:
         """The robot with one parameter multiplied by e^logarithm.

@@ -43,6 +43,22 @@ def test_thickness_and_width_part_by_their_prices():
     assert [*best.at_bound.values()] == pytest.approx([2 / 3], rel=1e-3)
 
 
+def test_two_frequencies_that_meet_where_the_design_is_best():
+    # bending in two planes: f ~ thickness and f ~ width, mass ~ both: the least is a square
+    planes = [f"flexible.beam.bending_{axis}=true" for axis in "yz"]
+    wide = "flexible.beam.section.width=0.03"
+    robot = pf.load("cantilever", [*STIFF, *planes, wide, "gravity=[0, 0, 0]"])
+    vary = {THICKNESS: (1e-2, 4e-2), "flexible.*.section.width": (1e-2, 4e-2)}
+    best = pf.design(robot, "mass", vary, ["frequency.1 > base"], starts=1)
+    # where both meet the smooth least of their margins is ln(2) / 2000 = 3.5e-4 below
+    assert best.best == pytest.approx([0.02, 0.02], rel=4e-4)
+    assert best.after["frequency.1"] >= best.before["frequency.1"] * (1 - 1e-5)
+    # mass ~ f^2, by the slope of the smooth least of two margins
+    assert best.multipliers[0] == pytest.approx(2.0, rel=0.05)
+    assert best.residual < 1e-2
+    assert len(best.history) < 30  # 13: nothing turns back at the kink
+
+
 def test_multipliers_of_a_problem_in_closed_form():
     # least x + 2 y with x >= 0, y >= 0 margins at (0, 0): multipliers 1 and 2
     slope, rates = np.array([1.0, 2.0]), np.eye(2)

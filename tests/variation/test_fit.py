@@ -177,6 +177,15 @@ def test_the_hammer_test_of_the_3rrr_says_the_elbow_inertia(tmp_path):
     first = {"frequency": [103.1], "std": [0.2], "mode": [1]}
     found = pf.fit(path, first, {key: (1e-8, 1e-4)})
     assert found[key] == pytest.approx(3.4e-7, rel=0.05)  # of the line: the curve bends
+    # of one standard deviation of 1 Hz no inertia at all is within two: the interval has one end,
+    # where the frequency is 1.96 Hz lower
+    found = pf.fit(path, first | {"std": [1.0]}, {key: (1e-8, 1e-4)})
+    low, high = found.intervals[0]
+    assert low == 0 and found.profiled == (True,)
+    edge = pf.modes(pf.load(path, [f"{key}={float(high)!r}"]), count=1).frequencies[0]
+    assert edge == pytest.approx(103.1 - 1.96, abs=0.04)  # 2 % of z^2: 1 % of 1.96 Hz, twice
+    assert f"at most {high:.5g}; the measurements tell no lower end" in found.text()
+    assert found.as_json()["parameters"][found.parameters[0]]["interval"][0] is None
     # theirs, 288.6 Hz, needs 1.13e-5 (closed form, printed digits)
     second = {"frequency": [288.6], "std": [1.0], "mode": [4]}
     assert pf.fit(path, second, {key: (1e-8, 1e-4)})[key] == pytest.approx(1.13e-5, rel=5e-3)

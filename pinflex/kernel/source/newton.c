@@ -17,44 +17,57 @@ static void swap_rows(double *A, Int n, Int i, Int j) {
   }
 }
 
-/* Columns u + iv and, `apart` numbers on, the next one, less a + ib times their entries in row 0:
-   two at a time, for what is loaded of the first column serves both. */
-static void eliminate(Int n, Int apart, const double *restrict a, const double *restrict b,
-                      double *restrict u, double *restrict v) {
-  double *restrict u1 = u + apart, *restrict v1 = v + apart;
-  double p = u[0], q = v[0], p1 = u1[0], q1 = v1[0];
-  for (Int i = 1; i < n; i++) {
+/* Find the pivot of column k, bring it up, and divide what is below; 0 where it is none. */
+static int eliminate(double *re, double *im, Int n, Int k, Int *pivot) {
+  double *a = re + k * n, *b = im + k * n, largest = -1.0;
+  for (Int i = k; i < n; i++) {
+    double x = fabs(a[i]) + fabs(b[i]);
+    if (x > largest) largest = x, pivot[k] = i;
+  }
+  if (!(largest > 0.0) || !(largest < 1e300)) return 0;
+  if (pivot[k] != k) swap_rows(re, n, k, pivot[k]), swap_rows(im, n, k, pivot[k]);
+  double d = 1.0 / (a[k] * a[k] + b[k] * b[k]), x = a[k] * d, y = -b[k] * d;
+  for (Int i = k + 1; i < n; i++) {
+    double p = a[i], q = b[i];
+    a[i] = p * x - q * y, b[i] = p * y + q * x;
+  }
+  return 1;
+}
+
+/* u + iv -= (p + iq) (a + ib), n entries */
+static void subtract(Int n, double p, double q, const double *restrict a, const double *restrict b,
+                     double *restrict u, double *restrict v) {
+  for (Int i = 0; i < n; i++) {
     u[i] -= a[i] * p - b[i] * q;
     v[i] -= a[i] * q + b[i] * p;
-    u1[i] -= a[i] * p1 - b[i] * q1;
-    v1[i] -= a[i] * q1 + b[i] * p1;
   }
 }
 
-/* Complex LU with row pivots; 0 where a pivot is none. */
+/* The same with two columns at once: what is read and written of u and v is halved. */
+static void subtract_two(Int n, const double *p, const double *q, const double *restrict a,
+                         const double *restrict b, const double *restrict c,
+                         const double *restrict d, double *restrict u, double *restrict v) {
+  double p0 = p[0], p1 = p[1], q0 = q[0], q1 = q[1];
+  for (Int i = 0; i < n; i++) {
+    u[i] -= a[i] * p0 - b[i] * q0 + (c[i] * p1 - d[i] * q1);
+    v[i] -= a[i] * q0 + b[i] * p0 + (c[i] * q1 + d[i] * p1);
+  }
+}
+
+/* Complex LU with row pivots, two columns at a time; 0 where a pivot is none. */
 int decompose(double *re, double *im, Int n, Int *pivot) {
-  for (Int k = 0; k < n; k++) {
-    double *a = re + k * n, *b = im + k * n, largest = -1.0;
-    for (Int i = k; i < n; i++) {
-      double x = fabs(a[i]) + fabs(b[i]);
-      if (x > largest) largest = x, pivot[k] = i;
-    }
-    if (!(largest > 0.0) || !(largest < 1e300)) return 0;
-    if (pivot[k] != k) swap_rows(re, n, k, pivot[k]), swap_rows(im, n, k, pivot[k]);
-    double d = 1.0 / (a[k] * a[k] + b[k] * b[k]), x = a[k] * d, y = -b[k] * d;
-    for (Int i = k + 1; i < n; i++) {
-      double p = a[i], q = b[i];
-      a[i] = p * x - q * y, b[i] = p * y + q * x;
-    }
-    Int j = k + 1;
-    for (; j + 1 < n; j += 2) eliminate(n - k, n, a + k, b + k, re + j * n + k, im + j * n + k);
-    for (; j < n; j++) {
-      double *u = re + j * n, *v = im + j * n, p = u[k], q = v[k];
-      if (p == 0.0 && q == 0.0) continue;
-      for (Int i = k + 1; i < n; i++) {
-        u[i] -= a[i] * p - b[i] * q;
-        v[i] -= a[i] * q + b[i] * p;
-      }
+  for (Int k = 0; k < n; k += 2) {
+    double *a = re + k * n, *b = im + k * n, *c = a + n, *d = b + n;
+    if (!eliminate(re, im, n, k, pivot)) return 0;
+    if (k + 1 == n) break;
+    subtract(n - k - 1, c[k], d[k], a + k + 1, b + k + 1, c + k + 1, d + k + 1);
+    if (!eliminate(re, im, n, k + 1, pivot)) return 0;
+    for (Int j = k + 2; j < n; j++) {
+      double *u = re + j * n + k, *v = im + j * n + k;
+      u[1] -= a[k + 1] * u[0] - b[k + 1] * v[0];
+      v[1] -= a[k + 1] * v[0] + b[k + 1] * u[0];
+      if (u[0] == 0.0 && v[0] == 0.0 && u[1] == 0.0 && v[1] == 0.0) continue;
+      subtract_two(n - k - 2, u, v, a + k + 2, b + k + 2, c + k + 2, d + k + 2, u + 2, v + 2);
     }
   }
   return 1;

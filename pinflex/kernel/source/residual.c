@@ -76,6 +76,24 @@ EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const do
   }
 }
 
+/* Poses of one node in the world at `count` poses Y (count, nq): R row by row and p, (count, 12). */
+EXPORT void pinflex_poses(const Tables *t, char *memory, Int count, const double *Y, Int node,
+                          double *out) {
+  Work w;
+  Group g;
+  lay_out(t, memory, &w, &g);
+  for (Int i = 0; i < t->nv; i++) g.v[i] = g.a[i] = lane(0);
+  for (Int first = 0; first < count; first += LANES) {
+    gather(Y, count, t->nq, first, g.y);
+    expand(t, &w, g.y, g.v, g.a);
+    outward(t, &w, 1);
+    for (int l = 0; l < LANES && first + l < count; l++) {
+      for (int k = 0; k < 9; k++) out[12 * (first + l) + k] = w.node[node].R[k][l];
+      for (int k = 0; k < 3; k++) out[12 * (first + l) + 9 + k] = w.node[node].p[k][l];
+    }
+  }
+}
+
 /* Derivatives of the residual at one state: M, C, K (nv, nv) by a, v, y and J (closures, nv).
    Without `rates` those of the map's rows are left out. */
 EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,

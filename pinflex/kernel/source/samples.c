@@ -3,22 +3,27 @@
 #include "march.h"
 
 /* Weights of the nodes for the polynomial through them, or its integral of some order, at z. */
-static void weights(const double *basis, Int n, double z, Int integrals, double *w) {
+static void weights(const double *restrict basis, Int n, double z, Int integrals,
+                    double *restrict w) {
   double power = 1.0;
   for (Int k = 0; k < integrals; k++) power *= z;
   for (Int k = 0; k < n; k++) w[k] = 0.0;
   for (Int p = 0; p < n; p++) {
-    double x = power;
-    for (Int k = 1; k <= integrals; k++) x /= (double)(p + k);
+    double over = 1.0;
+    for (Int k = 1; k <= integrals; k++) over *= (double)(p + k);
+    double x = integrals ? power / over : power;
     for (Int k = 0; k < n; k++) w[k] += x * basis[p * n + k];
     power *= z;
   }
 }
 
 /* out += k sum_l w_l x_l */
-static void add_stages(Int s, Int n, double k, const double *w, const double *x, double *out) {
-  for (Int l = 0; l < s; l++)
-    for (Int i = 0; i < n; i++) out[i] += k * w[l] * x[l * n + i];
+static void add_stages(Int s, Int n, double k, const double *w, const double *restrict x,
+                       double *restrict out) {
+  for (Int l = 0; l < s; l++) {
+    double share = k * w[l];
+    for (Int i = 0; i < n; i++) out[i] += share * x[l * n + i];
+  }
 }
 
 /* Through the value at the start too: below the first node a polynomial runs wild. */

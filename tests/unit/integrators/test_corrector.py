@@ -12,13 +12,13 @@ import pytest
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
-from pinflex.integrators.corrector import Corrector
+from pinflex.integrators.corrector import Before, Corrector
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Step
 from pinflex.levels.outputs import Outputs
-from pinflex.mechanics import workspace
+from pinflex.mechanics import lending, workspace
 from pinflex.solver.expected import expected
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion, solve_level
@@ -35,6 +35,7 @@ class Kept(Record):
         self.corrected, self.back = Record(self.corrector, t, resolution), back
         self.second, self.finest = Corrector(self.corrector), []
         self.twice = Record(self.second, t, resolution)
+        self.before: tuple[Before | None, Before | None] = (None, None)
 
     def start(self, now: object) -> None:
         super().start(now)
@@ -45,9 +46,9 @@ class Kept(Record):
         if self.back:
             self.back, self.resolution = False, 0.1 * self.resolution
             return 3 if super().take(steps[:3]) else 0
-        before = (self.steps[-1], self.fine[-1], self.finest[-1]) if self.steps else None
-        fine = self.corrector.correct_all(steps, before and before[:2])
-        finest = self.second.correct_all(fine, before and before[1:])
+        fine = self.corrector.correct_all(steps, self.before[0])
+        finest = self.second.correct_all(fine, self.before[1])
+        self.before = self.corrector.last(steps, fine), self.second.last(fine, finest)
         self.corrected.take(fine)
         self.twice.take(finest)
         self.fine += fine
@@ -141,6 +142,7 @@ def test_corrections_of_the_kernel_are_those_of_numpy(
 def test_a_run_gives_its_workspace_back_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
     """Held in a circle it would stay until Python looks for those: gigabytes in large models."""
     m, made = pf.load("race_r1"), []
+    monkeypatch.setattr(lending, "_LARGEST", 0.0)  # as of a large model: not kept for the next run
     monkeypatch.setattr(workspace, "acquire", lambda model: made.append(1) or pin.Data(model))
     given_back: list[int] = []
     monkeypatch.setattr(workspace, "release", lambda model, data: given_back.append(1))

@@ -40,6 +40,19 @@ def test_states_are_exact_and_fields_within_half_a_step(run: pf.Result, tmp_path
     assert "5e-7" in back.meta["rounded"] and "rounded" not in run.meta
 
 
+@pytest.mark.parametrize("compact", [True, False])
+def test_what_is_drawn_without_the_file_is_what_the_file_holds(
+    run: pf.Result, tmp_path: Path, compact: bool
+) -> None:
+    back = pf.Result.load(run.save(tmp_path / "run.npz", compact=compact))
+    members = archive.contents(run.t, run.arrays, run.meta, compact)
+    t, arrays, meta = archive.as_read(members)
+    np.testing.assert_array_equal(t, back.t)
+    assert meta == dict(back.meta) and arrays.keys() == back.arrays.keys()
+    for key, values in arrays.items():
+        np.testing.assert_array_equal(values, back.arrays[key], key)
+
+
 def test_recomputed_from_its_states_it_is_the_run_again(run: pf.Result, tmp_path: Path) -> None:
     back = pf.Result.load(run.save(tmp_path / "run.npz", compact=True))
     again = pf.recompute(pf.load("3rrr"), back)

@@ -1,0 +1,299 @@
+"""Confidence intervals of least squares: linear where residuals are, else by profile likelihood.
+
+An end of the interval of parameter k is the last x_k at which the others, fitted again, keep
+
+    S(x) = |r(x)|^2 <= S(best) + z^2,
+
+z the quantile of the normal law where standard deviations are known, of Student's with the freedom
+left where one was estimated. In a linear problem that is x_k -+ z sqrt(C_kk). Whether it is one is
+asked of the residuals at these two ends: r departs from r(best) + J d by little of z, and S rises
+by z^2. Elsewhere the end is sought by a sequence of small problems: most x_k under that limit with
+
+    r + J d + d'H d / 2 for r(x + d),   |d| no longer than the last step allows,
+
+the second derivatives H those of the best point, J led along with them and by Broyden's correction,
+and taken anew by differences at the end, where it judges whether the others are fitted.
+
+Source: Bates, Watts (1988), Nonlinear Regression Analysis, ch. 6; Venzon, Moolgavkar (1988), A
+method for computing profile-likelihood-based confidence intervals, Appl. Statist. 37, 87; Raue et
+al. (2009), Structural and practical identifiability analysis, Bioinformatics 25, 1923: ends that
+are not told; Broyden (1965), A class of methods for solving nonlinear simultaneous equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinflex.arrays import Array
+
+_LEVEL = 0.95
+_NARROW = 1e-4  # half width [ln]: residuals are straight over that, but for their own noise
+_STRAIGHT = 0.1  # departure from straight residuals, of z: about that share of the half width
+_RISE = 0.2  # the same of S, of z^2
+_AT_BOUND = 1e-4  # of a logarithm
+_CURVE = (1e-3, 0.1)  # least and largest step of second derivatives [ln]
+_SLOPE = 1e-4  # step of last slopes [ln]: they err by that share of the curvature
+_FIRST, _LONGEST = 0.5, 1.0  # steps [ln]
+_SHORTEST = 1e-5  # step [ln]: beyond it there are no designs
+_POOR = 0.3  # departure from the model, of z: the next step is shorter
+_LOST = 4.0  # S above the limit, of z^2, from which a step teaches nothing: another mode is paired
+_STALE = 10  # steps after which derivatives are taken anew
+_OVER = 0.5  # S above the limit, of z^2, from which steps still lead back
+_ENDED = 0.01  # next step, of the half width
+_MOST = 40  # steps to an end; some ten are taken
+
+Rows = Callable[[Array], Array | None]
+
+
+def quantile(freedom: int | None) -> float:
+    """Half the 95 % interval of one parameter in standard deviations.
+
+    Args:
+        freedom: Residuals less parameters, where their scale was estimated of them; NaN below 1.
+            None: standard deviations are known.
+    """
+    from scipy.stats import norm, t
+
+    if freedom is None:
+        return float(norm.ppf(0.5 + _LEVEL / 2))
+    return float(t.ppf(0.5 + _LEVEL / 2, freedom)) if freedom > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Ends of the intervals of each parameter alone.
+
+    Attributes:
+        x: Lower and upper, shape (n, 2); -inf and inf: not told within the bounds.
+        profiled: Whether they are of the profile, shape (n,); else of straight residuals.
+        leaning: Other parameters that are at a bound of theirs at an end, of each parameter.
+    """
+
+    x: Array
+    profiled: tuple[bool, ...]
+    leaning: tuple[tuple[int, ...], ...]
+
+    @property
+    def own(self) -> Array:
+        """Ends that the measurements tell alone, shape (n, 2); infinite where bounds take part."""
+        rests = np.array([bool(others) for others in self.leaning])
+        return np.where(rests[:, None], np.array([-math.inf, math.inf]), self.x)
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best point and what is known of the residuals there.
+
+    Attributes:
+        x: Shape (n,). r: Residuals, in standard deviations, shape (rows,).
+        J: Their derivatives, shape (rows, n).
+        C: Covariance of straight residuals, shape (n, n); infinite for what they do not tell.
+    """
+
+    x: Array
+    r: Array
+    J: Array
+    C: Array
+
+
+def ends(rows: Rows, best: Best, bounds: Array, z: float) -> Ends:
+    """Ends of the interval of each parameter.
+
+    Args:
+        rows: Residuals at x; None where there is no such design.
+        best: The least squares.
+        bounds: Of x, shape (n, 2): what is not told before them is untold.
+        z: Quantile of one parameter.
+    """
+    half = z * np.sqrt(np.diag(best.C))
+    found = best.x[:, None] + half[:, None] * np.array([-1.0, 1.0])
+    curved = [k for k in range(len(half)) if not _straight(rows, best, bounds, z, k)]
+    leaning: list[tuple[int, ...]] = [()] * len(half)
+    if curved:
+        steps = np.clip(0.25 * half, *_CURVE)
+        profile = _Profile(rows, best, _curvature(rows, best, bounds, steps), bounds, z)
+        for k in curved:
+            both = [profile.end(k, sign) for sign in (-1.0, 1.0)]
+            found[k] = [sign * math.inf if x is None else x[k]
+                        for sign, x in zip((-1.0, 1.0), both, strict=True)]  # fmt: skip
+            leaning[k] = _leaning(k, [x for x in both if x is not None], bounds)
+    return Ends(found, tuple(k in curved for k in range(len(half))), tuple(leaning))
+
+
+def _leaning(k: int, points: list[Array], bounds: Array) -> tuple[int, ...]:
+    """Parameters but k that are at a bound at one of the points."""
+    at = [np.min(np.abs(bounds - x[:, None]), axis=1) < _AT_BOUND for x in points]
+    places: list[int] = np.flatnonzero(np.any(at, axis=0)).tolist() if at else []
+    return tuple(j for j in places if j != k)
+
+
+def _straight(rows: Rows, best: Best, bounds: Array, z: float, k: int) -> bool:
+    """Whether residuals are straight as far as the linear interval of a parameter goes."""
+    spread = math.sqrt(best.C[k, k])
+    if math.isnan(z) or not math.isfinite(spread):
+        return math.isnan(z)  # no scale, and so no ends
+    if z * spread < _NARROW:
+        return True
+    step = z * best.C[:, k] / spread
+    for d in (-step, step):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(d > 0, bounds[:, 1] - best.x, best.x - bounds[:, 0]) / np.abs(d)
+        share = min(1.0, float(np.nanmin(room)))
+        if share < _STRAIGHT:
+            return False
+        there = rows(best.x + share * d)
+        if there is None:
+            return False
+        departs = float(np.linalg.norm(there - best.r - share * (best.J @ d)))
+        rise = float(there @ there - best.r @ best.r) / (share * z) ** 2
+        if departs > _STRAIGHT * share * z or abs(rise - 1.0) > _RISE:
+            return False
+    return True
+
+
+def _curvature(rows: Rows, best: Best, bounds: Array, steps: Array) -> Array:
+    """Second derivatives of the rows by differences away from the nearer bound, (rows, n, n)."""
+    n = len(best.x)
+    h = np.where(best.x - bounds[:, 0] > bounds[:, 1] - best.x, -steps, steps)
+    H = np.zeros((len(best.r), n, n))
+    moved = np.eye(n) * h
+    alone = [rows(best.x + d) for d in moved]
+    for i in range(n):
+        one = alone[i]
+        if one is None:
+            continue
+        H[:, i, i] = 2.0 * (one - best.r - h[i] * best.J[:, i]) / h[i] ** 2
+        for j in range(i):
+            other, both = alone[j], rows(best.x + moved[i] + moved[j])
+            if other is not None and both is not None:
+                H[:, i, j] = H[:, j, i] = (both - one - other + best.r) / (h[i] * h[j])
+    return H
+
+
+@dataclass(frozen=True)
+class _Local:
+    """The rows about a point, to second order."""
+
+    x: Array
+    r: Array
+    J: Array
+    H: Array
+
+    def at(self, d: Array) -> Array:
+        """The rows at x + d."""
+        return np.asarray(self.r + self.J @ d + 0.5 * (self.H @ d) @ d)
+
+    def slope(self, d: Array) -> Array:
+        """Their derivatives at x + d."""
+        return np.asarray(self.J + self.H @ d)
+
+    def corrected(self, d: Array, gap: Array) -> _Local:
+        """With Broyden's correction, by which the rows at x + d are greater by `gap`."""
+        return replace(self, J=self.J + np.outer(gap, d) / (d @ d))
+
+    def moved(self, d: Array, rows: Array) -> _Local:
+        """About x + d, where the rows are known; those at x are kept."""
+        there = _Local(self.x + d, rows, self.slope(d), self.H)
+        return there.corrected(d, rows - self.at(d))
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """The search for ends."""
+
+    rows: Rows
+    best: Best
+    H: Array
+    bounds: Array
+    z: float
+
+    @property
+    def limit(self) -> float:
+        """Of S."""
+        return float(self.best.r @ self.best.r) + self.z**2
+
+    def end(self, k: int, sign: float) -> Array | None:
+        """Where x_k is last within the limit; None where its bound comes first, or designs end."""
+        x = self.best.x
+        bound = self.bounds[k, int(sign > 0)]
+        if abs(bound - x[k]) < _AT_BOUND:
+            return None
+        at, longest, judged, old = _Local(x, self.best.r, self.best.J, self.H), _FIRST, False, 0
+        for _ in range(_MOST):
+            over = self._over(at.r)
+            if abs(bound - at.x[k]) < 1e-9 and over <= 2 * _ENDED:
+                return None
+            d = self._step(at, k, sign, longest)
+            width = abs(at.x[k] - x[k])
+            ended = abs(d[k]) <= (3 if judged else 1) * _ENDED * width and abs(over) <= 2 * _ENDED
+            if ended and judged:
+                return np.asarray(at.x + d)
+            if ended or old >= _STALE:
+                longest = max(longest, min(width, _FIRST))
+                at, judged, old = self._anew(at), True, 0
+                continue
+            moved, longest = self._moved(at, d, longest)
+            if not longest:
+                return None
+            judged, old = judged and moved.x is at.x, old + 1
+            at = moved
+        return None
+
+    def _over(self, r: Array) -> float:
+        """S above the limit, over z^2."""
+        return (float(r @ r) - self.limit) / self.z**2
+
+    def _moved(self, at: _Local, d: Array, longest: float) -> tuple[_Local, float]:
+        """About x + d, or x again with what was learned there; and the longest next step.
+
+        That is 0 where designs end.
+        """
+        there, size = self.rows(at.x + d), float(np.max(np.abs(d)))
+        if there is None or self._over(there) > _LOST:
+            return at, 0.3 * size if size > _SHORTEST else 0.0
+        gap = there - at.at(d)
+        if self._over(there) > _OVER:
+            return at.corrected(d, gap), 0.5 * size
+        poor = float(np.linalg.norm(gap)) > _POOR * self.z
+        return at.moved(d, there), 0.5 * size if poor else min(2.0 * longest, _LONGEST)
+
+    def _anew(self, at: _Local) -> _Local:
+        """With derivatives by one-sided differences, away from the nearer bound."""
+        J = at.J.copy()
+        for i, (low, high) in enumerate(self.bounds):
+            h = -_SLOPE if at.x[i] - low > high - at.x[i] else _SLOPE
+            there = self.rows(at.x + h * np.eye(len(at.x))[i])
+            if there is not None:
+                J[:, i] = (there - at.r) / h - 0.5 * h * self.H[:, i, i]
+        return replace(at, J=J)
+
+    def _step(self, at: _Local, k: int, sign: float, longest: float) -> Array:
+        """The step to the most x_k within the limit, of the local rows."""
+        from scipy.optimize import minimize
+
+        n = len(at.x)
+        room = np.clip(self.bounds - at.x[:, None], -longest, longest)
+        aim = -sign * np.eye(n)[k]
+
+        def spare(d: Array) -> float:
+            r = at.at(d)
+            return float(self.limit - r @ r) / self.z**2
+
+        def slope(d: Array) -> Array:
+            return np.asarray(-2.0 / self.z**2 * (at.at(d) @ at.slope(d)))
+
+        tried = []
+        for start in (np.zeros(n), -0.5 * longest * aim):
+            found = minimize(
+                lambda d: float(aim @ d), np.clip(start, *room.T), jac=lambda d: aim,
+                method="SLSQP", bounds=room, options={"maxiter": 60, "ftol": 1e-7},
+                constraints=[{"type": "ineq", "fun": spare, "jac": slope}],
+            )  # fmt: skip
+            d = np.clip(found.x, *room.T)
+            broken = max(0.0, -spare(d) - 1e-4)
+            tried.append((broken, float(aim @ d), d))
+        return np.asarray(min(tried, key=lambda row: row[:2])[2])

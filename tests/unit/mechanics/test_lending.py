@@ -1,0 +1,110 @@
+"""Equations lent to one run after the other: one borrower at a time, and never seen in a number."""
+
+from __future__ import annotations
+
+import gc
+import pickle
+import weakref
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.integrators.run import Run
+from pinflex.kernel.library import kernel
+from pinflex.mechanics import lending
+from pinflex.mechanics.lending import lent
+from pinflex.solver.scene import Scene
+from pinflex.solver.tolerance import solve_to_tolerance
+from tests.benchmarks.race.case import scene
+
+
+@pytest.fixture(autouse=True)
+def nothing_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lending, "_ready", [])
+
+
+def same(found: Run, expected: Run) -> None:
+    assert found.cost == expected.cost
+    for name in ("y", "v", "a", "lam", "torque", "work"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+
+
+def test_who_comes_next_finds_them_and_who_comes_meanwhile_gets_others() -> None:
+    system = pf.load("race_r1").loose
+    with lent(system) as first, lent(system) as second:
+        assert first is not second
+    with lent(system) as third:
+        assert third is first
+    with lent(pf.load("race_r1").loose) as other:
+        assert other is not first and other is not second
+
+
+def test_those_of_a_run_that_fails_are_not_lent_again() -> None:
+    system = pf.load("race_r1").loose
+    with pytest.raises(ZeroDivisionError), lent(system) as first:
+        raise ZeroDivisionError
+    with lent(system) as second:
+        assert second is not first
+
+
+def test_those_of_the_kernel_do_not_serve_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = pf.load("race_r1").loose
+    with lent(system) as first:
+        assert (first.compiled is None) == (kernel().functions is None)
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    with lent(system) as second:
+        assert second.compiled is None
+
+
+def test_few_are_kept_and_none_that_is_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    systems = [pf.load("race_r1").loose for _ in range(4)]
+    for system in systems:
+        with lent(system):
+            pass
+    assert [one.system for _, one in lending._ready] == systems[:1:-1]
+    monkeypatch.setattr(lending, "_LARGEST", 0.0)
+    lending._ready.clear()
+    with lent(systems[0]):
+        pass
+    assert not lending._ready
+
+
+def tol(given: Scene, tol: float) -> Run:
+    return solve_to_tolerance(given, np.linspace(0.0, given.motion.duration, 101), tol)
+
+
+@pytest.mark.parametrize("name", ["race_r1", "race_r2", "3rrr"])
+def test_a_run_is_the_same_after_others_to_the_last_bit(name: str) -> None:
+    """Workspaces of the kernel, motor paths and their tables are those of the runs before."""
+    t = np.linspace(0.0, 0.02, 21)
+    given, fresh = (scene(pf.load(name), ("torque", "platform")) for _ in range(2))
+    first = given.resolved(t, 1e-2)
+    given.resolved(np.linspace(0.0, 0.013, 7), 1e-4)  # another end: another table, other stops
+    given.resolved(t, 1e-3)
+    same(given.resolved(t, 1e-2), first)
+    same(fresh.resolved(t, 1e-2), first)
+
+
+def test_and_so_is_a_run_within_a_tolerance() -> None:
+    given, fresh = (scene(pf.load("race_r2"), ("torque", "platform")) for _ in range(2))
+    first = tol(given, 1e-2)
+    tol(given, 1e-4)
+    for again in (tol(given, 1e-2), tol(fresh, 1e-2)):
+        same(again, first)
+        assert again.settings["error"] == first.settings["error"]
+
+
+@pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
+def test_spare_workspaces_go_with_their_system_and_to_no_other_process() -> None:
+    given = scene(pf.load("race_r1"), ())
+    given.resolved(np.linspace(0.0, 0.02, 21), 1e-2)
+    system = given.mechanism.loose
+    assert pickle.loads(pickle.dumps(system.spares)).acquire(6) is None
+    spare = system.spares.acquire(6)
+    assert spare is not None and system.spares.acquire(6) is None
+    gone = weakref.ref(spare)
+    system.spares.release(6, spare, 1e12)  # too large
+    del spare
+    gc.collect()
+    assert gone() is None

@@ -1,0 +1,128 @@
+"""Ends of confidence intervals: published and closed ones, and those of a robot another way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, least_squares
+from scipy.stats import norm
+
+import pinflex as pf
+from pinflex.variation.profile import Best, ends, quantile
+from pinflex.variation.variants import variants
+from tests.variation.summed import Summed
+
+# Rates of an enzyme treated with puromycin against concentration [ppm]: Treloar 1974, in Bates and
+# Watts 1988, table A1.3; rate = V c / (K + c).
+CONCENTRATION = np.repeat([0.02, 0.06, 0.11, 0.22, 0.56, 1.10], 2)
+RATE = np.array([76, 47, 97, 107, 123, 139, 159, 152, 191, 201, 207, 200.0])
+FIRST = np.array([205.0, 0.08])
+WIDE = np.array([[-2.3, 2.3]] * 2)
+
+
+def best_of(rows, n, J=None):
+    """The least squares of rows, with derivatives by differences."""
+    found = least_squares(rows, np.zeros(n), xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    return Best(found.x, found.fun, found.jac, np.linalg.inv(found.jac.T @ found.jac))
+
+
+def test_intervals_of_a_published_problem():
+    def rate(x):
+        V, K = FIRST * np.exp(x)
+        return V * CONCENTRATION / (K + CONCENTRATION) - RATE
+
+    plain = best_of(rate, 2)
+    s, t = np.sqrt(plain.r @ plain.r / 10), quantile(10)
+    calls = []
+
+    def rows(x):
+        calls.append(x)
+        return rate(x) / s
+
+    best = Best(plain.x, plain.r / s, plain.J / s, s**2 * plain.C)
+    found = ends(rows, best, WIDE, t)
+    low, high = FIRST[1] * np.exp(found.x[1])
+
+    # V is linear once K is held: its best value and S are closed, and the ends roots of one number
+    def rise(K):
+        c = CONCENTRATION / (K + CONCENTRATION)
+        r = RATE - c * (c @ RATE) / (c @ c)
+        return (r @ r - plain.r @ plain.r) / s**2 - t**2
+
+    K = FIRST[1] * np.exp(plain.x[1])
+    exact = brentq(rise, 0.3 * K, K), brentq(rise, K, 3 * K)
+    # S is met within 2 % of t^2, so ends within a hundredth of half the width
+    assert (low, high) == pytest.approx(exact, abs=0.01 * (exact[1] - exact[0]) / 2)
+    assert exact == pytest.approx((0.04692517, 0.08615995), rel=2e-4)  # R: by splines
+    # V is straight enough: its linear interval is within a tenth of the published 197.30 to 229.29
+    assert found.profiled == (False, True)
+    assert FIRST[0] * np.exp(found.x[0]) == pytest.approx([197.30, 229.29], abs=0.1 * 16)
+    assert len(calls) < 25
+
+
+def test_straight_rows_are_not_profiled():
+    A = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 1.0]])
+    best = best_of(lambda x: A @ x - [0.1, 0.2, 0.3], 2)
+    calls = []
+
+    def rows(x):
+        calls.append(x)
+        return A @ x - [0.1, 0.2, 0.3]
+
+    found = ends(rows, best, WIDE, quantile(None))
+    half = norm.ppf(0.975) * np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
+    np.testing.assert_allclose(found.x, best.x[:, None] + half[:, None] * [-1, 1], rtol=1e-9)
+    assert found.profiled == (False, False) and len(calls) == 4  # both ends of each
+
+
+@pytest.mark.parametrize("floor", [-9.0, -0.95, -0.5])
+def test_an_end_that_the_data_do_not_tell(floor):
+    # 1 - exp(-3 e^x) saturates: 0.9 with a standard deviation of 0.1 is 1 within the quantile,
+    # and the lower end, -0.90, is where it is z standard deviations less. Below `floor` there is
+    # nothing: a step across it is taken back, and from -0.5 on there is no end.
+    def rows(x):
+        if x[0] < floor:
+            return None
+        return np.array([(1 - np.exp(-3 * np.exp(x[0])) - 0.9) / 0.1])
+
+    x = np.array([np.log(-np.log(0.1) / 3)])
+    J = np.array([[10 * 0.1 * -np.log(0.1)]])
+    found = ends(rows, Best(x, rows(x), J, 1 / J**2), np.array([[-2.3, 2.3]]), quantile(None))
+    exact = np.log(-np.log(0.1 + 0.1 * norm.ppf(0.975)) / 3)
+    low, high = found.x[0]
+    assert found.profiled == (True,) and high == np.inf
+    assert low == (-np.inf if floor > exact else pytest.approx(exact, abs=0.01 * (x[0] - exact)))
+
+
+def test_no_scale_no_ends():
+    best = Best(np.zeros(1), np.zeros(1), np.ones((1, 1)), np.ones((1, 1)))
+    assert np.all(np.isnan(ends(lambda x: x, best, WIDE[:1], quantile(0)).x))
+
+
+def test_four_drives_and_two_moduli_of_the_ur5_with_noise():
+    stiffness = {"shoulder_pan_joint": 2.0e4, "shoulder_lift_joint": 1.6e4, "elbow_joint": 1.0e4,
+                 "wrist_1_joint": 4.0e3}  # fmt: skip
+    drives = [f"joints.{joint}.drive={{stiffness: {k}, gear: 101, motor_inertia: 1.0e-4}}"
+              for joint, k in stiffness.items()]  # fmt: skip
+    designs = variants(
+        pf.load("ur5", drives), ["joints.*.drive.stiffness", "flexible.*.material.E"]
+    )
+    sensors = ("forearm_link", "wrist_1_link", "tool0")
+    summed = Summed(designs, sensors)
+    std = 0.02 * summed.frequencies
+    measured = summed.frequencies + std * np.random.default_rng(1).standard_normal(6)
+    names = [f"{sensor}.{axis}" for sensor in sensors for axis in "xyz"]
+    data = {"frequency": measured, "std": std, **dict(zip(names, summed.shapes.T, strict=True))}
+    found = pf.fit(designs.source, data, [parameter.key for parameter in designs.parameters])
+    low, high = found.intervals.T
+    assert np.all((low < designs.first) & (designs.first < high))  # 7 of 10 such sets at least
+    assert all(found.profiled)
+    assert "Intervals are of the profile likelihood" in found.text()
+    # the others fitted again with stiffness matrices summed: S rises by the square of the quantile
+    place = np.log(found.best / designs.first)
+    least = summed.least(measured, std, starts=[place])[0]
+    for k in (1, 2):
+        for end in np.log(found.intervals[k] / designs.first[k]):
+            rise = summed.least(measured, std, (k, end), [place])[0] - least
+            # 2 % of what is sought, and 4e-4 of frequencies in standard deviations of 2 %
+            assert rise == pytest.approx(norm.ppf(0.975) ** 2, rel=0.06)
