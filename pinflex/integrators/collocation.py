@@ -84,17 +84,13 @@ def radau(s: int) -> Collocation:
 
 
 def with_one_more(method: Collocation) -> Collocation:
-    """The scheme with one stage more, up to 8: good enough for a correction."""
+    """The scheme with one stage more, up to 9: good enough for a correction."""
     return _tableau(method.s + 1)
-
-
-def legendre(method: Collocation) -> Array:
-    """Weights of the stages for the coefficients of a polynomial that is 0 at 0, (s + 1, s)."""
-    return _legendre(method.s)
 
 
 @cache
 def _legendre(s: int) -> Array:
+    """Weights of s stages for the coefficients of a polynomial that is 0 at 0, (s + 1, s)."""
     at = np.polynomial.legendre.legvander(2.0 * np.append(0.0, _nodes(s)) - 1.0, s)
     return np.asarray(np.linalg.inv(at))[:, 1:]
 

@@ -3,7 +3,7 @@
 One Newton correction of s + 1 stages, from the polynomials of the step, by the step's own tangent,
 from the start that the corrections so far have led to. What the corrected run differs from the run
 by is an estimate of the run's error, carried along from step to step (defect correction: Zadunaisky
-1976; Skeel 1982).
+1976; Skeel 1982). A corrected run can be corrected in its turn.
 """
 
 from __future__ import annotations
@@ -17,15 +17,14 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
-from pinflex.integrators.collocation import legendre, with_one_more
+from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled_march import STATE, Batch, CompiledSteps
 from pinflex.integrators.radau import SAME_STEP
-from pinflex.integrators.stage_newton import Tangent
 from pinflex.integrators.stages import StageEquations, Start, Step, Trial
 from pinflex.kernel.march import Marched
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.
-_SLOW = 0.2
+_SLOW = 0.1
 
 
 class Before(NamedTuple):
@@ -44,33 +43,23 @@ class Corrector(StageEquations):
 
     Attributes:
         iterations: Newton corrections so far.
-        sizes: Of the steps corrected last: norms of the last Legendre coefficient but one of the
-            displacement, of the last one, and of the correction, shape (n, 3).
     """
 
     def __init__(self, run: StageEquations) -> None:
-        """`run`: the equations that the steps of the run solve."""
+        """`run`: the equations that the steps of the run solve, or another corrector."""
         stages = run.method
         super().__init__(run.mechanism, run.dynamics, run.path, with_one_more(stages), run.drive)
         self._guess, self.iterations = stages.at(self.method.c), 0
-        self.sizes, self._last_two = np.zeros((0, 3)), legendre(self.method)[-2:]
         self._made: CompiledSteps | None = None
 
     def correct_all(self, steps: Sequence[Step], before: Before | None) -> Sequence[Step]:
         """Steps corrected one after the other; before: `last` of those so far."""
         if isinstance(steps, Batch) and self.compiled is not None:
-            found = self._compiled_steps(steps, before)
-            made, at = found.made.kernel.steps, slice(1, len(found) + 1)
-            self._take_sizes(made["move"][at], made["coarseness"][at], None)
-            return found
+            return self._compiled_steps(steps, before)
         paths, done = self._paths(steps), list[Step]()
-        changes = np.zeros((len(steps), self.method.s, self.dynamics.system.nv))
         for number, step in enumerate(steps):
-            path = _part(paths, number, self.method.s)
-            done.append(self._corrected(step, before, path, changes[number]))
+            done.append(self._corrected(step, before, _part(paths, number, self.method.s)))
             before = Before(step.a[-1], self.end(done[-1]))
-        norms = self._norms(changes, done[-1].tangent).max(axis=1)
-        self._take_sizes(np.array([step.move for step in done]), norms, done[-1].tangent)
         return done
 
     def last(self, steps: Sequence[Step], corrected: Sequence[Step]) -> Before:
@@ -83,20 +72,6 @@ class Corrector(StageEquations):
                 return Before(a, Start(float(kernel.at.t), *parts))
         return Before(steps[-1].a[-1], self.end(corrected[-1]))
 
-    def _take_sizes(self, moves: Array, changes: Array, tangent: Tangent | None) -> None:
-        """Sizes of steps from their displacements (n, s, nv) and norms of corrections (n,)."""
-        norms = self._norms(self._last_two @ moves, tangent)
-        self.sizes = np.column_stack([norms, changes])
-
-    def _norms(self, moves: Array, tangent: Tangent | None) -> Array:
-        """Of displacements (..., nv): by elastic energy, or by mass if nothing bends."""
-        dynamics = self.dynamics
-        if dynamics.flexible or tangent is None:
-            x, weight = moves[..., dynamics.n_rigid :], dynamics.strain.stiffness
-        else:
-            x, weight = moves[..., self.free], tangent.M
-        return np.asarray(np.sqrt(np.abs(np.sum((x @ weight) * x, axis=-1))))
-
     def _paths(self, steps: Sequence[Step]) -> MotorPath:
         """Motion of the motors at the stages of all steps."""
         start, h = np.array([(step.start.t, step.h) for step in steps]).T
@@ -104,7 +79,7 @@ class Corrector(StageEquations):
 
     def _compiled_steps(self, steps: Batch, before: Before | None) -> Batch:
         """The same on the kernel, while it has the steps."""
-        if self._made is None or self._made.tangents is not steps.made.kernel:
+        if self._made is None or self._made.tangents is not steps.made.tangents:
             self._made = self._like(steps.made)
         kernel, end_a, given = self._made.kernel, None, None
         if before is not None:
@@ -122,21 +97,16 @@ class Corrector(StageEquations):
 
     def _like(self, run: CompiledSteps) -> CompiledSteps:
         """Room for the corrections of the steps of a run."""
-        system, last = self.dynamics.system, np.zeros(self.method.s)
-        elastic = np.arange(system.nv)[self.dynamics.n_rigid :]
-        weight = self.dynamics.strain.stiffness
-        marched = Marched(*self.method.monomials, last, elastic, weight, ())
+        last, measured = np.zeros(self.method.s), np.zeros(0, dtype=np.intp)  # nothing is judged
+        marched = Marched(*self.method.monomials, last, measured, np.zeros((0, 0)), ())
         # Held weakly: in a circle the workspace would not be given back when the run is over.
         of, room = proxy(self), (int(run.kernel.at.capacity), 0)
-        made = CompiledSteps(of, marched, run.table, room, run.kernel)
+        made = CompiledSteps(of, marched, run.table, room, run.tangents)
         made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
         return made
 
-    def _corrected(self, step: Step, before: Before | None, path: MotorPath, change: Array) -> Step:
-        """A step taken once more, from the end of the corrected step before it.
-
-        `change` becomes the last correction of the displacement, shape (s, nv).
-        """
+    def _corrected(self, step: Step, before: Before | None, path: MotorPath) -> Step:
+        """A step taken once more, from the end of the corrected step before it."""
         x = self.begin(self._start(step, before), step.h, *self._polynomials(step), path)
         newton = self.newton
         if newton.stale or newton.tangent is not step.tangent:
@@ -150,7 +120,6 @@ class Corrector(StageEquations):
             self.correct(x)
             self.iterations += 1
         done = self.solved(x, step.coarseness, step.rate)
-        change[...] = x.change
         if not self.manifold.turning:
             return done
         self.place(x)  # what turns in space depends on what was corrected

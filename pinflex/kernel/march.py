@@ -18,6 +18,7 @@ from pinflex.kernel.memory import Block
 from pinflex.kernel.stages import StageKernel
 
 FULL, INPUTS, START, STUCK, PAUSED = range(5)
+MOST_STAGES = 9  # as in source/stages.h
 _STATE = ("y", "v", "a", "lam", "torque")
 _STARTS = ("t", "y0", "v0", "a0", "lam0", "torque0")
 _STAGES = ("move", "turn", "a", "lam", "torque", "power", "position", "velocity")
@@ -260,6 +261,8 @@ def _columns(stages: StageKernel) -> int:
 def _check(stages: StageKernel, given: Marched, table: Table) -> None:
     """Raise where sizes or rows are not those of the stages."""
     n, s, columns = stages.counts, stages.counts["s"], _columns(stages)
+    if s > MOST_STAGES:
+        raise PinflexError(f"kernel: {s} stages, at most {MOST_STAGES}.")
     if table.value.shape[2] != columns or table.corner_value.shape[1] != columns:
         raise PinflexError(f"kernel: inputs of {table.value.shape[2]} columns, not {columns}.")
     if np.any(given.measured < 0) or np.any(given.measured >= n["nv"]):

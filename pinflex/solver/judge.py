@@ -1,8 +1,10 @@
-"""The judge of a run within a tolerance: it corrects the steps, and sends the run back.
+"""The judge of a run within a tolerance: it corrects the steps twice, and sends the run back.
 
-What a correction (`pinflex.integrators.corrector`) changes in the outputs asked for is the error of
-the run so far. It sets the resolution of the steps to come; where it exceeds what is allowed, the
-run goes back to the step before.
+The samples of the first correction (`pinflex.integrators.corrector`) are answered. What the second
+one, with one stage more again, changes in the outputs asked for is their error so far: what the
+first leaves because its method is of finite order, and because it is one step of Newton. It sets
+the resolution of the steps to come; where it exceeds what is allowed, the run goes back to the step
+before.
 """
 
 from __future__ import annotations
@@ -22,10 +24,11 @@ from pinflex.integrators.run import Run
 from pinflex.integrators.stages import Start, Step
 from pinflex.integrators.steps import Path, States
 from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
-from pinflex.solver.decay import Decay
 from pinflex.solver.expected import Expected
 
-PART = 0.5  # of the tolerance: what the estimate may be at the end
+# Of the tolerance: what the second correction may change at the end. Twice that is told: of a
+# vibration that no order follows it sees a part only.
+PART = 0.5
 _SAFE = 0.95  # of that: what it may be on the way
 # Resolution to go on with over the last one, at most and at least; at least after a step back.
 RISE, FALL, LEAST = 2.0, 0.3, 0.02
@@ -43,7 +46,7 @@ _AGAIN = 4  # times that a run may begin anew
 
 
 class Judge:
-    """Keeps the steps of one run and their corrections, and sends the run back where they differ.
+    """Keeps the corrections of the steps of a run, and sends it back where they differ.
 
     Attributes:
         resolution: Of the steps to come. lowest: The least one so far.
@@ -63,8 +66,9 @@ class Judge:
         again: bool,
     ) -> None:
         """`again`: the resolution is not to rise, for it did in a run whose error was too large."""
-        stages.path = _remembering(stages.path)  # run and correction are sampled at the same times
+        stages.path = _remembering(stages.path)  # both corrections are sampled at the same times
         self._stages, self._corrector, self._t = stages, Corrector(stages), t
+        self._second = Corrector(self._corrector)
         stages.loose = True
         self._compare, self._foreseen = compare, foreseen
         self._allowed, self._most = _SAFE * PART * tol, PART * tol
@@ -78,17 +82,16 @@ class Judge:
     @property
     def count(self) -> int:
         """Samples recorded so far."""
-        return self._coarse.count
+        return self._found.count
 
     def start(self, now: Start) -> None:
         """Take the first state, or begin anew."""
         self._now = now
-        self._coarse = Record(self._stages, self._t, self.resolution)
-        self._fine = Record(self._corrector, self._t, self.resolution)
-        self._coarse.start(now)
-        self._fine.start(now)
-        self._before: Before | None = None
-        self._decay = Decay()
+        self._found = Record(self._corrector, self._t, self.resolution)
+        self._better = Record(self._second, self._t, self.resolution)
+        self._found.start(now)
+        self._better.start(now)
+        self._before: tuple[Before, Before] | None = None
         self._sizes: dict[str, float] = {}
         self._moved, self._borne = False, 0.0
         self._histories: list[dict[str, History]] = []
@@ -96,18 +99,18 @@ class Judge:
         self._error_at = float(self._t[0])
 
     def take(self, steps: Sequence[Step]) -> int:
-        """Correct steps and record both; the number of them that may stay, or -1."""
+        """Correct steps twice and record both; the number of them that may stay, or -1."""
         if not steps:
             return 0
         t, h = spans_of(steps)
         self._stages.slow = self._slowest(float(h[-1]))
         try:
-            corrected = self._corrector.correct_all(steps, self._before)
+            corrected, twice = self._corrected(steps)
         except np.linalg.LinAlgError:
             return self._shorter()
-        coarse, fine = self._coarse.ahead(steps), self._fine.ahead(corrected)
-        histories = self._compared(coarse, fine)
-        errors = self._errors(steps, corrected, histories)
+        found, better = self._found.ahead(corrected), self._better.ahead(twice)
+        histories = self._compared(found, better)
+        errors = self._errors(corrected, twice, histories)
         bad = np.flatnonzero(~(errors <= max(self._allowed, self._borne)))
         good = len(steps)
         if len(bad) and not self.stuck:
@@ -122,32 +125,31 @@ class Judge:
         if good == len(steps) and not len(bad) and not self.stuck:
             self._adapt(errors, end)
         self._error, self._error_at = max(self._error, float(np.max(errors[:good]))), end
-        self._keep(steps[:good], corrected[:good], coarse, fine, histories)
+        kept = self._samples(steps[:good])
+        self._keep(steps[:good], (corrected[:good], twice[:good]), (found, better), kept)
+        self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
 
     def _keep(
         self,
         steps: Sequence[Step],
-        corrected: Sequence[Step],
-        coarse: States,
-        fine: States,
-        histories: dict[str, History],
+        corrected: tuple[Sequence[Step], Sequence[Step]],
+        ahead: tuple[States, States],
+        kept: int,
     ) -> None:
-        """Record steps that stay, out of all that lies ahead."""
-        kept = self._samples(steps)
-        self._coarse.take(steps, States(*(part[:kept] for part in coarse)))
-        self._fine.take(corrected, States(*(part[:kept] for part in fine)))
-        self._decay.add(self._corrector.sizes[: len(steps)])
-        self._before = self._corrector.last(steps, corrected)
-        self._histories.append({key: history.upto(kept) for key, history in histories.items()})
+        """Record steps that stay, corrected once and twice, and of the samples ahead so many."""
+        for record, some, states in zip((self._found, self._better), corrected, ahead, strict=True):
+            record.take(some, States(*(part[:kept] for part in states)))
+        once, twice = corrected
+        self._before = self._corrector.last(steps, once), self._second.last(once, twice)
 
     def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
-        """The run and the corrected one.
+        """The corrected run, and the one corrected twice.
 
         Args:
             cost, settings: As of a `Run`.
         """
-        return self._coarse.run(cost, settings, ""), self._fine.run(cost, settings, "")
+        return self._found.run(cost, settings, ""), self._better.run(cost, settings, "")
 
     def finish(self, steps: Sequence[Step]) -> None:
         """Record the last steps of a run that has broken off."""
@@ -163,16 +165,16 @@ class Judge:
         steps = cost["steps"]
         cost = {
             **cost,
-            "corrections": float(self._corrector.iterations),
+            "corrections": float(self._corrector.iterations + self._second.iterations),
             "last_steps": steps,
             "steps": steps + cost["repeated"],
             "runs": float(self.begun),
         }
-        return self._fine.run(cost, settings, stopped)
+        return self._found.run(cost, settings, stopped)
 
     @cached_property
     def differences(self) -> dict[str, float]:
-        """Relative difference of the run, once it is at its end, and the corrected one."""
+        """Relative difference of the two corrected runs, once they are at their end."""
         if not self._moved:
             return {}
         found = {
@@ -187,58 +189,61 @@ class Judge:
             return self._compare.differences(*self.runs({}, {}))  # at rest, or joints alone move
         return {key: error for key, error in found.items() if error is not None}
 
-    @property
-    def left(self) -> float:
-        """Error of the corrected run over its difference from the run."""
-        return self._decay.left
+    def _corrected(self, steps: Sequence[Step]) -> tuple[Sequence[Step], Sequence[Step]]:
+        """Steps corrected once and twice."""
+        before, again = self._before or (None, None)
+        once = self._corrector.correct_all(steps, before)
+        return once, self._second.correct_all(once, again)
 
     def _samples(self, steps: Sequence[Step]) -> int:
         """Number of samples in steps to come."""
         end = float(ends_of(steps)[-1])
-        return int(np.searchsorted(self._t, end, side="right")) - self._coarse.count
+        return int(np.searchsorted(self._t, end, side="right")) - self._found.count
 
     def _slowest(self, h: float) -> float:
         """Contraction that a correction may have, where so many steps of h (s) follow."""
         number = float(self._t[-1] - self._t[0]) / h
         return min(0.1, float(np.sqrt(0.3 / number)))
 
-    def _compared(self, coarse: States, fine: States) -> dict[str, History]:
+    def _compared(self, found: States, better: States) -> dict[str, History]:
         """Errors of the outputs at the samples of states, and how large they are."""
-        n, first = self._coarse.count, self._now.y
-        self._moved |= bool(np.abs(fine.y - first).max(initial=0.0) > REST)
-        found = self._compare.histories(self._run(coarse), self._run(fine), n, first)
-        for key, history in found.items():
+        n, first = self._found.count, self._now.y
+        self._moved |= bool(np.abs(better.y - first).max(initial=0.0) > REST)
+        histories = self._compare.histories(self._run(found), self._run(better), n, first)
+        for key, history in histories.items():
             size = float(np.max(history.size, initial=0.0))
             self._sizes[key] = max(self._sizes.get(key, 0.0), size)
-        return found
+        return histories
 
     def _run(self, states: States) -> Run:
         y, v, a, lam, torque, _ = states
-        return Run(self._coarse.system, np.zeros(len(y)), y, v, a, lam, torque, {})
+        return Run(self._found.system, np.zeros(len(y)), y, v, a, lam, torque, {})
 
-    def _at_ends(self, steps: Sequence[Step], corrected: Sequence[Step]) -> dict[str, History]:
+    def _at_ends(self, corrected: Sequence[Step], twice: Sequence[Step]) -> dict[str, History]:
         """Errors of the outputs at the ends of steps."""
         before, after = (
             self._run(_joined([step.start for step in some[1:]] + [of.end(some[-1])]))
-            for of, some in ((self._stages, steps), (self._corrector, corrected))
+            for of, some in ((self._corrector, corrected), (self._second, twice))
         )
         return self._compare.histories(before, after, None, self._now.y)
 
     def _errors(
-        self, steps: Sequence[Step], corrected: Sequence[Step], histories: dict[str, History]
+        self, corrected: Sequence[Step], twice: Sequence[Step], histories: dict[str, History]
     ) -> Array:
         """Largest error of all outputs in each step, relative to the largest value so far."""
-        worst = np.zeros(len(steps))
+        worst = np.zeros(len(twice))
         if not self._moved:
             return worst  # at rest: round-off is all that differs
-        ends = ends_of(steps)
-        looked_at = self._t[self._coarse.count :]
+        ends = ends_of(twice)
+        looked_at = self._t[self._found.count :]
         for key, (at, apart, _) in histories.items():
             np.maximum.at(worst, np.searchsorted(ends, looked_at[at]), apart / self._scale(key))
         fewest = min((len(history.at) for history in histories.values()), default=0)
-        if fewest < len(steps):  # between few samples an error would be found too late
-            for key, (_, apart, _) in self._at_ends(steps, corrected).items():
-                worst = np.maximum(worst, apart / self._scale(key))
+        if fewest < len(twice):  # between few samples an error would be found too late
+            # What velocities leave open at the start shows in the forces of the first step.
+            first = int(self._before is None)
+            for key, (_, apart, _) in self._at_ends(corrected, twice).items():
+                worst[first:] = np.maximum(worst, apart / self._scale(key))[first:]
         return worst
 
     def _scale(self, key: str) -> float:
@@ -266,9 +271,12 @@ class Judge:
         if self.resolution < _FINEST or (anew and self.begun > _AGAIN):
             self._borne = _MORE * error
             return len(errors)
-        room = AIM * (self._allowed - before)
-        self.resolution *= min(max(room / (error - before), LEAST), FALL)
+        so_far = 0.0 if anew else before
+        room = AIM * (self._allowed - so_far)
+        self.resolution *= min(max(room / (error - so_far), LEAST), FALL)
         self.lowest = min(self.lowest, self.resolution)
+        if anew:
+            self._coarsest = self.resolution  # where it rose again the error did too
         return -1 if anew else bad
 
     def _in_vain(self, t: float, error: float) -> bool:

@@ -1,8 +1,7 @@
 """A tolerance kept by one run that judges itself while it goes.
 
-Steps are taken once more with one stage more, and judged by that (`pinflex.solver.judge`). The
-corrected samples are answered: their own error is smaller than what is told, but for what rings so
-fast that neither follows it.
+Steps are taken once more with one stage more, and their samples are answered; what a second such
+correction changes in them is their error, twice which is told (`pinflex.solver.judge`).
 """
 
 from __future__ import annotations
@@ -73,7 +72,7 @@ class _OneRun:
         return expected(self.scene, end, self.dynamics, reference)
 
     def run(self) -> Run:
-        """The first run that is half of the tolerance away from its correction."""
+        """The first run whose second correction changes less than half of the tolerance."""
         resolution, best, at = _FIRST * self.tol, np.inf, np.inf
         enough = PART * self.tol
         for _ in range(_TRIES):
@@ -86,9 +85,6 @@ class _OneRun:
             elif judge.stuck or resolution < _IN_VAIN * at:
                 break
             resolution *= min(max(AIM * PART * self.tol / worst, LEAST), _NEXT)
-        # Steps do not get better any more: what their correction leaves may be little all the same.
-        if judge.left * worst <= enough:
-            return run
         raise floor(self.scene, self.tol, run, worst)
 
     def _passed(self, resolution: float) -> tuple[Run, Judge]:
@@ -117,12 +113,7 @@ class _OneRun:
         return self._judge, run
 
     def _judged(self, judge: Judge, run: Run) -> Run:
-        left, changed = judge.left, judge.differences
-        # A run that is accepted keeps its tolerance, however much more it may have left out.
-        error = {
-            key: max(left * e if left < 1.0 else max(e, min(left * e, self.tol)), ROUND_OFF)
-            for key, e in changed.items()
-        }
+        error = {key: max(e / PART, ROUND_OFF) for key, e in judge.differences.items()}
         told = {"tol": self.tol, "error": error, "judged": "a correction of every step"}
         settings = {**run.settings, **told}
         run = replace(run, settings=settings, warnings=(*run.warnings, *ringing(self.scene, run)))

@@ -155,13 +155,13 @@ def test_a_run_that_is_no_start_of_the_motion_is_refused(tmp_path: Path) -> None
         pf.solve(robot, away, "coupled", start=(run,), dt=1e-3)
 
 
-@pytest.mark.parametrize(("tol", "close"), [(1e-7, 1e-6), (1e-6, 1e-9)])
+@pytest.mark.parametrize(("tol", "close"), [(1e-7, 1e-6), (1e-8, 3e-9)])
 def test_a_thrown_body_flies_its_parabola_and_spins(
     tmp_path: Path, tol: float, close: float
 ) -> None:
     """`root_joint`: linear, then angular, in the body's own axes.
 
-    1e-9 m: 5e-11 measured; 5e-9 where a corrected step is not turned by its correction.
+    3e-9 m: 1e-9 measured; 6e-9 where a corrected step is not turned by its correction.
     """
     body = (Body("brick", "base", mass=2.0, inertia=(0.1, 0.2, 0.3)),)
     robot = load(tmp_path, body, "base: free_flyer\nactuated: []\nframes: [brick]\n")

@@ -68,19 +68,20 @@ def test_the_error_against_generalized_alpha_is_what_was_allowed(name: str, tol:
 
 
 @pytest.mark.parametrize("tol", [1e-3, 1e-4])
-@pytest.mark.parametrize("name", ["race_r2", "spinning_beam"])
+@pytest.mark.parametrize("name", ["race_r2", "race_r3", "3rrr", "spinning_beam"])
 def test_what_is_told_is_the_error_of_what_is_answered(name: str, tol: float) -> None:
-    """Against seven stages at a thousandth of it: told over true is between 0.3 and 10."""
+    """Against seven stages at a thousandth of it; race_r3 rings, 3rrr's floor is near 1e-6."""
+    least = 1e-6 if name == "3rrr" else 0.0
     found, exact = (
         run(name, integrator=radau(stages), tol=at, asked=ALL)
-        for stages, at in ((6, tol), (7, 1e-3 * tol))
+        for stages, at in ((6, tol), (7, max(1e-3 * tol, least)))
     )
     m = mechanism(name)
     errors = Outputs(m, default_motion(m), found.t, ALL).differences(found, exact)
     told = found.settings["error"]
     ratios = {key: told[key] / errors[key] for key in errors}  # type: ignore[index]
-    assert min(ratios.values()) > 0.3, ratios  # measured: 1.7 to 8.1
-    assert max(ratios.values()) < 10.0, ratios
+    assert min(ratios.values()) > 0.5, ratios  # measured: 0.85 to 3.0; 2 is aimed at
+    assert max(ratios.values()) < 5.0, ratios
 
 
 def test_what_rings_from_the_start_on_is_not_left_out_by_all_runs_alike() -> None:

@@ -1,7 +1,6 @@
 /* The steps of a run once more with one stage more, from the start that the corrections so far have
    led to: what they differ by is the error of the run (pinflex/integrators/corrector.py). */
 #include "march.h"
-#include "newton.h"
 #include <stddef.h>
 
 void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
@@ -76,18 +75,6 @@ static void follow(const Tables *t, const March *run, March *m, Int k) {
   pinflex_correct(t, st);
 }
 
-/* Largest norm of the last correction of the stages. */
-static double corrected(const Tables *t, const March *m) {
-  const Stages *st = m->stages;
-  Newton n = {.measured = m->measured, .measured_at = m->measured_at, .weight = m->weight};
-  double largest = 0.0, *x = st->part;
-  for (Int k = 0; k < st->s; k++) {
-    for (Int i = 0; i < m->measured; i++) x[i] = st->change[k * t->nv + m->measured_at[i]];
-    largest = fmax(largest, weighed(&n, x));
-  }
-  return sqrt(largest);
-}
-
 /* What turns in space depends on what was corrected. */
 static void turned(const Tables *t, March *m) {
   const Stages *st = m->stages;
@@ -98,10 +85,9 @@ static void turned(const Tables *t, March *m) {
   copy(m->steps.move + k * all, st->move, all);
 }
 
-/* Correct `count` steps of a batch; the coarseness of each becomes the size of its last correction.
-   end_a: accelerations (nv,) at the end of the step before them; NULL: there is none. given: inputs
-   (count, s, columns), or NULL. Steps that contracted by more than `slow` are corrected twice. 0 where
-   equations are singular. */
+/* Correct `count` steps of a batch. end_a: accelerations (nv,) at the end of the step before them;
+   NULL: there is none. given: inputs (count, s, columns), or NULL. Steps that contracted by more than
+   `slow` are corrected twice. 0 where equations are singular. */
 EXPORT int pinflex_correct_steps(const Tables *t, char *memory, const March *run, March *m, Int count,
                                  const double *W, const double *end_a, const double *given) {
   Stages *st = m->stages;
@@ -124,7 +110,7 @@ EXPORT int pinflex_correct_steps(const Tables *t, char *memory, const March *run
       pinflex_correct(t, st);
       m->iterations++;
     }
-    m->steps.coarseness[k] = corrected(t, m), m->steps.rate[k] = x->rate[k];
+    m->steps.coarseness[k] = x->coarseness[k], m->steps.rate[k] = x->rate[k];
     keep(t, m, h);
     turned(t, m);
     m->count = k;

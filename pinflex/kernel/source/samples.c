@@ -40,7 +40,7 @@ EXPORT void pinflex_samples(const Tables *t, const March *m, Int count, const do
   const Stages *st = m->stages;
   const Steps *x = &m->steps;
   Int s = st->s, nv = t->nv, rows = t->closures, motors = st->motors;
-  double B1[8], B2[8], W[9], *move = st->part;
+  double B1[MOST_STAGES], B2[MOST_STAGES], W[MOST_STAGES + 1], *move = st->part;
   for (Int i = 0; i < count; i++) {
     Int k = of[i], at = k * s;
     double h = x->h[k], z = (time[i] - x->t[k]) / h;
