@@ -81,8 +81,8 @@ def test_a_free_top_with_an_elastic_arm_keeps_its_energy(tmp_path: Path) -> None
     """Spherical joint, 3 rad/s: exponential coordinates of every step."""
     m = top(tmp_path)
     swing = pf.hold(duration=0.1)
-    found = pf.solve(m, swing, level="coupled", tol=1e-4, samples=11)
-    assert found.meta["energy_balance"] < 1e-9
+    found = pf.solve(m, swing, level="coupled", tol=3e-5, samples=11)
+    assert found.meta["energy_balance"] < 1e-9  # goes with tol squared; measured: 5.9e-11
     errors = []
     for dt in (2e-5, 1e-5):  # hard to follow for another method: it comes nearer with order 2
         fine = pf.solve(m, swing, level="coupled", dt=dt, samples=11, tolerance=1e-10)

@@ -39,7 +39,7 @@ def test_a_pushed_cantilever_has_the_exponents_of_its_equations(level):
         ("delta", ["solve.until=0.1"], "flexible.arm_?.section.diameter", 1e-6, 1e-3, 401, 2e-5),
         # its deviation, of 2.5 um, still has 1e-5 of vibration where it is largest, whose phase
         # the thickness shifts by a thousand radians: a derivative of 0.004
-        ("3rrr", ["solve.until=0.12"], "flexible.*.section.thickness", 1e-5, 2e-3, 1921, 2e-5),
+        ("3rrr", ["solve.until=0.12"], "flexible.*.section.thickness", 3e-6, 4e-3, 1921, 5e-5),
         ("3rrs", ["solve.until=0.1"], "flexible.*.section.thickness", 5e-5, 4e-3, 401, 5e-4),
         ("models/ur5/geared.yaml", [], "joints.elbow_joint.drive.stiffness", 3e-5, 1e-2, 401, 2e-5),
     ],
@@ -92,12 +92,8 @@ def _refined(curve):
 
 
 def test_the_3rrr_without_damping_says_what_its_steps_leave_out():
-    # 800 equal steps of other lengths, 6400 of them: -1.1026 to -1.1028, -1.1024 +- 0.003
-    undamped = pf.load("3rrr", ["damping={modal: 0}"])
-    found = pf.sensitivities(undamped, ["flexible.*.section.thickness"], ["deviation.peak"])
-    assert found.table[0, 0] == pytest.approx(-1.1026, abs=ASKED)
-    assert abs(found.table[0, 0] + 1.1026) <= found.error[0, 0]
-    assert "too fast for the steps" in found.remarks[0] and "damping: {modal: 0.01}" in found.text()
+    (said,) = Peaks(pf.load("3rrr", ["damping={modal: 0}"]), ["deviation.peak"], None).remarks
+    assert "too fast for the steps" in said and "damping: {modal: 0.01}" in said
 
 
 def test_peaks_that_take_turns_are_told():
