@@ -141,18 +141,23 @@ def test_corrections_of_the_kernel_are_those_of_numpy(
 
 def test_a_run_gives_its_workspace_back_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
     """Held in a circle it would stay until Python looks for those: gigabytes in large models."""
-    m, made = pf.load("race_r1"), []
+    m, made, given_back = pf.load("race_r1"), [], []
+
+    def acquire(model: pin.Model) -> pin.Data:
+        made.append(pin.Data(model))
+        return made[-1]
+
     monkeypatch.setattr(lending, "_LARGEST", 0.0)  # as of a large model: not kept for the next run
-    monkeypatch.setattr(workspace, "acquire", lambda model: made.append(1) or pin.Data(model))
-    given_back: list[int] = []
-    monkeypatch.setattr(workspace, "release", lambda model, data: given_back.append(1))
+    monkeypatch.setattr(workspace, "acquire", acquire)
+    monkeypatch.setattr(workspace, "release", lambda model, data: given_back.append(data))
     gc.collect()
     gc.disable()
     try:
         solve_level(m, level="coupled", tol=1e-2, until=0.02, samples=11)
     finally:
         gc.enable()
-    assert len(given_back) == len(made), (len(given_back), len(made))
+    # What earlier tests left may be given back meanwhile too.
+    assert made and all(any(data is back for back in given_back) for data in made)
 
 
 def test_scales_are_taken_off_the_rigid_motion_that_a_platform_is_compared_with() -> None:
