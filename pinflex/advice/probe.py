@@ -21,12 +21,11 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
-from pinflex.levels.linear_march import Marched, Room
+from pinflex.levels.linear_march import Marched, Room, forces_along
 from pinflex.levels.linearised import LinearPath, full_path
 from pinflex.levels.modes import modes
 from pinflex.mechanics.closure_motion import closure_motion
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -184,15 +183,9 @@ class Probe:
         """The states and the linear torques of a deviation."""
         motors = self.system.motors
         M, C, K, r, J, _ = self._parts
-        torque = np.empty((self.steps, len(motors)))
-        for s in spans(self.steps):
-            m, c, k, left, j = (
-                self.full.grid.between(x, s)
-                for x in (M[:, motors], C[:, motors], K[:, motors], r[:, motors], J[:, :, motors])
-            )
-            pairs = ((m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam))
-            torque[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)
-        return self._run(found, torque)
+        of_motors = M[:, motors], C[:, motors], K[:, motors], r[:, motors], J[:, :, motors]
+        states = Marched(found.d, found.v, found.a, found.lam)
+        return self._run(found, forces_along(self.full.grid, of_motors, states))
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""

@@ -13,6 +13,7 @@ from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.linear_march import LinearMarch, Marched, Room
 from pinflex.linalg import independent_rows, saddle
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.system import System
 
@@ -76,7 +77,7 @@ class Subspace:
         if not gaps.shape[2]:
             return load, p
         k = self.B.shape[1]
-        for s in _spans(len(left)):
+        for s in spans(len(left), _BATCH):
             P = self._grid.between(self._closers, s)
             moved = P @ -gaps[:, s].transpose(1, 2, 0)  # (steps, 4 k, 3)
             p[:, s] = moved[:, :k].transpose(2, 0, 1) @ self.B.T
@@ -114,10 +115,6 @@ def _both_sides(x: Array, B: Array) -> Array:
     """B' x B, shape (size, k, k), for x (size, nv, nv)."""
     row = _picked(B)
     return np.asarray(B.T @ x @ B if row is None else x[:, row[:, None], row])
-
-
-def _spans(count: int) -> list[slice]:
-    return [slice(k, min(k + _BATCH, count)) for k in range(0, count, _BATCH)]
 
 
 def shapes_of(system: System, parts: Mapping[str, FlexiblePart]) -> Array:

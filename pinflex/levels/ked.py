@@ -31,7 +31,7 @@ from pinflex.integrators.mode_superposition import mode_superposition
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.levels.interpolated import InterpolatedPath
-from pinflex.levels.linear_march import LinearMarch, Marched
+from pinflex.levels.linear_march import LinearMarch, Marched, forces_along
 from pinflex.levels.linearised import Kept, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
@@ -40,7 +40,6 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 
 _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness is looked at
-_BATCH = 256  # steps whose torques are taken together
 _CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-off
 
 
@@ -125,13 +124,9 @@ def _together(
     """Deviation with all multipliers, torques (nt, motors), and the number of sound steps."""
     grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts()
     found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(grid.between(r), start)
-    torque = np.empty((len(found.d), of_motors[0].shape[1]))
-    for first in range(0, len(found.d), _BATCH):
-        s = slice(first, first + _BATCH)
-        m, c, k, left, j, base = (grid.between(x, s) for x in of_motors)
-        pairs = (m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam)
-        torque[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)
-        found.lam[s] += base
+    m, c, k, left, j, base = of_motors
+    torque = forces_along(grid, (m, c, k, left, j), found)
+    found.lam[:] += grid.between(base)
     sound = np.all(np.isfinite(found.d), axis=1) & np.all(np.isfinite(found.a), axis=1)
     return found, torque, len(sound) if np.all(sound) else int(np.argmin(sound))
 

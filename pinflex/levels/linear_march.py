@@ -19,9 +19,11 @@ from pinflex.integrators.schemes import AlphaScheme
 from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import LinearKernel, Still
 from pinflex.levels.interpolated import STILL, stacked_path
+from pinflex.mechanics.geometry import spans
 
 _LARGEST = 32e6  # numbers that systems and factors may hold together (256 MB)
 _BATCH = 64  # systems at a time where they may not
+_FORCES = 256  # steps whose forces are taken together
 
 
 class Marched(NamedTuple):
@@ -31,6 +33,24 @@ class Marched(NamedTuple):
     v: Array
     a: Array
     lam: Array
+
+
+def forces_along(
+    grid: Interpolation, parts: tuple[Array, Array, Array, Array, Array], found: Marched
+) -> Array:
+    """Forces M a + C v + K d + r - J' lam at every step, shape (nt, k): of motors, what they give.
+
+    Args:
+        grid: Times of the systems, and of the steps.
+        parts: Some rows of M, C, K (size, k, n) and r (size, k), columns of J (size, rows, k).
+        found: The deviation and its multipliers.
+    """
+    force = np.empty((len(found.d), parts[3].shape[1]))
+    for s in spans(len(force), _FORCES):
+        m, c, k, left, j = (grid.between(x, s) for x in parts)
+        pairs = (m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam)
+        force[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)
+    return force
 
 
 class Room:

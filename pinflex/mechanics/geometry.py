@@ -229,7 +229,11 @@ class Geometry:
         return gamma
 
 
-def spans(count: int) -> Iterator[slice]:
-    """Slices that cover `count` states, `_TOGETHER` at a time."""
-    for first in range(0, count, _TOGETHER):
-        yield slice(first, min(first + _TOGETHER, count))
+def spans(count: int, most: int = _TOGETHER) -> Iterator[slice]:
+    """Slices that cover all states.
+
+    Args:
+        count: Number of states. most: In one slice.
+    """
+    for first in range(0, count, most):
+        yield slice(first, min(first + most, count))
