@@ -6,8 +6,8 @@ fitted. Counts say in how many data sets the 95 % interval of a parameter holds 
 100 sets a right interval gives 91 to 99 nearly always (binomial, two standard deviations). Joint
 statements: all six intervals at once (less often than 95 %, nothing says how much), and the true
 values where S is within the 95 % quantile of chi^2 with six freedoms of the best S. With
-`--simultaneous` the intervals are those that are to hold all at once, in 95 % of the sets at least
-(a binomial count of 91 or more). With `--off` the fit starts 20 to 43 % beside the true values. Sets
+`--simultaneous` the intervals are those that are to hold all at once, in 95 % of the sets
+at least. With `--off` the fit starts 20 to 43 % beside the true values. Sets
 are shared by `--jobs` processes.
 
 `--summed` asks the same of many sets another way, with no code of the fit: frequencies by sums of
