@@ -94,24 +94,18 @@ def test_a_run_is_told_of_and_stopped_between_batches() -> None:
     np.testing.assert_array_equal(part.y, run_of("ur5").y[:65])
 
 
-def test_sizes_are_checked() -> None:
-    made = []
-    plain = AlphaKernel.march
-
-    class Found(Exception):
-        pass
+def test_sizes_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, plain = [], AlphaKernel.march
 
     def march(self: AlphaKernel, first: int, count: int) -> int:
         made.append(self)
-        raise Found
+        return plain(self, first, count)
 
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(Found):
-        patch.setattr(AlphaKernel, "march", march)
-        run_of("race_r1")
-    with pytest.raises(PinflexError, match="steps from 0"):
-        plain(made[0], 0, 3)
-    with pytest.raises(PinflexError, match="steps from 199"):
-        plain(made[0], 199, 3)
+    monkeypatch.setattr(AlphaKernel, "march", march)
+    run_of("ur5")
+    for first, count in ((0, 3), (199, 3), (1, -1)):
+        with pytest.raises(PinflexError, match=f"{count} steps from {first}"):
+            plain(made[0], first, count)
     rows = [np.zeros((3, 2))] * 4
     with pytest.raises(PinflexError, match="numbers, not"):
         AlphaKernel(made[0]._stages, None, rows, [np.zeros((3, 1))] * 7)  # type: ignore[arg-type]
