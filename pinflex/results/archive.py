@@ -62,34 +62,38 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
 
 
 def contents(
-    t: Array, arrays: Mapping[str, Array], meta: Mapping[str, Any], compact: bool
+    t: Array,
+    arrays: Mapping[str, Array],
+    meta: Mapping[str, Any],
+    compact: bool,
+    read: dict[str, Array] | None = None,
 ) -> dict[str, Any]:
     """Members of the file of a run.
 
     Args:
         t: Instants [s]. arrays: By key. meta: Names and settings.
         compact: Fields of links and bodies rounded, see `pinflex.results.compact`.
+        read: Filled with the arrays as they will be read from the file; None: nobody asks.
     """
     header: dict[str, Any] = {"program": "pinflex", "format": 1, "meta": dict(meta)}
     members: Mapping[str, Any] = arrays
     if compact:
-        members, coded = encode(arrays)
+        members, coded = encode(arrays, read)
         header |= {"format": FORMAT, "coded": coded}
         header["meta"] |= {"rounded": ROUNDED}
+    elif read is not None:
+        read |= arrays
     return {HEADER: np.array(json.dumps(header)), "t": t, **members}
 
 
-def as_read(members: Mapping[str, Any]) -> tuple[Array, dict[str, Array], dict[str, Any]]:
-    """Instants, arrays and meta as a file of these members has them, without the file.
+def meta_of(members: Mapping[str, Any]) -> dict[str, Any]:
+    """Names and settings as a file of these members has them.
 
     Args:
         members: Of `contents`.
     """
-    header = json.loads(str(members[HEADER]))
-    arrays = decoded(
-        {key: values for key, values in members.items() if key != HEADER}, header.get("coded", {})
-    )
-    return arrays.pop("t"), arrays, header["meta"]
+    meta: dict[str, Any] = json.loads(str(members[HEADER]))["meta"]
+    return meta
 
 
 def write(path: Path, members: Mapping[str, Any]) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.advice.solve import solve
+from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.description.solve import LEVELS
@@ -19,6 +20,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.progress import Callback, Progress, Stages
 from pinflex.results import archive
 from pinflex.results.comparison import Comparison, comparison
+from pinflex.results.lazy import Late
 from pinflex.results.residual import BAND
 from pinflex.results.result import Result
 from pinflex.solver.solve import default_motion
@@ -148,7 +150,7 @@ def compare(
     tell = progress if isinstance(progress, Stages) else Stages() if progress is True else None
     steps = None if isinstance(progress, Stages | bool) else progress
     runs: dict[str, Path] = {}
-    members: dict[str, Mapping[str, Any]] = {}
+    drawn: dict[str, Result] = {}  # as the files of the runs have them
 
     def keep(level: str, run: Result, complete: bool) -> None:
         if folder is None:
@@ -156,8 +158,10 @@ def compare(
         if tell is not None:
             tell(f"saving {level}")
         runs[level] = Path(folder) / file_name(run, complete)
-        members[level] = archive.contents(run.t, run.arrays, run.meta, compact=True)
-        archive.write(runs[level], members[level])
+        read: dict[str, Array] = {}
+        members = archive.contents(run.t, run.arrays, run.meta, compact=True, read=read)
+        archive.write(runs[level], members)
+        drawn[level] = Result(run.t, Late(read, {}), Late(archive.meta_of(members), {}))
         # what an earlier comparison left of this level would contradict the table
         (Path(folder) / file_name(run, not complete)).unlink(missing_ok=True)
 
@@ -171,7 +175,6 @@ def compare(
         if folder is None:
             return done
         # the page is drawn from what the files of its runs hold: they alone give the same page
-        drawn = {level: Result(*archive.as_read(held)) for level, held in members.items()}
         return replace(done, files=(*write(done, Path(folder), say, drawn), *runs.values()))
     finally:
         if tell is not None:

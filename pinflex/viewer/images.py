@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def write_png(figure: Figure, path: Path) -> None:
 
     for ax in figure.axes:
         _marks_for_minor_ticks(ax.yaxis)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)  # whose calls have no types
     canvas.draw()
     seen = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3])
     Image.fromarray(seen).save(path, dpi=(DPI, DPI), compress_level=1, compress_type=zlib.Z_RLE)
@@ -42,7 +42,7 @@ def _marks_for_minor_ticks(axis: Axis) -> None:
     Each tick of matplotlib is three lines and two texts, and a logarithm has fifty of them.
     """
     from matplotlib import rcParams
-    from matplotlib.lines import TICKLEFT
+    from matplotlib.markers import TICKLEFT
     from matplotlib.ticker import NullLocator
 
     places = axis.get_minorticklocs()
@@ -50,7 +50,7 @@ def _marks_for_minor_ticks(axis: Axis) -> None:
         return
     low, high = sorted(axis.get_view_interval())
     places = places[(places >= low) & (places <= high)]
-    size, width = (rcParams[f"ytick.minor.{key}"] for key in ("size", "width"))
+    size, width = rcParams["ytick.minor.size"], rcParams["ytick.minor.width"]
     axis.axes.plot(
         np.zeros(len(places)), places, transform=axis.axes.get_yaxis_transform(), ls="none",
         marker=TICKLEFT, ms=size, mew=width, color=rcParams["ytick.color"], clip_on=False,

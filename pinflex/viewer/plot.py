@@ -273,8 +273,8 @@ def _logarithmic(ax: Axes, shown: Array) -> None:
             ax.yaxis.set_major_formatter(_power_of_ten)
 
 
-def _power_of_ten(value: float, _: int) -> str:
-    """A power of ten, as plain text: matplotlib's own is parsed as mathematics, which takes long."""
+def _power_of_ten(value: float, _: float) -> str:
+    """A power of ten as plain text: matplotlib's own is parsed as mathematics, which is slow."""
     return "10" + str(round(np.log10(value))).translate(_RAISED)
 
 
