@@ -83,15 +83,18 @@ def describe(
     }
 
 
-def assess(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Any]:
+def assess(
+    mechanism: Mechanism, run: Run, arrays: Mapping[str, Array], spins: Mapping[int, Array]
+) -> dict[str, Any]:
     """The rest of the meta mapping: how far a run can be trusted, from all of its arrays.
 
     Args:
         mechanism: Mechanism that was solved.
         run: Its states.
         arrays: Of the result.
+        spins: Of the joints that carry a flexible body, see `validity.monitors`.
     """
-    monitors = validity.monitors(mechanism, run, arrays)
+    monitors = validity.monitors(mechanism, run, arrays, spins)
     limits = validity.warnings(mechanism, run, monitors)
     balance = _energy_balance(arrays)
     graded = grades.grades(run, arrays, balance)
