@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
 from importlib import metadata
 from typing import Any
 
@@ -32,6 +33,7 @@ _SLIDES = {"position": "m", "deflection": "m", "speed": "m/s", "torque": "N"}  #
 ASSESSED = ("energy_balance", "grades", "warnings", "limits", "monitors")  # keys of `assess`
 
 
+@cache
 def version() -> str:
     """Installed version of pinflex, or "0+checkout"."""
     try:
