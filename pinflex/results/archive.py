@@ -16,7 +16,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results import checked
-from pinflex.results.compact import ROUNDED, decoded, encode
+from pinflex.results.compact import FIELDS, ROUNDED, decoded, encode
 from pinflex.writing import replaced
 
 FORMAT = 2  # that this pinflex reads: 1 has plain arrays, 2 those of `compact`
@@ -58,7 +58,20 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
             kind = zipfile.ZIP_DEFLATED if coded or _shrinks(array) else zipfile.ZIP_STORED
             archive.compression, archive.compresslevel = kind, _CODED if coded else 1
             with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
+                if coded and name.partition("/")[0] in FIELDS:
+                    _by_runs(part)
                 np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
+
+
+def _by_runs(part: Any) -> None:
+    """Look for runs of equal bytes alone in what is written to a member of an archive.
+
+    Of fields that is all that their high bytes have, and their low bytes have nothing: it takes
+    two fifths of the time for 2 % more bytes. zipfile has no argument for it; where its writer
+    keeps the compressor elsewhere, that stays as it is.
+    """
+    if hasattr(part, "_compressor"):
+        part._compressor = zlib.compressobj(1, wbits=-zlib.MAX_WBITS, strategy=zlib.Z_RLE)
 
 
 def contents(

@@ -22,7 +22,7 @@ from pinflex.errors import DescriptionError
 STEPS = 2**20  # of the largest magnitude of a component: an error of half a step is 4.8e-7 of it
 FINE = 2**24  # of the rigid counterparts: a short link stays straight; differences fit 32 bits
 ROUNDED = "fields of links and bodies are kept to 5e-7 of the largest value of each component"
-_FIELDS = ("link", "body")  # heads of keys that follow from the states
+FIELDS = ("link", "body")  # heads of keys that follow from the states
 _PLAIN = ("x", "nodes", "triangles")  # of a link, without time
 
 Bytes = npt.NDArray[np.uint8]
@@ -46,7 +46,7 @@ def encode(
         name = rest.rpartition("/")[2]
         if not values.size or values.ndim < 1 or (head == "link" and name in _PLAIN):
             members[key] = exact[key] = values
-        elif head in _FIELDS and np.all(np.isfinite(values)):
+        elif head in FIELDS and np.all(np.isfinite(values)):
             along = head == "link" and "/mesh/" not in key and values.ndim > 1
             rigid = arrays.get(f"{key}_rigid")
             if rigid is not None:
