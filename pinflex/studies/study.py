@@ -135,6 +135,8 @@ def compare(
         done["coupled"].torque      # the runs, by level
         done.plot("deviation")      # its figures
 
+    Level coupled is solved to `tol` 1e-3 where the scene names no step, tolerance or integrator.
+
     Args:
         mechanism: From `load`, with at least one flexible link.
         motion: Default: the motion of the YAML.
