@@ -85,12 +85,11 @@ class Scene:
                     f"{self.mechanism.name}: solve.start: a given state is one of level coupled. "
                     "Give a word: auto, static or straight."
                 )
-            structural = spec.ked == "structural"
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
             fine[::every] = t  # to the last digit: there the nominal motion may be known
             run = solve_ked(
                 self.mechanism, self.motion, fine, march_of(spec), spec.start,
-                structural, progress, every=every, **close,
+                spec.ked == "structural", progress, every=every, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
             if spec.start_speeds:

@@ -33,6 +33,7 @@ from pinflex.studies.study_notes import (
     notes_of,
     remark,
     starting,
+    steps_are_open,
     why_missing,
     yield_strengths,
 )
@@ -259,16 +260,8 @@ def study(
 def _solved(
     mechanism: Mechanism, motion: Motion | None, level: str, progress: Callback | None
 ) -> Result:
-    """The run of a level; coupled within a tolerance where the scene leaves its steps open.
-
-    Collocation takes half the time of equal steps there, with a twentieth of their error or less.
-    Where it does not reach the tolerance, equal steps still answer.
-    """
-    spec = mechanism.description.solve
-    said = (spec.dt, spec.tol, spec.integrator, spec.rho_inf, spec.newmark)
-    sticks = mechanism.flexible.sticks(spec.drive == "prescribed")
-    free = all(x is None for x in said) and mechanism.description.control is None and not sticks
-    if level == "coupled" and free:
+    """The run of a level; coupled within a tolerance where that is open and can be reached."""
+    if level == "coupled" and steps_are_open(mechanism):
         with suppress(ConvergenceError):
             return solve(mechanism, motion, level=level, tol=_TOL, progress=progress)
     return solve(mechanism, motion, level=level, progress=progress)
