@@ -88,7 +88,8 @@ def _run(arguments: list[str]) -> int:
     if getattr(args, "limit", None) is not None and hasattr(args, "set"):
         args.set.append(f"limit={args.limit!r}")
     module = getattr(args, "module", args.command)
-    code: int = import_module(f"pinflex.cli.{module}").run(args)
+    with process.settled():
+        code: int = import_module(f"pinflex.cli.{module}").run(args)
     sys.stdout.flush()
     return code
 

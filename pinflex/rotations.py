@@ -11,13 +11,13 @@ from pinflex.arrays import Array
 
 def rotation_vector(R: Array) -> Array:
     """Rotation vectors log(R), shape (..., 3), of rotation matrices (..., 3, 3)."""
-    skew = 0.5 * (R - np.swapaxes(R, -1, -2))
-    sine = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    # component by component: numpy is slow along short last axes
+    x, y, z = (0.5 * (R[..., i, j] - R[..., j, i]) for i, j in ((2, 1), (0, 2), (1, 0)))
+    cosine = 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)
     if np.all(cosine > 0.0):
-        size = np.linalg.norm(sine, axis=-1)
+        size = np.sqrt(x * x + y * y + z * z)
         ratio = np.where(size > 0.0, np.arctan2(size, cosine) / np.maximum(size, 1e-300), 1.0)
-        return np.asarray(ratio[..., None] * sine)
+        return np.stack([ratio * x, ratio * y, ratio * z], axis=-1)
     from scipy.spatial.transform import Rotation  # beyond a right angle it takes more care
 
     flat = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()

@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pinflex.advice.advise import advise
-from pinflex.advice.error_bars import error_bars
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.control import Control
@@ -129,6 +127,8 @@ def _solve_advised(
     """The run of `solve(level="auto")`: at the level advised, with the links as they are."""
     if dt is not None:
         raise DescriptionError('solve.dt: level="auto" chooses the step. Give tol instead.')
+    from pinflex.advice.advise import advise  # much that a run at a given level does not need
+
     wanted = options.pop("tol", None) or mechanism.description.solve.tol or 1e-2
     asked, until = tuple(options.pop("asked", ())), options.get("until")
     found = advise(mechanism, motion, tol=wanted, asked=asked, until=until, fixed=True)
@@ -141,4 +141,6 @@ def _solve_advised(
 
 
 def _look(mechanism: Mechanism, motion: Motion, static: bool, result: Result) -> ErrorBars:
+    from pinflex.advice.error_bars import error_bars
+
     return error_bars(result, mechanism, motion, static)

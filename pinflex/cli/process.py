@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -44,6 +45,19 @@ def ending() -> Iterator[Ending]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def settled() -> Iterator[None]:
+    """What is loaded by now is left out of garbage collections until the block ends.
+
+    It lives as long as the process; going over it again takes a twentieth of a comparison.
+    """
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def escape_unprintable() -> None:

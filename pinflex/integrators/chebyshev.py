@@ -37,11 +37,15 @@ class PiecewiseChebyshev:
 
         What a smooth function loses so is more than what its polynomial of degree n misses.
         """
+        return values - self.last_two(values)
+
+    def last_two(self, values: Array) -> Array:
+        """What the last two Chebyshev polynomials of values (pieces, n + 1, width) are there."""
         n = values.shape[1] - 1
         T = np.cos(np.pi * np.outer(np.arange(n + 1), np.arange(n + 1)) / n)  # T[k, j]: T_k there
         weight = np.where(np.arange(n + 1) % n, 1.0, 0.5)
         last = T[-2:] * np.array([[1.0], [0.5]])
-        return np.asarray(values - last.T @ ((2.0 / n * weight * T[-2:]) @ values))
+        return np.asarray(last.T @ ((2.0 / n * weight * T[-2:]) @ values))
 
     def at_corner(self, t: Array) -> Array:
         """Which times are corners, ends included: there a piece may not have its value."""
@@ -102,7 +106,7 @@ class PiecewiseChebyshev:
             Values at the nodes, (pieces, n + 1, width), and an estimate of what they miss.
         """
         values = function(self.nodes(n).ravel()).reshape(len(self), n + 1, -1)
-        missed = relative(values - self.coarser(values), values)
+        missed = relative(self.last_two(values), values)
         while len(self) * (2 * n + 1) < most and 2 * values.size <= largest:
             n *= 2
             times, known = self.nodes(n)[:, 1::2].ravel(), values
@@ -111,7 +115,7 @@ class PiecewiseChebyshev:
             values[:, ::2], values[:, 1::2] = known, new.reshape(len(self), -1, new.shape[1])
             missed = relative(self.between(known, times) - new, values)
             if close <= missed <= 0.1 * close**0.5:
-                missed = relative(values - self.coarser(values), values)
+                missed = relative(self.last_two(values), values)
             if missed < close:
                 break
         return values, missed

@@ -71,6 +71,7 @@ def solve_ked(
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
     close: float = _CLOSE,
+    every: int = 1,
 ) -> Run:
     """March the linear deviation; one linear system a step.
 
@@ -81,21 +82,25 @@ def solve_ked(
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
         close: What interpolated matrices may miss (see `linearised.along`).
+        every: Steps from one sample to the next: only samples are kept. Of a march that blows up,
+            every step is.
     Returns:
         The run: nominal motion plus deviation, torques included.
     """
-    path, system = nominal(mechanism, motion, t), mechanism.flexible
-    nt, free = len(path.t), system.free
+    path, system = nominal(mechanism, motion, t[::every]), mechanism.flexible
+    nt, free = len(t), system.free
     h = float(t[-1] - t[0]) / (nt - 1)
     line = LinearPath(mechanism, path)
-    systems = along(mechanism, motion, path, structural, close, line.dynamics)
-    d, v, a = np.zeros((nt, system.nv)), line.v, line.a
+    systems = along(mechanism, motion, path, structural, close, line.dynamics, t)
+    d, v, a = np.zeros((len(path.t), system.nv)), line.v, line.a
     flat = path.straight(system.n_eta)
     begin = linear_start(mechanism, path, structural, start, line.dynamics)
     if isinstance(march, Alpha) and isinstance(systems, InterpolatedPath):
-        found, torque, done = _together(systems, march.scheme, h, begin.y)
+        found, torque, done = _together(systems, march.scheme, h, begin.y, every)
     else:
-        found, torque, done = _each(systems, march, h, begin.y, progress)
+        found, torque, done = _each(systems, march, h, begin.y, every, progress)
+    if done < nt and every > 1:
+        return solve_ked(mechanism, motion, t, march, start, structural, progress, close)
     d[:done, free] = found.d[:done]
     v[:done, free] += found.v[:done]
     a[:done, free] += found.a[:done]
@@ -119,15 +124,16 @@ def solve_ked(
 
 
 def _together(
-    systems: InterpolatedPath, scheme: AlphaScheme, h: float, start: Array
+    systems: InterpolatedPath, scheme: AlphaScheme, h: float, start: Array, every: int
 ) -> tuple[Marched, Array, int]:
-    """Deviation with all multipliers, torques (nt, motors), and the number of sound steps."""
+    """At samples, deviation with all multipliers and torques; the number of sound steps."""
     grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts()
     found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(grid.between(r), start)
-    m, c, k, left, j, base = of_motors
-    torque = forces_along(grid, (m, c, k, left, j), found)
-    found.lam[:] += grid.between(base)
     sound = np.all(np.isfinite(found.d), axis=1) & np.all(np.isfinite(found.a), axis=1)
+    found = found.sampled(every)
+    m, c, k, left, j, base = of_motors
+    torque = forces_along(grid, (m, c, k, left, j), found, every)
+    found.lam[:] += grid.between(base, slice(None, None, every))
     return found, torque, len(sound) if np.all(sound) else int(np.argmin(sound))
 
 
@@ -136,6 +142,7 @@ def _each(
     march: March,
     h: float,
     start: Array,
+    every: int,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[Marched, Array, int]:
     """The same, step by step."""
@@ -152,7 +159,7 @@ def _each(
         found.d[k], found.v[k], found.a[k] = state.d, state.v, state.a
         if progress is not None and k % 64 == 0:
             progress(k, nt)
-    return found, torque, nt
+    return found.sampled(every), torque[::every], nt
 
 
 def _diverging(line: LinearPath, run: Run) -> tuple[str, ...]:

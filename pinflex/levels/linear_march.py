@@ -34,9 +34,16 @@ class Marched(NamedTuple):
     a: Array
     lam: Array
 
+    def sampled(self, every: int) -> Marched:
+        """Every so manyth step."""
+        return Marched(*(x[::every] for x in self))
+
 
 def forces_along(
-    grid: Interpolation, parts: tuple[Array, Array, Array, Array, Array], found: Marched
+    grid: Interpolation,
+    parts: tuple[Array, Array, Array, Array, Array],
+    found: Marched,
+    every: int = 1,
 ) -> Array:
     """Forces M a + C v + K d + r - J' lam at every step, shape (nt, k): of motors, what they give.
 
@@ -44,10 +51,12 @@ def forces_along(
         grid: Times of the systems, and of the steps.
         parts: Some rows of M, C, K (size, k, n) and r (size, k), columns of J (size, rows, k).
         found: The deviation and its multipliers.
+        every: Steps from one of those to the next.
     """
     force = np.empty((len(found.d), parts[3].shape[1]))
     for s in spans(len(force), _FORCES):
-        m, c, k, left, j = (grid.between(x, s) for x in parts)
+        steps = slice(s.start * every, s.stop * every, every)
+        m, c, k, left, j = (grid.between(x, steps) for x in parts)
         pairs = (m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam)
         force[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)
     return force

@@ -12,12 +12,12 @@ from collections.abc import Callable
 import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
-from pinflex.actuation.nominal import Nominal, between
+from pinflex.actuation.nominal import Nominal, between, nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
-from pinflex.levels.interpolated import InterpolatedPath, LinearStep, pack
+from pinflex.levels.interpolated import InterpolatedPath, LinearStep
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
@@ -119,24 +119,29 @@ def along(
     structural: bool,
     close: float,
     dynamics: Equations | None = None,
+    steps: Array | None = None,
 ) -> InterpolatedPath | Kept:
     """The system at every step of a nominal motion: its free coordinates and motors.
 
     Args:
         mechanism: Mechanism.
         motion: Its motion.
-        path: The nominal motion at the steps.
+        path: The nominal motion at the steps, or at some of them, the first and the last included.
         structural: Leave out what the motion and the loads add to C and K.
         close: What interpolation may miss, of the largest entry of each matrix.
         dynamics: A workspace of the flexible mechanism; None: one of its own.
+        steps: Times of the steps, shape (nt,); None: those of the path.
     """
     every = LinearPath(mechanism, path, structural, dynamics)
-    pieces, n = _pieces(motion, mechanism.flexible.loads, path.t, _STEPS)
-    if len(pieces) * (2 * n + 1) * _STEPS < len(path.t):
-        found = _interpolated(every, mechanism, motion, LinearPath.at, pieces, n, close, _STEPS)
+    t = path.t if steps is None else steps
+    pieces, n = _pieces(motion, mechanism.flexible.loads, t, _STEPS)
+    if len(pieces) * (2 * n + 1) * _STEPS < len(t):
+        found = _interpolated(every, mechanism, motion, t, LinearPath.at, pieces, n, close, _STEPS)
         if found.missed < close:
             return found
-    return Kept(every.at, len(path.t))
+    if len(t) > len(path.t):
+        every = LinearPath(mechanism, nominal(mechanism, motion, t), structural, every.dynamics)
+    return Kept(every.at, len(t))
 
 
 def full_path(
@@ -157,13 +162,14 @@ def full_path(
         n = _FEW
     if len(pieces) * (n + 1) > len(t):
         pieces, n = PiecewiseChebyshev(float(t[0]), float(t[-1]), []), _NODES
-    return _interpolated(every, mechanism, motion, LinearPath.full, pieces, n, close, 1)
+    return _interpolated(every, mechanism, motion, t, LinearPath.full, pieces, n, close, 1)
 
 
 def _interpolated(
     every: LinearPath,
     mechanism: Mechanism,
     motion: Motion,
+    t: Array,
     system: Callable[[LinearPath, int], LinearStep],
     pieces: PiecewiseChebyshev,
     n: int,
@@ -171,12 +177,15 @@ def _interpolated(
     steps: int,
 ) -> InterpolatedPath:
     """Polynomials through twice the nodes until they are `close`, or nodes are one in `steps`."""
-    like, t = system(every, 0), every.path.t
+    like = system(every, 0)
     widths = np.array([x.size for x in like.packed()])
     starts, width = (np.cumsum(widths) - widths)[widths > 0], int(np.sum(widths))
 
     def packed(times: Array) -> Array:
-        path = between(mechanism, motion, every.path, times)
+        known = every.path
+        at = np.searchsorted(known.t, times).clip(max=len(known.t) - 1)
+        same = np.array_equal(known.t[at], times)
+        path = known.at(at) if same else between(mechanism, motion, known, times)
         line = LinearPath(mechanism, path, every.structural, every.dynamics)
         line.together()
         rows = np.empty((len(times), width))
@@ -191,8 +200,7 @@ def _interpolated(
 
     values, missed = pieces.refined(packed, relative, n, close, len(t) / steps, _LARGEST)
     grid = Interpolation(pieces, values.shape[1] - 1, t)
-    corners = [pack(system(every, int(k)))[None] for k in grid.corners]
-    flat = np.concatenate([values.reshape(grid.nodes, -1), *corners])
+    flat = np.concatenate([values.reshape(grid.nodes, -1), packed(t[grid.corners])])
     return InterpolatedPath(grid, flat, like, missed)
 
 

@@ -295,23 +295,23 @@ class Equations(Geometry):
             self.added.take(local, self._acted, here)
         return local
 
-    # Energies ------------------------------------------------------------------------------
-
-    def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
+    def energies(self, y: Array, v: Array, t: float | Array, own: Array | None = None) -> Energies:
         """Kinetic energy, and potentials of weight, links, and of springs and loads, J.
 
         Args:
             y: Shape (nq,) or (n, nq). v: Shape (nv,) or (n, nv). t: Time in s, one or shape (n,).
+            own: Kinetic energy and potential of weight, where known, shape (2, n).
         """
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
         found, times = np.zeros((4, len(Y))), np.broadcast_to(t, len(Y))
         for s in spans(len(Y)):
-            self._energies(found[:, s], Y[s], V[s], times[s])
+            self._energies(found[:, s], Y[s], V[s], times[s], None if own is None else own[:, s])
         return Energies(*(found[:, 0] if y.ndim == 1 else found))
 
-    def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
-        here = self.map.at(Y, V, np.zeros_like(V), True)
-        found[:2] = self.pinocchio.energies(here.Q, here.V)
+    def _energies(self, found: Array, Y: Array, V: Array, t: Array, own: Array | None) -> None:
+        if own is None or self.added is not None or self.loaded:
+            here = self.map.at(Y, V, np.zeros_like(V), True)
+        found[:2] = self.pinocchio.energies(here.Q, here.V) if own is None else own
         if self.added is not None:
             found[0] += [self.added.kinetic(*at) for at in zip(here.Q, here.V, strict=True)]
         found[2] = self.strain.energy(Y[:, self.nq_rigid :])

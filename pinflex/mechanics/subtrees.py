@@ -8,8 +8,8 @@ share a workspace: every call copies what it has found.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -18,9 +18,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.mechanics import workspace
 from pinflex.mechanics.poses import JointPoses, columns
 from pinflex.mechanics.split import Rows, Subtree
-from pinflex.mechanics.whole import Whole, rotor_energy_left_out
+from pinflex.mechanics.whole import Whole, energies_of, rotor_energy_left_out
 
 _FREE = 6, 7  # velocities and coordinates of a free joint
+_NONE = pin.Force.Zero()
 
 
 @dataclass
@@ -68,12 +69,12 @@ class Subtrees:
             number: pin.StdVec_Force([pin.Force.Zero() for _ in range(int(owner.njoints))])
             for number, (owner, _) in self._owned.items()
         }
+        self._touched: dict[int, Sequence[int]] = {}  # joints that have one there
         self._joints, self._nV = int(model.njoints), int(model.nv)
         self._at: dict[int, tuple[int, int]] = {}  # part and number there of each joint
         for part in parts:
             for here, joint in enumerate(part.joints.tolist(), start=1 + part.cut):
                 self._at[joint] = part.number, here
-        self._rotors: list[Array] | None = None
 
     def __del__(self) -> None:
         for model, data in getattr(self, "_owned", {}).values():
@@ -115,19 +116,30 @@ class Subtrees:
             self._copy_poses(part, out[k])
         return out
 
-    def motions(self, Q: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
+    def motions(
+        self,
+        Q: Array,
+        V: Array,
+        A: Array,
+        joints: Sequence[int],
+        energies: Array | None = None,
+    ) -> tuple[Array, Array]:
         """Motions of joints.
 
         Args:
             As `Whole.motions`.
         """
         out, rates = self._no_poses(len(Q)), np.zeros((len(Q), len(joints), 2, 6))
-        wanted = self._by_part(joints)
+        wanted, rotors = self._by_part(joints), self._rotors if energies is not None else []
+        if energies is not None:
+            energies[:] = 0.0
         for part, data, k, q, v, a in self._outward(Q, V, A, True):
             pin.forwardKinematics(part.model, data, q, v, a)
             self._copy_poses(part, out[k])
             for i, here in wanted.get(part.number, ()):
                 rates[k, i] = data.v[here].vector, data.a[here].vector
+            if energies is not None:
+                energies[:, k] += energies_of(part.model, data, rotors[part.number], v)
         return out, rates
 
     def _by_part(self, joints: Sequence[int]) -> dict[int, list[tuple[int, int]]]:
@@ -193,8 +205,7 @@ class Subtrees:
             own = _FREE[0] * part.cut
             given = [(here, wrenches[k, i]) for i, here in pushed.get(part.number, ())]
             given += [(here, -pulled[joint][k]) for here, joint in part.carriers]
-            with self._acting(part, given) as acting:
-                tau = pin.rnea(part.model, data, q, v, a, acting)
+            tau = pin.rnea(part.model, data, q, v, a, self._acting(part, given))
             g[k][part.v] = tau[own:]
             if part.cut:
                 pulled[part.parent][k] += tau[:own]
@@ -202,17 +213,20 @@ class Subtrees:
                 f[k, i] = data.f[here].vector
         return g, f
 
-    @contextmanager
-    def _acting(
-        self, part: Subtree, given: Sequence[tuple[int, Array]]
-    ) -> Iterator[pin.StdVec_Force]:
-        """Wrenches on joints of a part, in their frames."""
-        pushed = self._pushed[part.like]
-        for joint, wrench in given:
-            pushed[joint] += pin.Force(wrench)
-        yield pushed
-        for joint, _ in given:
-            pushed[joint] = pin.Force.Zero()
+    def _acting(self, part: Subtree, given: Sequence[tuple[int, Array]]) -> pin.StdVec_Force:
+        """Wrenches on joints of a part, in their frames, until the next call."""
+        pushed, before = self._pushed[part.like], self._touched.get(part.like, ())
+        joints = [joint for joint, _ in given]
+        for joint in before:
+            if joint not in joints:
+                pushed[joint] = _NONE
+        for k, (joint, wrench) in enumerate(given):
+            if joint in joints[:k]:
+                pushed[joint] += pin.Force(wrench)
+            else:
+                pushed[joint] = pin.Force(wrench)
+        self._touched[part.like] = joints
+        return pushed
 
     def mass(self, Q: Array) -> Array:
         """As `Whole.mass`, where nothing is cut."""
@@ -233,8 +247,8 @@ class Subtrees:
         pushed = self._by_part(acted)
         for part, data, _, q, v, a in self._outward(Q[None], V[None], A[None]):
             given = [(here, wrenches[i]) for i, here in pushed.get(part.number, ())]
-            with self._acting(part, given) as acting:
-                each = pin.computeRNEADerivatives(part.model, data, q, v, a, acting)
+            acting = self._acting(part, given)
+            each = pin.computeRNEADerivatives(part.model, data, q, v, a, acting)
             for whole, one in zip(found, each, strict=True):
                 whole[_block(part.v)] = one
             tau[part.v] = data.tau
@@ -246,15 +260,16 @@ class Subtrees:
         Args:
             As `Whole.energies`.
         """
-        if self._rotors is None:
-            pairs = zip(self._parts, self._data, strict=True)
-            self._rotors = [rotor_energy_left_out(part.model, data) for part, data in pairs]
-        kinetic, potential = np.zeros(len(Q)), np.zeros(len(Q))
+        found, rotors = np.zeros((2, len(Q))), self._rotors
         for part, data, k, q, v, _ in self._outward(Q, V, None, True):
-            left = self._rotors[part.number] @ v**2
-            kinetic[k] += pin.computeKineticEnergy(part.model, data, q, v) + left
-            potential[k] += pin.computePotentialEnergy(part.model, data)
-        return kinetic, potential
+            pin.forwardKinematics(part.model, data, q, v)
+            found[:, k] += energies_of(part.model, data, rotors[part.number], v)
+        return found[0], found[1]
+
+    @cached_property
+    def _rotors(self) -> list[Array]:
+        pairs = zip(self._parts, self._data, strict=True)
+        return [rotor_energy_left_out(part.model, data) for part, data in pairs]
 
     def from_ground(self, Q: Array, V: Array, A: Array) -> tuple[Array, Array]:
         """Force and moment about the origin that one motion needs.

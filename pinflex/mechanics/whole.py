@@ -7,6 +7,7 @@ to be made in one piece.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -28,7 +29,6 @@ class Whole:
         self._here = JointPoses(model, data)
         # Scratch of what takes wrenches: it writes whatever it then reads.
         self._pushed = pin.StdVec_Force([pin.Force.Zero() for _ in range(self._joints)])
-        self._rotors: Array | None = None
 
     def poses(self, Q: Array) -> Array:
         """Poses of the joints, see `JointPoses`, shape (n, joints, 12), at Q (n, nQ)."""
@@ -38,20 +38,30 @@ class Whole:
             out[k] = self._here.current()
         return out
 
-    def motions(self, Q: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
+    def motions(
+        self,
+        Q: Array,
+        V: Array,
+        A: Array,
+        joints: Sequence[int],
+        energies: Array | None = None,
+    ) -> tuple[Array, Array]:
         """Poses of all joints (n, joints, 12); of some, velocity and acceleration (n, k, 2, 6).
 
         Args:
             Q: Shape (n, nQ). V, A: Shape (n, nV).
             joints: The k joints whose spatial motion is wanted, in their own frames.
+            energies: Filled with kinetic and potential energy [J], shape (2, n); None: not asked.
         """
-        model, data = self.model, self.data
+        model, data, rotors = self.model, self.data, None if energies is None else self._rotors
         poses, rates = np.empty((len(Q), self._joints, 12)), np.empty((len(Q), len(joints), 2, 6))
         for k in range(len(Q)):
             pin.forwardKinematics(model, data, Q[k], V[k], A[k])
             poses[k] = self._here.current()
             for i, joint in enumerate(joints):
                 rates[k, i] = data.v[joint].vector, data.a[joint].vector
+            if energies is not None:
+                energies[:, k] = energies_of(model, data, rotors, V[k])
         return poses, rates
 
     def jacobians(self, Q: Array, V: Array | None = None) -> tuple[Array, Array, Array]:
@@ -132,14 +142,16 @@ class Whole:
         Args:
             Q, V: Coordinates and rates, shapes (n, nQ), (n, nV).
         """
-        model, data = self.model, self.data
-        if self._rotors is None:
-            self._rotors = rotor_energy_left_out(model, data)
-        kinetic, potential = np.empty(len(Q)), np.empty(len(Q))
+        found = np.empty((2, len(Q)))
+        model, data, rotors = self.model, self.data, self._rotors
         for k, (q, v) in enumerate(zip(Q, V, strict=True)):
-            kinetic[k] = pin.computeKineticEnergy(model, data, q, v) + self._rotors @ v**2
-            potential[k] = pin.computePotentialEnergy(model, data)
-        return kinetic, potential
+            pin.forwardKinematics(model, data, q, v)
+            found[:, k] = energies_of(model, data, rotors, v)
+        return found[0], found[1]
+
+    @cached_property
+    def _rotors(self) -> Array:
+        return rotor_energy_left_out(self.model, self.data)
 
     def from_ground(self, Q: Array, V: Array, A: Array) -> tuple[Array, Array]:
         """Force (3,) and moment (3,) about the origin that one motion needs, without rotors.
@@ -162,6 +174,20 @@ class Whole:
         """Let wrenches (acted, 6) act in what Pinocchio evaluates next."""
         for joint, wrench in zip(acted, wrenches, strict=True):
             self._pushed[joint] = pin.Force(wrench)
+
+
+def energies_of(
+    model: pin.Model, data: pin.Data, rotors: Array | None, v: Array
+) -> tuple[float, float]:
+    """Kinetic and potential energy, J, of joints that are placed and move.
+
+    Args:
+        model: The model. data: Its workspace, after the forward kinematics of v (nV,).
+        rotors: From `rotor_energy_left_out`. v: Rates.
+    """
+    left = 0.0 if rotors is None else float(rotors @ v**2)
+    kinetic = float(pin.computeKineticEnergy(model, data))
+    return kinetic + left, float(pin.computePotentialEnergy(model, data))
 
 
 def rotor_energy_left_out(model: pin.Model, data: pin.Data) -> Array:

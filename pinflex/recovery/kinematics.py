@@ -26,12 +26,14 @@ class Kinematics:
     Attributes:
         poses: Of the joints of the expanded model, shape (nt, joints, 3, 4).
         arrays: Those of a Result, by flat key: reported frames and energies.
+        spins: Angular speeds [rad/s] of the joints that carry a flexible body, shape (nt,) each.
     """
 
     __repr__ = brief
 
     poses: Array
     arrays: dict[str, Array]
+    spins: dict[int, Array]
 
 
 def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
@@ -46,15 +48,16 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     frames = {name: run.system.expansion.frames[name] for name in reported}
     working = without_potential(run.system.loads)
     moved = [*frames.values(), *(place for _, place in working)]
-    carriers = list(dict.fromkeys(frame.joint for frame in moved))
+    bearing = [slot.root.joint for slot in run.system.expansion.slots]
+    carriers = list(dict.fromkeys([*(frame.joint for frame in moved), *bearing]))
     poses = np.empty((nt, int(dynamics.model.njoints), 3, 4))
-    motions = np.empty((nt, len(carriers), 2, 6))
+    motions, bodies = np.empty((nt, len(carriers), 2, 6)), np.empty((2, nt))
     for s in spans(nt):
         at = dynamics.at(run.y[s], run.v[s], run.a[s])
-        placed, motions[s] = dynamics.pinocchio.motions(at.Q, at.V, at.A, carriers)
+        placed, motions[s] = dynamics.pinocchio.motions(at.Q, at.V, at.A, carriers, bodies[:, s])
         poses[s] = as_matrices(placed)
     rates = {joint: motions[:, k] for k, joint in enumerate(carriers)}
-    energies = dynamics.energies(run.y, run.v, run.t)
+    energies = dynamics.energies(run.y, run.v, run.t, bodies)
     arrays = {f"energy/{name}": x for name, x in energies._asdict().items()}
     for name, frame in frames.items():
         found = _frame(poses[:, frame.joint], rates[frame.joint], frame.placement)
@@ -68,7 +71,8 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
             ),
             np.zeros(nt),
         )
-    return Kinematics(poses, arrays)
+    spins = {joint: np.linalg.norm(rates[joint][:, 0, 3:], axis=1) for joint in bearing}
+    return Kinematics(poses, arrays, spins)
 
 
 def _frame(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
 from importlib import metadata
 from typing import Any
 
@@ -32,6 +33,7 @@ _SLIDES = {"position": "m", "deflection": "m", "speed": "m/s", "torque": "N"}  #
 ASSESSED = ("energy_balance", "grades", "warnings", "limits", "monitors")  # keys of `assess`
 
 
+@cache
 def version() -> str:
     """Installed version of pinflex, or "0+checkout"."""
     try:
@@ -83,15 +85,18 @@ def describe(
     }
 
 
-def assess(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Any]:
+def assess(
+    mechanism: Mechanism, run: Run, arrays: Mapping[str, Array], spins: Mapping[int, Array]
+) -> dict[str, Any]:
     """The rest of the meta mapping: how far a run can be trusted, from all of its arrays.
 
     Args:
         mechanism: Mechanism that was solved.
         run: Its states.
         arrays: Of the result.
+        spins: Of the joints that carry a flexible body, see `validity.monitors`.
     """
-    monitors = validity.monitors(mechanism, run, arrays)
+    monitors = validity.monitors(mechanism, run, arrays, spins)
     limits = validity.warnings(mechanism, run, monitors)
     balance = _energy_balance(arrays)
     graded = grades.grades(run, arrays, balance)

@@ -48,7 +48,7 @@ def result_of(
 
     def assessed() -> dict[str, Any]:
         with one_blas_thread(), workspace.keep_alive():
-            found = assess(mechanism, run, arrays)
+            found = assess(mechanism, run, arrays, samples.kinematics.spins)
             return plain_meta(found | {"warnings": [*found["warnings"], *samples.said()]})
 
     def described() -> dict[str, Any]:

@@ -91,11 +91,12 @@ def deflections(section: Cut, eta: Array) -> Array:
         section: From `cut`.
         eta: Elastic coordinates of the body, shape (nt, n).
     """
-    d: Array = np.einsum("xkn,tn->txk", section.Phi, eta, optimize=True)
+    (sections, rows, n), count = section.Phi.shape, len(eta)
+    d: Array = eta @ section.Phi.reshape(-1, n).T
     if section.G is not None:
-        bent = np.einsum("xkij,tj->txki", section.G, eta, optimize=True)
-        d += 0.5 * np.einsum("txki,ti->txk", bent, eta, optimize=True)
-    return d
+        bent = (eta @ section.G.reshape(-1, n).T).reshape(count, -1, n)
+        d += 0.5 * (bent @ eta[:, :, None])[:, :, 0]
+    return d.reshape(count, sections, rows)
 
 
 def resultants(
@@ -152,11 +153,20 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
     N, T = forces[:, :, 0], forces[:, :, 3]
     My, Mz = forces[:, :, 4], forces[:, :, 5]
     axial = N / section.A
-    bending, normal = np.zeros_like(N), np.abs(axial)
-    for y, z in section.fibres:
-        fibre = My * (z / section.Iy) - Mz * (y / section.Iz)
-        bending = np.maximum(bending, np.abs(fibre))
-        normal = np.maximum(normal, np.abs(axial + fibre))
+    fibres = np.array(section.fibres)
+    half = len(fibres) // 2
+    rest = np.abs(fibres[:half] + fibres[-half:])
+    opposite = 2 * half == len(fibres) and np.all(rest < 1e-12 * np.max(np.abs(fibres)))
+    most, least = np.zeros_like(N), np.zeros_like(N)  # of bending, over the fibres
+    for y, z in fibres[:half] if opposite else fibres:
+        fibre = My * (z / section.Iy)
+        fibre -= Mz * (y / section.Iz)
+        np.maximum(most, fibre, out=most)
+        np.minimum(least, fibre, out=least)
+    bending = np.maximum(most, -least)
+    if opposite:  # each stands for the one across too
+        most, least = bending, -bending
+    normal = np.maximum(axial + most, -(axial + least))
     shear = np.abs(T) / section.Wt
     return {
         "axial": axial,

@@ -56,17 +56,20 @@ class Monitors:
     when: float | None
 
 
-def monitors(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dict[str, Monitors]:
+def monitors(
+    mechanism: Mechanism, run: Run, arrays: Mapping[str, Array], spins: Mapping[int, Array]
+) -> dict[str, Monitors]:
     """Monitors of every flexible link of a run.
 
     Args:
         mechanism: Mechanism. run: States. arrays: What `recover` made of them.
+        spins: Angular speeds [rad/s] of the joints that carry a body, shape (nt,) each.
     Returns:
         By link name; empty for a rigid run.
     """
     if not run.system.n_eta:
         return {}
-    rates = _angular_speeds(run)
+    every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
     M = Equations(run.system).mass(run.y[0])
     ends = {}
     for slot in run.system.expansion.slots:
@@ -83,11 +86,11 @@ def monitors(mechanism: Mechanism, run: Run, arrays: Mapping[str, Array]) -> dic
             bent = np.linalg.norm(moved[:, :, :3], axis=2)
             deflection = max(deflection, float(np.max(bent, initial=0.0)) / slot.body.length)
             rotation = max(rotation, float(np.max(np.abs(moved[:, -1, 3:]), initial=0.0)))
-        fast = np.max([rates[1][s.root.joint] for s in slots], axis=0) / first_frequency(part)
+        fast = np.max([spins[s.root.joint][every] for s in slots], axis=0) / first_frequency(part)
         beyond = np.flatnonzero(fast > 1.0)
         key = f"link/{name}/resultant"
         push = -float(np.min(arrays[key][:, :, 0], initial=0.0)) if key in arrays else 0.0
-        when = float(rates[0][beyond[0]]) if len(beyond) else None
+        when = float(run.t[every[beyond[0]]]) if len(beyond) else None
         speed = float(np.max(fast, initial=0.0))
         fastest = max((_fastest(run, slot, M) for slot in slots), default=0.0)
         found[name] = Monitors(deflection, rotation, speed, push / euler_load(part), fastest, when)
@@ -147,18 +150,6 @@ def _stiffness(part: FlexiblePart) -> float | None:
     ways = {"v": section.Iz, "w": section.Iy}
     bending = [E * ways[d] for d in part.planes if d in ways]
     return min(bending) if bending else None
-
-
-def _angular_speeds(run: Run) -> tuple[Array, dict[int, Array]]:
-    """Some instants (n,), and the angular speeds (n,) then of the joints that carry a body."""
-    every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
-    dynamics = Equations(run.system)
-    joints = list(dict.fromkeys(slot.root.joint for slot in run.system.expansion.slots))
-    y, v = run.y[every], run.v[every]
-    here = dynamics.at(y, v, np.zeros_like(v))
-    _, rates = dynamics.pinocchio.motions(here.Q, here.V, np.zeros_like(here.V), joints)
-    speeds = np.linalg.norm(rates[:, :, 0, 3:], axis=2)
-    return run.t[every], {joint: speeds[:, k] for k, joint in enumerate(joints)}
 
 
 def _passed(part: FlexiblePart, m: Monitors) -> Iterator[str]:

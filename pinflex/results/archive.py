@@ -16,7 +16,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results import checked
-from pinflex.results.compact import ROUNDED, decoded, encode
+from pinflex.results.compact import FIELDS, ROUNDED, decoded, encode
 from pinflex.writing import replaced
 
 FORMAT = 2  # that this pinflex reads: 1 has plain arrays, 2 those of `compact`
@@ -58,38 +58,55 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
             kind = zipfile.ZIP_DEFLATED if coded or _shrinks(array) else zipfile.ZIP_STORED
             archive.compression, archive.compresslevel = kind, _CODED if coded else 1
             with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
+                if coded and name.partition("/")[0] in FIELDS:
+                    _by_runs(part)
                 np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
 
 
+def _by_runs(part: Any) -> None:
+    """Look for runs of equal bytes alone in what is written to a member of an archive.
+
+    Of fields that is all that their high bytes have, and their low bytes have nothing: it takes
+    two fifths of the time for 2 % more bytes. zipfile has no argument for it; where its writer
+    keeps the compressor elsewhere, that stays as it is.
+    """
+    if hasattr(part, "_compressor"):
+        part._compressor = zlib.compressobj(1, wbits=-zlib.MAX_WBITS, strategy=zlib.Z_RLE)
+
+
 def contents(
-    t: Array, arrays: Mapping[str, Array], meta: Mapping[str, Any], compact: bool
+    t: Array,
+    arrays: Mapping[str, Array],
+    meta: Mapping[str, Any],
+    compact: bool,
+    read: dict[str, Array] | None = None,
 ) -> dict[str, Any]:
     """Members of the file of a run.
 
     Args:
         t: Instants [s]. arrays: By key. meta: Names and settings.
         compact: Fields of links and bodies rounded, see `pinflex.results.compact`.
+        read: Filled with the arrays as they will be read from the file; None: nobody asks.
     """
     header: dict[str, Any] = {"program": "pinflex", "format": 1, "meta": dict(meta)}
     members: Mapping[str, Any] = arrays
     if compact:
-        members, coded = encode(arrays)
+        members, coded = encode(arrays, read)
         header |= {"format": FORMAT, "coded": coded}
         header["meta"] |= {"rounded": ROUNDED}
+    elif read is not None:
+        read |= arrays
     return {HEADER: np.array(json.dumps(header)), "t": t, **members}
 
 
-def as_read(members: Mapping[str, Any]) -> tuple[Array, dict[str, Array], dict[str, Any]]:
-    """Instants, arrays and meta as a file of these members has them, without the file.
+def meta_of(members: Mapping[str, Any]) -> dict[str, Any]:
+    """Names and settings as a file of these members has them.
 
     Args:
         members: Of `contents`.
     """
-    header = json.loads(str(members[HEADER]))
-    arrays = decoded(
-        {key: values for key, values in members.items() if key != HEADER}, header.get("coded", {})
-    )
-    return arrays.pop("t"), arrays, header["meta"]
+    meta: dict[str, Any] = json.loads(str(members[HEADER]))["meta"]
+    return meta
 
 
 def write(path: Path, members: Mapping[str, Any]) -> None:

@@ -22,40 +22,49 @@ from pinflex.errors import DescriptionError
 STEPS = 2**20  # of the largest magnitude of a component: an error of half a step is 4.8e-7 of it
 FINE = 2**24  # of the rigid counterparts: a short link stays straight; differences fit 32 bits
 ROUNDED = "fields of links and bodies are kept to 5e-7 of the largest value of each component"
-_FIELDS = ("link", "body")  # heads of keys that follow from the states
+FIELDS = ("link", "body")  # heads of keys that follow from the states
 _PLAIN = ("x", "nodes", "triangles")  # of a link, without time
 
 Bytes = npt.NDArray[np.uint8]
 Codes = npt.NDArray[Any]
 
 
-def encode(arrays: Mapping[str, Array]) -> tuple[dict[str, Array | Bytes], dict[str, Any]]:
+def encode(
+    arrays: Mapping[str, Array], read: dict[str, Array] | None = None
+) -> tuple[dict[str, Array | Bytes], dict[str, Any]]:
     """What to write of each array, and how to read back those that are not as they were.
 
     Args:
         arrays: By flat key, time first.
+        read: Filled with the arrays as `decoded` gives them back; None: nobody asks.
     """
     members: dict[str, Array | Bytes] = {}
     coded: dict[str, Any] = {}
+    exact: dict[str, Array] = {}
     for key, values in arrays.items():
         head, _, rest = key.partition("/")
         name = rest.rpartition("/")[2]
         if not values.size or values.ndim < 1 or (head == "link" and name in _PLAIN):
-            members[key] = values
-        elif head in _FIELDS and np.all(np.isfinite(values)):
+            members[key] = exact[key] = values
+        elif head in FIELDS and np.all(np.isfinite(values)):
             along = head == "link" and "/mesh/" not in key and values.ndim > 1
             rigid = arrays.get(f"{key}_rigid")
             if rigid is not None:
                 values = values - rigid
             step = _step(values, FINE if key.endswith("_rigid") else STEPS)
-            steps = np.round(values / step).astype(np.int32)
-            members[key] = _bytes(_differences(steps, along))
+            rounded = np.rint(values / step)
+            members[key] = _bytes(_differences(rounded.astype(np.int32), along))
             coded[key] = {"shape": list(values.shape), "step": step.tolist(), "along": along}
             coded[key] |= {} if rigid is None else {"beside": f"{key}_rigid"}
+            if read is not None:
+                read[key] = np.multiply(rounded, step, out=rounded)
         else:
+            exact[key] = values
             bits = np.ascontiguousarray(values, np.float64).view(np.int64)
             members[key] = _bytes(np.diff(bits, axis=0, prepend=np.zeros_like(bits[:1])))
             coded[key] = {"shape": list(values.shape)}
+    if read is not None:
+        read |= exact | _with_rigid(read, coded)
     return members, coded
 
 
@@ -67,8 +76,13 @@ def decoded(stored: Mapping[str, Any], coded: Mapping[str, Any]) -> dict[str, Ar
     """
     arrays = {key: decode(key, stored[key], coded[key]) if key in coded else stored[key]
               for key in stored}  # fmt: skip
+    return arrays | _with_rigid(arrays, coded)
+
+
+def _with_rigid(arrays: Mapping[str, Array], coded: Mapping[str, Any]) -> dict[str, Array]:
+    """Arrays that are kept by their difference from a rigid counterpart."""
     own = {key: how["beside"] for key, how in coded.items() if "beside" in how}
-    return arrays | {key: arrays[key] + arrays[beside] for key, beside in own.items()}
+    return {key: arrays[key] + arrays[beside] for key, beside in own.items()}
 
 
 def decode(key: str, stored: npt.NDArray[Any], how: Mapping[str, Any]) -> Array:
@@ -92,9 +106,12 @@ def decode(key: str, stored: npt.NDArray[Any], how: Mapping[str, Any]) -> Array:
 
 def _step(values: Array, count: int) -> Array:
     """Size of a step of each component, broadcast over the others; components are the last axis."""
-    axes = tuple(range(values.ndim - 1)) if values.ndim > 2 else None
-    largest = np.max(np.abs(values), axis=axes, keepdims=True)
-    return np.where(largest > 0, largest / count, 1.0)
+    rows = values.reshape(len(values), -1)
+    largest = np.maximum(np.max(rows, axis=0), -np.min(rows, axis=0))  # over time: long rows
+    components = values.shape[-1] if values.ndim > 2 else 1
+    largest = largest.reshape(-1, components).max(axis=0)
+    step = np.where(largest > 0, largest / count, 1.0)
+    return step.reshape(*[1] * (values.ndim - 1), components)
 
 
 def _differences(steps: Codes, along: bool) -> Codes:

@@ -85,16 +85,16 @@ class Scene:
                     f"{self.mechanism.name}: solve.start: a given state is one of level coupled. "
                     "Give a word: auto, static or straight."
                 )
-            structural = spec.ked == "structural"
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
+            fine[::every] = t  # to the last digit: there the nominal motion may be known
             run = solve_ked(
                 self.mechanism, self.motion, fine, march_of(spec), spec.start,
-                structural, progress, **close,
+                spec.ked == "structural", progress, every=every, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
             if spec.start_speeds:
                 run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
-            return _thin(self._judged(run, every), every)
+            return self._judged(run, fine, every)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
@@ -117,17 +117,17 @@ class Scene:
             if isinstance(stop, RunInterrupted):
                 stop.result = _thin(stop.result, every)
             raise
-        return _thin(start.told(self._judged(run, every)), every)
+        return _thin(start.told(self._judged(run, fine, every)), every)
 
-    def _judged(self, run: Run, every: int) -> Run:
+    def _judged(self, run: Run, steps: Array, every: int) -> Run:
         """The run with what its step alone tells: samples that cut it, too long, round-off."""
-        dt, h, words = self.spec.dt, float(run.t[1] - run.t[0]), []
+        dt, h, words = self.spec.dt, float(steps[1] - steps[0]), []
         if dt is not None and every == 1 and h < 0.99 * dt:
             words.append(
                 f"dt = {dt:g} s was cut to {h:.3g} s, as every sample takes a step. Ask for fewer "
                 "samples."
             )
-        if len(run.t) < _FEW and run.system.n_eta:
+        if len(steps) < _FEW and run.system.n_eta:
             first = modes(self.mechanism, count=9, preload="none").frequencies
             period = 1.0 / float(np.min(first[first > 0], initial=np.inf))
             if h > period / _PER_PERIOD:

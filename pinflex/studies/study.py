@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.advice.solve import solve
+from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.description.solve import LEVELS
@@ -19,6 +21,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.progress import Callback, Progress, Stages
 from pinflex.results import archive
 from pinflex.results.comparison import Comparison, comparison
+from pinflex.results.lazy import Late
 from pinflex.results.residual import BAND
 from pinflex.results.result import Result
 from pinflex.solver.solve import default_motion
@@ -30,6 +33,7 @@ from pinflex.studies.study_notes import (
     notes_of,
     remark,
     starting,
+    steps_are_open,
     why_missing,
     yield_strengths,
 )
@@ -42,6 +46,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FREQUENCIES = 6
+_TOL = 1e-3  # of level coupled: a tenth of it is reached, and a table shows three digits
 _QUICK = 40  # elastic coordinates up to which error bars cost a fraction of the runs
 
 
@@ -131,6 +136,8 @@ def compare(
         done["coupled"].torque      # the runs, by level
         done.plot("deviation")      # its figures
 
+    Level coupled is solved to `tol` 1e-3 where the scene names no step, tolerance or integrator.
+
     Args:
         mechanism: From `load`, with at least one flexible link.
         motion: Default: the motion of the YAML.
@@ -148,7 +155,7 @@ def compare(
     tell = progress if isinstance(progress, Stages) else Stages() if progress is True else None
     steps = None if isinstance(progress, Stages | bool) else progress
     runs: dict[str, Path] = {}
-    members: dict[str, Mapping[str, Any]] = {}
+    drawn: dict[str, Result] = {}  # as the files of the runs have them
 
     def keep(level: str, run: Result, complete: bool) -> None:
         if folder is None:
@@ -156,8 +163,10 @@ def compare(
         if tell is not None:
             tell(f"saving {level}")
         runs[level] = Path(folder) / file_name(run, complete)
-        members[level] = archive.contents(run.t, run.arrays, run.meta, compact=True)
-        archive.write(runs[level], members[level])
+        read: dict[str, Array] = {}
+        members = archive.contents(run.t, run.arrays, run.meta, compact=True, read=read)
+        archive.write(runs[level], members)
+        drawn[level] = Result(run.t, Late(read, {}), Late(archive.meta_of(members), {}))
         # what an earlier comparison left of this level would contradict the table
         (Path(folder) / file_name(run, not complete)).unlink(missing_ok=True)
 
@@ -171,7 +180,6 @@ def compare(
         if folder is None:
             return done
         # the page is drawn from what the files of its runs hold: they alone give the same page
-        drawn = {level: Result(*archive.as_read(held)) for level, held in members.items()}
         return replace(done, files=(*write(done, Path(folder), say, drawn), *runs.values()))
     finally:
         if tell is not None:
@@ -222,7 +230,7 @@ def study(
     for level in ordered:
         began = time.process_time()
         try:
-            run = solve(mechanism, motion, level=level, progress=progress(level))
+            run = _solved(mechanism, motion, level, progress(level))
             record.cpu[level] = time.process_time() - began
             if level == ordered[-1] and (errors or mechanism.flexible.n_eta <= _QUICK):
                 tell("error bars")
@@ -247,6 +255,16 @@ def study(
     end = (motion or default_motion(mechanism)).duration
     table = _table(mechanism, record, band, end)
     return Study(mechanism, record.runs, record.partial, record.unsolved, table)
+
+
+def _solved(
+    mechanism: Mechanism, motion: Motion | None, level: str, progress: Callback | None
+) -> Result:
+    """The run of a level; coupled within a tolerance where that is open and can be reached."""
+    if level == "coupled" and steps_are_open(mechanism):
+        with suppress(ConvergenceError):
+            return solve(mechanism, motion, level=level, tol=_TOL, progress=progress)
+    return solve(mechanism, motion, level=level, progress=progress)
 
 
 def write(

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.results.given import read_only
+from pinflex.results.lazy import Late
 from pinflex.results.result import Result
 from pinflex.results.views import Deviation
 from pinflex.rotations import rotation_vector
@@ -24,7 +26,8 @@ def with_rigid_torque(run: Result, rigid: Result) -> Result:
     """
     if not run.motors or run.motors != rigid.motors or run is rigid:
         return run
-    return Result(run.t, {**run.arrays, RIGID_TORQUE: _at(rigid, "torque", run.t)}, run.meta)
+    beside = read_only(_at(rigid, "torque", run.t), RIGID_TORQUE)
+    return Result(run.t, Late({**run.arrays, RIGID_TORQUE: beside}, {}), run.meta)
 
 
 def track(

@@ -66,7 +66,8 @@ def deflated(raw: bytes) -> str:
 
 def _coded(values: Array, count: int) -> tuple[float, int, bytes]:
     """Size of a step, differences along the second axis, and bytes by significance."""
-    values = np.nan_to_num(values)
+    if not np.isfinite(np.sum(values)):
+        values = np.nan_to_num(values)
     if values.dtype.kind == "f":
         step = float(np.abs(values).max(initial=0.0)) / count or 1.0
         steps = np.round(values / step).astype(np.int32)
@@ -83,9 +84,9 @@ def _coded(values: Array, count: int) -> tuple[float, int, bytes]:
 
 def _along(steps: Steps) -> tuple[int, Steps]:
     """Differences along the second axis as often as makes the numbers shorter."""
-    best, times, shortest = steps, 0, _bits(steps)
     if steps.ndim < 2 or steps.shape[1] < _ENOUGH:
-        return times, best
+        return 0, steps
+    best, times, shortest = steps, 0, _bits(steps)
     for n in range(1, _ALONG + 1):
         steps = np.diff(steps, axis=1, prepend=np.zeros_like(steps[:, :1]))
         if (bits := _bits(steps)) < shortest:
@@ -94,4 +95,5 @@ def _along(steps: Steps) -> tuple[int, Steps]:
 
 
 def _bits(steps: Steps) -> float:
-    return float(np.log2(1.0 + np.abs(steps)).sum())
+    sizes = np.abs(steps).astype(np.float32)  # in single precision a logarithm takes a quarter
+    return float(np.log2(1 + sizes).sum(dtype=np.float64))

@@ -31,6 +31,7 @@ _COMPONENTS = {  # of a section, in the beam frame
     "ry": ("slope", "rad"),
     "rz": ("slope", "rad"),
 }
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PARTS = {  # of a deviation: components, and units by whether it is small
     "position": ("x y z", ("mm", "µm")),
     "rotation": ("rx ry rz", ("mrad", "µrad")),
@@ -268,6 +269,13 @@ def _logarithmic(ax: Axes, shown: Array) -> None:
     if shown.max() > 0:  # a quantity that never moves has no logarithm
         ax.set_yscale("log")
         ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 9 * shown.max())  # and labels
+        if (y := ax.get_ylim())[1] > 100 * y[0]:  # else numbers stand between the powers too
+            ax.yaxis.set_major_formatter(_power_of_ten)
+
+
+def _power_of_ten(value: float, _: float) -> str:
+    """A power of ten as plain text: matplotlib's own is parsed as mathematics, which is slow."""
+    return "10" + str(round(np.log10(value))).translate(_RAISED)
 
 
 def figure_of(ax: Axes) -> Figure:

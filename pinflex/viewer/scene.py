@@ -305,8 +305,8 @@ def _size(bodies: list[Skeleton], links: dict[str, dict[str, Any]], keep: IntArr
         clouds.append(np.einsum("tij,pj->tpi", pose[:, :, :3], points) + pose[:, None, :, 3])
     if not clouds:
         return 1.0
-    cloud = np.concatenate(clouds, axis=1)
-    return float(np.linalg.norm(np.ptp(cloud, axis=1), axis=1).max()) or 1.0
+    cloud = np.concatenate([points.swapaxes(0, 1) for points in clouds])  # instants in long rows
+    return float(np.linalg.norm(np.ptp(cloud, axis=0), axis=1).max()) or 1.0
 
 
 def _rows(arrow: dict[str, Any], keep: IntArray) -> dict[str, Any]:

@@ -164,7 +164,8 @@ def _meridian(kind: str, radius: float, length: float = 0.0) -> list[tuple[float
 
 def _turned(meridian: list[tuple[float, float]], sides: int = 28) -> Surface:
     turn = np.linspace(0, 2 * np.pi, sides, endpoint=False)
-    points = np.array([[r * np.cos(a), r * np.sin(a), z] for r, z in meridian for a in turn])
+    r, z = (x[:, None] for x in np.array(meridian).T)
+    points = np.stack([r * np.cos(turn), r * np.sin(turn), z + 0.0 * turn], -1).reshape(-1, 3)
     i = np.arange(sides)
     j = (i + 1) % sides
     faces = []

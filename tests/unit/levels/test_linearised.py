@@ -8,6 +8,7 @@ import pytest
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.levels.interpolated import InterpolatedPath
+from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.linearised import LinearPath, along
 from pinflex.solver.solve import default_motion
 
@@ -64,3 +65,18 @@ def test_a_sampled_motion_is_cut_at_its_samples_and_rests_after_them():
             assert gap <= 1e-8 * np.max(np.abs(getattr(b, x)), initial=1.0), (k, x)
     # One object: a march keeps its factors while the robot rests.
     assert at.at(600).free is at.at(700).free is not at.at(300).free
+
+
+@pytest.mark.parametrize("name", ["3rrr", "race_r2"])
+def test_samples_of_the_linear_march_are_those_of_all_its_steps(name):
+    """Between samples the nominal motion is not solved for: matrices are interpolated."""
+    robot = pf.load(name)
+    motion = default_motion(robot)
+    t = np.linspace(0.0, motion.duration, 1201)
+    march = march_of(robot.description.solve)
+    each, few = (solve_ked(robot, motion, t, march, every=n) for n in (1, 6))
+    assert len(few.t) == 201 and few.cost == each.cost and few.settings == each.settings
+    for x in ("y", "v", "a", "lam", "torque"):
+        whole, some = getattr(each, x), getattr(few, x)
+        # two polynomials through nodes that Newton closes to 1e-12
+        assert np.max(np.abs(whole[::6] - some)) <= 1e-8 * np.max(np.abs(whole), initial=1e-6)

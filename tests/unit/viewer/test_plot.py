@@ -11,6 +11,7 @@ from pinflex.errors import DescriptionError
 from pinflex.results.peaks import amplitudes, maxima
 from pinflex.results.result import Result, peak
 from pinflex.viewer import figures, plot
+from pinflex.viewer.images import write_png
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -147,6 +148,20 @@ def test_a_quantity_that_never_moves_has_an_empty_spectrum(flexible, tmp_path):
     figure = plot.spectrum(flexible, "link/distal_1/w")
     assert not figure.axes[0].texts
     figure.savefig(tmp_path / "flat.png")
+
+
+def test_a_picture_is_what_matplotlib_saves_without_a_channel_of_transparency(flexible, tmp_path):
+    from PIL import Image
+
+    def drawn():
+        return plot.spectrum(flexible, "link/distal_1/v")
+
+    write_png(drawn(), tmp_path / "own.png")
+    drawn().savefig(tmp_path / "theirs.png")
+    own, theirs = (Image.open(tmp_path / f"{name}.png") for name in ("own", "theirs"))
+    assert own.mode == "RGB" and own.info["dpi"] == pytest.approx((150, 150), abs=0.1)
+    # pixel by pixel: the minor ticks of the logarithm are one line of marks here
+    assert np.array_equal(np.asarray(own), np.asarray(theirs.convert("RGB")))
 
 
 def test_save_all_writes_every_figure_the_results_allow(rigid, flexible, tmp_path):

@@ -1,0 +1,62 @@
+"""A comparison: level coupled within a tolerance, or in the steps that a scene asks for."""
+
+from __future__ import annotations
+
+import gc
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.cli.process import settled
+from pinflex.errors import ConvergenceError
+from pinflex.studies import study as studies
+from pinflex.studies.study import study
+
+LEVELS = ("coupled",)
+
+
+def test_coupled_is_within_a_thousandth_where_the_scene_leaves_its_steps_open() -> None:
+    robot = pf.load("ur5")
+    run = study(robot, LEVELS)["coupled"]
+    exact = pf.solve(robot, level="coupled", tol=1e-6)
+    equal = pf.solve(robot, level="coupled")
+
+    def miss(found: pf.Result) -> float:
+        return float(np.max(np.abs(found.torque - exact.torque)) / np.max(np.abs(exact.torque)))
+
+    assert run.meta["settings"]["tol"] == 1e-3
+    assert miss(run) < 1e-3  # 2.2e-4, where equal steps leave 2.6e-3
+    assert miss(run) < 0.2 * miss(equal)
+
+
+@pytest.mark.parametrize("asked", ["solve.dt=1e-3", "solve.integrator=hht", "solve.rho_inf=0.9"])
+def test_steps_that_a_scene_asks_for_are_taken(asked: str) -> None:
+    robot = pf.load("3rrr", ["solve.until=0.02", "solve.samples=21", asked])
+    assert "tol" not in study(robot, LEVELS)["coupled"].meta["settings"]
+
+
+def test_equal_steps_answer_where_the_tolerance_is_out_of_reach(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[Any] = []
+
+    def refusing(*scene: Any, **options: Any) -> pf.Result:
+        tried.append(options.get("tol"))
+        if options.get("tol"):
+            raise ConvergenceError("its floor is higher. Give a larger tol.")
+        return pf.solve(*scene, **options)
+
+    monkeypatch.setattr(studies, "solve", refusing)
+    robot = pf.load("3rrr", ["solve.until=0.02", "solve.samples=21"])
+    done = study(robot, LEVELS)
+    assert tried == [None, 1e-3, None] and not done.unsolved
+    assert "tol" not in done["coupled"].meta["settings"]
+
+
+def test_what_is_loaded_is_collected_again_after_a_command() -> None:
+    before = gc.get_freeze_count()
+    with settled():
+        assert gc.get_freeze_count() > before
+    assert gc.get_freeze_count() == 0
