@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motion import Motion
@@ -26,6 +24,7 @@ from pinflex.results.residual import BAND
 from pinflex.results.result import Result
 from pinflex.solver.solve import default_motion
 from pinflex.studies.check import first_frequencies
+from pinflex.studies.open_steps import solved
 from pinflex.studies.study_notes import (
     Outcomes,
     falls,
@@ -33,7 +32,6 @@ from pinflex.studies.study_notes import (
     notes_of,
     remark,
     starting,
-    steps_are_open,
     why_missing,
     yield_strengths,
 )
@@ -46,7 +44,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FREQUENCIES = 6
-_TOL = 1e-3  # of level coupled: a tenth of it is reached, and a table shows three digits
 _QUICK = 40  # elastic coordinates up to which error bars cost a fraction of the runs
 
 
@@ -136,7 +133,8 @@ def compare(
         done["coupled"].torque      # the runs, by level
         done.plot("deviation")      # its figures
 
-    Level coupled is solved to `tol` 1e-3 where the scene names no step, tolerance or integrator.
+    Level coupled is solved to `tol` 1e-3 where the scene names no step, tolerance or integrator,
+    unless that takes more steps than equal ones would.
 
     Args:
         mechanism: From `load`, with at least one flexible link.
@@ -230,7 +228,7 @@ def study(
     for level in ordered:
         began = time.process_time()
         try:
-            run = _solved(mechanism, motion, level, progress(level))
+            run = solved(mechanism, motion, level, progress(level))
             record.cpu[level] = time.process_time() - began
             if level == ordered[-1] and (errors or mechanism.flexible.n_eta <= _QUICK):
                 tell("error bars")
@@ -255,16 +253,6 @@ def study(
     end = (motion or default_motion(mechanism)).duration
     table = _table(mechanism, record, band, end)
     return Study(mechanism, record.runs, record.partial, record.unsolved, table)
-
-
-def _solved(
-    mechanism: Mechanism, motion: Motion | None, level: str, progress: Callback | None
-) -> Result:
-    """The run of a level; coupled within a tolerance where that is open and can be reached."""
-    if level == "coupled" and steps_are_open(mechanism):
-        with suppress(ConvergenceError):
-            return solve(mechanism, motion, level=level, tol=_TOL, progress=progress)
-    return solve(mechanism, motion, level=level, progress=progress)
 
 
 def write(

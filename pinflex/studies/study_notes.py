@@ -34,17 +34,6 @@ def file_name(run: Result, complete: bool = True) -> str:
     return f"{run.meta['name']}-{run.level}{'' if complete else '-partial'}.npz"
 
 
-def steps_are_open(mechanism: Mechanism) -> bool:
-    """Whether a scene leaves the steps of level coupled open, and collocation serves it.
-
-    By that it takes half the time of equal steps, with a twentieth of their error or less.
-    """
-    spec, controlled = mechanism.description.solve, mechanism.description.control is not None
-    said = (spec.dt, spec.tol, spec.integrator, spec.rho_inf, spec.newmark)
-    sticks = mechanism.flexible.sticks(spec.drive == "prescribed")
-    return not (controlled or sticks) and all(x is None for x in said)
-
-
 def yield_strengths(mechanism: Mechanism) -> dict[str, float]:
     """Strength [Pa] of the links whose material has one."""
     return {

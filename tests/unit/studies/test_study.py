@@ -11,7 +11,7 @@ import pytest
 import pinflex as pf
 from pinflex.cli.process import settled
 from pinflex.errors import ConvergenceError
-from pinflex.studies import study as studies
+from pinflex.studies import open_steps
 from pinflex.studies.study import study
 
 LEVELS = ("coupled",)
@@ -48,11 +48,21 @@ def test_equal_steps_answer_where_the_tolerance_is_out_of_reach(
             raise ConvergenceError("its floor is higher. Give a larger tol.")
         return pf.solve(*scene, **options)
 
-    monkeypatch.setattr(studies, "solve", refusing)
+    monkeypatch.setattr(open_steps, "solve", refusing)
     robot = pf.load("3rrr", ["solve.until=0.02", "solve.samples=21"])
     done = study(robot, LEVELS)
     assert tried == [None, 1e-3, None] and not done.unsolved
     assert "tol" not in done["coupled"].meta["settings"]
+
+
+@pytest.mark.parametrize(("steps", "within"), [(16, False), (400, True)])
+def test_equal_steps_answer_where_the_tolerance_takes_more_of_them(
+    steps: int, within: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(open_steps, "default_step", lambda robot, end: end / steps)
+    robot = pf.load("ur5", ["solve.until=0.3", "solve.samples=21"])
+    settings = study(robot, LEVELS)["coupled"].meta["settings"]
+    assert ("tol" in settings) is within  # by collocation it takes 20 to 60 steps
 
 
 def test_what_is_loaded_is_collected_again_after_a_command() -> None:
