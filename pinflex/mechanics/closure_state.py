@@ -6,6 +6,7 @@ See `pinflex.mechanics.closure` for the rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,35 +25,50 @@ class ClosureState:
 
     Attributes:
         c: Residuals, shape (n, rows). W: By the relative world twists, shape (n rows, 6).
-        frames_a, frames_b: Frames of the loops in the world, [R | p], shape (n loops, 3, 4).
         contacts: Sleeves, of one state after the other.
     """
 
     def __init__(self, rows: ClosureRows, poses: Array, eta: Array, Q: Array) -> None:
-        self._rows = r = rows
-        loops, closed = r.loops, r.closed
-        joints = poses.take(r.bodies, axis=0)
-        rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-        frames = np.matmul(rotations, r.local)
-        frames[:, :, 3] += joints[:, 9:]
-        self.frames_a, self.frames_b = frames[:loops], frames[loops:]
-        ends = frames[:, :, 3].reshape(2, loops, 3).transpose(1, 0, 2).reshape(loops, 6)
-        # u times these is u . (p_b - p_a) and p_b x u.
-        self._levers = levers = (ends @ LEVERS).reshape(loops, 3, 4)
-        self._n = r.size
-        if r.plain:
-            u = frames.take(r.u_at)
-            held = np.matmul(u[:, None], levers.take(r.point_loop, axis=0))[:, 0]
-            c, self.W = held[:, 0], np.concatenate([u, held[:, 1:]], axis=1)
-        else:
-            c, self.W = np.empty(r.size * closed.n), np.zeros((r.size * closed.n, 6))
-            self._mixed_rows(frames, c)
-        self.c = c.reshape(r.size, closed.n)
-        if r.coupled is not None:
-            self.c[:, r.coupled.rows] = r.coupled.value(Q)
+        self._rows, self._poses, self._n = rows, poses, rows.size
         self.contacts: list[ContactState | PassingState] = []
-        if closed.contacts:
+        if rows.points is not None:
+            self.c, W = rows.points.of(poses)
+            self.W = W.reshape(-1, 6)
+            return
+        count = rows.size * rows.closed.n
+        c, self.W = np.empty(count), np.zeros((count, 6))
+        self._mixed_rows(c)
+        self.c = c.reshape(rows.size, -1)
+        if rows.coupled is not None:
+            self.c[:, rows.coupled.rows] = rows.coupled.value(Q)
+        if rows.closed.contacts:
             self._slide(c, eta)
+
+    @cached_property
+    def _frames(self) -> Array:
+        """Frames of A, then of B, in the world, shape (2 n loops, 3, 4)."""
+        joints = self._poses.take(self._rows.bodies, axis=0)
+        rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+        frames: Array = np.matmul(rotations, self._rows.local)
+        frames[:, :, 3] += joints[:, 9:]
+        return frames
+
+    @property
+    def frames_a(self) -> Array:
+        """Frames of A in the world, [R | p], shape (n loops, 3, 4)."""
+        return self._frames[: self._rows.loops]
+
+    @property
+    def frames_b(self) -> Array:
+        """Frames of B in the world, [R | p], shape (n loops, 3, 4)."""
+        return self._frames[self._rows.loops :]
+
+    @cached_property
+    def _levers(self) -> Array:
+        """Matrices that take u to u . (p_b - p_a) and p_b x u, shape (n loops, 3, 4)."""
+        loops = self._rows.loops
+        ends = self._frames[:, :, 3].reshape(2, loops, 3).transpose(1, 0, 2).reshape(loops, 6)
+        return np.asarray((ends @ LEVERS).reshape(loops, 3, 4))
 
     @property
     def gap(self) -> Array:
@@ -64,11 +80,11 @@ class ClosureState:
         """Matrices of p_b x (.), shape (n loops, 3, 3)."""
         return np.asarray(self._levers[:, :, 1:].swapaxes(1, 2))
 
-    def _mixed_rows(self, frames: Array, c: Array) -> None:
+    def _mixed_rows(self, c: Array) -> None:
         """Rows of points, of directions and of distances."""
         r = self._rows
         if len(r.point_rows):
-            u = frames.take(r.u_at)
+            u = self._frames.take(r.u_at)
             held = np.matmul(u[:, None], self._levers[r.point_loop])[:, 0]
             c[r.point_rows], self.W[r.point_rows] = held[:, 0], np.hstack([u, held[:, 1:]])
         if len(r.dot_rows):

@@ -61,15 +61,15 @@ class CoordinateMap:
             room = self._rooms[size] = _Room(self, *size)
         q, v = self.nq_rigid, self.n_rigid
         rigid = [Y[:, :q], *(x[:, :v] for x in rates)]
-        room.every[room.rigid] = np.concatenate(rigid, axis=None)
-        room.eta[0] = Y[:, q:]
+        every, eta = room.every, room.eta
+        every[room.rigid] = np.concatenate(rigid, axis=None)
+        eta[0] = Y[:, q:]
         for k, x in enumerate(rates, start=1):
-            room.eta[k] = x[:, v:]
+            eta[k] = x[:, v:]
         for block in room.blocks:
             block.evaluate()
-            room.every[block.at] = block.rows
-        X, rate = [block.X for block in room.blocks], [block.bent[-1] for block in room.blocks]
-        return Configuration(self, room.Q, room.rates, X, rate)
+            every[block.at] = block.rows
+        return Configuration(self, room.Q, room.rates, room.X, room.rate)
 
 
 class _Room:
@@ -77,7 +77,7 @@ class _Room:
 
     Attributes:
         every: Q, V and A of all states, flat, one after the other. Q, rates: Views of it.
-        eta: Elastic coordinates and their rates, shape (m, n, n_eta).
+        eta: Elastic coordinates and their rates, shape (m, n, n_eta). X, rate: As in the answer.
         rigid: Places of the rigid ones in `every`.
     """
 
@@ -101,6 +101,7 @@ class _Room:
         self.blocks = [
             _BlockRoom(block, G, self.eta, flat(block.q_rows, rows)) for block, G, rows in each
         ]
+        self.X, self.rate = [b.X for b in self.blocks], [b.bent[-1] for b in self.blocks]
 
 
 class _BlockRoom:

@@ -24,7 +24,7 @@ from pinflex.mechanics.compiled import Compiled, on_kernel, serves
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
-from pinflex.mechanics.geometry import Geometry, spans
+from pinflex.mechanics.geometry import TOGETHER, Geometry, spans
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
 from pinflex.mechanics.strain import Strain
@@ -103,9 +103,14 @@ class Equations(Geometry):
             if control_force is not None:
                 r -= control_force
             return Residual(r[0], c[0])
-        r, c = np.empty((len(y), self.system.nv)), np.empty((len(y), self.system.closed.n))
-        for s in spans(len(y)):
-            r[s], c[s] = self._residuals(y[s], v[s], a[s], lam[s], np.broadcast_to(t, len(y))[s])
+        n = len(y)
+        times = np.broadcast_to(t, n) if np.ndim(t) == 0 else t
+        if n <= TOGETHER:
+            r, c = self._residuals(y, v, a, lam, times)
+        else:
+            r, c = np.empty((n, self.system.nv)), np.empty((n, self.system.closed.n))
+            for s in spans(n):
+                r[s], c[s] = self._residuals(y[s], v[s], a[s], lam[s], times[s])
         return Residual(r if control_force is None else r - control_force, c)
 
     def _residuals(
