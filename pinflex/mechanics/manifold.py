@@ -35,39 +35,44 @@ class Manifold:
 
     Attributes:
         turning: Whether some joint turns in space, so that its rates are not those of its move.
+        sparing: Whether coordinates that the caller writes are left as they are.
     """
 
     def __init__(self, dynamics: Equations, told: Sequence[int] | IntArray = ()) -> None:
         """`told`: rows of single-axis joints whose coordinates the caller writes."""
         self._dynamics = dynamics
         joints: dict[str, list[pin.JointModel]] = {kind: [] for kind in _KINDS}
+        told = set(told)
         for joint in dynamics.system.rigid.joints[1:]:
-            if joint.nv:
+            if joint.nv and not (joint.nv == 1 and joint.idx_v in told):
                 joints[_kind(joint)].append(joint)
         self._easy = not joints["other"]
         self.turning = bool(joints["sphere"] or joints["other"])
-        self._q, self._v = _rows(joints["plain"])
-        circles = [j for j in joints["circle"] if j.idx_v not in told]
-        self._circle_q, self._circle_v = _first_rows(circles)
+        self.sparing = self._easy and not dynamics.vector_space
+        q, v = _rows(joints["plain"])
+        eta = np.arange(dynamics.system.n_eta)  # which adds up too
+        self._q = np.concatenate([q, dynamics.nq_rigid + eta])
+        self._v = np.concatenate([v, dynamics.n_rigid + eta])
+        self._circle_q, self._circle_v = _first_rows(joints["circle"])
         q, v = _first_rows(joints["sphere"])
         self._sphere_q, self._sphere_v = q[:, None] + np.arange(4), v[:, None] + np.arange(3)
 
-    def retract(self, y: Array, moves: Array) -> Array:
+    def retract(self, y: Array, moves: Array, out: Array | None = None) -> Array:
         """Poses that moves lead to, shape (k, nq).
 
         Args:
             y: Pose that all moves start from, shape (nq,), or one for each, shape (k, nq).
             moves: Exponential coordinates, rates times time, shape (k, nv).
+            out: Poses that may be overwritten with the answer.
         """
         d = self._dynamics
         if d.vector_space:
-            return y + moves
+            return np.add(y, moves, out=out)
         if not self._easy:
             pairs = zip(np.broadcast_to(y, (len(moves), y.shape[-1])), moves, strict=True)
             return np.array([d.integrate(*pair) for pair in pairs]).reshape(-1, y.shape[-1])
-        n, m = d.nq_rigid, d.n_rigid
-        out = np.empty((len(moves), y.shape[-1]))
-        out[:, self._q] = y[..., self._q] + moves[:, self._v]
+        out = np.empty((len(moves), y.shape[-1])) if out is None else out
+        out[:, self._q] = y.take(self._q, axis=-1) + moves.take(self._v, axis=1)
         if len(self._circle_q):
             angle, at = moves[:, self._circle_v], self._circle_q
             c, s = y[..., at], y[..., at + 1]
@@ -77,7 +82,6 @@ class Manifold:
         if len(self._sphere_q):
             turned = quaternion(moves[:, self._sphere_v])
             out[:, self._sphere_q] = _normal(_product(y[..., self._sphere_q], turned))
-        out[:, n:] = y[..., n:] + moves[:, m:]
         return out
 
     def log(self, y0: Array, y1: Array) -> Array:
@@ -100,7 +104,6 @@ class Manifold:
         if len(self._sphere_q):
             q0, q1 = y0[:, self._sphere_q], y1[:, self._sphere_q]
             moves[:, self._sphere_v] = quaternion_vector(_product(q0 * [-1.0, -1.0, -1.0, 1.0], q1))
-        moves[:, d.n_rigid :] = y1[:, d.nq_rigid :] - y0[:, d.nq_rigid :]
         return moves
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
