@@ -84,7 +84,7 @@ class Tangent:
         return (*parts, self.by_closures[:, self.motors])
 
     def _free(self, matrix: Array) -> Array:
-        return np.asfortranarray(matrix[np.ix_(self.free, self.free)])
+        return np.asfortranarray(matrix.take(self.free, axis=0).take(self.free, axis=1))
 
 
 class StageNewton:

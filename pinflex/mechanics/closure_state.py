@@ -245,9 +245,13 @@ class ClosureState:
         r, loops = self._rows, self._rows.loops
         on_a, on_b = np.zeros((loops, 6, 6)), np.zeros((loops, 6, 6))
         force = np.zeros((loops, 3))
-        np.add.at(force, r.point_loop, self.W[r.point_rows, :3] * lam[r.point_rows, None])
-        pull = self.W[r.distance_rows, :3] * lam[r.distance_rows, None]
-        np.add.at(force, r.distance_loop, pull)
+        if r.points is not None:
+            force = (r.of_loop * lam) @ self.W[:, :3]
+        elif len(r.point_rows):
+            np.add.at(force, r.point_loop, self.W[r.point_rows, :3] * lam[r.point_rows, None])
+        if len(r.distance_rows):
+            pull = self.W[r.distance_rows, :3] * lam[r.distance_rows, None]
+            np.add.at(force, r.distance_loop, pull)
         for one in self.contacts:
             force[one.loop] += lam[one.rows] @ self.W[one.rows, :3]
             turned_b, turned_a = one.turning_stiffness(lam)
@@ -272,8 +276,8 @@ class ClosureState:
             np.add.at(on_b[:, 3:, 3:], loop, mu * (e_b @ e_a))
             np.add.at(on_a[:, 3:, 3:], loop, mu * (e_a @ e_b))
         n = J.shape[1]
-        J_a = times_map((J * r.support_a.reshape(loops, 1, n)).reshape(-1, n)).reshape(loops, 6, -1)
-        J_b = times_map((J * r.support_b[:, None]).reshape(-1, n)).reshape(loops, 6, -1)
+        supports = np.concatenate([r.support_a.reshape(loops, 1, n), r.support_b[:, None]])
+        J_a, J_b = times_map((J * supports).reshape(-1, n)).reshape(2, loops, 6, -1)
         pushed = on_b @ (J_b - J_a), on_a @ (J_b - J_a)
         width = J_a.shape[2]
         total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)

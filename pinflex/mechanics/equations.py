@@ -178,8 +178,7 @@ class Equations(Geometry):
         if (compiled := self.compiled) is not None:
             return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
-        M, C, K = (found.weighted(weights, True) for weights in np.eye(3))
-        return Tangent(M, C, K, J)
+        return Tangent(*found.weighted(np.eye(3), True), J)
 
     def iteration_matrix(
         self,
@@ -206,7 +205,7 @@ class Equations(Geometry):
             S = sum(w * part for w, part in zip(weights, parts, strict=True) if w)
             return IterationMatrix(np.asarray(S), J)
         found, J = self._derivatives(y, v, a, lam, t, weights[2] != 0.0)
-        return IterationMatrix(found.weighted(weights, rates), J)
+        return IterationMatrix(found.weighted([weights], rates)[0], J)
 
     def _derivatives(
         self, y: Array, v: Array, a: Array, lam: Array, t: float, follow_closures: bool
