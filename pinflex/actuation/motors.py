@@ -103,6 +103,14 @@ def joint_curve(
     if motion.absolute:
         rest[columns] = 0.0
 
+    if columns == list(range(len(names))):  # all of them, in order
+
+        def every(t: Array) -> tuple[Array, Array, Array]:
+            position, velocity, acceleration = motion.evaluate(t)
+            return position + rest, velocity, acceleration
+
+        return every
+
     def curve(t: Array) -> tuple[Array, Array, Array]:
         moved = np.zeros((3, len(t), len(names)))
         moved[:, :, columns] = motion.evaluate(t)
