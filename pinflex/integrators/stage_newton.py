@@ -71,16 +71,15 @@ class Tangent:
         """Change of the forces in the rows of the motors by corrections of stages, (s, nm).
 
         Args:
-            da, dv, dy: Corrections, shape (s, n). dlam: Shape (s, rows).
+            da, dv, dy: Corrections, shape (s, nv). dlam: Shape (s, rows).
         """
         by_a, by_v, by_y, by_lam = self._of_motors
-        return np.asarray(da @ by_a + dv @ by_v + dy @ by_y - dlam @ by_lam)
+        return np.asarray(da.dot(by_a) + dv.dot(by_v) + dy.dot(by_y) - dlam.dot(by_lam))
 
     @cached_property
     def _of_motors(self) -> tuple[Array, ...]:
-        """Rows of the motors in M, C and K, transposed, (n, nm); their columns in J, (rows, nm)."""
-        at = np.ix_(self.motors, self.free)
-        parts = (np.asarray(of[at].T) for of in (self.by_a, self.by_v, self.by_y))
+        """Rows of the motors in M, C and K, transposed, (nv, nm); their columns in J, (rows, nm)."""
+        parts = (np.asarray(of[self.motors].T) for of in (self.by_a, self.by_v, self.by_y))
         return (*parts, self.by_closures[:, self.motors])
 
     def _free(self, matrix: Array) -> Array:
@@ -172,8 +171,10 @@ class StageNewton:
         b[:, :n] = r
         np.divide(c, self.h * self.h, out=b[:, n:])
         parts = self._forward.dot(b)
-        for k, (getrs, lu, pivots, real) in enumerate(self._lu):
-            part = parts[k]
-            parts[k] = getrs(lu, pivots, part.real if real else part, overwrite_b=not real)[0]
+        for part, (getrs, lu, pivots, real) in zip(parts, self._lu, strict=False):
+            if real:
+                part[:] = getrs(lu, pivots, part.real)[0]
+            else:
+                getrs(lu, pivots, part, overwrite_b=True)  # in its place
         x = self._back.dot(parts).real
         return x[:, :n], -x[:, n:]

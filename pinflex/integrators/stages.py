@@ -84,8 +84,9 @@ class _Lengths:
 
     def __init__(self, method: Collocation, h: float) -> None:
         self.h, s = h, method.s
-        self.integrals = np.concatenate([h * method.A, (h * h) * method.A2])
-        self.drift = np.ones((2 * s, 1))
+        self.integrals, self.drift = np.empty((2 * s, s)), np.ones((2 * s, 1))
+        np.multiply(h, method.A, out=self.integrals[:s])
+        np.multiply(h * h, method.A2, out=self.integrals[s:])
         self.drift[s:, 0] = h * method.c
         self.to_a = method.A2_inverse / (h * h)
 
@@ -243,13 +244,16 @@ class StageEquations:
 
     def solved(self, x: Trial, coarseness: float, rate: float) -> Step:
         """The step with its last correction in everything that follows from it."""
-        tangent, free = self.newton.tangent, self.free
-        moved, torque = x.change.take(free, axis=1), x.torque
-        da = self._of_h.to_a.dot(moved) if self.compiled is None else x.da
+        tangent, torque = self.newton.tangent, x.torque
+        if self.compiled is None:
+            da = self._of_h.to_a.dot(x.change)
+        else:
+            da = np.zeros_like(x.change)
+            da[:, self.free] = x.da
         dv = x.h * self.method.A.dot(da)
         if self.drive is None:
-            torque = torque + tangent.motor_forces(da, dv, moved, x.dlam)
-        x.v[:, free] += dv
+            torque = torque + tangent.motor_forces(da, dv, x.change, x.dlam)
+        x.v += dv
         return Step(
             x.start, x.h, x.move + x.change, x.turn.copy(), x.a.copy(), x.lam.copy(), torque,
             self._power(x.v, torque), coarseness, x.path, tangent, rate,
