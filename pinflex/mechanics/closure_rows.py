@@ -80,6 +80,15 @@ class ClosureRows:
         self.coupled = closed.coupled if len(closed.coupled.rows) else None
         rows_of = [[_of_sleeve(contact) for contact in one.contacts] for one in variants]
         self.contacts = rows_of * (size // len(variants))
+        self._of_joints: tuple[Sequence[int], Array] = [], np.zeros((1, 0, loops))
+
+    def of_joints(self, joints: Sequence[int]) -> Array:
+        """Part of the wrench on each B that acts on joints, (n or 1, joints, loops): +1 B, -1 A."""
+        if self._of_joints[0] != joints:
+            at = np.array(joints, dtype=np.intp)[:, None]
+            on_b, on_a = (at == self.sides[:, None, side] for side in (1, 0))
+            self._of_joints = list(joints), on_b.astype(float) - on_a
+        return self._of_joints[1]
 
     def at(self, poses: Array, eta: Array, Q: Array) -> ClosureState:
         """The closures at joint poses (n, joints, 12), see `JointPoses`, eta and Q, (n, ...).

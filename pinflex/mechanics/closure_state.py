@@ -145,9 +145,7 @@ class ClosureState:
             lam: Multipliers, shape (n, rows).
             joints: Numbers of the joints.
         """
-        at, sides = np.array(joints, dtype=np.intp)[:, None], self._rows.sides
-        of_loops = (at == sides[:, None, 1]).astype(float) - (at == sides[:, None, 0])
-        return np.asarray(of_loops @ self.wrenches(lam))
+        return np.asarray(self._rows.of_joints(joints) @ self.wrenches(lam))
 
     def loop_wrenches(self, lam: Array) -> Array:
         """Wrench on each B about the origin of frame b, in the world, shape (n, loops, 6)."""
@@ -243,7 +241,7 @@ class ClosureState:
             Shape (nv, nv).
         """
         r, loops = self._rows, self._rows.loops
-        on_a, on_b = np.zeros((loops, 6, 6)), np.zeros((loops, 6, 6))
+        on_b, on_a = both = np.zeros((2, loops, 6, 6))
         force = np.zeros((loops, 3))
         if r.points is not None:
             force = (r.of_loop * lam) @ self.W[:, :3]
@@ -276,12 +274,11 @@ class ClosureState:
             np.add.at(on_b[:, 3:, 3:], loop, mu * (e_b @ e_a))
             np.add.at(on_a[:, 3:, 3:], loop, mu * (e_a @ e_b))
         n = J.shape[1]
-        supports = np.concatenate([r.support_a.reshape(loops, 1, n), r.support_b[:, None]])
-        J_a, J_b = times_map((J * supports).reshape(-1, n)).reshape(2, loops, 6, -1)
-        pushed = on_b @ (J_b - J_a), on_a @ (J_b - J_a)
-        width = J_a.shape[2]
-        total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)
-        total -= J_a.reshape(-1, width).T @ pushed[1].reshape(-1, width)
+        supports = np.concatenate([r.support_b[:, None], r.support_a.reshape(loops, 1, n)])
+        sides = times_map((J * supports).reshape(-1, n)).reshape(2, loops, 6, -1)
+        apart, width = sides[0] - sides[1], sides.shape[3]
+        np.negative(sides[1], out=sides[1])
+        total: Array = sides.reshape(-1, width).T @ (both @ apart).reshape(-1, width)
         for one in self.contacts:
-            one.add_tangent(total, lam, (J_b - J_a)[one.loop])
+            one.add_tangent(total, lam, apart[one.loop])
         return total

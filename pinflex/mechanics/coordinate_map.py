@@ -169,11 +169,13 @@ class Configuration:
         of = self._map
         if not of.flexible:
             return G.copy()
-        n, parts = len(G), [G.take(of.expansion.v_at, axis=1)]
-        for rows, X in zip(of.rows, self.X, strict=True):
+        n, first = len(G), of.n_rigid
+        out = np.empty((n, of.nv))
+        out[:, :first] = G.take(of.expansion.v_at, axis=1)
+        for rows, X, block in zip(of.rows, self.X, of.blocks, strict=True):
             force = G.take(rows, axis=1).reshape(n, X.shape[1], 1, -1)
-            parts.append(np.matmul(force, X).reshape(n, -1))
-        return np.concatenate(parts, axis=1)  # blocks are in the order of eta
+            out[:, first:][:, block.eta] = np.matmul(force, X).reshape(n, -1)
+        return out
 
     def times_map(self, D: Array) -> Array:
         """D X, shape (..., k, nv), for D (k, nV) of one state or (n, k, nV) of all."""

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from pinflex.mechanics.system import System
 
 
+EACH = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # weights of M, C and K alone
+
+
 @dataclass(frozen=True, eq=False)
 class Derivatives:
     """Derivatives at one state.
@@ -47,49 +50,54 @@ class Derivatives:
     load: LoadState | None
     t: float
 
-    def weighted(self, weights: Sequence[Sequence[float]] | Array, rates: bool) -> Array:
+    def weighted(self, weights: Sequence[Sequence[float]], rates: bool) -> Array:
         """Sums w[0] dr/da + w[1] dr/dv + w[2] dr/dy, one for each w of weights, (k, nv, nv).
 
         Args:
             weights: Of M, C and K, shape (k, 3).
             rates: Whether with the rates of the second-order rows.
         """
-        weights = np.asarray(weights, float)
-        w_v, w_y = weights[:, 1, None, None], weights[:, 2, None, None]
         S = self._on_both_sides(self._expanded(weights))
-        m = int(self.system.rigid.nv)
-        if self.system.n_eta:
-            if rates and weights[:, 1:].any():
-                by_v, by_y = self._rates
-                S[:, :, m:] += w_v * by_v + w_y * by_y
-            if w_y.any():
-                self._add_geometric(S[:, m:, m:], w_y)
-        if self.follow is not None:
-            S -= w_y * self.follow
-        if self.load is not None:
-            for of, (_, by_v, by_y) in zip(S, weights.tolist(), strict=True):
-                if by_v or by_y:
-                    of += self.load.tangent(self.here.times_map, self.t, by_v, by_y)
-        S += w_v * self.system.D
-        S += w_y * self.system.K
-        s, rub = self.system.springs, self.system.friction
-        if len(s.v_at):
-            S[:, s.v_at, s.v_at] += w_y[:, 0] * s.stiffness
-        if rub.present and w_v.any():
-            S[:, rub.rows, rub.rows] += w_v[:, 0] * rub.slope(self.v)
-        for at, stiffness in self.bent:
-            S[:, m:, m:][:, at, at] += w_y * stiffness
+        elastic, bends = slice(int(self.system.rigid.nv), None), self.system.n_eta > 0
+        turning = self._rates if bends and rates and any(v or y for _, v, y in weights) else None
+        for each, (_, w_v, w_y) in zip(S, weights, strict=True):
+            if turning is not None and (w_v or w_y):
+                each[:, elastic] += w_v * turning[0] + w_y * turning[1]
+            if self.load is not None and (w_v or w_y):
+                each += self.load.tangent(self.here.times_map, self.t, w_v, w_y)
+            if w_v:
+                self._add_damping(each, w_v)
+            if w_y:
+                self._add_stiffness(each, w_y)
+                if bends:
+                    self._add_geometric(each[elastic, elastic], w_y)
         return S
 
-    def _expanded(self, weights: Array) -> Array:
+    def _add_damping(self, S: Array, w_v: float) -> None:
+        """Dampers and friction."""
+        S += w_v * self.system.D
+        if (rub := self.system.friction).present:
+            S[rub.rows, rub.rows] += w_v * rub.slope(self.v)
+
+    def _add_stiffness(self, S: Array, w_y: float) -> None:
+        """Links, springs, and what closures' forces do that move with the bodies."""
+        S += w_y * self.system.K
+        if self.follow is not None:
+            S -= w_y * self.follow
+        springs, m = self.system.springs, int(self.system.rigid.nv)
+        if len(springs.v_at):
+            S[springs.v_at, springs.v_at] += w_y * springs.stiffness
+        for at, stiffness in self.bent:
+            S[m:, m:][at, at] += w_y * stiffness
+
+    def _expanded(self, weights: Sequence[Sequence[float]]) -> Array:
         """The weighted sums of Pinocchio's derivatives, shape (k, nV, nV)."""
-        shape = len(weights), *self.M.shape
-        parts = (self.M, self.dV, self.dQ)
-        if len(weights) == 1:
-            return np.asarray(
-                sum(w * part for w, part in zip(weights[0], parts, strict=True) if w)
-            ).reshape(shape)
-        return weights.dot(np.array(parts).reshape(3, -1)).reshape(shape)
+        found = np.zeros((len(weights), *self.M.shape))
+        for S, row in zip(found, weights, strict=True):
+            for w, part in zip(row, (self.M, self.dV, self.dQ), strict=True):
+                if w:
+                    S += part if w == 1.0 else w * part
+        return found
 
     def _on_both_sides(self, D: Array) -> Array:
         """X' D X, shape (k, nv, nv), for each of D (k, nV, nV)."""
@@ -120,7 +128,7 @@ class Derivatives:
                 extra[:, 1, block.eta] = (found[0, :, :, 1] + found[1, :, :, 0]).reshape(nV, -1)
         return self._from_left(extra)
 
-    def _add_geometric(self, S: Array, w_y: Array) -> None:
+    def _add_geometric(self, S: Array, w_y: float) -> None:
         """Geometric stiffness: sum of G_k weighted by the force g_k on each curved row."""
         for block, _ in self.here.blocks():
             bodies, curved, n = block.G.shape[:3]
@@ -130,4 +138,4 @@ class Derivatives:
             stiff = np.matmul(weights[:, None, :], block.G.reshape(bodies, curved, n * n))
             for k, part in enumerate(stiff.reshape(-1, n, n)):
                 start = block.eta.start + k * n
-                S[:, start : start + n, start : start + n] += w_y * part
+                S[start : start + n, start : start + n] += w_y * part

@@ -22,7 +22,7 @@ from pinflex.mechanics.added_mass import AddedInertia
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled, on_kernel, serves
 from pinflex.mechanics.coordinate_map import Configuration
-from pinflex.mechanics.derivatives import Derivatives
+from pinflex.mechanics.derivatives import EACH, Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
 from pinflex.mechanics.geometry import TOGETHER, Geometry, spans
 from pinflex.mechanics.loads import LoadRows
@@ -31,7 +31,6 @@ from pinflex.mechanics.strain import Strain
 from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.system import System
 from pinflex.mechanics.whole import Whole
-
 
 class Equations(Geometry):
     """The equations of a system (make one per run).
@@ -103,13 +102,12 @@ class Equations(Geometry):
             if control_force is not None:
                 r -= control_force
             return Residual(r[0], c[0])
-        n = len(y)
-        times = np.broadcast_to(t, n) if np.ndim(t) == 0 else t
-        if n <= TOGETHER:
+        times = np.full(len(y), t) if np.ndim(t) == 0 else np.asarray(t)
+        if 0 < len(y) <= TOGETHER:
             r, c = self._residuals(y, v, a, lam, times)
         else:
-            r, c = np.empty((n, self.system.nv)), np.empty((n, self.system.closed.n))
-            for s in spans(n):
+            r, c = np.empty((len(y), self.system.nv)), np.empty((len(y), self.system.closed.n))
+            for s in spans(len(y)):
                 r[s], c[s] = self._residuals(y[s], v[s], a[s], lam[s], times[s])
         return Residual(r if control_force is None else r - control_force, c)
 
@@ -118,20 +116,17 @@ class Equations(Geometry):
     ) -> tuple[Array, Array]:
         if (compiled := self.compiled) is not None:
             return compiled.residual(Y, V, A, lam, t)
-        here = self.map.at(Y, V, A, True)
-        n, closed = len(Y), None
+        here, closed = self.map.at(Y, V, A, True), None
         g = self.rnea(here.Q, here.V, here.A)
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
         if self.looped:
             closed = self._closed(poses, here, Y)
             g -= closed.forces(lam, J)
-            c = closed.c
-        else:
-            c = np.zeros((n, 0))
+        c = np.zeros((len(Y), 0)) if closed is None else closed.c
         if self.loaded:
-            for k in range(n):
-                g[k] -= self._loads.at(poses[k], J[k]).generalized(here.V[k], float(t[k]))
+            for k, load in enumerate(map(self._loads.at, poses, J)):
+                g[k] -= load.generalized(here.V[k], float(t[k]))
         return self._projected(here, g, Y, V, closed, lam), c
 
     def _projected(
@@ -178,7 +173,7 @@ class Equations(Geometry):
         if (compiled := self.compiled) is not None:
             return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
-        return Tangent(*found.weighted(np.eye(3), True), J)
+        return Tangent(*found.weighted(EACH, True), J)
 
     def iteration_matrix(
         self,
