@@ -167,9 +167,9 @@ class StageNewton:
         n = len(self.free)
         if self._compiled is not None:
             return self._compiled.solve(r, c)
-        b = np.empty((len(r), n + c.shape[1]))
+        b = np.empty((len(r), n + c.shape[1]), dtype=complex)
         b[:, :n] = r
-        np.divide(c, self.h * self.h, out=b[:, n:])
+        b[:, n:] = c / (self.h * self.h)
         parts = self._forward.dot(b)
         for part, (getrs, lu, pivots, real) in zip(parts, self._lu, strict=False):
             if real:

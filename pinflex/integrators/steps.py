@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.equations import Equations
@@ -117,6 +115,8 @@ def largest(moves: Array, weight: Array) -> float:
         moves: Displacements, shape (k, n).
         weight: Symmetric and positive, shape (n, n).
     """
-    squares = np.add.reduce(moves.dot(weight) * moves, axis=1)  # quicker than sum and max
-    square = float(np.maximum.reduce(squares, initial=0.0))
-    return math.sqrt(square) if square > 0.0 else abs(square)  # not a number stays one
+    squares = (moves.dot(weight) * moves).sum(axis=1).tolist()  # few: quicker than arrays
+    square, total = max(squares, default=0.0), sum(squares)
+    if not total < math.inf:
+        return math.inf if total > 0.0 else math.nan
+    return math.sqrt(square) if square > 0.0 else abs(square)

@@ -50,22 +50,22 @@ class CoordinateMap:
             passing: The next such call may overwrite the answer. For a caller that hands nothing of
                 it on: a step is spared a dozen new arrays in every iteration.
         """
-        rates = [] if V is None or A is None else [V, A]
         if not self.flexible:
-            return Configuration(self, Y, rates, [], [])
-        size = 1 + len(rates), len(Y)
+            return Configuration(self, Y, [] if V is None or A is None else [V, A], [], [])
+        size = 1 if V is None or A is None else 3, len(Y)
         room = self._rooms.get(size) if passing else _Room(self, *size)
         if room is None:
             if len(self._rooms) > _SIZES:
                 self._rooms.clear()
             room = self._rooms[size] = _Room(self, *size)
         q, v = self.nq_rigid, self.n_rigid
-        rigid = [Y[:, :q], *(x[:, :v] for x in rates)]
         every, eta = room.every, room.eta
-        every[room.rigid] = np.concatenate(rigid, axis=None)
         eta[0] = Y[:, q:]
-        for k, x in enumerate(rates, start=1):
-            eta[k] = x[:, v:]
+        if V is None or A is None:
+            every[room.rigid] = Y[:, :q].ravel()
+        else:
+            eta[1], eta[2] = V[:, v:], A[:, v:]
+            every[room.rigid] = np.concatenate((Y[:, :q], V[:, :v], A[:, :v]), axis=None)
         for block in room.blocks:
             block.evaluate()
             every[block.at] = block.rows
