@@ -69,9 +69,15 @@ class Whole:
                 J[k], dJ[k], poses[k] = columns(data.J), columns(data.dJ), self._here.current()
             return poses, J, dJ
         compute, here = pin.computeJointJacobians, self._here
-        for k, q in enumerate(Q):  # of every iteration: as short as it can be
+        if not here.direct or data.J.flags.owndata:
+            for k, q in enumerate(Q):
+                compute(model, data, q)
+                J[k], poses[k] = columns(data.J), here.current()
+            return poses, J, dJ
+        world, block = columns(data.J), here.block
+        for k, q in enumerate(Q):  # in every iteration: as short as it can be
             compute(model, data, q)
-            J[k], poses[k] = columns(data.J), here.current()
+            J[k], poses[k] = world, block  # views of what was found
         return poses, J, dJ
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
