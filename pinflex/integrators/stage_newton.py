@@ -78,7 +78,7 @@ class Tangent:
 
     @cached_property
     def _of_motors(self) -> tuple[Array, ...]:
-        """Rows of the motors in M, C and K, transposed, (nv, nm); their columns in J, (rows, nm)."""
+        """Rows of the motors in M, C, K, transposed, (nv, nm); their columns in J, (rows, nm)."""
         parts = (np.asarray(of[self.motors].T) for of in (self.by_a, self.by_v, self.by_y))
         return (*parts, self.by_closures[:, self.motors])
 

@@ -217,8 +217,9 @@ class StageEquations:
             x.v[:, self.motors] = x.path.velocity
         manifold = self.manifold
         if manifold.turning:
-            x.turn = manifold.turn(start.y, x.move + h * (m.A @ x.turn), x.v)
-            x.move += h * (m.A @ x.turn)
+            through = self._of_h.integrals[: m.s]
+            x.turn = manifold.turn(start.y, x.move + through.dot(x.turn), x.v)
+            x.move += through.dot(x.turn)
         x.y = manifold.retract(start.y, x.move, x.y)
         if self.drive is None and not manifold.sparing:
             self.axes.write(x.y, x.path.position)

@@ -106,7 +106,8 @@ class PointRows:
 
     Attributes:
         at: Where the poses of A and B lie among the flat ones, shape (rows, n, 24).
-        linear: Those to [u, p_b turned on, p_b turned back | p_b - p_a, u back, u on], (rows, 24, 18).
+        linear: These to [u, p_b on, p_b back | p_b - p_a, u back, u on], shape (rows, 24, 18): "on"
+            and "back" by the cycle of the axes.
     """
 
     def __init__(self, closed: Closures, size: int, joints: int) -> None:
@@ -116,7 +117,8 @@ class PointRows:
         first = 12 * (sides[:, None] + joints * np.arange(size)[:, None])
         self.at = (first[..., None] + np.arange(12)).reshape(rows, size, 24)
         # A pose is read column by column: R e + p of a point e has weights (e, 1) of its columns.
-        local, eye, none = closed.local.reshape(2, loops, 3, 4)[:, loop], np.eye(3), np.zeros((12, 3))
+        local = closed.local.reshape(2, loops, 3, 4)[:, loop]
+        eye, none = np.eye(3), np.zeros((12, 3))
         self.linear = np.zeros((rows, 24, 18))
         for row in range(rows):
             axis = local[0, row, :, closed.point_axes[row]]

@@ -32,6 +32,7 @@ from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.system import System
 from pinflex.mechanics.whole import Whole
 
+
 class Equations(Geometry):
     """The equations of a system (make one per run).
 
@@ -173,7 +174,7 @@ class Equations(Geometry):
         if (compiled := self.compiled) is not None:
             return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
-        return Tangent(*found.weighted(EACH, True), J)
+        return Tangent(*found.weighted(EACH, True), J=J)
 
     def iteration_matrix(
         self,

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.mechanics.poses import skew
 from pinflex.rotations import quaternion, quaternion_vector
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ _TIMES = np.array(
 
 # Coordinates that add up; (cos, sin) of an angle; a unit quaternion; what Pinocchio must move.
 _KINDS = ("plain", "circle", "sphere", "other")
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # axes after x, y, z, and before them
 
 
 class Manifold:
@@ -42,9 +42,9 @@ class Manifold:
         """`told`: rows of single-axis joints whose coordinates the caller writes."""
         self._dynamics = dynamics
         joints: dict[str, list[pin.JointModel]] = {kind: [] for kind in _KINDS}
-        told = set(told)
+        written = set(told)
         for joint in dynamics.system.rigid.joints[1:]:
-            if joint.nv and not (joint.nv == 1 and joint.idx_v in told):
+            if joint.nv and not (joint.nv == 1 and joint.idx_v in written):
                 joints[_kind(joint)].append(joint)
         self._easy = not joints["other"]
         self.turning = bool(joints["sphere"] or joints["other"])
@@ -80,8 +80,8 @@ class Manifold:
             c, s, cos, sin = grown * c, grown * s, np.cos(angle), np.sin(angle)
             out[:, at], out[:, at + 1] = c * cos - s * sin, s * cos + c * sin
         if len(self._sphere_q):
-            turned = quaternion(moves[:, self._sphere_v])
-            out[:, self._sphere_q] = _normal(_product(y[..., self._sphere_q], turned))
+            turned = quaternion(moves.take(self._sphere_v, axis=1))
+            out[:, self._sphere_q] = _normal(_product(y.take(self._sphere_q, axis=-1), turned))
         return out
 
     def log(self, y0: Array, y1: Array) -> Array:
@@ -114,10 +114,10 @@ class Manifold:
             moves: Exponential coordinates, shape (k, nv).
             v: Velocities at their ends, shape (k, nv).
         """
-        d, turn = self._dynamics, np.zeros_like(v)
+        d, turn = self._dynamics, np.zeros(v.shape)
         if self._easy:
             at = self._sphere_v
-            turn[:, at] = _turning(moves[:, at], v[:, at])
+            turn[:, at] = _turning(moves.take(at, axis=1), v.take(at, axis=1))
             return turn
         n, model, q = d.n_rigid, d.system.rigid, y[: d.nq_rigid]
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
@@ -159,7 +159,8 @@ def _turning(angle: Array, v: Array) -> Array:
     Source: Bullo and Murray 1995, Proportional derivative control on the Euclidean group: the
     inverse of the right Jacobian of SO(3).
     """
-    across = _cross(angle, v)
+    cross = skew(angle.reshape(-1, 3)).reshape(*angle.shape, 3)
+    across = cross @ v[..., None]
     square = (angle * angle).sum(axis=-1, keepdims=True)
     half = 0.5 * np.sqrt(square)
     # 1/a^2 - 1/(2 a tan(a/2)), by its series where that loses digits.
@@ -168,12 +169,7 @@ def _turning(angle: Array, v: Array) -> Array:
     part = np.where(
         small, 1.0 / 12.0 + square / 720.0, (1.0 - safe / np.tan(safe)) / (4.0 * safe * safe)
     )
-    return np.asarray(0.5 * across + part * _cross(angle, across))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Products of vectors (..., 3), without what numpy's own costs for a few of them."""
-    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+    return np.asarray(0.5 * across[..., 0] + part * (cross @ across)[..., 0])
 
 
 def _normal(q: Array) -> Array:
