@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from pinflex.mechanics.system import System
 
 
-EACH = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # weights of M, C and K alone
-
-
 @dataclass(frozen=True, eq=False)
 class Derivatives:
     """Derivatives at one state.
@@ -49,6 +46,12 @@ class Derivatives:
     follow: Array | None
     load: LoadState | None
     t: float
+
+    @property
+    def each(self) -> tuple[Array, Array, Array]:
+        """M, C and K, shape (nv, nv) each, with the rates of the second-order rows."""
+        M, C, K = self.weighted(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), True)
+        return M, C, K
 
     def weighted(self, weights: Sequence[Sequence[float]], rates: bool) -> Array:
         """Sums w[0] dr/da + w[1] dr/dv + w[2] dr/dy, one for each w of weights, (k, nv, nv).

@@ -22,7 +22,7 @@ from pinflex.mechanics.added_mass import AddedInertia
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled, on_kernel, serves
 from pinflex.mechanics.coordinate_map import Configuration
-from pinflex.mechanics.derivatives import EACH, Derivatives
+from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
 from pinflex.mechanics.geometry import TOGETHER, Geometry, spans
 from pinflex.mechanics.loads import LoadRows
@@ -174,7 +174,7 @@ class Equations(Geometry):
         if (compiled := self.compiled) is not None:
             return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
-        return Tangent(*found.weighted(EACH, True), J=J)
+        return Tangent(*found.each, J)
 
     def iteration_matrix(
         self,
