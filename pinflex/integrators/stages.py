@@ -314,7 +314,7 @@ class StageEquations:
         h = np.array([step.h for step in steps])[of]
         x = (t - np.array([step.start.t for step in steps])[of]) / h
         by_h, path = h[:, None], self.path(t)
-        B1, B2, W = m.at(x, 1), m.at(x, 2), m.through(x)
+        B1, B2, W = m.between(x)
 
         def on(weights: Array, values: Array) -> Array:
             return np.asarray(np.matmul(weights[:, None], values[of])[:, 0])

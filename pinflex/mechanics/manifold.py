@@ -97,7 +97,7 @@ class Manifold:
             one_by_one = [d.difference(*pair) for pair in zip(y0, y1, strict=True)]
             return np.array(one_by_one).reshape(-1, d.system.nv)
         moves, at = np.zeros((len(y0), d.system.nv)), self._circle_q
-        moves[:, self._v] = y1[:, self._q] - y0[:, self._q]
+        moves[:, self._v] = y1.take(self._q, axis=1) - y0.take(self._q, axis=1)
         if len(at):
             c, s, c1, s1 = y0[:, at], y0[:, at + 1], y1[:, at], y1[:, at + 1]
             moves[:, self._circle_v] = np.arctan2(c * s1 - s * c1, c * c1 + s * s1)
