@@ -206,18 +206,18 @@ class StageEquations:
 
     def place(self, x: Trial) -> None:
         """Poses and velocities of the stages from their accelerations."""
-        m, h, start = self.method, x.h, x.start
         if self.compiled is not None:
-            self.compiled.kernel.place(h)
+            self.compiled.kernel.place(x.h)
             return
+        s, start = len(x.a), x.start
         both = self._of_h.integrals.dot(x.a)
         both += x.drift
-        x.v, x.move = both[: m.s], both[m.s :]
+        x.v, x.move = both[:s], both[s:]
         if self.drive is None:
             x.v[:, self.motors] = x.path.velocity
         manifold = self.manifold
         if manifold.turning:
-            through = self._of_h.integrals[: m.s]
+            through = self._of_h.integrals[:s]
             x.turn = manifold.turn(start.y, x.move + through.dot(x.turn), x.v)
             x.move += through.dot(x.turn)
         x.y = manifold.retract(start.y, x.move, x.y)
