@@ -35,10 +35,10 @@ class ClosureState:
             self.c, W = rows.points.of(poses)
             self.W = W.reshape(-1, 6)
             return
-        count = rows.size * rows.closed.n
-        c, self.W = np.empty(count), np.zeros((count, 6))
+        each = rows.closed.n
+        c, self.W = np.empty(rows.size * each), np.zeros((rows.size * each, 6))
         self._mixed_rows(c)
-        self.c = c.reshape(rows.size, -1)
+        self.c = c.reshape(rows.size, each)
         if rows.coupled is not None:
             self.c[:, rows.coupled.rows] = rows.coupled.value(Q)
         if rows.closed.contacts:

@@ -105,14 +105,14 @@ class Derivatives:
     def _on_both_sides(self, D: Array) -> Array:
         """X' D X, shape (k, nv, nv), for each of D (k, nV, nV)."""
         k, nV, _ = D.shape
-        right = self.here.times_map(D.reshape(k * nV, nV)).reshape(k, nV, -1)
+        right = self.here.times_map(D.reshape(k * nV, nV)).reshape(k, nV, self.system.nv)
         return self._from_left(right.swapaxes(0, 1))
 
     def _from_left(self, B: Array) -> Array:
         """X' B, shape (k, nv, n), for B (nV, k, n)."""
         nV, k, n = B.shape
         found = self.here.from_left(B.reshape(nV, k * n))
-        return np.ascontiguousarray(found.reshape(-1, k, n).swapaxes(0, 1))
+        return np.ascontiguousarray(found.reshape(self.system.nv, k, n).swapaxes(0, 1))
 
     @property
     def _rates(self) -> Array:
