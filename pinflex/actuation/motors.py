@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,9 +44,17 @@ class MotorAxes:
         if not len(self.paired):
             y[..., self.q_at] = angle
             return
-        at, turned = self.q_at[self.paired], angle[..., self.paired]
-        y[..., self.q_at[self.plain]] = angle[..., self.plain]
-        y[..., at], y[..., at + 1] = np.cos(turned), np.sin(turned)
+        plain, cos, sin = self._places
+        if len(plain):
+            y[..., plain] = angle.take(self.plain, axis=-1)
+            angle = angle.take(self.paired, axis=-1)
+        y[..., cos], y[..., sin] = np.cos(angle), np.sin(angle)
+
+    @cached_property
+    def _places(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Of plain coordinates, of cosines and of sines."""
+        at = self.q_at[self.paired]
+        return self.q_at[self.plain], at, at + 1
 
     def read(self, y: Array) -> Array:
         """Motor positions (rad | m), shape (..., nm), of y, shape (..., nq)."""
@@ -102,6 +111,14 @@ def joint_curve(
     rest = home.copy()
     if motion.absolute:
         rest[columns] = 0.0
+
+    if columns == list(range(len(names))):  # all of them, in order
+
+        def every(t: Array) -> tuple[Array, Array, Array]:
+            position, velocity, acceleration = motion.evaluate(t)
+            return position + rest, velocity, acceleration
+
+        return every
 
     def curve(t: Array) -> tuple[Array, Array, Array]:
         moved = np.zeros((3, len(t), len(names)))

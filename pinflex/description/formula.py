@@ -147,5 +147,6 @@ def _jet(node: ast.expr, t: Array) -> Array:
         return _FUNCTIONS[node.func.id](_jet(node.args[0], t))
     if isinstance(node, ast.Name) and node.id == "t":
         return t
-    value = _CONSTANTS[node.id] if isinstance(node, ast.Name) else ast.literal_eval(node)
-    return np.array([np.full(t.shape[1], finite(value)), 0.0 * t[0], 0.0 * t[0]])
+    jet = np.zeros_like(t)
+    jet[0] = finite(_CONSTANTS[node.id] if isinstance(node, ast.Name) else ast.literal_eval(node))
+    return jet

@@ -56,8 +56,11 @@ class Motion:
         Returns: (rad | m), (rad/s | m/s), (rad/s^2 | m/s^2), each of shape (nt, len(names)).
         """
         t = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        moving = t >= 0.0
+        if moving.all():
+            return self.law(t)
         p, v, a = self.law(np.maximum(t, 0.0))
-        moving = (t >= 0.0)[:, None]
+        moving = moving[:, None]
         return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
 
     def __call__(self, t: Array | float) -> Array:

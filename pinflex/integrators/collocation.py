@@ -62,10 +62,20 @@ class Collocation:
             rows = rows * np.asarray(x, float)[:, None] / (powers + k)
         return np.asarray(rows @ _monomials(self.s, False))
 
-    def through(self, x: Array) -> Array:
-        """Weights of the value at 0 and of the stages for their polynomial, (len(x), s + 1)."""
-        rows = np.asarray(x, float)[:, None] ** np.arange(self.s + 1)
-        return np.asarray(rows @ _monomials(self.s, True))
+    def between(self, x: Array) -> tuple[Array, Array, Array]:
+        """Weights at x of the stages for both integrals, and of the value at 0 and the stages.
+
+        Args:
+            x: Places in the step, 0 to 1.
+        Returns:
+            Shapes (len(x), s), (len(x), s) and (len(x), s + 1): the last for the polynomial itself.
+        """
+        places, powers = np.asarray(x, float)[:, None], np.arange(self.s + 1)
+        rows = places**powers
+        first = rows[:, 1:] / powers[1:]
+        second = first * places / (powers[1:] + 1)
+        inner = _monomials(self.s, False)
+        return first @ inner, second @ inner, rows @ _monomials(self.s, True)
 
 
 @cache

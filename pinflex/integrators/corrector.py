@@ -132,16 +132,16 @@ class Corrector(StageEquations):
         adds: over many steps that grows without bound.
         """
         free, of = self.free, self.newton.tangent
-        dv = (x.start.v - run.v)[free]
-        dy = self.manifold.log(run.y[None], x.start.y[None])[0, free]
-        moved = dy + np.outer(x.h * self.method.c, dv)
-        dz, dlam = self.newton.step(moved @ of.K.T + of.C @ dv, moved @ of.J.T)
-        x.a[:, free] += self.method.A2_inverse @ dz
+        dv = (x.start.v - run.v).take(free)
+        dy = self.manifold.log(run.y[None], x.start.y[None])[0].take(free)
+        moved = dy + (x.h * self.method.c)[:, None] * dv
+        dz, dlam = self.newton.step(moved.dot(of.K.T) + of.C.dot(dv), moved.dot(of.J.T))
+        x.a[:, free] += self.method.A2_inverse.dot(dz)
         x.lam += dlam
 
     def _polynomials(self, step: Step) -> tuple[Array, Array, Array]:
         W = self._guess
-        return W @ step.a, W @ step.lam, W @ step.turn
+        return W.dot(step.a), W.dot(step.lam), W.dot(step.turn)
 
     def _start(self, step: Step, before: Before | None) -> Start:
         """Where the corrected step starts."""
@@ -149,8 +149,8 @@ class Corrector(StageEquations):
         if before is None:
             return start
         a, end = before
-        if np.array_equal(start.a, a):
-            return replace(end, t=start.t)
+        if (start.a == a).all():
+            return Start(start.t, end.y, end.v, end.a, end.lam, end.torque)
         # After a switch of motion or loads accelerations begin anew.
         return replace(end, t=start.t, a=start.a, lam=start.lam, torque=start.torque)
 

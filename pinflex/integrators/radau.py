@@ -212,7 +212,7 @@ class Stages(StageEquations):
         if last is None:
             return np.tile(start.a, (m.s, 1)), np.tile(start.lam, (m.s, 1))
         W = m.at(1.0 + (h / last.h) * m.c)
-        return W @ last.a, W @ last.lam
+        return W.dot(last.a), W.dot(last.lam)
 
     def _elastic(self, y: Array) -> Array:
         """Elastic coordinates of a pose among the velocity rows, shape (nv,)."""

@@ -57,24 +57,33 @@ class Tangent:
         """Closure rows, free columns, shape (rows, n)."""
         return self.by_closures[:, self.free]
 
+    @cached_property
+    def terms(self) -> Array:
+        """Transposed, what mu^2, h mu, h^2 and 1 weigh in Newton's matrix, complex, (4, size^2)."""
+        n, size = len(self.free), len(self.free) + len(self.by_closures)
+        found = np.zeros((4, size, size), dtype=complex)
+        for term, part in zip(found, (self.M, self.C, self.K), strict=False):
+            term[:n, :n] = part.T
+        found[3, :n, n:], found[3, n:, :n] = self.J.T, self.J
+        return found.reshape(4, -1)
+
     def motor_forces(self, da: Array, dv: Array, dy: Array, dlam: Array) -> Array:
         """Change of the forces in the rows of the motors by corrections of stages, (s, nm).
 
         Args:
-            da, dv, dy: Corrections, shape (s, n). dlam: Shape (s, rows).
+            da, dv, dy: Corrections, shape (s, nv). dlam: Shape (s, rows).
         """
         by_a, by_v, by_y, by_lam = self._of_motors
-        return np.asarray(da @ by_a + dv @ by_v + dy @ by_y - dlam @ by_lam)
+        return np.asarray(da.dot(by_a) + dv.dot(by_v) + dy.dot(by_y) - dlam.dot(by_lam))
 
     @cached_property
     def _of_motors(self) -> tuple[Array, ...]:
-        """Rows of the motors in M, C and K, transposed, (n, nm); their columns in J, (rows, nm)."""
-        at = np.ix_(self.motors, self.free)
-        parts = (np.asarray(of[at].T) for of in (self.by_a, self.by_v, self.by_y))
+        """Rows of the motors in M, C, K, transposed, (nv, nm); their columns in J, (rows, nm)."""
+        parts = (np.asarray(of[self.motors].T) for of in (self.by_a, self.by_v, self.by_y))
         return (*parts, self.by_closures[:, self.motors])
 
     def _free(self, matrix: Array) -> Array:
-        return np.asfortranarray(matrix[np.ix_(self.free, self.free)])
+        return np.asfortranarray(matrix.take(self.free, axis=0).take(self.free, axis=1))
 
 
 class StageNewton:
@@ -93,7 +102,10 @@ class StageNewton:
         from scipy.linalg import lapack  # slow to import: only runs pay for it
 
         self._lapack, self._compiled = lapack, compiled
-        self._dynamics, self._method, self._drive = dynamics, method, drive
+        self._dynamics, self._drive = dynamics, drive
+        mu, one = method.values, np.ones_like(method.values)
+        self._weights, self._real = np.stack([mu * mu, mu, one, one], axis=1), abs(mu.imag) < 1e-9
+        self._forward, self._back = -method.forward, method.back
         self.free, self.motors = free, dynamics.system.motors
         self.h = 0.0
         self.stale = True
@@ -128,21 +140,20 @@ class StageNewton:
                 raise np.linalg.LinAlgError("singular iteration matrix")
             self.factors, self.h = self.factors + 1, h
             return
-        n, size = len(self.free), len(self.free) + len(of.J)
+        size, lapack = len(self.free) + len(of.by_closures), self._lapack
+        every = (self._weights * (1.0, h, h * h, 1.0)).dot(of.terms)
+        if not np.isfinite(every).all():
+            raise np.linalg.LinAlgError("iteration matrix without numbers")
         self._lu = []
-        for mu in self._method.values:
-            real = abs(mu.imag) < 1e-9
-            m = mu.real if real else mu
-            S = np.zeros((size, size), order="F", dtype=float if real else complex)
-            S[:n, :n] = (m * m) * of.M + (h * m) * of.C + (h * h) * of.K
-            S[:n, n:], S[n:, :n] = of.J.T, of.J
-            if size:
-                lu, pivots, info = (self._lapack.dgetrf if real else self._lapack.zgetrf)(
-                    S, overwrite_a=True
-                )
-                if info > 0 or not np.all(np.isfinite(lu)):
-                    raise np.linalg.LinAlgError("singular iteration matrix")
-                self._lu.append((lu, pivots, real))
+        for S, real in zip(every, self._real, strict=True) if size else ():
+            getrf, getrs = lapack.zgetrf, lapack.zgetrs
+            if real:
+                S, getrf, getrs = S.real.copy(), lapack.dgetrf, lapack.dgetrs
+            # Of the transposed terms: column by column, as LAPACK reads.
+            lu, pivots, info = getrf(S.reshape(size, size).T, overwrite_a=True)
+            if info > 0:
+                raise np.linalg.LinAlgError("singular iteration matrix")
+            self._lu.append((getrs, lu, pivots, bool(real)))
         self.factors += 1
         self.h = h
 
@@ -156,11 +167,14 @@ class StageNewton:
         n = len(self.free)
         if self._compiled is not None:
             return self._compiled.solve(r, c)
-        parts = self._method.forward @ np.concatenate([-r, c / -(self.h**2)], axis=1)
-        for k, (lu, pivots, real) in enumerate(self._lu):
+        b = np.empty((len(r), n + c.shape[1]), dtype=complex)
+        b[:, :n] = r
+        b[:, n:] = c / (self.h * self.h)
+        parts = self._forward.dot(b)
+        for part, (getrs, lu, pivots, real) in zip(parts, self._lu, strict=False):
             if real:
-                parts[k] = self._lapack.dgetrs(lu, pivots, parts[k].real)[0]
+                part[:] = getrs(lu, pivots, part.real)[0]
             else:
-                parts[k] = self._lapack.zgetrs(lu, pivots, parts[k])[0]
-        x = (self._method.back @ parts).real
+                getrs(lu, pivots, part, overwrite_b=True)  # in its place
+        x = self._back.dot(parts).real
         return x[:, :n], -x[:, n:]

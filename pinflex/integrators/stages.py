@@ -73,11 +73,30 @@ class Step:
     rate: float
 
 
+class _Lengths:
+    """What the length h of a step makes of the scheme.
+
+    Attributes:
+        h: Length in s. integrals: h A above h^2 A^2, shape (2 s, s). drift: Of the speed at the
+            start, in the speeds and in the displacements of the stages, shape (2 s, 1).
+        to_a: Displacements to accelerations, shape (s, s).
+    """
+
+    def __init__(self, method: Collocation, h: float) -> None:
+        self.h, s = h, method.s
+        self.integrals, self.drift = np.empty((2 * s, s)), np.ones((2 * s, 1))
+        np.multiply(h, method.A, out=self.integrals[:s])
+        np.multiply(h * h, method.A2, out=self.integrals[s:])
+        self.drift[s:, 0] = h * method.c
+        self.to_a = method.A2_inverse / (h * h)
+
+
 class Trial:
     """Stages of a step on their way to the solution.
 
     Attributes:
         start, h, t, path: As in a step, with the times of the stages.
+        drift: Speeds and displacements at a constant speed, shape (2 s, nv).
         a, lam, turn: Unknowns. v, move, y: What follows from them.
         da, dlam, change: The last correction: of a, of lam, and of the displacement.
         torque, c: Of the motors, and of the closures, before that correction.
@@ -90,13 +109,14 @@ class Trial:
     c: Array
     da: Array
     dlam: Array
+    drift: Array
 
     def __init__(
         self, start: Start, h: float, t: Array, path: MotorPath, a: Array, lam: Array, turn: Array
     ) -> None:
         self.start, self.h, self.t, self.path = start, h, t, path
         self.a, self.lam, self.turn = a, lam, turn
-        self.change = np.zeros_like(a)
+        self.change = np.zeros(a.shape)
 
 
 class StageEquations:
@@ -116,6 +136,8 @@ class StageEquations:
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.motion, self.method, self.sampler = path, method, sampler
         self.free = system.free if drive is None else system.unheld
+        self._inside = _INSIDE * (1.0 - 2.0 * method.c)
+        self._of_h = _Lengths(method, 1.0)
         prescribed = None if drive is not None or sampler is not None else self.axes
         self.compiled = compiled_stages(dynamics, method, self.free, prescribed)
         self.newton = StageNewton(dynamics, method, self.free, drive, self.compiled)
@@ -160,12 +182,19 @@ class StageEquations:
         if self.drive is None:
             a[:, self.motors] = path.acceleration
         seen = self.seen(t)
-        x = Trial(start, h, seen, path, a, lam, np.zeros_like(a) if turn is None else turn)
+        x = Trial(start, h, seen, path, a, lam, np.zeros(a.shape) if turn is None else turn)
         if self.compiled is not None:
             self.compiled.begin(start, seen, path, a, lam, x.turn)
             k = self.compiled.kernel  # its arrays from now on
             x.a, x.lam, x.turn, x.change, x.dlam = k.a, k.lam, k.turn, k.change, k.dlam
             x.y, x.v, x.move, x.da = k.y, k.v, k.move, k.da
+            return x
+        if self._of_h.h != h:
+            self._of_h = _Lengths(self.method, h)
+        x.drift = self._of_h.drift * start.v
+        x.y = np.empty((len(a), len(start.y)))
+        if self.drive is None:
+            self.axes.write(x.y, path.position)  # for all iterations
         return x
 
     def seen(self, t: Array) -> Array:
@@ -173,22 +202,27 @@ class StageEquations:
 
         Where one switches at an end of the step, it is as it is inside, however that is rounded.
         """
-        return t + _INSIDE * max(1.0, float(t[-1])) * (1.0 - 2.0 * self.method.c)
+        return t + max(1.0, float(t[-1])) * self._inside
 
     def place(self, x: Trial) -> None:
         """Poses and velocities of the stages from their accelerations."""
-        m, h, start = self.method, x.h, x.start
         if self.compiled is not None:
-            self.compiled.kernel.place(h)
+            self.compiled.kernel.place(x.h)
             return
-        x.v = start.v + h * (m.A @ x.a)
+        s, start = len(x.a), x.start
+        both = self._of_h.integrals.dot(x.a)
+        both += x.drift
+        x.v, x.move = both[:s], both[s:]
         if self.drive is None:
             x.v[:, self.motors] = x.path.velocity
-        x.move = (h * m.c)[:, None] * start.v + (h * h) * (m.A2 @ x.a)
-        if self.manifold.turning:
-            x.turn = self.manifold.turn(start.y, x.move + h * (m.A @ x.turn), x.v)
-            x.move += h * (m.A @ x.turn)
-        x.y = self.places(start.y, x.move, x.path)
+        manifold = self.manifold
+        if manifold.turning:
+            through = self._of_h.integrals[:s]
+            x.turn = manifold.turn(start.y, x.move + through.dot(x.turn), x.v)
+            x.move += through.dot(x.turn)
+        x.y = manifold.retract(start.y, x.move, x.y)
+        if self.drive is None and not manifold.sparing:
+            self.axes.write(x.y, x.path.position)
 
     def correct(self, x: Trial) -> None:
         """One Newton correction of the stages, by the factors at hand."""
@@ -199,24 +233,28 @@ class StageEquations:
             kernel.correct()
             return
         r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t, self._control_force)
-        x.torque = r[:, self.motors]
+        x.torque = r.take(self.motors, axis=1)
         if self.drive is not None:
             x.torque = self.drive.pull(x.path, self.axes, x.y, x.v)
             r[:, self.motors] -= x.torque
-        dz, x.dlam = self.newton.step(r[:, self.free], x.c)
-        x.da = self.method.A2_inverse @ dz
-        x.a[:, self.free] += x.da
-        x.lam += x.dlam
+        dz, x.dlam = self.newton.step(r.take(self.free, axis=1), x.c)
         # Displacements count: the accelerations of fast modes are noise.
         x.change[:, self.free] = (x.h * x.h) * dz
+        x.a += self._of_h.to_a.dot(x.change)
+        x.lam += x.dlam
 
     def solved(self, x: Trial, coarseness: float, rate: float) -> Step:
         """The step with its last correction in everything that follows from it."""
-        tangent, free = self.newton.tangent, self.free
-        dv, torque = x.h * (self.method.A @ x.da), x.torque
+        tangent, torque = self.newton.tangent, x.torque
+        if self.compiled is None:
+            da = self._of_h.to_a.dot(x.change)
+        else:
+            da = np.zeros_like(x.change)
+            da[:, self.free] = x.da
+        dv = x.h * self.method.A.dot(da)
         if self.drive is None:
-            torque = torque + tangent.motor_forces(x.da, dv, x.change[:, free], x.dlam)
-        x.v[:, free] += dv
+            torque = torque + tangent.motor_forces(da, dv, x.change, x.dlam)
+        x.v += dv
         return Step(
             x.start, x.h, x.move + x.change, x.turn.copy(), x.a.copy(), x.lam.copy(), torque,
             self._power(x.v, torque), coarseness, x.path, tangent, rate,
@@ -236,11 +274,13 @@ class StageEquations:
 
     def _power(self, v: Array, torque: Array) -> Array:
         """Power of the motors and of the damping at states, shape (s, 2)."""
-        lost = self.dynamics.system.dissipation(v)
-        put_in = np.sum(torque * v[:, self.motors], axis=1)
+        d, power = self.dynamics, np.zeros((len(v), 2))
+        np.add.reduce(torque * v.take(self.motors, axis=1), axis=1, out=power[:, 0])
+        if d.damped or d.rubbed:
+            power[:, 1] = d.system.dissipation(v)
         if (force := self._control_force) is not None:
-            put_in = put_in + v @ force
-        return np.column_stack([put_in, lost])
+            power[:, 0] += v @ force
+        return power
 
     @property
     def _control_force(self) -> Array | None:
@@ -254,13 +294,13 @@ class StageEquations:
 
     def end(self, step: Step) -> Start:
         """The state after a step."""
-        t = step.start.t + step.h
-        v = step.start.v + step.h * (self.method.A[-1] @ step.a)
-        last = MotorPath(*(part[-1:] for part in _parts(step.path)))
+        start, path, h = step.start, step.path, step.h
+        v = start.v + h * self.method.A[-1].dot(step.a)
+        y = self.manifold.retract(start.y, step.move[-1:])[0]
         if self.drive is None:
-            v[self.motors] = last.velocity[0]
-        y = self.places(step.start.y, step.move[-1:], last)[0]
-        return Start(t, y, v, step.a[-1], step.lam[-1], step.torque[-1])
+            v[self.motors] = path.velocity[-1]
+            self.axes.write(y, path.position[-1])
+        return Start(start.t + h, y, v, step.a[-1], step.lam[-1], step.torque[-1])
 
     def dense(self, steps: Sequence[Step], t: Array, of: IntArray) -> States:
         """States within steps.
@@ -274,7 +314,7 @@ class StageEquations:
         h = np.array([step.h for step in steps])[of]
         x = (t - np.array([step.start.t for step in steps])[of]) / h
         by_h, path = h[:, None], self.path(t)
-        B1, B2, W = m.at(x, 1), m.at(x, 2), m.through(x)
+        B1, B2, W = m.between(x)
 
         def on(weights: Array, values: Array) -> Array:
             return np.asarray(np.matmul(weights[:, None], values[of])[:, 0])
@@ -300,7 +340,3 @@ class StageEquations:
 
 def _stacked(steps: Sequence[Step], name: str) -> Array:
     return np.array([getattr(step, name) for step in steps])
-
-
-def _parts(path: MotorPath) -> tuple[Array, Array, Array, Array]:
-    return path.t, path.position, path.velocity, path.acceleration

@@ -19,6 +19,8 @@ from pinflex.mechanics.slider import Contact
 if TYPE_CHECKING:
     from pinflex.mechanics.closure import Closures
 
+_ON, _BACK = [1, 2, 0], [2, 0, 1]  # the axes after x, y, z, and before them
+
 
 class ClosureRows:
     """Index tables of the rows of n states.
@@ -64,6 +66,7 @@ class ClosureRows:
         self.dot_a, self.dot_b = np.tile(closed.dot_a, size), np.tile(closed.dot_b, size)
         self.lengths = np.tile(closed.lengths, size)
         self.plain = rows == len(closed.point_rows)
+        self.points = PointRows(closed, size, joints) if self.plain else None
         # Flat positions of u = a[loop, :, axis] among the frames: one `take` instead of indexing.
         self.u_at = self.point_loop[:, None] * 12 + 4 * np.arange(3) + self.point_axes[:, None]
         self.support_b, self.support_a, self.row_mask = (
@@ -77,6 +80,15 @@ class ClosureRows:
         self.coupled = closed.coupled if len(closed.coupled.rows) else None
         rows_of = [[_of_sleeve(contact) for contact in one.contacts] for one in variants]
         self.contacts = rows_of * (size // len(variants))
+        self._of_joints: tuple[Sequence[int], Array] = [], np.zeros((1, 0, loops))
+
+    def of_joints(self, joints: Sequence[int]) -> Array:
+        """Part of the wrench on each B that acts on joints, (n or 1, joints, loops): +1 B, -1 A."""
+        if self._of_joints[0] != joints:
+            at = np.array(joints, dtype=np.intp)[:, None]
+            on_b, on_a = (at == self.sides[:, None, side] for side in (1, 0))
+            self._of_joints = list(joints), on_b.astype(float) - on_a
+        return self._of_joints[1]
 
     def at(self, poses: Array, eta: Array, Q: Array) -> ClosureState:
         """The closures at joint poses (n, joints, 12), see `JointPoses`, eta and Q, (n, ...).
@@ -87,6 +99,48 @@ class ClosureRows:
             Q: Expanded configurations, shape (n, nQ).
         """
         return ClosureState(self, poses.reshape(-1, 12), eta, Q)
+
+
+class PointRows:
+    """Rows u . (p_b - p_a) and p_b x u as products of numbers that are linear in two joint poses.
+
+    Attributes:
+        at: Where the poses of A and B lie among the flat ones, shape (rows, n, 24).
+        linear: These to [u, p_b on, p_b back | p_b - p_a, u back, u on], shape (rows, 24, 18): "on"
+            and "back" by the cycle of the axes.
+    """
+
+    def __init__(self, closed: Closures, size: int, joints: int) -> None:
+        loops, rows = len(closed.names), closed.n
+        loop = closed.loop_of
+        sides = closed.bodies.reshape(2, loops)[:, loop].T
+        first = 12 * (sides[:, None] + joints * np.arange(size)[:, None])
+        self.at = (first[..., None] + np.arange(12)).reshape(rows, size, 24)
+        # A pose is read column by column: R e + p of a point e has weights (e, 1) of its columns.
+        local = closed.local.reshape(2, loops, 3, 4)[:, loop]
+        eye, none = np.eye(3), np.zeros((12, 3))
+        self.linear = np.zeros((rows, 24, 18))
+        for row in range(rows):
+            axis = local[0, row, :, closed.point_axes[row]]
+            u = np.concatenate([np.kron(np.append(axis, 0.0)[:, None], eye), none])
+            a, b = (np.kron(np.append(side[row, :, 3], 1.0)[:, None], eye) for side in local)
+            p_b, d = np.concatenate([none, b]), np.concatenate([-a, b])
+            parts = (u, p_b[:, _ON], p_b[:, _BACK], d, u[:, _BACK], u[:, _ON])
+            self.linear[row] = np.concatenate(parts, axis=1)
+
+    def of(self, poses: Array) -> tuple[Array, Array]:
+        """Residuals (n, rows) and weights W of the relative world twists (n, rows, 6).
+
+        Args:
+            poses: Flat joint poses, see `JointPoses`.
+        """
+        both = np.matmul(poses.take(self.at), self.linear)
+        products = both[..., :9] * both[..., 9:]
+        W = np.empty((self.at.shape[1], len(self.at), 6))
+        each = W.swapaxes(0, 1)
+        each[..., :3] = both[..., :3]
+        np.subtract(products[..., 3:6], products[..., 6:], out=each[..., 3:])
+        return np.add.reduce(products[..., :3], axis=-1).T, W
 
 
 def _of_sleeve(contact: Contact) -> ContactRows | PassingRows:

@@ -6,6 +6,7 @@ See `pinflex.mechanics.closure` for the rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,35 +25,50 @@ class ClosureState:
 
     Attributes:
         c: Residuals, shape (n, rows). W: By the relative world twists, shape (n rows, 6).
-        frames_a, frames_b: Frames of the loops in the world, [R | p], shape (n loops, 3, 4).
         contacts: Sleeves, of one state after the other.
     """
 
     def __init__(self, rows: ClosureRows, poses: Array, eta: Array, Q: Array) -> None:
-        self._rows = r = rows
-        loops, closed = r.loops, r.closed
-        joints = poses.take(r.bodies, axis=0)
-        rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-        frames = np.matmul(rotations, r.local)
-        frames[:, :, 3] += joints[:, 9:]
-        self.frames_a, self.frames_b = frames[:loops], frames[loops:]
-        ends = frames[:, :, 3].reshape(2, loops, 3).transpose(1, 0, 2).reshape(loops, 6)
-        # u times these is u . (p_b - p_a) and p_b x u.
-        self._levers = levers = (ends @ LEVERS).reshape(loops, 3, 4)
-        self._n = r.size
-        if r.plain:
-            u = frames.take(r.u_at)
-            held = np.matmul(u[:, None], levers.take(r.point_loop, axis=0))[:, 0]
-            c, self.W = held[:, 0], np.concatenate([u, held[:, 1:]], axis=1)
-        else:
-            c, self.W = np.empty(r.size * closed.n), np.zeros((r.size * closed.n, 6))
-            self._mixed_rows(frames, c)
-        self.c = c.reshape(r.size, closed.n)
-        if r.coupled is not None:
-            self.c[:, r.coupled.rows] = r.coupled.value(Q)
+        self._rows, self._poses, self._n = rows, poses, rows.size
         self.contacts: list[ContactState | PassingState] = []
-        if closed.contacts:
+        if rows.points is not None:
+            self.c, W = rows.points.of(poses)
+            self.W = W.reshape(-1, 6)
+            return
+        each = rows.closed.n
+        c, self.W = np.empty(rows.size * each), np.zeros((rows.size * each, 6))
+        self._mixed_rows(c)
+        self.c = c.reshape(rows.size, each)
+        if rows.coupled is not None:
+            self.c[:, rows.coupled.rows] = rows.coupled.value(Q)
+        if rows.closed.contacts:
             self._slide(c, eta)
+
+    @cached_property
+    def _frames(self) -> Array:
+        """Frames of A, then of B, in the world, shape (2 n loops, 3, 4)."""
+        joints = self._poses.take(self._rows.bodies, axis=0)
+        rotations = joints[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+        frames: Array = np.matmul(rotations, self._rows.local)
+        frames[:, :, 3] += joints[:, 9:]
+        return frames
+
+    @property
+    def frames_a(self) -> Array:
+        """Frames of A in the world, [R | p], shape (n loops, 3, 4)."""
+        return self._frames[: self._rows.loops]
+
+    @property
+    def frames_b(self) -> Array:
+        """Frames of B in the world, [R | p], shape (n loops, 3, 4)."""
+        return self._frames[self._rows.loops :]
+
+    @cached_property
+    def _levers(self) -> Array:
+        """Matrices that take u to u . (p_b - p_a) and p_b x u, shape (n loops, 3, 4)."""
+        loops = self._rows.loops
+        ends = self._frames[:, :, 3].reshape(2, loops, 3).transpose(1, 0, 2).reshape(loops, 6)
+        return np.asarray((ends @ LEVERS).reshape(loops, 3, 4))
 
     @property
     def gap(self) -> Array:
@@ -64,11 +80,11 @@ class ClosureState:
         """Matrices of p_b x (.), shape (n loops, 3, 3)."""
         return np.asarray(self._levers[:, :, 1:].swapaxes(1, 2))
 
-    def _mixed_rows(self, frames: Array, c: Array) -> None:
+    def _mixed_rows(self, c: Array) -> None:
         """Rows of points, of directions and of distances."""
         r = self._rows
         if len(r.point_rows):
-            u = frames.take(r.u_at)
+            u = self._frames.take(r.u_at)
             held = np.matmul(u[:, None], self._levers[r.point_loop])[:, 0]
             c[r.point_rows], self.W[r.point_rows] = held[:, 0], np.hstack([u, held[:, 1:]])
         if len(r.dot_rows):
@@ -129,9 +145,7 @@ class ClosureState:
             lam: Multipliers, shape (n, rows).
             joints: Numbers of the joints.
         """
-        at, sides = np.array(joints, dtype=np.intp)[:, None], self._rows.sides
-        of_loops = (at == sides[:, None, 1]).astype(float) - (at == sides[:, None, 0])
-        return np.asarray(of_loops @ self.wrenches(lam))
+        return np.asarray(self._rows.of_joints(joints) @ self.wrenches(lam))
 
     def loop_wrenches(self, lam: Array) -> Array:
         """Wrench on each B about the origin of frame b, in the world, shape (n, loops, 6)."""
@@ -227,11 +241,15 @@ class ClosureState:
             Shape (nv, nv).
         """
         r, loops = self._rows, self._rows.loops
-        on_a, on_b = np.zeros((loops, 6, 6)), np.zeros((loops, 6, 6))
+        on_b, on_a = both = np.zeros((2, loops, 6, 6))
         force = np.zeros((loops, 3))
-        np.add.at(force, r.point_loop, self.W[r.point_rows, :3] * lam[r.point_rows, None])
-        pull = self.W[r.distance_rows, :3] * lam[r.distance_rows, None]
-        np.add.at(force, r.distance_loop, pull)
+        if r.points is not None:
+            force = (r.of_loop * lam) @ self.W[:, :3]
+        elif len(r.point_rows):
+            np.add.at(force, r.point_loop, self.W[r.point_rows, :3] * lam[r.point_rows, None])
+        if len(r.distance_rows):
+            pull = self.W[r.distance_rows, :3] * lam[r.distance_rows, None]
+            np.add.at(force, r.distance_loop, pull)
         for one in self.contacts:
             force[one.loop] += lam[one.rows] @ self.W[one.rows, :3]
             turned_b, turned_a = one.turning_stiffness(lam)
@@ -256,12 +274,11 @@ class ClosureState:
             np.add.at(on_b[:, 3:, 3:], loop, mu * (e_b @ e_a))
             np.add.at(on_a[:, 3:, 3:], loop, mu * (e_a @ e_b))
         n = J.shape[1]
-        J_a = times_map((J * r.support_a.reshape(loops, 1, n)).reshape(-1, n)).reshape(loops, 6, -1)
-        J_b = times_map((J * r.support_b[:, None]).reshape(-1, n)).reshape(loops, 6, -1)
-        pushed = on_b @ (J_b - J_a), on_a @ (J_b - J_a)
-        width = J_a.shape[2]
-        total: Array = J_b.reshape(-1, width).T @ pushed[0].reshape(-1, width)
-        total -= J_a.reshape(-1, width).T @ pushed[1].reshape(-1, width)
+        supports = np.concatenate([r.support_b[:, None], r.support_a.reshape(loops, 1, n)])
+        sides = times_map((J * supports).reshape(-1, n)).reshape(2, loops, 6, -1)
+        apart, width = sides[0] - sides[1], sides.shape[3]
+        np.negative(sides[1], out=sides[1])
+        total: Array = sides.reshape(-1, width).T @ (both @ apart).reshape(-1, width)
         for one in self.contacts:
-            one.add_tangent(total, lam, (J_b - J_a)[one.loop])
+            one.add_tangent(total, lam, apart[one.loop])
         return total

@@ -50,26 +50,26 @@ class CoordinateMap:
             passing: The next such call may overwrite the answer. For a caller that hands nothing of
                 it on: a step is spared a dozen new arrays in every iteration.
         """
-        rates = [] if V is None or A is None else [V, A]
         if not self.flexible:
-            return Configuration(self, Y, rates, [], [])
-        size = 1 + len(rates), len(Y)
+            return Configuration(self, Y, [] if V is None or A is None else [V, A], [], [])
+        size = 1 if V is None or A is None else 3, len(Y)
         room = self._rooms.get(size) if passing else _Room(self, *size)
         if room is None:
             if len(self._rooms) > _SIZES:
                 self._rooms.clear()
             room = self._rooms[size] = _Room(self, *size)
         q, v = self.nq_rigid, self.n_rigid
-        rigid = [Y[:, :q], *(x[:, :v] for x in rates)]
-        room.every[room.rigid] = np.concatenate(rigid, axis=None)
-        room.eta[0] = Y[:, q:]
-        for k, x in enumerate(rates, start=1):
-            room.eta[k] = x[:, v:]
+        every, eta = room.every, room.eta
+        eta[0] = Y[:, q:]
+        if V is None or A is None:
+            every[room.rigid] = Y[:, :q].ravel()
+        else:
+            eta[1], eta[2] = V[:, v:], A[:, v:]
+            every[room.rigid] = np.concatenate((Y[:, :q], V[:, :v], A[:, :v]), axis=None)
         for block in room.blocks:
             block.evaluate()
-            room.every[block.at] = block.rows
-        X, rate = [block.X for block in room.blocks], [block.bent[-1] for block in room.blocks]
-        return Configuration(self, room.Q, room.rates, X, rate)
+            every[block.at] = block.rows
+        return Configuration(self, room.Q, room.rates, room.X, room.rate)
 
 
 class _Room:
@@ -77,7 +77,7 @@ class _Room:
 
     Attributes:
         every: Q, V and A of all states, flat, one after the other. Q, rates: Views of it.
-        eta: Elastic coordinates and their rates, shape (m, n, n_eta).
+        eta: Elastic coordinates and their rates, shape (m, n, n_eta). X, rate: As in the answer.
         rigid: Places of the rigid ones in `every`.
     """
 
@@ -101,6 +101,7 @@ class _Room:
         self.blocks = [
             _BlockRoom(block, G, self.eta, flat(block.q_rows, rows)) for block, G, rows in each
         ]
+        self.X, self.rate = [b.X for b in self.blocks], [b.bent[-1] for b in self.blocks]
 
 
 class _BlockRoom:
@@ -168,11 +169,13 @@ class Configuration:
         of = self._map
         if not of.flexible:
             return G.copy()
-        n, parts = len(G), [G.take(of.expansion.v_at, axis=1)]
-        for rows, X in zip(of.rows, self.X, strict=True):
+        n, first = len(G), of.n_rigid
+        out = np.empty((n, of.nv))
+        out[:, :first] = G.take(of.expansion.v_at, axis=1)
+        for rows, X, block in zip(of.rows, self.X, of.blocks, strict=True):
             force = G.take(rows, axis=1).reshape(n, X.shape[1], 1, -1)
-            parts.append(np.matmul(force, X).reshape(n, -1))
-        return np.concatenate(parts, axis=1)  # blocks are in the order of eta
+            out[:, first:][:, block.eta] = np.matmul(force, X).reshape(n, -1)
+        return out
 
     def times_map(self, D: Array) -> Array:
         """D X, shape (..., k, nv), for D (k, nV) of one state or (n, k, nV) of all."""

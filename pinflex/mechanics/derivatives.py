@@ -1,4 +1,4 @@
-"""Derivatives of the residual at one state, as a weighted sum of M, C and K.
+"""Derivatives of the residual at one state, as weighted sums of M, C and K.
 
 Pinocchio differentiates rnea on the expanded model with local forces held fixed; the map, the
 closures and the loads add the rest.
@@ -47,52 +47,89 @@ class Derivatives:
     load: LoadState | None
     t: float
 
-    def weighted(self, weights: Sequence[float] | Array, rates: bool) -> Array:
-        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy, shape (nv, nv).
+    @property
+    def each(self) -> tuple[Array, Array, Array]:
+        """M, C and K, shape (nv, nv) each, with the rates of the second-order rows."""
+        M, C, K = self.weighted(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), True)
+        return M, C, K
+
+    def weighted(self, weights: Sequence[Sequence[float]], rates: bool) -> Array:
+        """Sums w[0] dr/da + w[1] dr/dv + w[2] dr/dy, one for each w of weights, (k, nv, nv).
 
         Args:
-            weights: Of M, C and K. rates: Whether with the rates of the second-order rows.
+            weights: Of M, C and K, shape (k, 3).
+            rates: Whether with the rates of the second-order rows.
         """
-        w_a, w_v, w_y = (float(w) for w in weights)
-        S = self.here.both_sides(self._expanded(w_a, w_v, w_y))
-        m = int(self.system.rigid.nv)
-        if self.system.n_eta:
-            if rates and (w_v or w_y):
-                self._add_rates(S[:, m:], w_v, w_y)
+        S = self._on_both_sides(self._expanded(weights))
+        elastic, bends = slice(int(self.system.rigid.nv), None), self.system.n_eta > 0
+        turning = self._rates if bends and rates and any(v or y for _, v, y in weights) else None
+        for each, (_, w_v, w_y) in zip(S, weights, strict=True):
+            if turning is not None and (w_v or w_y):
+                each[:, elastic] += w_v * turning[0] + w_y * turning[1]
+            if self.load is not None and (w_v or w_y):
+                each += self.load.tangent(self.here.times_map, self.t, w_v, w_y)
+            if w_v:
+                self._add_damping(each, w_v)
             if w_y:
-                self._add_geometric(S[m:, m:], w_y)
-        if self.follow is not None and w_y:
-            S -= w_y * self.follow
-        if self.load is not None and (w_v or w_y):
-            S += self.load.tangent(self.here.times_map, self.t, w_v, w_y)
-        S += w_v * self.system.D + w_y * self.system.K
-        s, rub = self.system.springs, self.system.friction
-        S[s.v_at, s.v_at] += w_y * s.stiffness
-        if w_v and rub.present:
-            S[rub.rows, rub.rows] += w_v * rub.slope(self.v)
-        for at, stiffness in self.bent:
-            S[m:, m:][at, at] += w_y * stiffness
+                self._add_stiffness(each, w_y)
+                if bends:
+                    self._add_geometric(each[elastic, elastic], w_y)
         return S
 
-    def _expanded(self, w_a: float, w_v: float, w_y: float) -> Array:
-        """The weighted sum of Pinocchio's derivatives, shape (nV, nV)."""
-        each = zip((w_a, w_v, w_y), (self.M, self.dV, self.dQ), strict=True)
-        first, *others = (w * part for w, part in each if w)
-        for part in others:
-            first += part
-        return np.asarray(first)
+    def _add_damping(self, S: Array, w_v: float) -> None:
+        """Dampers and friction."""
+        S += w_v * self.system.D
+        if (rub := self.system.friction).present:
+            S[rub.rows, rub.rows] += w_v * rub.slope(self.v)
 
-    def _add_rates(self, S: Array, w_v: float, w_y: float) -> None:
-        """What the changing second-order rows bring into the elastic columns of C and K."""
-        extra = np.zeros((len(self.M), S.shape[1]))
-        for k, (block, rate) in enumerate(self.here.blocks()):
-            if not block.G.shape[1]:
-                continue
-            inertial = 2.0 * w_v * rate + w_y * self.here.bend(k, self.a_eta)
-            extra[:, block.eta] += self.here.times_curved(self.M, k, inertial)
-            if w_y:
-                extra[:, block.eta] += self.here.times_curved(self.dV, k, w_y * rate)
-        S += self.here.from_left(extra)
+    def _add_stiffness(self, S: Array, w_y: float) -> None:
+        """Links, springs, and what closures' forces do that move with the bodies."""
+        S += w_y * self.system.K
+        if self.follow is not None:
+            S -= w_y * self.follow
+        springs, m = self.system.springs, int(self.system.rigid.nv)
+        if len(springs.v_at):
+            S[springs.v_at, springs.v_at] += w_y * springs.stiffness
+        for at, stiffness in self.bent:
+            S[m:, m:][at, at] += w_y * stiffness
+
+    def _expanded(self, weights: Sequence[Sequence[float]]) -> Array:
+        """The weighted sums of Pinocchio's derivatives, shape (k, nV, nV)."""
+        found = np.zeros((len(weights), *self.M.shape))
+        for S, row in zip(found, weights, strict=True):
+            for w, part in zip(row, (self.M, self.dV, self.dQ), strict=True):
+                if w:
+                    S += part if w == 1.0 else w * part
+        return found
+
+    def _on_both_sides(self, D: Array) -> Array:
+        """X' D X, shape (k, nv, nv), for each of D (k, nV, nV)."""
+        k, nV, _ = D.shape
+        right = self.here.times_map(D.reshape(k * nV, nV)).reshape(k, nV, self.system.nv)
+        return self._from_left(right.swapaxes(0, 1))
+
+    def _from_left(self, B: Array) -> Array:
+        """X' B, shape (k, nv, n), for B (nV, k, n)."""
+        nV, k, n = B.shape
+        found = self.here.from_left(B.reshape(nV, k * n))
+        return np.ascontiguousarray(found.reshape(self.system.nv, k, n).swapaxes(0, 1))
+
+    @property
+    def _rates(self) -> Array:
+        """What the changing second-order rows bring into elastic columns of C, K, (2, nv, n_eta).
+
+        2 X' M Xdot, and X' (M (G a) + dV Xdot).
+        """
+        here, nV = self.here, len(self.M)
+        both, extra = np.concatenate([self.M, self.dV]), np.zeros((nV, 2, self.system.n_eta))
+        for k, (block, rate) in enumerate(here.blocks()):
+            bodies, curved, n = rate.shape
+            if curved:
+                factors = np.concatenate([rate, here.bend(k, self.a_eta)], axis=2)
+                found = here.times_curved(both, k, factors).reshape(2, nV, bodies, 2, n)
+                extra[:, 0, block.eta] = 2.0 * found[0, :, :, 0].reshape(nV, -1)
+                extra[:, 1, block.eta] = (found[0, :, :, 1] + found[1, :, :, 0]).reshape(nV, -1)
+        return self._from_left(extra)
 
     def _add_geometric(self, S: Array, w_y: float) -> None:
         """Geometric stiffness: sum of G_k weighted by the force g_k on each curved row."""

@@ -24,7 +24,7 @@ from pinflex.mechanics.compiled import Compiled, on_kernel, serves
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
-from pinflex.mechanics.geometry import Geometry, spans
+from pinflex.mechanics.geometry import TOGETHER, Geometry, spans
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
 from pinflex.mechanics.strain import Strain
@@ -103,9 +103,13 @@ class Equations(Geometry):
             if control_force is not None:
                 r -= control_force
             return Residual(r[0], c[0])
-        r, c = np.empty((len(y), self.system.nv)), np.empty((len(y), self.system.closed.n))
-        for s in spans(len(y)):
-            r[s], c[s] = self._residuals(y[s], v[s], a[s], lam[s], np.broadcast_to(t, len(y))[s])
+        times = np.full(len(y), t) if np.ndim(t) == 0 else np.asarray(t)
+        if 0 < len(y) <= TOGETHER:
+            r, c = self._residuals(y, v, a, lam, times)
+        else:
+            r, c = np.empty((len(y), self.system.nv)), np.empty((len(y), self.system.closed.n))
+            for s in spans(len(y)):
+                r[s], c[s] = self._residuals(y[s], v[s], a[s], lam[s], times[s])
         return Residual(r if control_force is None else r - control_force, c)
 
     def _residuals(
@@ -113,20 +117,17 @@ class Equations(Geometry):
     ) -> tuple[Array, Array]:
         if (compiled := self.compiled) is not None:
             return compiled.residual(Y, V, A, lam, t)
-        here = self.map.at(Y, V, A, True)
-        n, closed = len(Y), None
+        here, closed = self.map.at(Y, V, A, True), None
         g = self.rnea(here.Q, here.V, here.A)
         if self.looped or self.loaded:
             poses, J, _ = self._placed(here)
         if self.looped:
             closed = self._closed(poses, here, Y)
             g -= closed.forces(lam, J)
-            c = closed.c
-        else:
-            c = np.zeros((n, 0))
+        c = np.zeros((len(Y), 0)) if closed is None else closed.c
         if self.loaded:
-            for k in range(n):
-                g[k] -= self._loads.at(poses[k], J[k]).generalized(here.V[k], float(t[k]))
+            for k, load in enumerate(map(self._loads.at, poses, J)):
+                g[k] -= load.generalized(here.V[k], float(t[k]))
         return self._projected(here, g, Y, V, closed, lam), c
 
     def _projected(
@@ -173,8 +174,7 @@ class Equations(Geometry):
         if (compiled := self.compiled) is not None:
             return Tangent(*compiled.tangent(y, v, a, lam, t))
         found, J = self._derivatives(y, v, a, lam, t, True)
-        M, C, K = (found.weighted(weights, True) for weights in np.eye(3))
-        return Tangent(M, C, K, J)
+        return Tangent(*found.each, J)
 
     def iteration_matrix(
         self,
@@ -201,7 +201,7 @@ class Equations(Geometry):
             S = sum(w * part for w, part in zip(weights, parts, strict=True) if w)
             return IterationMatrix(np.asarray(S), J)
         found, J = self._derivatives(y, v, a, lam, t, weights[2] != 0.0)
-        return IterationMatrix(found.weighted(weights, rates), J)
+        return IterationMatrix(found.weighted([weights], rates)[0], J)
 
     def _derivatives(
         self, y: Array, v: Array, a: Array, lam: Array, t: float, follow_closures: bool

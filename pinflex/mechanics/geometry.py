@@ -25,7 +25,7 @@ from pinflex.mechanics.system import System
 from pinflex.mechanics.whole import Whole
 
 _SIZES = 8  # numbers of states whose index tables are kept
-_TOGETHER = 32  # states at a time: numpy's price for a call is spread, what is used stays in cache
+TOGETHER = 32  # states at a time: numpy's price for a call is spread, what is used stays in cache
 
 
 class Kinematics(NamedTuple):
@@ -229,7 +229,7 @@ class Geometry:
         return gamma
 
 
-def spans(count: int, most: int = _TOGETHER) -> Iterator[slice]:
+def spans(count: int, most: int = TOGETHER) -> Iterator[slice]:
     """Slices that cover all states.
 
     Args:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.mechanics.poses import skew
 from pinflex.rotations import quaternion, quaternion_vector
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ _TIMES = np.array(
 
 # Coordinates that add up; (cos, sin) of an angle; a unit quaternion; what Pinocchio must move.
 _KINDS = ("plain", "circle", "sphere", "other")
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # axes after x, y, z, and before them
 
 
 class Manifold:
@@ -35,39 +35,44 @@ class Manifold:
 
     Attributes:
         turning: Whether some joint turns in space, so that its rates are not those of its move.
+        sparing: Whether coordinates that the caller writes are left as they are.
     """
 
     def __init__(self, dynamics: Equations, told: Sequence[int] | IntArray = ()) -> None:
         """`told`: rows of single-axis joints whose coordinates the caller writes."""
         self._dynamics = dynamics
         joints: dict[str, list[pin.JointModel]] = {kind: [] for kind in _KINDS}
+        written = set(told)
         for joint in dynamics.system.rigid.joints[1:]:
-            if joint.nv:
+            if joint.nv and not (joint.nv == 1 and joint.idx_v in written):
                 joints[_kind(joint)].append(joint)
         self._easy = not joints["other"]
         self.turning = bool(joints["sphere"] or joints["other"])
-        self._q, self._v = _rows(joints["plain"])
-        circles = [j for j in joints["circle"] if j.idx_v not in told]
-        self._circle_q, self._circle_v = _first_rows(circles)
+        self.sparing = self._easy and not dynamics.vector_space
+        q, v = _rows(joints["plain"])
+        eta = np.arange(dynamics.system.n_eta)  # which adds up too
+        self._q = np.concatenate([q, dynamics.nq_rigid + eta])
+        self._v = np.concatenate([v, dynamics.n_rigid + eta])
+        self._circle_q, self._circle_v = _first_rows(joints["circle"])
         q, v = _first_rows(joints["sphere"])
         self._sphere_q, self._sphere_v = q[:, None] + np.arange(4), v[:, None] + np.arange(3)
 
-    def retract(self, y: Array, moves: Array) -> Array:
+    def retract(self, y: Array, moves: Array, out: Array | None = None) -> Array:
         """Poses that moves lead to, shape (k, nq).
 
         Args:
             y: Pose that all moves start from, shape (nq,), or one for each, shape (k, nq).
             moves: Exponential coordinates, rates times time, shape (k, nv).
+            out: Poses that may be overwritten with the answer.
         """
         d = self._dynamics
         if d.vector_space:
-            return y + moves
+            return np.add(y, moves, out=out)
         if not self._easy:
             pairs = zip(np.broadcast_to(y, (len(moves), y.shape[-1])), moves, strict=True)
             return np.array([d.integrate(*pair) for pair in pairs]).reshape(-1, y.shape[-1])
-        n, m = d.nq_rigid, d.n_rigid
-        out = np.empty((len(moves), y.shape[-1]))
-        out[:, self._q] = y[..., self._q] + moves[:, self._v]
+        out = np.empty((len(moves), y.shape[-1])) if out is None else out
+        out[:, self._q] = y.take(self._q, axis=-1) + moves.take(self._v, axis=1)
         if len(self._circle_q):
             angle, at = moves[:, self._circle_v], self._circle_q
             c, s = y[..., at], y[..., at + 1]
@@ -75,9 +80,8 @@ class Manifold:
             c, s, cos, sin = grown * c, grown * s, np.cos(angle), np.sin(angle)
             out[:, at], out[:, at + 1] = c * cos - s * sin, s * cos + c * sin
         if len(self._sphere_q):
-            turned = quaternion(moves[:, self._sphere_v])
-            out[:, self._sphere_q] = _normal(_product(y[..., self._sphere_q], turned))
-        out[:, n:] = y[..., n:] + moves[:, m:]
+            turned = quaternion(moves.take(self._sphere_v, axis=1))
+            out[:, self._sphere_q] = _normal(_product(y.take(self._sphere_q, axis=-1), turned))
         return out
 
     def log(self, y0: Array, y1: Array) -> Array:
@@ -93,14 +97,13 @@ class Manifold:
             one_by_one = [d.difference(*pair) for pair in zip(y0, y1, strict=True)]
             return np.array(one_by_one).reshape(-1, d.system.nv)
         moves, at = np.zeros((len(y0), d.system.nv)), self._circle_q
-        moves[:, self._v] = y1[:, self._q] - y0[:, self._q]
+        moves[:, self._v] = y1.take(self._q, axis=1) - y0.take(self._q, axis=1)
         if len(at):
             c, s, c1, s1 = y0[:, at], y0[:, at + 1], y1[:, at], y1[:, at + 1]
             moves[:, self._circle_v] = np.arctan2(c * s1 - s * c1, c * c1 + s * s1)
         if len(self._sphere_q):
             q0, q1 = y0[:, self._sphere_q], y1[:, self._sphere_q]
             moves[:, self._sphere_v] = quaternion_vector(_product(q0 * [-1.0, -1.0, -1.0, 1.0], q1))
-        moves[:, d.n_rigid :] = y1[:, d.nq_rigid :] - y0[:, d.nq_rigid :]
         return moves
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
@@ -111,10 +114,10 @@ class Manifold:
             moves: Exponential coordinates, shape (k, nv).
             v: Velocities at their ends, shape (k, nv).
         """
-        d, turn = self._dynamics, np.zeros_like(v)
+        d, turn = self._dynamics, np.zeros(v.shape)
         if self._easy:
             at = self._sphere_v
-            turn[:, at] = _turning(moves[:, at], v[:, at])
+            turn[:, at] = _turning(moves.take(at, axis=1), v.take(at, axis=1))
             return turn
         n, model, q = d.n_rigid, d.system.rigid, y[: d.nq_rigid]
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
@@ -156,7 +159,8 @@ def _turning(angle: Array, v: Array) -> Array:
     Source: Bullo and Murray 1995, Proportional derivative control on the Euclidean group: the
     inverse of the right Jacobian of SO(3).
     """
-    across = _cross(angle, v)
+    cross = skew(angle.reshape(-1, 3)).reshape(*angle.shape, 3)
+    across = cross @ v[..., None]
     square = (angle * angle).sum(axis=-1, keepdims=True)
     half = 0.5 * np.sqrt(square)
     # 1/a^2 - 1/(2 a tan(a/2)), by its series where that loses digits.
@@ -165,12 +169,7 @@ def _turning(angle: Array, v: Array) -> Array:
     part = np.where(
         small, 1.0 / 12.0 + square / 720.0, (1.0 - safe / np.tan(safe)) / (4.0 * safe * safe)
     )
-    return np.asarray(0.5 * across + part * _cross(angle, across))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Products of vectors (..., 3), without what numpy's own costs for a few of them."""
-    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+    return np.asarray(0.5 * across[..., 0] + part * (cross @ across)[..., 0])
 
 
 def _normal(q: Array) -> Array:

@@ -34,6 +34,9 @@ class JointPoses:
 
     Pinocchio keeps the poses of a `Data` in one block of 12 numbers each; one view of it spares a
     Python call per joint. The layout is checked once; if it ever changes, poses are copied.
+
+    Attributes:
+        direct: Whether they are read from there. block: All of them, shape (joints, 12).
     """
 
     def __init__(self, model: pin.Model, data: pin.Data) -> None:
@@ -43,8 +46,8 @@ class JointPoses:
         pin.forwardKinematics(model, data, pin.integrate(model, pin.neutral(model), move))
         first = data.oMi[0].rotation
         view = np.lib.stride_tricks.as_strided(first, (n, 12), (96, 8))
-        self._direct = not first.flags.owndata and np.array_equal(view, self._copied())
-        self.block: Array = view if self._direct else self._copied()
+        self.direct = not first.flags.owndata and np.array_equal(view, self._copied())
+        self.block: Array = view if self.direct else self._copied()
         # A rotation is stored column by column.
         self.rotation = np.lib.stride_tricks.as_strided(
             self.block, (n, 3, 3), (self.block.strides[0], 8, 24)
@@ -58,7 +61,7 @@ class JointPoses:
 
     def refresh(self) -> None:
         """Make the arrays current (nothing to do when they are views)."""
-        if not self._direct:
+        if not self.direct:
             self.block[:] = self._copied()
 
     def current(self) -> Array:

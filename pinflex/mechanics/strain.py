@@ -24,10 +24,10 @@ class Strain:
 
     def force(self, eta: Array) -> Array:
         """Resistance of the links to elastic coordinates (..., n_eta), the same shape."""
-        force = eta @ self.stiffness
+        force = np.asarray(eta.dot(self.stiffness))
         for at, bent in self._curved:
             force[..., at] += bent.force(eta[..., at])
-        return np.asarray(force)
+        return force
 
     def energy(self, eta: Array) -> Array:
         """Strain energy (J) at elastic coordinates (..., n_eta), shape (...)."""

@@ -73,13 +73,21 @@ class Whole:
         n, model, data = len(Q), self.model, self.data
         poses, J = np.empty((n, self._joints, 12)), np.empty((n, 6, self._nV))
         dJ = np.empty((0 if V is None else n, 6, self._nV))
-        for k in range(n):
-            if V is None:
-                pin.computeJointJacobians(model, data, Q[k])
-            else:
+        if V is not None:
+            for k in range(n):
                 pin.computeJointJacobiansTimeVariation(model, data, Q[k], V[k])
-                dJ[k] = columns(data.dJ)
-            J[k], poses[k] = columns(data.J), self._here.current()
+                J[k], dJ[k], poses[k] = columns(data.J), columns(data.dJ), self._here.current()
+            return poses, J, dJ
+        compute, here = pin.computeJointJacobians, self._here
+        if not here.direct or data.J.flags.owndata:
+            for k, q in enumerate(Q):
+                compute(model, data, q)
+                J[k], poses[k] = columns(data.J), here.current()
+            return poses, J, dJ
+        world, block = columns(data.J), here.block
+        for k, q in enumerate(Q):  # in every iteration: as short as it can be
+            compute(model, data, q)
+            J[k], poses[k] = world, block  # views of what was found
         return poses, J, dJ
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
@@ -88,9 +96,10 @@ class Whole:
         Args:
             Q, V, A: Coordinates, rates and accelerations, shapes (n, nQ), (n, nV), (n, nV).
         """
-        model, data, g = self.model, self.data, np.empty((len(Q), self._nV))
-        for k in range(len(Q)):
-            g[k] = pin.rnea(model, data, Q[k], V[k], A[k])
+        model, data, rnea = self.model, self.data, pin.rnea
+        g = np.empty((len(Q), self._nV))
+        for k, (q, v, a) in enumerate(zip(Q, V, A, strict=True)):
+            g[k] = rnea(model, data, q, v, a)
         return g
 
     def forces(

@@ -47,7 +47,10 @@ def test_dense_weights_reproduce_polynomials_and_their_integrals(s: int) -> None
         np.testing.assert_allclose(m.at(x, integrals) @ p(m.c), exact(x), atol=ROUNDING)
     q = np.polynomial.Polynomial(np.random.default_rng(s).normal(size=s + 1))
     values = np.append(q(0.0), q(m.c))
-    np.testing.assert_allclose(m.through(x) @ values, q(x), atol=ROUNDING)
+    first, second, through = m.between(x)
+    np.testing.assert_allclose(first @ p(m.c), p.integ()(x), atol=ROUNDING)
+    np.testing.assert_allclose(second @ p(m.c), p.integ(2)(x), atol=ROUNDING)
+    np.testing.assert_allclose(through @ values, q(x), atol=ROUNDING)
 
 
 @pytest.mark.parametrize("s", STAGES)

@@ -243,3 +243,11 @@ def test_every_level_of_a_robot_without_flexible_links_gives_pinocchios_torques(
         np.testing.assert_allclose(
             r.torque, expected, rtol=0, atol=tolerance * np.abs(expected).max()
         )
+
+
+def test_what_cannot_move_has_empty_matrices() -> None:
+    system = mechanism("cantilever").rigid
+    none, still = np.zeros(0), np.zeros((3, 0))
+    d = Equations(system)
+    assert [part.shape for part in d.tangent(none, none, none, none, 0.0)] == [(0, 0)] * 4
+    assert d.residual(still, still, still, still, 0.0).r.shape == (3, 0)
