@@ -45,11 +45,14 @@ class Corrector(StageEquations):
         iterations: Newton corrections so far.
     """
 
-    def __init__(self, run: StageEquations) -> None:
-        """`run`: the equations that the steps of the run solve, or another corrector."""
+    def __init__(self, run: StageEquations, slow: float = _SLOW) -> None:
+        """`run`: the equations that the steps of the run solve, or another corrector.
+
+        `slow`: the contraction above which a step takes two corrections.
+        """
         stages = run.method
         super().__init__(run.mechanism, run.dynamics, run.path, with_one_more(stages), run.drive)
-        self._guess, self.iterations = stages.at(self.method.c), 0
+        self._guess, self.iterations, self._slow = stages.at(self.method.c), 0, slow
         self._made: CompiledSteps | None = None
 
     def correct_all(self, steps: Sequence[Step], before: Before | None) -> Sequence[Step]:
@@ -102,7 +105,7 @@ class Corrector(StageEquations):
         # Held weakly: in a circle the workspace would not be given back when the run is over.
         of, room = proxy(self), (int(run.kernel.at.capacity), 0)
         made = CompiledSteps(of, marched, run.table, room, run.tangents)
-        made.kernel.at.slow, made.kernel.at.same_step = _SLOW, SAME_STEP
+        made.kernel.at.slow, made.kernel.at.same_step = self._slow, SAME_STEP
         return made
 
     def _corrected(self, step: Step, before: Before | None, path: MotorPath) -> Step:
@@ -115,7 +118,7 @@ class Corrector(StageEquations):
             newton.factor(step.h)
         if before is not None:
             self._follow(x, step.start)
-        for _ in range(2 if step.rate > _SLOW else 1):
+        for _ in range(2 if step.rate > self._slow else 1):
             self.place(x)
             self.correct(x)
             self.iterations += 1

@@ -70,7 +70,7 @@ class Judge:
         """`again`: the resolution is not to rise, for it did in a run whose error was too large."""
         stages.path = _remembering(stages.path)  # both corrections are sampled at the same times
         self._stages, self._corrector, self._t = stages, Corrector(stages), t
-        self._second = Corrector(self._corrector)
+        self._second = Corrector(self._corrector, slow=np.inf)  # it tells: one does
         stages.loose = True
         self._compare, self._foreseen = compare, foreseen
         self._allowed, self._most = _SAFE * PART * tol, PART * tol
