@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.advice.subspace import Subspace
+from pinflex.advice.subspace import Subspace, pseudo_inverse
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
@@ -45,6 +45,15 @@ class Deviation:
     v: Array
     a: Array
     lam: Array
+
+    def moved(self, d: Array, v: Array, a: Array) -> Deviation:
+        """With so much more of d, v and a (nt, nv)."""
+        return Deviation(self.d + d, self.v + v, self.a + a, self.lam)
+
+    def plus(self, other: Deviation) -> Deviation:
+        """The sum of two."""
+        moved = self.moved(other.d, other.v, other.a)
+        return Deviation(moved.d, moved.v, moved.a, self.lam + other.lam)
 
 
 class Probe:
@@ -119,20 +128,29 @@ class Probe:
     def corrected(self, found: Deviation, shapes: Array | None = None) -> Deviation:
         """A deviation and the answer to its defect in the full equations.
 
-        The closures are off by c, with exact rates; a part p of the answer closes them with the
-        least elastic energy, and the march finds the rest.
+        The closures are off by c, with exact rates; a part p of the answer closes them, and the
+        march finds what the forces then left ask for.
 
         Args:
             found: From `march`, or from here. shapes: Those in which it was found.
         """
         within = self._within(shapes)
-        left, gaps = self._defect(found)
-        load, p = within.closed(left, gaps)
-        fix = self._deviation(within, within.march(load))
-        return Deviation(
-            found.d + fix.d + p[0], found.v + fix.v + p[1], found.a + fix.a + p[2],
-            found.lam + fix.lam,
-        )  # fmt: skip
+        if self.dynamics.looped:
+            found = found.moved(*within.closing(self._gaps(found), self._straight))
+        left = self.dynamics.residual(*self._state(found), self.t).r
+        return found.plus(self._deviation(within, within.march(left @ within.B)))
+
+    @cached_property
+    def _straight(self) -> Array | None:
+        """P with J P = 1 that moves rigid joints alone, (nt, passive, rows); None where they cannot.
+
+        Joints that are not driven close all loops of most mechanisms, whatever links do.
+        """
+        J, passive = self._parts[4], self.mechanism.rigid.free
+        P, rank = pseudo_inverse(J[:, :, passive])
+        if not self.dynamics.looped or np.any(rank < len(self._whole.rows)):
+            return None
+        return self.full.grid.between(P)
 
     def _within(self, shapes: Array | None) -> Subspace:
         """The system in some shapes: that in all, and the last one, are kept."""
@@ -164,14 +182,14 @@ class Probe:
         d, v, a = (x @ within.B.T for x in found[:3])
         return Deviation(d, v, a, lam)
 
-    def _defect(self, found: Deviation) -> tuple[Array, Array]:
-        """Forces left (nt, nv), and what closures are open by, with rates (3, nt, rows)."""
-        dynamics, Y = self.dynamics, self._poses(found)
-        V, A = self.v0 + found.v, self.a0 + found.a
-        left, c = dynamics.residual(Y, V, A, self.base + found.lam, self.t)
-        if not dynamics.looped:
-            return left, np.zeros((3, self.steps, 0))
-        return left, np.stack([c, *closure_motion(dynamics, Y, V, A)])
+    def _gaps(self, found: Deviation) -> Array:
+        """What closures are open by, with rates, shape (3, nt, rows)."""
+        return closure_motion(self.dynamics, *self._state(found)[:3])
+
+    def _state(self, found: Deviation) -> tuple[Array, Array, Array, Array]:
+        """y, v, a and multipliers."""
+        lam = self.base + found.lam
+        return self._poses(found), self.v0 + found.v, self.a0 + found.a, lam
 
     # Runs ----------------------------------------------------------------------------------
 
@@ -189,10 +207,8 @@ class Probe:
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""
-        lam, motors = self.base + found.lam, self.system.motors
-        run = self._run(found, np.empty((self.steps, len(motors))))
-        run.torque[:] = self.dynamics.residual(run.y, run.v, run.a, lam, self.t).r[:, motors]
-        return run
+        torque = self.dynamics.residual(*self._state(found), self.t).r[:, self.system.motors]
+        return self._run(found, torque)
 
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""

@@ -18,6 +18,7 @@ from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.system import System
 
 _BATCH = 64  # steps at a time: what is interpolated stays in cache
+_DEPENDENT = 1e-6  # of the largest: singular values below it close nothing
 _ROUND_OFF = 1e-11  # of combinations of functions; seen: 1e-13
 
 
@@ -66,36 +67,37 @@ class Subspace:
             start, _ = saddle(now.K, now.J, now.J, -load[0], np.zeros(len(now.J)))
         return self._march(load, start)
 
-    def closed(self, left: Array, gaps: Array) -> tuple[Array, Array]:
-        """The load with what closes the loops, (nt, k), and that part p with rates (3, nt, nv).
+    def closing(self, gaps: Array, straight: Array | None) -> Array:
+        """What closes loops, and its rates, shape (3, nt, nv).
 
         Args:
-            left: Forces, shape (nt, nv).
             gaps: What closures are open by, with rates, shape (3, nt, rows).
+            straight: What closes them by the first columns of B, shape (nt, k, rows); None: least
+                energy does.
         """
-        load, p = left @ self.B, np.zeros((3, *left.shape))
-        if not gaps.shape[2]:
-            return load, p
-        k = self.B.shape[1]
-        for s in spans(len(left), _BATCH):
-            P = self._grid.between(self._closers, s)
-            moved = P @ -gaps[:, s].transpose(1, 2, 0)  # (steps, 4 k, 3)
-            p[:, s] = moved[:, :k].transpose(2, 0, 1) @ self.B.T
-            for rate in range(3):
-                load[s] += moved[:, (rate + 1) * k : (rate + 2) * k, rate]
-        return load, p
+        p = np.zeros((3, gaps.shape[1], len(self.B)))
+        for s in spans(gaps.shape[1], _BATCH):
+            P = self._grid.between(self._closers, s) if straight is None else straight[s]
+            moved = (P @ -gaps[:, s].transpose(1, 2, 0)).transpose(2, 0, 1)
+            p[:, s] = moved @ self.B[:, : P.shape[1]].T
+        return p
 
     @cached_property
     def _closers(self) -> Array:
-        """P with J P = 1, of least elastic (and some kinetic) energy; and K P, C P and M P.
-
-        All four in the columns of B, shape (size, 4 k, rows).
-        """
-        M, C, K = self._parts
+        """P with J P = 1, of least elastic (and some kinetic) energy, shape (size, k, rows)."""
+        M, _, K = self._parts
         slow = (2 * np.pi / float(self._grid.t[-1])) ** 2
         A_J = np.linalg.solve(K + slow * M, self._J.transpose(0, 2, 1))
-        P = A_J @ np.linalg.pinv(self._J @ A_J, rcond=1e-10)
-        return np.concatenate([P, K @ P, C @ P, M @ P], axis=1)
+        return np.asarray(A_J @ np.linalg.pinv(self._J @ A_J, rcond=1e-10))
+
+
+def pseudo_inverse(J: Array) -> tuple[Array, IntArray]:
+    """Pseudo-inverses of Jacobians (size, rows, n), shape (size, n, rows), and their ranks."""
+    U, sigma, V = np.linalg.svd(J, full_matrices=False)
+    large = sigma > _DEPENDENT * np.max(sigma, axis=1, keepdims=True, initial=0.0)
+    inverse = np.where(large, 1.0 / np.where(large, sigma, 1.0), 0.0)
+    found = V.swapaxes(1, 2) @ (inverse[:, :, None] * U.swapaxes(1, 2))
+    return found, np.count_nonzero(large, axis=1)
 
 
 def _picked(B: Array) -> IntArray | None:

@@ -75,8 +75,8 @@ def same_closure_motion(system: System, given: Sequence[Array]) -> None:
     """First and second derivatives of the closures are those that Jacobians give."""
     Y, V, A = given
     plain = without_kernel(system)
-    J, gamma = plain.close(Y).J, plain.closure_bias(Y, V)
-    expected = (J @ V[:, :, None])[:, :, 0], (J @ A[:, :, None])[:, :, 0] + gamma
+    (c, J), gamma = plain.close(Y), plain.closure_bias(Y, V)
+    expected = c, (J @ V[:, :, None])[:, :, 0], (J @ A[:, :, None])[:, :, 0] + gamma
     for found, known in zip(closure_motion(Equations(system), Y, V, A), expected, strict=True):
         # Of the largest term of all: sums of a row may cancel.
         scale = np.max(np.abs(known), initial=1.0)
