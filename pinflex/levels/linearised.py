@@ -13,11 +13,11 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
-from pinflex.levels.interpolated import InterpolatedPath, LinearStep, pack
+from pinflex.levels.interpolated import STILL, InterpolatedPath, LinearStep, pack
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
@@ -184,16 +184,78 @@ def _interpolated(
             np.concatenate([x.ravel() for x in system(line, k).packed()], out=row)
         return rows
 
-    def relative(missed: Array, values: Array) -> float:
-        """Largest miss of each matrix over its largest entry; the worst of all."""
-        far, size = (_sizes(x.reshape(-1, width), starts) for x in (missed, values))
-        return float(np.max(far / np.maximum(size, 1e-300), initial=0.0))
-
-    values, missed = pieces.refined(packed, relative, n, close, len(t) / steps, _LARGEST)
+    for whole in (False, True):
+        moving = _Moving(packed, pieces.nodes(n).ravel(), starts, whole)
+        most = _LARGEST * moving.share
+        values, missed = pieces.refined(moving, moving.relative, n, close, len(t) / steps, most)
+        if not moving.late:
+            break
     grid = Interpolation(pieces, values.shape[1] - 1, t)
-    corners = [pack(system(every, int(k)))[None] for k in grid.corners]
-    flat = np.concatenate([values.reshape(grid.nodes, -1), *corners])
+    flat = np.empty((len(grid.times), width))
+    flat[: grid.nodes] = moving.every(values.reshape(grid.nodes, -1))
+    for row, k in zip(flat[grid.nodes :], grid.corners, strict=True):
+        row[:] = pack(system(every, int(k)))
     return InterpolatedPath(grid, flat, like, missed)
+
+
+class _Moving:
+    """Packed systems less the entries that stand still: six sevenths of a typical one.
+
+    Attributes:
+        share: Of the entries that move.
+        late: Whether others did after all, at times that were asked for later.
+    """
+
+    def __init__(
+        self, packed: Callable[[Array], Array], first: Array, starts: IntArray, whole: bool
+    ) -> None:
+        """Find out what moves.
+
+        Args:
+            packed: Systems at times (k,), a row each.
+            first: The times that are asked for first: what stands still at all of them does.
+            starts: First columns of the matrices in a row.
+            whole: Take every entry for moving.
+        """
+        self._packed, self._times, self._rows = packed, first, packed(first)
+        self._sizes = _sizes(self._rows, starts)
+        ends = [*starts[1:], self._rows.shape[1]]
+        self._small = STILL * np.repeat(self._sizes, np.array(ends) - starts)
+        self._still = self._rows[0].copy()
+        self._moves = self._leaves(self._rows) | whole
+        self._matrix = np.repeat(np.arange(len(starts)), np.array(ends) - starts)[self._moves]
+        self.share, self.late = max(float(np.mean(self._moves)), 1e-3), False
+
+    def _leaves(self, rows: Array) -> BoolArray:
+        far = np.maximum(np.max(rows, axis=0) - self._still, self._still - np.min(rows, axis=0))
+        return np.asarray(far > self._small)
+
+    def __call__(self, times: Array) -> Array:
+        """The moving entries at times (k,), shape (k, moving)."""
+        if times is not self._times and not np.array_equal(times, self._times):
+            rows = self._packed(times)
+            self.late |= bool(np.any(self._leaves(rows) & ~self._moves))
+        else:
+            rows = self._rows
+        return rows[:, self._moves]
+
+    def relative(self, missed: Array, values: Array) -> float:
+        """Largest miss of each matrix over its largest entry; the worst of all.
+
+        Args:
+            missed, values: Of moving entries, shape (..., moving).
+        """
+        sizes = self._sizes.copy()
+        far = np.zeros(len(sizes))
+        for x, found in ((missed, far), (values, sizes)):
+            np.maximum.at(found, self._matrix, _ends(x.reshape(-1, len(self._matrix))))
+        return float(np.max(far / np.maximum(sizes, 1e-300), initial=0.0))
+
+    def every(self, values: Array) -> Array:
+        """All entries, shape (k, width), of the moving ones."""
+        rows = np.tile(self._still, (len(values), 1))
+        rows[:, self._moves] = values
+        return rows
 
 
 def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[PiecewiseChebyshev, int]:
@@ -231,7 +293,9 @@ class Kept:
 
 def _sizes(x: Array, starts: IntArray) -> Array:
     """Largest entry of each matrix that is packed in rows x (k, width), from its first column."""
-    if not x.size:
-        return np.zeros(len(starts))
-    ends = np.maximum(np.max(x, axis=0), -np.min(x, axis=0))
-    return np.asarray(np.maximum.reduceat(ends, starts))
+    return np.asarray(np.maximum.reduceat(_ends(x), starts)) if len(starts) else np.zeros(0)
+
+
+def _ends(x: Array) -> Array:
+    """Largest entry of each column, shape (width,), of x (k, width)."""
+    return np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0))
