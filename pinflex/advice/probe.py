@@ -142,7 +142,7 @@ class Probe:
 
     @cached_property
     def _straight(self) -> Array | None:
-        """P with J P = 1 that moves rigid joints alone, (nt, passive, rows); None where they cannot.
+        """P with J P = 1 that moves rigid joints alone, (nt, passive, rows); None: they cannot.
 
         Joints that are not driven close all loops of most mechanisms, whatever links do.
         """

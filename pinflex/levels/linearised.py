@@ -298,4 +298,4 @@ def _sizes(x: Array, starts: IntArray) -> Array:
 
 def _ends(x: Array) -> Array:
     """Largest entry of each column, shape (width,), of x (k, width)."""
-    return np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0))
+    return np.asarray(np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0)))
