@@ -94,7 +94,7 @@ class Probe:
         line = LinearPath(mechanism, self.path, dynamics=self.dynamics)
         self.v0, self.a0 = line.v, line.a
         self.full = full_path(line, mechanism, motion, _CLOSE)
-        self._parts = self.full.parts()
+        self._parts = self.full.parts
         self._room: Room = like._room if like is not None else Room()
         self._last: tuple[Array, Subspace] | None = None
         self.rough = self.full.missed
@@ -112,7 +112,7 @@ class Probe:
     @cached_property
     def base(self) -> Array:
         """Multipliers of the rigid motion at every step, shape (nt, rows)."""
-        return self.full.grid.between(self._parts[5])
+        return self._parts[5].along(self.full.grid)
 
     # Marches -------------------------------------------------------------------------------
 
@@ -147,7 +147,7 @@ class Probe:
         Joints that are not driven close all loops of most mechanisms, whatever links do.
         """
         J, passive = self._parts[4], self.mechanism.rigid.free
-        P, rank = pseudo_inverse(J[:, :, passive])
+        P, rank = pseudo_inverse(J.picked(np.arange(J.shape[0]), passive).whole())
         if not self.dynamics.looped or np.any(rank < len(self._whole.rows)):
             return None
         return self.full.grid.between(P)
@@ -201,7 +201,9 @@ class Probe:
         """The states and the linear torques of a deviation."""
         motors = self.system.motors
         M, C, K, r, J, _ = self._parts
-        of_motors = M[:, motors], C[:, motors], K[:, motors], r[:, motors], J[:, :, motors]
+        every, rows = (np.arange(n) for n in J.shape[::-1])
+        squares = [x.picked(motors, every) for x in (M, C, K)]
+        of_motors = *squares, r.picked(motors), J.picked(rows, motors)
         states = Marched(found.d, found.v, found.a, found.lam)
         return self._run(found, forces_along(self.full.grid, of_motors, states))
 
@@ -214,8 +216,8 @@ class Probe:
         """The undeformed motion and its torques."""
         none = np.zeros((self.steps, self.system.nv))
         still = Deviation(none, none, none, np.zeros((self.steps, self.system.closed.n)))
-        torque = self._parts[3][:, self.system.motors]
-        return self._run(still, self.full.grid.between(torque))
+        torque = self._parts[3].picked(self.system.motors)
+        return self._run(still, torque.along(self.full.grid))
 
     def _run(self, found: Deviation, torque: Array) -> Run:
         v, a = self.v0 + found.v, self.a0 + found.a

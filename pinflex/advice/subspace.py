@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.linear_march import LinearMarch, Marched, Room
+from pinflex.levels.varying import Varying, varying
 from pinflex.linalg import independent_rows, saddle
 from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.parts import FlexiblePart
@@ -34,7 +35,7 @@ class Subspace:
     def __init__(
         self,
         grid: Interpolation,
-        parts: list[Array],
+        parts: Sequence[Varying],
         B: Array,
         h: float,
         static: bool,
@@ -44,20 +45,21 @@ class Subspace:
 
         Args:
             grid: Times of the system.
-            parts: M, C, K (size, nv, nv), r (size, nv) and J (size, rows, nv) there.
+            parts: M, C, K (nv, nv), r (nv,) and J (rows, nv) there.
             B: Shape (nv, k).
             h: Step [s].
             static: Whether it starts in equilibrium.
             room: For marches.
         """
         self.B, self._grid, self._static = B, grid, static
-        J = _columns(parts[4], B)
-        self.rows = np.sort(independent_rows(J[0], 1e-9))
-        M, C, K = (_both_sides(x, B) for x in parts[:3])
-        self._parts, self._J = (M, C, K), J
-        system = M, C, K, J[:, self.rows]
+        J = _in_columns(parts[4], B, False)
+        self.rows = np.sort(independent_rows(J.still, 1e-9))
+        M, C, K = (_in_columns(x, B, True) for x in parts[:3])
+        self._M, self._K, self._J = M, K, J
+        every = np.arange(len(M.still))
+        system = M, C, K, J.picked(self.rows, every)
         self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, room)
-        self.load = grid.between(parts[3] @ B)
+        self.load = grid.between(parts[3].whole() @ B)
 
     def march(self, load: Array) -> Marched:
         """The deviation under a load, shape (nt, k)."""
@@ -85,10 +87,10 @@ class Subspace:
     @cached_property
     def _closers(self) -> Array:
         """P with J P = 1, of least elastic (and some kinetic) energy, shape (size, k, rows)."""
-        M, _, K = self._parts
+        M, K, J = (x.whole() for x in (self._M, self._K, self._J))
         slow = (2 * np.pi / float(self._grid.t[-1])) ** 2
-        A_J = np.linalg.solve(K + slow * M, self._J.transpose(0, 2, 1))
-        return np.asarray(A_J @ np.linalg.pinv(self._J @ A_J, rcond=1e-10))
+        A_J = np.linalg.solve(K + slow * M, J.transpose(0, 2, 1))
+        return np.asarray(A_J @ np.linalg.pinv(J @ A_J, rcond=1e-10))
 
 
 def pseudo_inverse(J: Array) -> tuple[Array, IntArray]:
@@ -107,16 +109,12 @@ def _picked(B: Array) -> IntArray | None:
     return row if alone else None
 
 
-def _columns(x: Array, B: Array) -> Array:
-    """x B, shape (..., k), for x (..., nv)."""
+def _in_columns(x: Varying, B: Array, both: bool) -> Varying:
+    """x B, or B' x B, of a matrix x with rows or columns of all coordinates."""
     row = _picked(B)
-    return np.asarray(x @ B if row is None else x[..., row])
-
-
-def _both_sides(x: Array, B: Array) -> Array:
-    """B' x B, shape (size, k, k), for x (size, nv, nv)."""
-    row = _picked(B)
-    return np.asarray(B.T @ x @ B if row is None else x[:, row[:, None], row])
+    if row is None:
+        return varying(B.T @ x.whole() @ B if both else x.whole() @ B)
+    return x.picked(row if both else np.arange(x.shape[0]), row)
 
 
 def shapes_of(system: System, parts: Mapping[str, FlexiblePart]) -> Array:

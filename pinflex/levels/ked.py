@@ -122,11 +122,11 @@ def _together(
     systems: InterpolatedPath, scheme: AlphaScheme, h: float, start: Array
 ) -> tuple[Marched, Array, int]:
     """Deviation with all multipliers, torques (nt, motors), and the number of sound steps."""
-    grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts()
-    found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(grid.between(r), start)
+    grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts
+    found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(r.along(grid), start)
     m, c, k, left, j, base = of_motors
     torque = forces_along(grid, (m, c, k, left, j), found)
-    found.lam[:] += grid.between(base)
+    found.lam[:] += base.along(grid)
     sound = np.all(np.isfinite(found.d), axis=1) & np.all(np.isfinite(found.a), axis=1)
     return found, torque, len(sound) if np.all(sound) else int(np.argmin(sound))
 

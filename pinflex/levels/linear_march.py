@@ -7,6 +7,7 @@ Systems and their factors do not depend on the load: they are kept from one marc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -18,7 +19,8 @@ from pinflex.integrators.linear import Instant, alpha, start_at_rest
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import LinearKernel, Still
-from pinflex.levels.interpolated import STILL, stacked_path
+from pinflex.levels.interpolated import InterpolatedPath
+from pinflex.levels.varying import Varying, varying
 from pinflex.mechanics.geometry import spans
 
 _LARGEST = 32e6  # numbers that systems and factors may hold together (256 MB)
@@ -35,19 +37,17 @@ class Marched(NamedTuple):
     lam: Array
 
 
-def forces_along(
-    grid: Interpolation, parts: tuple[Array, Array, Array, Array, Array], found: Marched
-) -> Array:
+def forces_along(grid: Interpolation, parts: Sequence[Varying], found: Marched) -> Array:
     """Forces M a + C v + K d + r - J' lam at every step, shape (nt, k): of motors, what they give.
 
     Args:
         grid: Times of the systems, and of the steps.
-        parts: Some rows of M, C, K (size, k, n) and r (size, k), columns of J (size, rows, k).
+        parts: Some rows of M, C, K (k, n) and r (k,), columns of J (rows, k).
         found: The deviation and its multipliers.
     """
-    force = np.empty((len(found.d), parts[3].shape[1]))
+    force = np.empty((len(found.d), *parts[3].shape))
     for s in spans(len(force), _FORCES):
-        m, c, k, left, j = (grid.between(x, s) for x in parts)
+        m, c, k, left, j = (x.along(grid, s) for x in parts)
         pairs = (m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam)
         force[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)
     return force
@@ -84,7 +84,7 @@ class LinearMarch:
         self,
         scheme: AlphaScheme,
         grid: Interpolation,
-        parts: tuple[Array, Array, Array, Array],
+        parts: Sequence[Varying],
         h: float,
         room: Room | None = None,
         kept: bool = True,
@@ -94,18 +94,18 @@ class LinearMarch:
         Args:
             scheme: The method.
             grid: Times of the systems, and of the steps.
-            parts: M, C, K (size, n, n) and J (size, rows, n).
+            parts: M, C, K (n, n) and J (rows, n).
             h: Step [s].
             room: Where systems and factors are kept; None: of its own.
             kept: Keep them for other loads.
         """
-        self._scheme, self._grid, self._parts, self._h = scheme, grid, parts, h
+        self._scheme, self._grid, self._parts, self._h = scheme, grid, tuple(parts), h
         self._room, self._wanted = room or Room(), kept
 
     @cached_property
     def first(self) -> Instant:
         """M, C, K and J at the first step, without a load."""
-        M, C, K, J = (self._grid.between(x, slice(0, 1))[0] for x in self._parts)
+        M, C, K, J = (x.along(self._grid, slice(0, 1))[0] for x in self._parts)
         return Instant(M, C, K, np.zeros(len(M)), J)
 
     def __call__(self, load: Array, start: Array) -> Marched:
@@ -121,8 +121,8 @@ class LinearMarch:
             if found is not None:
                 return found
         M, C, K, J = self._parts
-        none = np.zeros((len(M), 0))
-        system = stacked_path(self._grid, (M, C, K, np.zeros((len(M), len(start))), J, none))
+        r, none = (varying(np.zeros((len(M), n))) for n in (len(start), 0))
+        system = InterpolatedPath(self._grid, (M, C, K, r, J, none))
 
         def at(k: int) -> Instant:
             now = system.at(k).free
@@ -136,7 +136,7 @@ class LinearMarch:
 
     def _compiled(self, load: Array, start: Array) -> Marched | None:
         """None where a system is singular."""
-        n, rows, count = len(start), self._parts[3].shape[1], len(load)
+        n, rows, count = len(start), self._parts[3].shape[0], len(load)
         found = Marched(*(np.empty((count, width)) for width in (n, n, n, rows)))
         now = self.first
         first = start_at_rest(Instant(now.M, now.C, now.K, load[0], now.J), start)
@@ -158,9 +158,9 @@ class LinearMarch:
         """System of each step, (nt,), and a step at which each is: resting pieces have one."""
         grid, steps = self._grid, np.arange(len(self._grid.t))
         rests = np.ones(len(grid.pieces), dtype=bool)
-        for small, moving in zip(self._round_off, self._moving, strict=True):
+        for x, moving in zip(self._parts, self._moving, strict=True):
             nodes = moving[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
-            rests &= np.all(np.ptp(nodes, axis=1) <= small, axis=1)
+            rests &= np.all(np.ptp(nodes, axis=1) <= x.small, axis=1)
         for piece in np.flatnonzero(rests):
             here = grid.piece == piece
             here[grid.corners] = False
@@ -171,7 +171,7 @@ class LinearMarch:
     @cached_property
     def _kept(self) -> bool:
         """Whether all systems and their factors are kept."""
-        size = self._parts[0].shape[1] + self._parts[3].shape[1]
+        size = self._parts[0].shape[0] + self._parts[3].shape[0]
         width = self._moving_values.shape[1] + size * size
         return self._wanted and bool(len(self._systems[1]) * width <= _LARGEST)
 
@@ -191,34 +191,17 @@ class LinearMarch:
         return self._all, wanted
 
     @cached_property
-    def _round_off(self) -> list[float]:
-        """Changes of entries of M, C, K and J up to which they stand still."""
-        return [STILL * max(float(np.max(x, initial=0.0)), -float(np.min(x, initial=0.0)))
-                for x in self._parts]  # fmt: skip
-
-    @cached_property
-    def _moves(self) -> list[BoolArray]:
-        """Entries of M, C, K and J that change."""
-        pairs = zip(self._parts, self._round_off, strict=True)
-        return [np.ptp(x, axis=0) > small for x, small in pairs]
-
-    @cached_property
     def _entries(self) -> tuple[BoolArray, BoolArray]:
         """Entries of M, C or K, and of J, that change, shapes (n, n) and (rows, n)."""
-        M, C, K, J = self._moves
+        M, C, K, J = (x.moves for x in self._parts)
         return M | C | K, J
 
     @cached_property
     def _moving(self) -> list[Array]:
         """Those entries of M, C, K and J at the nodes, column by column, (size, .) each."""
         square, J_at = (np.nonzero(x.T)[::-1] for x in self._entries)
-        found = []
-        for x, moves, (row, col) in zip(
-            self._parts, self._moves, (square, square, square, J_at), strict=True
-        ):
-            values = x[:, row, col]
-            found.append(np.where(moves[row, col], values, values[:1]))
-        return found
+        places = square, square, square, J_at
+        return [x.those(at) for x, at in zip(self._parts, places, strict=True)]
 
     @cached_property
     def _moving_values(self) -> Array:
@@ -234,8 +217,8 @@ class LinearMarch:
     @cached_property
     def _kernel(self) -> LinearKernel:
         one, (moving, J_moving) = self._scheme, self._entries
-        M, C, K = (np.where(moving, 0.0, x[0]) for x in self._parts[:3])
-        J = np.where(J_moving, 0.0, self._parts[3][0])
+        M, C, K = (np.where(moving, 0.0, x.still) for x in self._parts[:3])
+        J = np.where(J_moving, 0.0, self._parts[3].still)
         still = Still(self._weighted(M, C, K), C, K, J, moving, J_moving)
         coefficients = one.mass_factor, one.beta, one.gamma, one.alpha_m, one.alpha_f
         systems = len(self._systems[1]) if self._kept else _BATCH

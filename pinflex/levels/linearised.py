@@ -7,17 +7,18 @@ by interpolation, they serve any number of steps, and any number of marches.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between
-from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
-from pinflex.levels.interpolated import STILL, InterpolatedPath, LinearStep, pack
+from pinflex.levels.interpolated import InterpolatedPath, LinearStep, pack
+from pinflex.levels.varying import STILL, Varying
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
@@ -173,29 +174,25 @@ def _interpolated(
     """Polynomials through twice the nodes until they are `close`, or nodes are one in `steps`."""
     like, t = system(every, 0), every.path.t
     widths = np.array([x.size for x in like.packed()])
-    starts, width = (np.cumsum(widths) - widths)[widths > 0], int(np.sum(widths))
+    starts = (np.cumsum(widths) - widths)[widths > 0]
 
-    def packed(times: Array) -> Array:
+    def packed(times: Array) -> Iterator[Array]:
         path = between(mechanism, motion, every.path, times)
         line = LinearPath(mechanism, path, every.structural, every.dynamics)
         line.together()
-        rows = np.empty((len(times), width))
-        for k, row in enumerate(rows):
-            np.concatenate([x.ravel() for x in system(line, k).packed()], out=row)
-        return rows
+        for k in range(len(times)):
+            yield pack(system(line, k))
 
     for whole in (False, True):
         moving = _Moving(packed, pieces.nodes(n).ravel(), starts, whole)
         most = _LARGEST * moving.share
         values, missed = pieces.refined(moving, moving.relative, n, close, len(t) / steps, most)
+        grid = Interpolation(pieces, values.shape[1] - 1, t)
+        corners = moving.of(pack(system(every, int(k))) for k in grid.corners)
         if not moving.late:
             break
-    grid = Interpolation(pieces, values.shape[1] - 1, t)
-    flat = np.empty((len(grid.times), width))
-    flat[: grid.nodes] = moving.every(values.reshape(grid.nodes, -1))
-    for row, k in zip(flat[grid.nodes :], grid.corners, strict=True):
-        row[:] = pack(system(every, int(k)))
-    return InterpolatedPath(grid, flat, like, missed)
+    flat = np.concatenate([values.reshape(grid.nodes, -1), corners])
+    return InterpolatedPath(grid, moving.parts(flat, [x.shape for x in like.packed()]), missed)
 
 
 class _Moving:
@@ -207,7 +204,11 @@ class _Moving:
     """
 
     def __init__(
-        self, packed: Callable[[Array], Array], first: Array, starts: IntArray, whole: bool
+        self,
+        packed: Callable[[Array], Iterator[Array]],
+        first: Array,
+        starts: IntArray,
+        whole: bool,
     ) -> None:
         """Find out what moves.
 
@@ -217,27 +218,32 @@ class _Moving:
             starts: First columns of the matrices in a row.
             whole: Take every entry for moving.
         """
-        self._packed, self._times, self._rows = packed, first, packed(first)
-        self._sizes = _sizes(self._rows, starts)
-        ends = [*starts[1:], self._rows.shape[1]]
-        self._small = STILL * np.repeat(self._sizes, np.array(ends) - starts)
-        self._still = self._rows[0].copy()
-        self._moves = self._leaves(self._rows) | whole
-        self._matrix = np.repeat(np.arange(len(starts)), np.array(ends) - starts)[self._moves]
+        self._packed, self._times, self._starts = packed, first, starts
+        rows = np.array(list(packed(first)))
+        ends = [*starts[1:].tolist(), rows.shape[1]]
+        matrix = np.repeat(np.arange(len(starts)), np.array(ends) - starts)
+        self._sizes = np.array(
+            [np.max(np.abs(x), initial=0.0) for x in np.split(rows, starts[1:], 1)]
+        )
+        self._still, self._small = rows[0].copy(), (STILL * self._sizes)[matrix]
+        self._moves = (np.ptp(rows, axis=0) > self._small) | whole
+        self._rests = ~self._moves
+        self._rows, self._matrix = rows[:, self._moves], matrix[self._moves]
         self.share, self.late = max(float(np.mean(self._moves)), 1e-3), False
-
-    def _leaves(self, rows: Array) -> BoolArray:
-        far = np.maximum(np.max(rows, axis=0) - self._still, self._still - np.min(rows, axis=0))
-        return np.asarray(far > self._small)
 
     def __call__(self, times: Array) -> Array:
         """The moving entries at times (k,), shape (k, moving)."""
-        if times is not self._times and not np.array_equal(times, self._times):
-            rows = self._packed(times)
-            self.late |= bool(np.any(self._leaves(rows) & ~self._moves))
-        else:
-            rows = self._rows
-        return rows[:, self._moves]
+        if np.array_equal(times, self._times):
+            return self._rows
+        return self.of(self._packed(times))
+
+    def of(self, rows: Iterable[Array]) -> Array:
+        """Those of systems, shape (k, moving)."""
+        found = []
+        for row in rows:
+            self.late |= bool(np.any((np.abs(row - self._still) > self._small) & self._rests))
+            found.append(row[self._moves])
+        return np.array(found).reshape(-1, len(self._matrix))
 
     def relative(self, missed: Array, values: Array) -> float:
         """Largest miss of each matrix over its largest entry; the worst of all.
@@ -251,11 +257,16 @@ class _Moving:
             np.maximum.at(found, self._matrix, _ends(x.reshape(-1, len(self._matrix))))
         return float(np.max(far / np.maximum(sizes, 1e-300), initial=0.0))
 
-    def every(self, values: Array) -> Array:
-        """All entries, shape (k, width), of the moving ones."""
-        rows = np.tile(self._still, (len(values), 1))
-        rows[:, self._moves] = values
-        return rows
+    def parts(self, values: Array, shapes: Sequence[tuple[int, ...]]) -> list[Varying]:
+        """The matrices, of shapes, from their moving entries (size, moving)."""
+        found, entries = [], np.flatnonzero(self._moves)
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
+        for shape, end in zip(shapes, ends.tolist(), strict=True):
+            start = end - int(np.prod(shape))
+            a, b = np.searchsorted(entries, (start, end))
+            still = self._still[start:end].reshape(shape)
+            found.append(Varying(still, entries[a:b] - start, values[:, a:b]))
+        return found
 
 
 def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[PiecewiseChebyshev, int]:
@@ -289,11 +300,6 @@ class Kept:
                 self._kept.pop(min(self._kept, key=lambda j: -abs(j - k)))
             self._kept[k] = self._evaluate(k)
         return self._kept[k]
-
-
-def _sizes(x: Array, starts: IntArray) -> Array:
-    """Largest entry of each matrix that is packed in rows x (k, width), from its first column."""
-    return np.asarray(np.maximum.reduceat(_ends(x), starts)) if len(starts) else np.zeros(0)
 
 
 def _ends(x: Array) -> Array:
