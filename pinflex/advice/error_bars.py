@@ -35,6 +35,7 @@ from pinflex.threads import one_blas_thread
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation
+_TOLD = ("torque", "deflection", "stress", "platform position", "platform rotation")
 _QUASISTATIC = 1e-6  # tolerance of the equilibria that a quasistatic run is judged by
 
 
@@ -184,7 +185,9 @@ def _apart(
         large = look(probe, motion)
         found = differences(small, large)
         scale, far = _largest(small.stresses, large.stresses)
-        return found | ({"stress": far / scale} if scale > 0 else {})
+        if scale > 0:
+            found["stress"] = far / scale
+        return {key: found[key] for key in _TOLD if key in found}
 
 
 def described(probe: Probe) -> Deviation:

@@ -83,6 +83,16 @@ class Evaluator:
         self.functions.pinflex_closure_motion(self.tables.address, self.work, len(Y), *pointers)
         return found
 
+    def closures(self, Y: Array) -> tuple[Array, Array]:
+        """Closures (n, rows) and their Jacobians (n, rows, nv) at poses Y (n, nq)."""
+        Y, (nq, nv, _, rows, _) = np.ascontiguousarray(Y, dtype=np.float64), self._widths
+        if Y.ndim != 2 or Y.shape[1] != nq:
+            raise PinflexError(f"kernel: closures of {Y.shape}, not (n, {nq}).")
+        c, J = np.empty((len(Y), rows)), np.empty((len(Y), rows, nv))
+        given = self.tables.address, self.work, len(Y), Y.ctypes.data
+        self.functions.pinflex_closures(*given, c.ctypes.data, J.ctypes.data)
+        return c, J
+
     def poses(self, Y: Array, node: int) -> tuple[Array, Array]:
         """Rotations (n, 3, 3) and origins (n, 3), m, of a node in the world.
 

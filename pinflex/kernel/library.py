@@ -19,6 +19,7 @@ FUNCTIONS = {
     "pinflex_poses": (None, (_POINTER, _POINTER, _INT, _POINTER, _INT, _POINTER)),
     "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
     "pinflex_closure_motion": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 6)),
+    "pinflex_closures": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 3)),
     "pinflex_motion": (None, (_POINTER,) * 10),
     "pinflex_place": (None, (_POINTER,) * 2),
     "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),

@@ -227,6 +227,7 @@ class _Moving:
         )
         self._still, self._small = rows[0].copy(), (STILL * self._sizes)[matrix]
         self._moves = (np.ptp(rows, axis=0) > self._small) | whole
+        self._moves[:1] |= not np.any(self._moves)  # arrays without columns keep no shape
         self._rests = ~self._moves
         self._rows, self._matrix = rows[:, self._moves], matrix[self._moves]
         self.share, self.late = max(float(np.mean(self._moves)), 1e-3), False

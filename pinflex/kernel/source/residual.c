@@ -100,6 +100,27 @@ EXPORT void pinflex_closure_motion(const Tables *t, char *memory, Int count, con
   }
 }
 
+/* Closures and their Jacobians at `count` poses Y (count, nq): c (count, closures) and J (count,
+   closures, nv). */
+EXPORT void pinflex_closures(const Tables *t, char *memory, Int count, const double *Y, double *c,
+                             double *J) {
+  Work w;
+  Group g;
+  Tangent here;
+  lay_out(t, memory, &w, &g);
+  w.moving = 1;
+  for (Int i = 0; i < t->nv; i++) g.v[i] = g.a[i] = lane(0);
+  for (Int k = 0; k < count; k++) {
+    gather(Y, k + 1, t->nq, k, g.y);
+    expand(t, &w, g.y, g.v, g.a);
+    outward(t, &w, 1);
+    closure_motion(t, &w, g.open, g.lam, g.c);
+    scatter(g.open, k + 1, t->closures, k, c);
+    place_columns(t, &w, g.more, g.y, g.v, g.a, &here);
+    close_jacobian(t, &here, J + k * t->closures * t->nv);
+  }
+}
+
 /* Poses of one node in the world at `count` poses Y (count, nq): R row by row and p, (count, 12). */
 EXPORT void pinflex_poses(const Tables *t, char *memory, Int count, const double *Y, Int node,
                           double *out) {
