@@ -201,7 +201,7 @@ class _Study:
                 linear, self.motion, self.probe.end, self.probe.static, self.probe.steps - 1,
                 self.probe,
             )  # fmt: skip
-            run = probe.nonlinear(probe.corrected(probe.march()))
+            run = probe.nonlinear(probe.marched(1)[1])
         except (PinflexError, np.linalg.LinAlgError):
             return LeftOut("second order: without it the motion runs away", {}, False)
         error = Outputs(linear, self.motion, probe.t, self.plain.asked).differences(run, whole)
@@ -245,9 +245,8 @@ class _Study:
     def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
         """The motion corrected once, error bars by level, and seconds a run would take."""
         probe, differ = self.probe, self.outputs.differences
-        linear = probe.march()
-        corrected = probe.corrected(linear)
-        once, best = probe.nonlinear(corrected), probe.nonlinear(probe.corrected(corrected))
+        linear, corrected, twice = probe.marched(2)
+        once, best = probe.nonlinear(corrected), probe.nonlinear(twice)
         first, second = differ(probe.linear(linear), best), differ(once, best)
         ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
         rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf

@@ -196,9 +196,7 @@ def described(probe: Probe) -> Deviation:
     Raises:
         ConvergenceError: The corrections do not shrink.
     """
-    march = probe.march()
-    once = probe.corrected(march)
-    twice = probe.corrected(once)
+    march, once, twice = probe.marched(2)
     first, second = (float(np.max(np.abs(x.d - y.d), initial=0.0)) for x, y in
                      ((once, march), (twice, once)))  # fmt: skip
     size = float(np.max(np.abs(twice.d), initial=0.0))

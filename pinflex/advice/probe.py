@@ -28,6 +28,7 @@ from pinflex.mechanics.closure_motion import closure_motion
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.system import System
 
 _PARTS = 80  # of the time, each with a whole number of steps
 _CLOSE = 1e-5  # of the largest entry of a matrix: what interpolation may miss
@@ -45,6 +46,16 @@ class Deviation:
     v: Array
     a: Array
     lam: Array
+
+    @classmethod
+    def empty(cls, steps: int, system: System) -> Deviation:
+        """Room for one."""
+        widths = (*(system.nv,) * 3, system.closed.n)
+        return cls(*(np.empty((steps, width)) for width in widths))
+
+    def put(self, s: slice, part: Deviation) -> None:
+        """Write some steps."""
+        self.d[s], self.v[s], self.a[s], self.lam[s] = part.d, part.v, part.a, part.lam
 
     def moved(self, d: Array, v: Array, a: Array) -> Deviation:
         """With so much more of d, v and a (nt, nv)."""
@@ -96,7 +107,6 @@ class Probe:
         self.full = full_path(line, mechanism, motion, _CLOSE)
         self._parts = self.full.parts
         self._room: Room = like._room if like is not None else Room()
-        self._last: tuple[Array, Subspace] | None = None
         self.rough = self.full.missed
 
     def _nominal(self, motion: Motion, t: Array) -> Nominal:
@@ -122,23 +132,39 @@ class Probe:
         Raises:
             ConvergenceError: It grows without bound.
         """
-        within = self._within(shapes)
-        return self._deviation(within, within.march(within.load))
+        return self.marched(0, shapes)[0]
 
-    def corrected(self, found: Deviation, shapes: Array | None = None) -> Deviation:
-        """A deviation and the answer to its defect in the full equations.
+    def marched(self, times: int, shapes: Array | None = None) -> list[Deviation]:
+        """The linear deviation, and that corrected once and so on, up to so many times.
 
-        The closures are off by c, with exact rates; a part p of the answer closes them, and the
-        march finds what the forces then left ask for.
+        A correction is the answer to what a deviation leaves in the full equations. The closures
+        are off by c, with exact rates; a part p of the answer closes them, and the march finds what
+        the forces then left ask for. All go on side by side, so that factors serve them in turn.
 
         Args:
-            found: From `march`, or from here. shapes: Those in which it was found.
+            times: Corrections. shapes: Columns (nv, k) that they are in; None: all.
+        Raises:
+            ConvergenceError: One grows without bound.
         """
         within = self._within(shapes)
-        if self.dynamics.looped:
-            found = found.moved(*within.closing(self._gaps(found), self._straight))
-        left = self.dynamics.residual(*self._state(found), self.t).r
-        return found.plus(self._deviation(within, within.march(left @ within.B)))
+        every = [Deviation.empty(self.steps, self.system) for _ in range(times + 1)]
+        going = [within.begin() for _ in every]
+        for s in within.windows():
+            found = self._bounded(within.go(going[0], s, self._load[s]), s)
+            every[0].put(s, found)
+            for one, history in zip(going[1:], every[1:], strict=True):
+                if self.dynamics.looped:
+                    gaps = closure_motion(self.dynamics, *self._state(found, s)[:3])
+                    found = found.moved(*within.closing(gaps, s, self._straight))
+                left = self.dynamics.residual(*self._state(found, s), self.t[s]).r
+                found = found.plus(self._bounded(within.go(one, s, left), s))
+                history.put(s, found)
+        return every
+
+    @cached_property
+    def _load(self) -> Array:
+        """What the rigid motion leaves at every step, shape (nt, nv)."""
+        return self._parts[3].along(self.full.grid)
 
     @cached_property
     def _straight(self) -> Array | None:
@@ -153,12 +179,8 @@ class Probe:
         return self.full.grid.between(P)
 
     def _within(self, shapes: Array | None) -> Subspace:
-        """The system in some shapes: that in all, and the last one, are kept."""
-        if shapes is None:
-            return self._whole
-        if self._last is None or self._last[0] is not shapes:
-            self._last = shapes, self._subspace(shapes)
-        return self._last[1]
+        """The system in some shapes: that in all is kept."""
+        return self._whole if shapes is None else self._subspace(shapes)
 
     @cached_property
     def _whole(self) -> Subspace:
@@ -167,35 +189,37 @@ class Probe:
     def _subspace(self, B: Array) -> Subspace:
         return Subspace(self.full.grid, self._parts, B, self.h, self.static, self._room)
 
-    def _deviation(self, within: Subspace, found: Marched) -> Deviation:
+    def _bounded(self, found: Marched, s: slice) -> Deviation:
+        """What a march found in a window; raises a ConvergenceError where it has no bound."""
         with np.errstate(invalid="ignore"):
             far = ~(np.max(np.abs(found.d), axis=1, initial=0.0) <= _BOUND)
         if np.any(far):
-            k = int(np.argmax(far))
+            k = s.start + int(np.argmax(far))
             raise ConvergenceError(
                 f"{self.mechanism.name}: t = {self.t[k]:.6g} s: the linear vibration grows "
                 "without bound.",
                 time=float(self.t[k]),
             )
-        lam = np.zeros((self.steps, self.system.closed.n))
-        lam[:, within.rows] = found.lam
-        d, v, a = (x @ within.B.T for x in found[:3])
-        return Deviation(d, v, a, lam)
+        return Deviation(*found)
 
-    def _gaps(self, found: Deviation) -> Array:
-        """What closures are open by, with rates, shape (3, nt, rows)."""
-        return closure_motion(self.dynamics, *self._state(found)[:3])
-
-    def _state(self, found: Deviation) -> tuple[Array, Array, Array, Array]:
-        """y, v, a and multipliers."""
-        lam = self.base + found.lam
-        return self._poses(found), self.v0 + found.v, self.a0 + found.a, lam
+    def _state(self, found: Deviation, s: slice = slice(None)) -> tuple[Array, Array, Array, Array]:
+        """y, v, a and multipliers in a window."""
+        lam = self.base[s] + found.lam
+        return self._poses(found, s), self.v0[s] + found.v, self.a0[s] + found.a, lam
 
     # Runs ----------------------------------------------------------------------------------
 
-    def _poses(self, found: Deviation) -> Array:
-        """Shape (nt, nq)."""
-        return Manifold(self.dynamics).retract(self.path.straight(self.system.n_eta), found.d)
+    def _poses(self, found: Deviation, s: slice = slice(None)) -> Array:
+        """Shape (steps, nq)."""
+        return self._manifold.retract(self._flat[s], found.d)
+
+    @cached_property
+    def _manifold(self) -> Manifold:
+        return Manifold(self.dynamics)
+
+    @cached_property
+    def _flat(self) -> Array:
+        return self.path.straight(self.system.n_eta)
 
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""

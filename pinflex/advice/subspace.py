@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -11,14 +11,12 @@ import numpy.typing as npt
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.schemes import generalized_alpha
-from pinflex.levels.linear_march import LinearMarch, Marched, Room
+from pinflex.levels.linear_march import Going, LinearMarch, Marched, Room
 from pinflex.levels.varying import Varying, varying
 from pinflex.linalg import independent_rows, saddle
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.system import System
 
-_BATCH = 64  # steps at a time: what is interpolated stays in cache
 _DEPENDENT = 1e-6  # of the largest: singular values below it close nothing
 _ROUND_OFF = 1e-11  # of combinations of functions; seen: 1e-13
 
@@ -29,7 +27,6 @@ class Subspace:
     Attributes:
         B: Shape (nv, k).
         rows: Closures that are independent there.
-        load: What the rigid motion leaves, at every step, shape (nt, k).
     """
 
     def __init__(
@@ -52,6 +49,7 @@ class Subspace:
             room: For marches.
         """
         self.B, self._grid, self._static = B, grid, static
+        self._row, self._still = _picked(B), np.zeros(B.shape[1])
         J = _in_columns(parts[4], B, False)
         self.rows = np.sort(independent_rows(J.still, 1e-9))
         M, C, K = (_in_columns(x, B, True) for x in parts[:3])
@@ -59,30 +57,51 @@ class Subspace:
         every = np.arange(len(M.still))
         system = M, C, K, J.picked(self.rows, every)
         self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, room)
-        self.load = grid.between(parts[3].whole() @ B)
 
-    def march(self, load: Array) -> Marched:
-        """The deviation under a load, shape (nt, k)."""
-        start = np.zeros(self.B.shape[1])
-        if self._static:
-            now = self._march.first
-            start, _ = saddle(now.K, now.J, now.J, -load[0], np.zeros(len(now.J)))
-        return self._march(load, start)
+    def begin(self) -> Going:
+        """One of some marches that go on side by side."""
+        return self._march.begin()
 
-    def closing(self, gaps: Array, straight: Array | None) -> Array:
-        """What closes loops, and its rates, shape (3, nt, nv).
+    def windows(self) -> Iterator[slice]:
+        """Steps that are taken at a time."""
+        return self._march.windows()
+
+    def go(self, one: Going, s: slice, load: Array) -> Marched:
+        """What a march finds in a window, in all coordinates and rows of J.
 
         Args:
-            gaps: What closures are open by, with rates, shape (3, nt, rows).
+            one: From `begin`. s: The window. load: Of all coordinates there, shape (steps, nv).
+        """
+        own, start = load @ self.B if self._row is None else load[:, self._row], self._still
+        if self._static and s.start == 0:
+            now = self._march.first
+            start, _ = saddle(now.K, now.J, now.J, -own[0], np.zeros(len(now.J)))
+        one.go(s, own, start)
+        d, v, a, lam = (x[s] for x in one.found)
+        every = np.zeros((len(lam), self._J.shape[0]))
+        every[:, self.rows] = lam
+        return Marched(self._wide(d), self._wide(v), self._wide(a), every)
+
+    def _wide(self, x: Array) -> Array:
+        """In all coordinates, shape (..., nv)."""
+        if self._row is None:
+            return np.asarray(x @ self.B.T)
+        found = np.zeros((*x.shape[:-1], len(self.B)))
+        found[..., self._row] = x
+        return found
+
+    def closing(self, gaps: Array, s: slice, straight: Array | None) -> Array:
+        """What closes loops, and its rates, shape (3, steps, nv).
+
+        Args:
+            gaps: What closures are open by, with rates, shape (3, steps, rows).
+            s: The steps.
             straight: What closes them by the first columns of B, shape (nt, k, rows); None: least
                 energy does.
         """
-        p = np.zeros((3, gaps.shape[1], len(self.B)))
-        for s in spans(gaps.shape[1], _BATCH):
-            P = self._grid.between(self._closers, s) if straight is None else straight[s]
-            moved = (P @ -gaps[:, s].transpose(1, 2, 0)).transpose(2, 0, 1)
-            p[:, s] = moved @ self.B[:, : P.shape[1]].T
-        return p
+        P = self._grid.between(self._closers, s) if straight is None else straight[s]
+        moved = (P @ -gaps.transpose(1, 2, 0)).transpose(2, 0, 1)
+        return np.asarray(moved @ self.B[:, : P.shape[1]].T)
 
     @cached_property
     def _closers(self) -> Array:

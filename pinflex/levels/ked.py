@@ -123,7 +123,7 @@ def _together(
 ) -> tuple[Marched, Array, int]:
     """Deviation with all multipliers, torques (nt, motors), and the number of sound steps."""
     grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts
-    found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(r.along(grid), start)
+    found = LinearMarch(scheme, grid, (M, C, K, J), h)(r.along(grid), start)
     m, c, k, left, j, base = of_motors
     torque = forces_along(grid, (m, c, k, left, j), found)
     found.lam[:] += base.along(grid)

@@ -41,8 +41,8 @@ def system(n: int, rows: int, corners: tuple[float, ...] = (), seed: int = 1) ->
     return grid, (M, C, K, J), load
 
 
-def march_of(scheme, grid, parts, h, room=None, kept=True) -> LinearMarch:
-    return LinearMarch(scheme, grid, [varying(x) for x in parts], h, room, kept)
+def march_of(scheme, grid, parts, h, room=None) -> LinearMarch:
+    return LinearMarch(scheme, grid, [varying(x) for x in parts], h, room)
 
 
 def without_kernel(monkeypatch: pytest.MonkeyPatch, march: LinearMarch, *given: Array) -> tuple:
@@ -75,20 +75,24 @@ def test_it_is_the_march_in_numpy(n, rows, scheme, monkeypatch):
 
 
 @needs_kernel
-def test_another_load_and_another_march_between_use_the_right_factors(monkeypatch):
+def test_marches_side_by_side_are_those_one_by_one(monkeypatch):
+    """Factors of a window serve all of them, and another march between uses the same room."""
+    monkeypatch.setattr(linear_march, "_KEPT", 11 * 11 * 20)  # windows of 20 steps
     room = Room()
-    marches, loads = [], []
-    for seed in (1, 2):
-        grid, parts, load = system(9, 2, seed=seed)
-        marches.append(march_of(generalized_alpha(0.8), grid, parts, float(grid.t[1]), room))
-        loads.append(load)
-    start = np.zeros(9)
-    for k in (0, 0, 1, 0):
-        for factor in (1.0, -2.0):
-            load = factor * loads[k]
-            assert_same(
-                marches[k](load, start), without_kernel(monkeypatch, marches[k], load, start)
-            )
+    grid, parts, load = system(9, 2, seed=1)
+    march, other = (
+        march_of(generalized_alpha(0.8), grid, parts, float(grid.t[1]), room) for _ in range(2)
+    )
+    start, loads = np.zeros(9), (load, -2.0 * load, 0.5 * load)
+    going = [march.begin() for _ in loads]
+    windows = list(march.windows())
+    assert len(windows) > 3
+    for s in windows:
+        for one, given in zip(going, loads, strict=True):
+            one.go(s, given[s], start)
+    assert_same(other(load, start), going[0].found)
+    for one, given in zip(going, loads, strict=True):
+        assert_same(one.found, without_kernel(monkeypatch, march, given, start))
 
 
 @needs_kernel
@@ -96,19 +100,9 @@ def test_another_load_and_another_march_between_use_the_right_factors(monkeypatc
 def test_a_piece_at_rest_is_one_system(kept, monkeypatch):
     """Beyond 0.4 s nothing moves: factors are kept there, also in batches."""
     grid, parts, load = system(6, 2, corners=(0.4,))
-    march = march_of(newmark(), grid, parts, float(grid.t[1]), kept=kept)
+    march = march_of(newmark(), grid, parts, float(grid.t[1]), Room() if kept else None)
     assert len(march._systems[1]) < 0.45 * STEPS
     start = np.zeros(6)
-    assert_same(march(load, start), without_kernel(monkeypatch, march, load, start))
-
-
-@needs_kernel
-def test_many_systems_are_not_kept(monkeypatch):
-    grid, parts, load = system(12, 3)
-    march = march_of(newmark(), grid, parts, float(grid.t[1]))
-    monkeypatch.setattr(linear_march, "_LARGEST", 1000.0)
-    assert not march._kept
-    start = np.zeros(12)
     assert_same(march(load, start), without_kernel(monkeypatch, march, load, start))
 
 
