@@ -31,7 +31,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 
 _PARTS = 80  # of the time, each with a whole number of steps
-_CLOSE = 1e-5  # of the largest entry of a matrix: what interpolation may miss
+_CLOSE = 1e-3  # of the largest entry of a matrix: what interpolation may miss
 _JUMP = 0.1  # of the largest acceleration between two steps: they are too long for the motion
 _PERIOD = 20  # steps for each period of the third mode: amplitudes within 1 %
 _BOUND = 1e6  # m or rad: a deviation beyond it grows without bound

@@ -57,13 +57,24 @@ def forces_along(grid: Interpolation, parts: Sequence[Varying], found: Marched) 
 
 
 class Room:
-    """Numbers that marches in turn use: memory is dear when it is first touched."""
+    """Numbers that marches in turn use: memory is dear when it is first touched.
+
+    Attributes:
+        owner: Whose numbers are there.
+    """
 
     def __init__(self) -> None:
         self._numbers = np.empty(0)
+        self.owner: LinearMarch | None = None
 
-    def take(self, size: int) -> Array:
-        """Room for `size` numbers; nobody else's are left."""
+    def take(self, owner: LinearMarch, size: int) -> Array:
+        """Room for numbers; nobody else's are left.
+
+        Args:
+            owner: Who is to have it.
+            size: Numbers.
+        """
+        self.owner = owner
         if len(self._numbers) < size:
             self._numbers = np.empty(size)
         return self._numbers[:size]
@@ -91,7 +102,7 @@ class LinearMarch:
                 for one march.
         """
         self.scheme, self.grid, self.h, self.parts = scheme, grid, h, tuple(parts)
-        self._room, self._at = room, slice(0, 0)
+        self._room, self._shared, self._at = room or Room(), room is not None, slice(0, 0)
         self._ready: tuple[Array, IntArray] = np.empty(0), np.empty(0, dtype=np.intp)
 
     @cached_property
@@ -125,7 +136,7 @@ class LinearMarch:
     @cached_property
     def _window(self) -> int:
         size = self.parts[0].shape[0] + self.parts[3].shape[0]
-        kept = _BATCH if self._room is None else max(_FEWEST, _KEPT // max(size * size, 1))
+        kept = _BATCH if not self._shared else max(_FEWEST, _KEPT // max(size * size, 1))
         return int(min(kept, max(len(self.grid.t) - 1, 1)))
 
     # On the kernel -------------------------------------------------------------------------
@@ -154,14 +165,20 @@ class LinearMarch:
 
     def _opened(self, s: slice) -> tuple[Array, IntArray]:
         """Moving entries of the systems of a window, and which of them is each step's."""
-        if s != self._at:
+        if s != self._at or self._room.owner is not self:
             of, at = self._systems
             mine, own = np.unique(of[s], return_inverse=True)
-            if self._room is not None:
-                size = self._kernel.n + self._kernel.rows
-                self._kernel.use(self._room.take(self._window * size * size))
+            width, size = self._moving_values.shape[1], self._kernel.n + self._kernel.rows
+            factors = self._window * size * size if self._shared else 0
+            numbers = self._room.take(self, factors + len(mine) * width)
+            if self._shared:
+                self._kernel.use(numbers[:factors])
             self._kernel.forget()
-            self._at, self._ready = s, (self.grid.between(self._moving_values, at[mine]), own)
+            values = numbers[factors:].reshape(len(mine), width)
+            self._at, self._ready = (
+                s,
+                (self.grid.between(self._moving_values, at[mine], values), own),
+            )
         return self._ready
 
     @cached_property
@@ -210,7 +227,7 @@ class LinearMarch:
         J = np.where(J_moving, 0.0, self.parts[3].still)
         still = Still(self._weighted(M, C, K), C, K, J, moving, J_moving)
         coefficients = one.mass_factor, one.beta, one.gamma, one.alpha_m, one.alpha_f
-        return LinearKernel(still, self.h, coefficients, self._window, self._room is not None)
+        return LinearKernel(still, self.h, coefficients, self._window, self._shared)
 
 
 class Going:
