@@ -219,6 +219,8 @@ class _Study:
             more = fewer.segmented(model)
             if level == "rigid" or worst(error) <= self.tol or self.rich is mechanism or not more:
                 return replace(found, error=error)
+            if worst(found.error) > _WORTH * worst(error):
+                return replace(found, error=error)  # whatever segments mend, that is left
             cut = load(model.description.with_overrides(list(more)))
             rest = error_bars.differences(self._look(cut, level), finer)
             # What two segments leave is a quarter to a third of what they mend.

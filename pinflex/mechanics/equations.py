@@ -23,14 +23,7 @@ from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled, on_kernel, serves
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
-from pinflex.mechanics.evaluated import (
-    Closure,
-    Energies,
-    IterationMatrix,
-    JointForces,
-    Residual,
-    Tangent,
-)
+from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
 from pinflex.mechanics.geometry import Geometry, spans
 from pinflex.mechanics.loads import LoadRows
 from pinflex.mechanics.poses import local_wrench
@@ -75,13 +68,6 @@ class Equations(Geometry):
     def _coupled(self) -> Whole | Subtrees:
         """Pinocchio where mass and derivatives couple all rows of a child of the base."""
         return self._whole if any(part.cut for part in self.system.parts) else self.pinocchio
-
-    def close(self, y: Array) -> Closure:
-        """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""
-        if self.compiled is None:
-            return super().close(y)
-        c, J = self.compiled.evaluator.closures(np.atleast_2d(y))
-        return Closure(c, J) if y.ndim > 1 else Closure(c[0], J[0])
 
     def rnea(self, Q: Array, V: Array, A: Array) -> Array:
         """Forces of inertia and weight, shape (n, nV).
