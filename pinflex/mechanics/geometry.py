@@ -224,7 +224,7 @@ class Geometry:
             gamma = compiled.evaluator.closure_motion(np.atleast_2d(y), V, np.zeros_like(V))[2]
         else:
             gamma = self.bias_of(self._kinematics(y, v, True), V)
-        return gamma[0] if y.ndim == 1 else gamma
+        return np.asarray(gamma[0] if y.ndim == 1 else gamma)
 
     def bias_of(self, at: Kinematics, V: Array) -> Array:
         """gamma (n, rows) where joints move with V (n, nv).
