@@ -49,16 +49,28 @@ class Deviation:
 
     @classmethod
     def empty(cls, steps: int, system: System) -> Deviation:
-        """Room for one."""
+        """Room for one.
+
+        Args:
+            steps: Number of instants. system: Of what deviates.
+        """
         widths = (*(system.nv,) * 3, system.closed.n)
         return cls(*(np.empty((steps, width)) for width in widths))
 
     def put(self, s: slice, part: Deviation) -> None:
-        """Write some steps."""
+        """Write some steps.
+
+        Args:
+            s: The steps. part: The deviation there.
+        """
         self.d[s], self.v[s], self.a[s], self.lam[s] = part.d, part.v, part.a, part.lam
 
     def moved(self, d: Array, v: Array, a: Array) -> Deviation:
-        """With so much more of d, v and a (nt, nv)."""
+        """With more of the motion.
+
+        Args:
+            d, v, a: So much, shape (nt, nv) each.
+        """
         return Deviation(self.d + d, self.v + v, self.a + a, self.lam)
 
     def plus(self, other: Deviation) -> Deviation:
