@@ -34,7 +34,7 @@ from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.subtrees import on_model
 from pinflex.mechanics.system import System
 
-_LARGE = 1e7  # bytes of a workspace of Pinocchio: tables for the kernel are cheaper to make
+_LARGE = 4e7  # bytes of a workspace that takes ten times as long to make as tables for the kernel
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,9 @@ def flexible_system(
     spun = len(idle.spins)
     own = spun + len(coupled)
     report = LoopReport(every.n - own, len(kept) - own, redundant, 0, float("nan"))
-    return replace(system, closed=every.select(kept)), report
+    if redundant:
+        system = replace(system, closed=every.select(kept))
+    return system, report
 
 
 def _lengths_of(closed: Closures, description: Description) -> Array:
