@@ -74,10 +74,10 @@ def test_a_rigid_link_has_no_columns(robot):
 
 
 def test_where_joints_alone_cannot_close_loops_least_energy_does(robot, probe):
-    """Another part of the answer closes them: what is left falls as fast, to the same motion."""
+    """Another part of the answer closes them, on the way to the same motion."""
     other = Probe(robot, default_motion(robot), probe.end, static=False, like=probe)
     other.__dict__["_straight"] = None
     for found, same in zip(other.marched(2), probe.marched(2), strict=True):
-        # Of the second order both are; the third, which corrections after the first leave, differs.
+        # Both leave out what P's own rate brings, each its own: 8e-7 and 4e-6 are measured.
         assert largest(found.d - same.d) < 1e-5 * largest(same.d)
-        assert largest(found.a - same.a) < 1e-3 * largest(same.a)
+        assert largest(found.a - same.a) < 1e-4 * largest(same.a)
