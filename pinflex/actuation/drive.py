@@ -11,7 +11,8 @@ import numpy as np
 
 from pinflex.actuation.motors import MotorAxes, joint_curve, joint_path, motor_axes
 from pinflex.actuation.nominal import nominal
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.description.laws import SNAP
 from pinflex.description.motion import Motion
 from pinflex.mechanics.loads import Loads
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 # Interpolated motor motions (m, rad) are refined until the mid-interval error falls below this:
 # far below any step error, far above round-off of the second derivative.
 _FINE = 1e-10
+# Of a run: how far beside a jump its sides are looked at, beyond what laws snap to.
+_BESIDE = 1e-10
 _KEPT = 4  # paths: whoever marches once more, or in other steps, asks for the same one
 
 
@@ -86,17 +89,40 @@ def _interpolated(
         The function, and whether fewer than `most` nodes made it exact to 1e-10.
     """
     nodes = 65
-    while True:
-        if nodes >= most:
-            return _path(lambda t: _at_nodes(mechanism, motion, t)), False
-        grid = np.linspace(start, end, 2 * nodes - 1)
-        values = _at_nodes(mechanism, motion, grid)
-        coarse = _hermite(grid[::2], [x[::2] for x in values])
-        error = np.max(np.abs(coarse(grid[1::2])[0] - values[0][1::2]), initial=0.0)
+    while nodes < most:
+        grid, inside, old = _nodes(motion, start, end, 2 * nodes - 1)
+        x, v, a = _at_nodes(mechanism, motion, inside)
+        rest = (grid - inside)[:, None]
+        values = x + rest * (v + 0.5 * rest * a), v + rest * a, a
+        coarse = _hermite(grid[old], [x[old] for x in values])
+        error = np.max(np.abs(coarse(grid[~old])[0] - values[0][~old]), initial=0.0)
         # Halving the interval divides the quintic's error by 64.
         if error / 64.0 < _FINE:
             return _path(_hermite(grid, list(values))), True
         nodes = 2 * nodes - 1
+    return _path(lambda t: _at_nodes(mechanism, motion, t)), False
+
+
+def _nodes(motion: Motion, start: float, end: float, count: int) -> tuple[Array, Array, BoolArray]:
+    """Nodes in [start, end] s, equally far apart and twice where accelerations may jump.
+
+    Where they do at the end, which belongs to what follows, one more behind it.
+
+    Returns:
+        Their times; times a little inside the pieces between jumps; and which of them belong to
+        half as many nodes.
+    """
+    span = end - start
+    close = _BESIDE * span
+    # A time that rounds to a jump is past it.
+    at = np.array([t - SNAP * span for t in motion.switches if start + close < t <= end + close])
+    more = [end + 1e-3 * span] if len(at) and at[-1] > end - close else []
+    grid = np.linspace(start, end, count)
+    alone = np.all(np.abs(grid[:, None] - at) > 10.0 * close, axis=1)
+    inside = np.concatenate([grid[alone], at - close, at + close, more])
+    order = np.argsort(inside)
+    old = np.append((np.arange(count) % 2 == 0)[alone], np.ones(2 * len(at) + len(more), bool))
+    return np.concatenate([grid[alone], at, at, more])[order], inside[order], old[order]
 
 
 def _path(curve: Callable[[Array], tuple[Array, Array, Array]]) -> Callable[[Array], MotorPath]:
@@ -114,10 +140,13 @@ def _at_nodes(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Ar
 def _hermite(t: Array, values: list[Array]) -> Callable[[Array], tuple[Array, Array, Array]]:
     """The quintics through positions, velocities and accelerations (nt, nm) at times t (nt,).
 
+    A time that comes twice has a value on either side.
+
     In Bernstein's form, whose k-th derivative at an end is a difference of the k + 1 coefficients
     there (Farouki 2012, eq. 30). By numpy: scipy's splines take longer to import than a run.
     """
     h, (x, v, a) = np.diff(t)[:, None], values
+    h[h == 0.0] = 1.0  # between the two sides of a jump: no time lies there
     rise, bend = h / 5.0, h * h / 20.0
     begin = (x[:-1], x[:-1] + rise * v[:-1], x[:-1] + 2.0 * rise * v[:-1] + bend * a[:-1])
     end = (x[1:] - 2.0 * rise * v[1:] + bend * a[1:], x[1:] - rise * v[1:], x[1:])

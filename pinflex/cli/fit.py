@@ -39,6 +39,10 @@ or a universal file (.uff, .unv) of frequency responses. NAME.std is a standard 
     )  # fmt: skip
     p.add_argument("--level", help="of runs for time histories (default: the YAML's)")
     p.add_argument("--dt", type=float, metavar="S", help="step of these runs")
+    p.add_argument(
+        "--simultaneous", action="store_true",
+        help="intervals that hold all at once with 95 %% confidence (default: each alone)",
+    )  # fmt: skip
     parser.repeated(p, "--node", "N=FRAME", "frame of a node of a universal file; repeatable")
     p.add_argument("-o", "--output", metavar="FILE", help="write the fitted YAML")
     p.add_argument("--plot", metavar="FILE", help="write measured against fitted, .png or .pdf")
@@ -57,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
     with Bar("fit") as bar:
         found = fit(
             load_model(args), args.measured, vary, priors, shape_std=args.shape_std,
-            level=args.level, dt=args.dt, nodes=nodes, progress=bar,
+            level=args.level, dt=args.dt, nodes=nodes, simultaneous=args.simultaneous,
+            progress=bar,
         )  # fmt: skip
     files = written(found, args)
     if args.json:

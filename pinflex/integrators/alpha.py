@@ -79,15 +79,16 @@ class March:
         am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
         # From a, and the a, s and v before it, to s, v and the move; and what ds adds to s, v, a.
         algorithmic = np.array([1.0 - af, af, -am, 0.0]) / (1.0 - am)
-        self._to_y = beta * h * h
-        self._predict = np.array(
+        # Of M, C and K: what ds adds to the move, to v and to a.
+        self.weights = to_y, to_v, to_a = beta * h * h, gamma * h, scheme.mass_factor
+        self.predictor = np.array(
             [
                 algorithmic,
-                gamma * h * algorithmic + [0.0, 0.0, h * (1.0 - gamma), 1.0],
-                self._to_y * algorithmic + [0.0, 0.0, h * h * (0.5 - beta), h],
+                to_v * algorithmic + [0.0, 0.0, h * (1.0 - gamma), 1.0],
+                to_y * algorithmic + [0.0, 0.0, h * h * (0.5 - beta), h],
             ]
         )
-        self._gains = np.array([[1.0], [gamma * h], [scheme.mass_factor]])
+        self._gains = np.array([[1.0], [to_v], [to_a]])
 
     def control(self, k: int, y: Array, v: Array) -> None:
         """Let the feedback act at a state of step k.
@@ -161,7 +162,7 @@ class March:
             a[motors] = path.acceleration[k]
         known[0], known[1], known[2], known[3] = a, before.a, before.s, before.v
         # Rows s, v and a share one array, so that a correction is one product.
-        moving = self._predict @ known
+        moving = self.predictor @ known
         s, v, move = moving[0], moving[1], moving[2].copy()
         moving[2] = a
         y = self.dynamics.integrate(before.y, move)
@@ -185,14 +186,14 @@ class March:
         self, now: Step, before: Step, moving: Array, move: Array, ds: Array, dlam: Array, k: int
     ) -> None:
         """Move a state by a correction of s and lam."""
-        change = self._change
+        change, to_y = self._change, self.weights[0]
         change[self.newton.free] = ds
         moving += self._gains * change
         now.lam += dlam
         if self.dynamics.vector_space:
-            now.y += self._to_y * change
+            now.y += to_y * change
             return
-        move += self._to_y * change
+        move += to_y * change
         now.y = self.dynamics.integrate(before.y, move)
         if self.drive is None:
             self.axes.write(now.y, self.path.position[k])

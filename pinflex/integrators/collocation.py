@@ -83,6 +83,11 @@ def radau(s: int) -> Collocation:
     return _tableau(s)
 
 
+def implicit_euler() -> Collocation:
+    """The scheme with one stage, whose equations are those of a single state."""
+    return _tableau(1)
+
+
 def with_one_more(method: Collocation) -> Collocation:
     """The scheme with one stage more, up to 9: good enough for a correction."""
     return _tableau(method.s + 1)

@@ -70,10 +70,14 @@ class CompiledSteps:
         """The steps of the last call."""
         return Batch(self, int(self.kernel.at.count))
 
-    def samples(self, t: Array, of: IntArray) -> States:
-        """States at times t (k,) in s, of (k,): the step of the batch that each lies in."""
-        given = None if self.table else self.inputs(t)
-        return States(*self.kernel.samples(t, of + 1, given))
+    def samples(self, t: Array, of: IntArray, room: States) -> None:
+        """Read off states.
+
+        Args:
+            t: Times in s, shape (k,). of: The step of the batch that each lies in, shape (k,).
+            room: Where the states go.
+        """
+        self.kernel.samples(t, of + 1, None if self.table else self.inputs(t), room)
 
     def works(self, count: int) -> Array:
         """Work of the motors and of the damping in each step, J, shape (count, 2)."""

@@ -11,11 +11,14 @@ from pinflex.actuation.feedback import Feedback
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
 from pinflex.integrators.alpha import MAX_ITERATIONS, NEWTON, March, NoConvergence
+from pinflex.integrators.compiled_alpha import compiled_alpha
 from pinflex.integrators.newton import Step
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+
+_TOGETHER = 64  # steps between calls of `progress`, and of the kernel
 
 
 # A diverging iteration overflows before it is caught and named.
@@ -56,29 +59,38 @@ def integrate(
     now = resume[1] or march.first(*start, begin)
     record.keep(begin, now)
     march.set_scale(now, begin)
+    compiled = compiled_alpha(march, record.columns)
     k, last, fresh = begin, now, kinks(path) | (set() if resume[1] else {begin})
     try:
-        for k in range(begin + 1, steps + 1):
-            if k - 1 in fresh:
-                if k > 1:
-                    now = march.first(now.y, now.v, k - 1)
-                now = last = march.quiet_start(now, k - 1)
-            # Both go on as they did: a multiplier left behind would cost one more correction.
-            guess = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam
-            last, now = now, march.step(now, guess, k)
-            dynamics.require_on_beams(now.y, mechanism.name, float(t[k]))
-            record.keep(k, now)
-            if progress is not None and k % 64 == 0:
+        while k < steps:
+            if k in fresh:
+                if k > 0:
+                    now = march.first(now.y, now.v, k)
+                now = last = march.quiet_start(now, k)
+            begun, upto = (
+                k,
+                min([steps, k - k % _TOGETHER + _TOGETHER, *(j for j in fresh if j > k)]),
+            )
+            if compiled is not None:
+                k, now, last = compiled.advance(k, now, last, upto)
+            if k == begun:
+                # Both go on as they did: a multiplier left behind would cost one more correction.
+                guess = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam
+                after = march.step(now, guess, k + 1)
+                dynamics.require_on_beams(after.y, mechanism.name, float(t[k + 1]))
+                last, now, k = now, after, k + 1
+                record.keep(k, now)
+            if progress is not None and k % _TOGETHER == 0:
                 progress(k, steps)
     except MotionError as error:
-        error.result = record.run(k - 1, str(error))
+        error.result = record.run(k, str(error))
         raise
     except KeyboardInterrupt:
-        raise RunInterrupted(record.run(max(k - 1, begin), "interrupted")) from None
+        raise RunInterrupted(record.run(k, "interrupted")) from None
     except (NoConvergence, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
-        so_far = record.run(max(k - 1, begin), "diverged")
-        raise _diverged(mechanism, march, t[max(k, 1)], max(k, 1), r, so_far) from None
+        so_far = record.run(k, "diverged")
+        raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None
     return record.run(steps)
 
 
@@ -88,26 +100,27 @@ class _Record:
     def __init__(self, march: March, t: Array, begin: int) -> None:
         self._march, self._t, self._begin = march, t, begin
         self._system = system = march.dynamics.system
-        self._y, self._v = np.empty((len(t), system.nq)), np.empty((len(t), system.nv))
-        self._a, self._s = np.empty_like(self._v), np.empty_like(self._v)
-        self._lam = np.empty((len(t), system.closed.n))
-        self._torque = np.empty((len(t), len(system.motors)))
-        self._power = np.zeros((len(t), 2))
+        nv, rows, motors = system.nv, system.closed.n, len(system.motors)
+        # y, v, a, s, lam, torque and power.
+        self.columns = tuple(
+            np.zeros((len(t), n)) for n in (system.nq, *(nv,) * 3, rows, motors, 2)
+        )
         self._signals = None if march.feedback is None else march.feedback.signals(len(t))
 
     def keep(self, k: int, now: Step) -> None:
         """Record step k; a feedback goes on from there."""
         march, signals = self._march, self._signals
-        self._y[k], self._v[k], self._a[k], self._s[k] = now.y, now.v, now.a, now.s
-        self._lam[k], self._torque[k] = now.lam, now.torque
         losses = march.dynamics.losses(now.y, now.v)
-        self._power[k] = now.torque @ now.v[self._system.motors], losses
+        power = np.array([now.torque @ now.v[self._system.motors], losses])
+        state = now.y, now.v, now.a, now.s, now.lam, now.torque, power
+        for column, values in zip(self.columns, state, strict=True):
+            column[k] = values
         if march.feedback is not None and signals is not None:
             march.control(k, now.y, now.v)
             assert march.control_force is not None
             march.feedback.keep()
             signals.u[k], signals.measured[k] = march.feedback.u, march.feedback.m
-            self._power[k, 0] += float(march.control_force @ now.v)
+            self.columns[-1][k, 0] += float(march.control_force @ now.v)
 
     def run(self, upto: int, stopped: str = "") -> Run:
         """The steps up to one as a run; work by the trapezoidal rule."""
@@ -115,13 +128,13 @@ class _Record:
         steps = upto - self._begin
         counts = {"steps": steps, "newton": march.iterations, "tangents": march.newton.count}
         settings = {"integrator": march.scheme.name, "dt": march.h, "gamma": march.scheme.gamma}
-        power, work = self._power[k], np.zeros((steps + 1, 2))
+        y, v, a, algorithmic, lam, torque, power = (column[k] for column in self.columns)
+        work = np.zeros((steps + 1, 2))
         np.cumsum(0.5 * march.h * (power[1:] + power[:-1]), axis=0, out=work[1:])
         signals = None if self._signals is None else self._signals.at(k)
         return Run(
-            self._system, self._t[k], self._y[k], self._v[k], self._a[k], self._lam[k],
-            self._torque[k], dict(counts), dict(settings), work, (), stopped, signals,
-            s=self._s[k],
+            self._system, self._t[k], y, v, a, lam, torque, dict(counts), dict(settings), work, (),
+            stopped, signals, s=algorithmic,
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.integrators.compiled_march import Batch
+from pinflex.integrators.compiled_march import STATE, Batch
 from pinflex.integrators.run import Run
 from pinflex.integrators.steps import Recorded, States
 
@@ -25,46 +25,50 @@ class Record:
         system, n = stages.dynamics.system, len(t)
         self._stages, self.system, self.t, self.count = stages, system, t, 0
         self.resolution = resolution
-        self.y, self.v = np.empty((n, system.nq)), np.empty((n, system.nv))
-        self.a, self.lam = np.empty((n, system.nv)), np.empty((n, system.closed.n))
-        self.torque, self.work = np.empty((n, len(system.motors))), np.zeros((n, 2))
+        widths = system.nq, system.nv, system.nv, system.closed.n, len(system.motors), 2
+        self._columns = States(*(np.zeros((n, width)) for width in widths))
         self._total, self._ahead = np.zeros(2), np.zeros((0, 2))
 
     def start(self, now: Any) -> None:
         """Take the first state."""
-        self.y[0], self.v[0], self.a[0] = now.y, now.v, now.a
-        self.lam[0], self.torque[0], self.count = now.lam, now.torque, 1
+        for name in STATE:
+            getattr(self._columns, name)[0] = getattr(now, name)
+        self.count = 1
 
     def ahead(self, steps: Sequence[Any]) -> States:
-        """States at the samples that lie in the steps after those taken."""
-        ends = ends_of(steps)
-        upto = int(np.searchsorted(self.t, ends[-1], side="right"))
-        t = self.t[self.count : upto]
-        of = np.searchsorted(ends, t)
-        work = self._ahead = self._works(steps)
-        if not len(t):
-            return States(*(part[:0] for part in self._columns()))
-        if isinstance(steps, Batch):
-            found = steps.made.samples(t, of)
-        else:
-            found = self._stages.dense(steps, t, of)
-        return found._replace(work=found.work + (self._total + np.cumsum(work, axis=0) - work)[of])
-
-    def take(self, steps: Sequence[Any], found: States | None = None) -> int:
-        """Record steps, and the states at their samples where they are known already.
+        """States at the samples that lie in the steps after those taken, where `take` leaves them.
 
         Args:
             steps: Accepted steps, in order.
-            found: States at the samples in them, of those that are `ahead`; None: all of these.
+        """
+        ends = ends_of(steps)
+        upto = int(np.searchsorted(self.t, ends[-1], side="right"))
+        t = self.t[self.count : upto]
+        room = States(*(column[self.count : upto] for column in self._columns))
+        work = self._ahead = self._works(steps)
+        if not len(t):
+            return room
+        of = np.searchsorted(ends, t)
+        if isinstance(steps, Batch):
+            steps.made.samples(t, of, room)
+        else:
+            for column, values in zip(room, self._stages.dense(steps, t, of), strict=True):
+                column[...] = values
+        np.add(room.work, (self._total + np.cumsum(work, axis=0) - work)[of], out=room.work)
+        return room
+
+    def take(self, steps: Sequence[Any], count: int | None = None) -> int:
+        """Record steps.
+
+        Args:
+            steps: Accepted steps, in order.
+            count: Samples in them, where the last call was `ahead` of them or more; None: it was
+                not.
         """
         if not steps:
             return 0
-        found = self.ahead(steps) if found is None else found
-        upto = self.count + len(found.y)
-        for column, values in zip(self._columns(), found, strict=True):
-            column[self.count : upto] = values
+        self.count += len(self.ahead(steps).y) if count is None else count
         self._total = self._total + self._ahead[: len(steps)].sum(axis=0)
-        self.count = upto
         return len(steps)
 
     def finish(self, steps: Sequence[Any]) -> None:
@@ -79,7 +83,7 @@ class Record:
             settings: What the method used.
             stopped: Why it ended early; "": it did not.
         """
-        y, v, a, lam, torque, work = (column[: self.count] for column in self._columns())
+        y, v, a, lam, torque, work = (column[: self.count] for column in self._columns)
         return Run(
             self.system, self.t[: self.count], y, v, a, lam, torque, cost, settings, work, (),
             stopped,
@@ -90,9 +94,6 @@ class Record:
         if isinstance(steps, Batch):
             return steps.made.works(len(steps))
         return self._stages.works(steps)
-
-    def _columns(self) -> States:
-        return States(self.y, self.v, self.a, self.lam, self.torque, self.work)
 
 
 def spans_of(steps: Sequence[Any]) -> tuple[Array, Array]:

@@ -28,6 +28,7 @@ FUNCTIONS = {
     "pinflex_march": (ctypes.c_int, (_POINTER,) * 3),
     "pinflex_begin": (ctypes.c_int, (_POINTER,) * 3),
     "pinflex_correct_steps": (ctypes.c_int, (*(_POINTER,) * 4, _INT, *(_POINTER,) * 3)),
+    "pinflex_alpha": (_INT, (*(_POINTER,) * 3, _INT, _POINTER)),
     "pinflex_linear_march": (_INT, (_POINTER,)),
     "pinflex_samples": (None, (*(_POINTER,) * 2, _INT, *(_POINTER,) * 9)),
 }

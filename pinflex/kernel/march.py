@@ -176,7 +176,6 @@ class MarchKernel:
         self._functions, self._tables = stages.functions, stages.tables
         self._call = (stages.tables, stages.work, ctypes.addressof(self.at))
         self._widths = (nq, nv, nv, rows, motors, 2)
-        self._state = np.cumsum([0, *self._widths])  # one state after the other
         self._new = bytes(self.at)
 
     def begin_anew(self, given: Marched, table: Table) -> None:
@@ -227,31 +226,28 @@ class MarchKernel:
         )
         return bool(done)
 
-    def samples(self, t: Array, of: IntArray, inputs: Array | None) -> tuple[Array, ...]:
+    def samples(self, t: Array, of: IntArray, inputs: Array | None, room: Sequence[Array]) -> None:
         """States at times: y, v, a, lam, torque and work.
 
         Args:
             t: Times in s, shape (k,). of: The step that each lies in, shape (k,).
             inputs: Shape (k, columns), where there is no table of them.
+            room: Where they go: six arrays of k rows that lie one after the other.
         """
         t, of = _numbers(t), np.ascontiguousarray(of, dtype=np.int64)
-        if of.shape != t.shape or np.any(of < 0) or np.any(of > self.at.count):
+        # Taken without a sign, a negative number is large.
+        if of.shape != t.shape or of.view(np.uint64).max(initial=0) > self.at.count:
             raise PinflexError("kernel: samples outside the steps.")
         given = None if inputs is None else _numbers(inputs)
         if given is not None and given.shape != (len(t), self.input.shape[1]):
             raise PinflexError(f"kernel: inputs of {given.shape}.")
-        ends = len(t) * self._state
-        room = np.empty(ends[-1])  # one, for where an array lies takes numpy long to tell
-        first = room.ctypes.data
+        for x, width in zip(room, self._widths, strict=True):
+            if x.shape != (len(t), width) or x.dtype != float or not x.flags.c_contiguous:
+                raise PinflexError(f"kernel: room of {x.shape} for {(len(t), width)} numbers.")
         self._functions.pinflex_samples(
             self._tables, self._call[2], len(t), t.ctypes.data, of.ctypes.data,
-            None if given is None else given.ctypes.data,
-            *(first + 8 * int(begin) for begin in ends[:-1]),
+            None if given is None else given.ctypes.data, *(x.ctypes.data for x in room),
         )  # fmt: skip
-        return tuple(
-            room[begin:end].reshape(len(t), width)
-            for begin, end, width in zip(ends[:-1], ends[1:], self._widths, strict=True)
-        )
 
 
 def _columns(stages: StageKernel) -> int:

@@ -43,6 +43,8 @@ _HALF = 0.5  # of what is expected of an output: the least that its error is rel
 _NO_BETTER, _IN_VAIN = 0.7, 1e-2
 _MORE = 1.5  # such errors that are borne, of it
 _AGAIN = 4  # times that a run may begin anew
+# So much finer than it was, in the first half: what errs is behind, and short steps do not mend it.
+_FAR_FINER = 3e-3
 
 
 class Judge:
@@ -95,7 +97,7 @@ class Judge:
         self._sizes: dict[str, float] = {}
         self._moved, self._borne = False, 0.0
         self._histories: list[dict[str, History]] = []
-        self._error = 0.0
+        self._error, self._highest = 0.0, self.resolution
         self._error_at = float(self._t[0])
 
     def take(self, steps: Sequence[Step]) -> int:
@@ -116,31 +118,28 @@ class Judge:
         if len(bad) and not self.stuck:
             good = self._send_back(float(t[bad[0]] + h[bad[0]]), errors, int(bad[0]))
             if good < 0:
-                self.begun += 1
-                self.start(self._now)
-            if good <= 0:
+                return self._anew()
+            if not good:
                 return good
         self._borne = min(self._borne, _MORE * float(np.max(errors)))
         end = float(t[good - 1] + h[good - 1])
         if good == len(steps) and not len(bad) and not self.stuck:
             self._adapt(errors, end)
+            if self._in_hindsight(end):
+                return self._anew()
+        self._highest = max(self._highest, self.resolution)
         self._error, self._error_at = max(self._error, float(np.max(errors[:good]))), end
         kept = self._samples(steps[:good])
-        self._keep(steps[:good], (corrected[:good], twice[:good]), (found, better), kept)
+        self._keep(steps[:good], corrected[:good], twice[:good], kept)
         self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
 
     def _keep(
-        self,
-        steps: Sequence[Step],
-        corrected: tuple[Sequence[Step], Sequence[Step]],
-        ahead: tuple[States, States],
-        kept: int,
+        self, steps: Sequence[Step], once: Sequence[Step], twice: Sequence[Step], samples: int
     ) -> None:
-        """Record steps that stay, corrected once and twice, and of the samples ahead so many."""
-        for record, some, states in zip((self._found, self._better), corrected, ahead, strict=True):
-            record.take(some, States(*(part[:kept] for part in states)))
-        once, twice = corrected
+        """Record steps that stay, corrected once and twice, and so many samples in them."""
+        self._found.take(once, samples)
+        self._better.take(twice, samples)
         self._before = self._corrector.last(steps, once), self._second.last(once, twice)
 
     def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
@@ -275,9 +274,20 @@ class Judge:
         room = AIM * (self._allowed - so_far)
         self.resolution *= min(max(room / (error - so_far), LEAST), FALL)
         self.lowest = min(self.lowest, self.resolution)
-        if anew:
-            self._coarsest = self.resolution  # where it rose again the error did too
         return -1 if anew else bad
+
+    def _in_hindsight(self, end: float) -> bool:
+        """Whether a run that has come to `end` (s) would better have begun with short steps."""
+        half = 0.5 * float(self._t[0] + self._t[-1])
+        far_finer = self.resolution < _FAR_FINER * self._highest
+        return far_finer and end < half and self.begun <= _AGAIN
+
+    def _anew(self) -> int:
+        """Let no step stay; -1, as `take` says it."""
+        self._coarsest = self.resolution  # where it rose again the error did too
+        self.begun += 1
+        self.start(self._now)
+        return -1
 
     def _in_vain(self, t: float, error: float) -> bool:
         """Whether shorter steps have brought nothing at a time where the run was sent back.

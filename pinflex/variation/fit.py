@@ -63,6 +63,7 @@ def fit(
     level: str | None = None,
     dt: float | None = None,
     nodes: Mapping[int, str] | None = None,
+    simultaneous: bool = False,
     progress: Progress = None,
 ) -> Fit:
     """Fit numbers of a scene to what was measured.
@@ -83,6 +84,8 @@ def fit(
         level: Of runs that are compared with time histories; default: that of the YAML.
         dt: Their step [s]; default: from the first frequencies.
         nodes: Frames by the node numbers of a universal file.
+        simultaneous: Whether the intervals are to hold all at once with 95 % confidence, so that
+            the designs in their box can be trusted; default: each alone, whatever the others are.
         progress: True: a bar; or a function called with (designs solved, most).
 
     Returns:
@@ -102,7 +105,7 @@ def fit(
     problem = _Problem(
         designs, data, _bounds(robot, ranges), _spreads(robot, priors), callback(progress)
     )
-    return _fitted(problem, *problem.solved())
+    return _fitted(problem, *problem.solved(), simultaneous)
 
 
 def _plain(vary: Iterable[str]) -> dict[str, tuple[float, float] | None]:
@@ -294,7 +297,7 @@ def _scale(rows: Array, n: int) -> float:
     return max(math.sqrt(float(np.sum(rows**2)) / max(len(rows) - n, 1)), _LEAST)
 
 
-def _fitted(problem: _Problem, x: Array, rows: Array, J: Array) -> Fit:
+def _fitted(problem: _Problem, x: Array, rows: Array, J: Array, simultaneous: bool) -> Fit:
     """What is told of a fit."""
     designs, data = problem.designs, problem.data
     values = designs.values(x)
@@ -303,13 +306,13 @@ def _fitted(problem: _Problem, x: Array, rows: Array, J: Array) -> Fit:
     C = covariance(problem.with_priors(J), hidden(problem.with_priors(J)))
     found = ends(
         problem.rows_or_none, Best(x, problem.with_prior_rows(rows, x), problem.with_priors(J), C),
-        problem.bounds, quantile(None if data.told else freedom),
+        problem.bounds, quantile(None if data.told else freedom, len(x) if simultaneous else 1),
     )  # fmt: skip
     return Fit(
         problem.names, designs.first, np.array([*values.values()]),
         np.exp(problem.bounds) * designs.first[:, None],
         np.sort(np.exp(found.x) * designs.first[:, None], axis=1), found.profiled, found.leaning,
-        C, rows,
-        data.told, freedom, tuple(sentences(J, C, problem.names, found.own)), text,
+        simultaneous, C, rows, data.told, freedom,
+        tuple(sentences(J, C, problem.names, found.own)), text,
         tuple(data.panels(best)), problem.solves, designs.described(values),
     )  # fmt: skip

@@ -28,12 +28,13 @@ class Fit(Worded):
 
     Attributes:
         parameters: Key paths; `first` and `best` values, shape (n,); `bounds`, shape (n, 2).
-        intervals: 95 % confidence intervals of each parameter alone, shape (n, 2): 0 or infinite
+        intervals: 95 % confidence intervals of the parameters, shape (n, 2): 0 or infinite
             where the measurements tell no end within the bounds, NaN where as many numbers were
             measured as fitted and none with its standard deviation.
         profiled: Which of these are of the profile likelihood, shape (n,), see
             `pinflex.variation.profile`; the others are of straight residuals.
         leaning: Other parameters that are at a bound where an interval ends, of each, by place.
+        simultaneous: Whether the intervals hold all at once with that confidence, not each alone.
         covariance: Of straight residuals by logarithms, shape (n, n); infinite where these do not
             tell the parameter.
         residuals: At the best values, in standard deviations, shape (rows,).
@@ -54,6 +55,7 @@ class Fit(Worded):
     intervals: Array
     profiled: tuple[bool, ...]
     leaning: tuple[tuple[int, ...], ...]
+    simultaneous: bool
     covariance: Array
     residuals: Array
     told: bool
@@ -82,7 +84,8 @@ class Fit(Worded):
                 strict=True,
             )
         ]  # fmt: skip
-        heads = "parameter|before|fitted|change|95 % confidence"
+        confidence = "95 % confidence" + (", all at once" if self.simultaneous else "")
+        heads = f"parameter|before|fitted|change|{confidence}"
         return "\n".join([
             table("Parameters, SI units", heads, rows, (44,), last_is_text=True), "",
             self.compared, "", *self.sentences(),
@@ -195,6 +198,7 @@ class Fit(Worded):
             },
             "misfit": self.misfit,
             "freedom": self.freedom,
+            "simultaneous": self.simultaneous,
             "said": self.sentences(),
             "solves": self.solves,
         }  # fmt: skip

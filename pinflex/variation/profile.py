@@ -5,7 +5,9 @@ An end of the interval of parameter k is the last x_k at which the others, fitte
     S(x) = |r(x)|^2 <= S(best) + z^2,
 
 z the quantile of the normal law where standard deviations are known, of Student's with the freedom
-left where one was estimated. In a linear problem that is x_k -+ z sqrt(C_kk). Whether it is one is
+left where one was estimated. Intervals that are to hold all at once take z^2 of chi^2 with as many
+freedoms as parameters, n, or n times that of Fisher's F: they are the box about the joint region,
+and hold at least as often. In a linear problem that is x_k -+ z sqrt(C_kk). Whether it is one is
 asked of the residuals at these two ends: r departs from r(best) + J d by little of z, and S rises
 by z^2. Elsewhere the end is sought by a sequence of small problems: most x_k under that limit with
 
@@ -15,7 +17,8 @@ the second derivatives H those of the best point, J led along with them and by B
 and taken anew by differences at the end, where it judges whether the others are fitted.
 
 Source: Bates, Watts (1988), Nonlinear Regression Analysis, ch. 6; Venzon, Moolgavkar (1988), A
-method for computing profile-likelihood-based confidence intervals, Appl. Statist. 37, 87; Raue et
+method for computing profile-likelihood-based confidence intervals, Appl. Statist. 37, 87; Scheffe
+(1959), The Analysis of Variance, sec. 3.5: all at once; Raue et
 al. (2009), Structural and practical identifiability analysis, Bioinformatics 25, 1923: ends that
 are not told; Broyden (1965), A class of methods for solving nonlinear simultaneous equations.
 """
@@ -49,18 +52,19 @@ _MOST = 40  # steps to an end; some ten are taken
 Rows = Callable[[Array], Array | None]
 
 
-def quantile(freedom: int | None) -> float:
-    """Half the 95 % interval of one parameter in standard deviations.
+def quantile(freedom: int | None, count: int = 1) -> float:
+    """Half the 95 % interval of a parameter in standard deviations.
 
     Args:
         freedom: Residuals less parameters, where their scale was estimated of them; NaN below 1.
             None: standard deviations are known.
+        count: Parameters whose intervals are to hold all at once.
     """
-    from scipy.stats import norm, t
+    from scipy.stats import chi2, f
 
     if freedom is None:
-        return float(norm.ppf(0.5 + _LEVEL / 2))
-    return float(t.ppf(0.5 + _LEVEL / 2, freedom)) if freedom > 0 else math.nan
+        return float(np.sqrt(chi2.ppf(_LEVEL, count)))
+    return float(np.sqrt(count * f.ppf(_LEVEL, count, freedom))) if freedom > 0 else math.nan
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ def ends(rows: Rows, best: Best, bounds: Array, z: float) -> Ends:
         rows: Residuals at x; None where there is no such design.
         best: The least squares.
         bounds: Of x, shape (n, 2): what is not told before them is untold.
-        z: Quantile of one parameter.
+        z: Half an interval in standard deviations: `quantile`.
     """
     half = z * np.sqrt(np.diag(best.C))
     found = best.x[:, None] + half[:, None] * np.array([-1.0, 1.0])

@@ -38,8 +38,8 @@ def heed_signals() -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_run_that_is_ended_by_a_signal_is_saved(tmp_path: Path, number: signal.Signals) -> None:
     run = tmp_path / "run.npz"
-    model = write_model(tmp_path, "arm")
-    with start("solve", str(model), "--set", "solve.dt=1e-6", "-o", str(run)) as process:
+    # 2e5 steps, ten seconds: longer than the signal takes to come.
+    with start("solve", "race_r2", "--set", "solve.dt=2e-6", "-o", str(run)) as process:
         wait_until_busy(process)
         process.send_signal(number)
         _, said = process.communicate(timeout=60)

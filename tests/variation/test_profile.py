@@ -75,6 +75,44 @@ def test_straight_rows_are_not_profiled():
     assert found.profiled == (False, False) and len(calls) == 4  # both ends of each
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_intervals_all_at_once_hold_as_often_as_told(known):
+    # Straight rows, twelve data and four parameters, 4000 data sets of a fixed seed.
+    rng = np.random.default_rng(5)
+    A, noise = rng.standard_normal((12, 4)), rng.standard_normal((4000, 12))
+    C = np.linalg.inv(A.T @ A)
+    off = noise @ A @ C  # of the best values
+    left = np.sum((noise - off @ A.T) ** 2, axis=1) / 8
+    s = 1.0 if known else np.sqrt(left)[:, None]
+    spread = s * np.sqrt(np.diag(C))
+
+    def held(count):
+        inside = np.abs(off) < quantile(None if known else 8, count) * spread
+        return np.all(inside, axis=1).mean(), inside.mean(axis=0)
+
+    # 0.95 within three standard errors of 4000 sets, 0.0035 each
+    assert held(1)[1] == pytest.approx(0.95, abs=0.0105)
+    assert held(1)[0] < 0.9 and held(4)[0] > 0.95 - 0.0105
+    # the region itself: off' C^-1 off within the square of the quantile
+    limit = (quantile(None if known else 8, 4) * np.ravel(s)) ** 2
+    inside = np.einsum("ki,ij,kj->k", off, A.T @ A, off) < limit
+    assert inside.mean() == pytest.approx(0.95, abs=0.0105)
+
+
+def test_a_fit_tells_intervals_that_hold_all_at_once():
+    robot = pf.load("ur5")
+    f = pf.modes(robot, count=4).frequencies
+    data, keys = {"frequency": f, "std": 1e-4 * f}, ["flexible.*.material.E"]
+    each, both = pf.fit(robot, data, keys), pf.fit(robot, data, keys, simultaneous=True)
+    assert not np.any((*each.profiled, *both.profiled))
+    widths = [np.log(found.intervals[:, 1] / found.intervals[:, 0]) for found in (each, both)]
+    # chi^2 with two freedoms is -2 ln(1 - p)
+    ratio = np.sqrt(-2 * np.log(0.05)) / norm.ppf(0.975)
+    np.testing.assert_allclose(widths[1] / widths[0], ratio, rtol=1e-6)  # of roots found to 1e-9
+    assert "95 % confidence, all at once" in both.text() and both.as_json()["simultaneous"]
+    assert "all at once" not in each.text()
+
+
 @pytest.mark.parametrize("floor", [-9.0, -0.95, -0.5])
 def test_an_end_that_the_data_do_not_tell(floor):
     # 1 - exp(-3 e^x) saturates: 0.9 with a standard deviation of 0.1 is 1 within the quantile,

@@ -15,7 +15,7 @@ from pinflex.arrays import Array
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import ConvergenceError, PinflexError, RunInterrupted
 from pinflex.integrators import compiled_march
-from pinflex.integrators.compiled_march import Batch, CompiledMarch
+from pinflex.integrators.compiled_march import STATE, Batch, CompiledMarch
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.record import Record
@@ -196,16 +196,23 @@ def test_sizes_are_checked_where_arrays_go_over() -> None:
     t = np.linspace(0.0, 0.01, 11)
 
     class Kept(Record):
-        def take(self, steps: Batch, found: object = None) -> int:  # type: ignore[override]
+        def take(self, steps: Batch, count: object = None) -> int:  # type: ignore[override]
             batches.append(steps)
             return super().take(steps)
 
     given.kept(t, 1e-2, lambda stages: Kept(stages, t, 1e-2), 0.02, 0.0)
-    made = batches[-1].made
+    made, kernel = batches[-1].made, batches[-1].made.kernel
+    room = [
+        np.zeros((len(t), width)) for width in (*(getattr(kernel, name).size for name in STATE), 2)
+    ]
     with pytest.raises(PinflexError, match="samples outside"):
-        made.samples(t, np.full(len(t), 99))
+        made.samples(t, np.full(len(t), 99), room)
+    with pytest.raises(PinflexError, match="samples outside"):
+        made.samples(t, np.full(len(t), -2), room)
     with pytest.raises(PinflexError, match="inputs of"):
-        made.kernel.samples(t, np.ones(len(t), int), np.zeros((3, 1)))
+        kernel.samples(t, np.ones(len(t), int), np.zeros((3, 1)), room)
+    with pytest.raises(PinflexError, match="room of"):
+        kernel.samples(t, np.ones(len(t), int), None, room[::-1])
     with pytest.raises(PinflexError, match="weights"):
         made.kernel.correct(made.kernel, np.zeros((2, 2)), None, None)
     whole = list(batches[-1])

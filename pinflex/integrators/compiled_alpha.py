@@ -1,0 +1,76 @@
+"""Equal steps of the alpha family on the compiled kernel: the loop of `equal_steps` in C.
+
+Starts, and steps that Newton does not get through on a kept tangent, are left to `March`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pinflex.arrays import Array
+from pinflex.integrators.alpha import MAX_ITERATIONS, March
+from pinflex.integrators.collocation import implicit_euler
+from pinflex.integrators.compiled_stages import CompiledStages, compiled_stages
+from pinflex.integrators.newton import Step
+from pinflex.kernel.alpha import AlphaKernel, Iteration
+
+
+class CompiledAlpha:
+    """The steps of one march."""
+
+    def __init__(self, march: March, stages: CompiledStages, found: Sequence[Array]) -> None:
+        """`found`: y, v, a, s, lam, torque and power at all instants, which are written."""
+        self._march, self._stages, self._found = march, stages, found
+        path, (by_y, by_v, mass) = march.path, march.weights
+        given = Iteration(
+            march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
+        )
+        motors = path.position, path.velocity, path.acceleration, stages.compiled.scale(path.t)
+        self._kernel = AlphaKernel(stages.kernel, given, motors, found)
+        self._at: Step | None = None  # where its own last step ended
+
+    def __del__(self) -> None:
+        if (stages := self.__dict__.get("_stages")) is not None:
+            self._march.dynamics.system.spares.release(stages.method.s, stages, stages.size)
+
+    def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
+        """Steps from k on, as far as they go: the last one, and the states there and before.
+
+        Args:
+            k: Number of the last step. now, last: States there and before, which predict.
+            upto: Step to stop at.
+        """
+        march, kernel, at = self._march, self._kernel, self._kernel.at
+        if now is not self._at:
+            kernel.begin(*((x.y, x.v, x.a, x.s, x.lam) for x in (now, last)))
+        at.reference, at.peak = march.reference, march.peak
+        before = at.iterations, at.refreshed
+        taken = kernel.march(k + 1, upto - k)
+        march.iterations += at.iterations - before[0]
+        march.newton.count += at.refreshed - before[1]
+        if not taken:
+            return k, now, last
+        march.reference, march.peak, march.slow = at.reference, at.peak, True
+        last = now if taken == 1 else self._state(k + taken - 1)
+        self._at = self._state(k + taken)
+        return k + taken, self._at, last
+
+    def _state(self, k: int) -> Step:
+        return Step(*(x[k].copy() for x in self._found[:6]))
+
+
+def compiled_alpha(march: March, found: Sequence[Array]) -> CompiledAlpha | None:
+    """The steps of a march, compiled; None where motors are not prescribed or numpy serves.
+
+    Args:
+        march: March that they are of.
+        found: As `CompiledAlpha` has them.
+    """
+    if march.drive is not None or march.feedback is not None:
+        return None
+    dynamics = march.dynamics
+    stages = compiled_stages(dynamics, implicit_euler(), march.newton.free, march.axes)
+    # Of dampers between frames the kernel knows the force, not the power.
+    if stages is None or stages.kernel.counts["dampers"]:
+        return None
+    return CompiledAlpha(march, stages, found)

@@ -1,0 +1,237 @@
+/* Equal steps of the alpha family: Newton's iteration on tangents that are kept while it contracts.
+
+     [ m M + gamma h C + beta h^2 K    J' ] [  ds  ]     [ r              ]
+     [ J                               0  ] [ -dlam] = - [ c / (beta h^2) ],    m = da/ds
+
+   The same as `March` in pinflex/integrators/alpha.py and `Newton` in newton.py, which say more; a
+   step that fails here is left to them. */
+#include "lu.h"
+#include "march.h"
+#include <stddef.h>
+
+void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
+                       const double *A, const double *lam, const double *scale, double *R,
+                       double *C);
+void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
+                     const double *a, const double *lam, const double *scale, double *M, double *C,
+                     double *K, double *J);
+
+/* A state: y (nq,), v, a and s (nv,), lam (closures,). */
+typedef struct { double *y, *v, *a, *s, *lam; } State;
+
+/* Field by field that of pinflex/kernel/alpha.py. */
+typedef struct {
+  Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
+  Int iterations, refreshed;           /* counts */
+  const Stages *joints;                /* of its lists alone */
+  const double *predict;               /* (3, 4): a, and a, s, v before, to s, v and the move */
+  State now, last, next;               /* of last: a and lam */
+  double *move, *r, *open, *x;         /* (nv,), (nv,), (rows,), (n + rows,) */
+  double *tangent, *lu, *weight, *motor_rows, *motor_J; /* M, C, K, J; (n,), (motors, n), (rows, motors) */
+  Int *pivot;
+  double mass, by_v, by_y;             /* weights of M, C and K: da/ds, gamma h, beta h^2 */
+  double tolerance, farthest;          /* m or rad that an elastic coordinate may go */
+  double reference, peak;              /* accelerations: of the time, and the largest */
+  double noise, rate, previous, second, usual;
+} Alpha;
+
+/* What is prescribed at the steps to come, and where they are recorded, row by row. */
+typedef struct {
+  const double *position, *velocity, *acceleration, *scale;
+  double *y, *v, *a, *s, *lam, *torque, *power;
+} Rows;
+
+static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
+
+/* sqrt(a' W a) of free rows of `a`, W the diagonal of the iteration matrix. */
+static double size_of(const Alpha *m, const double *a, const Int *at) {
+  double sum = 0.0;
+  for (Int i = 0; i < m->joints->free; i++) {
+    double x = a[at ? at[i] : i];
+    sum += m->weight[i] * x * x;
+  }
+  return sqrt(sum);
+}
+
+static double largest(const double *x, Int n) {
+  double most = 0.0;
+  for (Int i = 0; i < n; i++)
+    if (!(fabs(x[i]) <= most)) most = fabs(x[i]);
+  return most;
+}
+
+/* A new tangent at the next state, without the rates of second-order rows. */
+static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale) {
+  const Stages *st = m->joints;
+  Int n = st->free, nv = t->nv, rows = t->closures, size = n + rows, square = nv * nv;
+  double *M = m->tangent, *C = M + square, *K = C + square, *J = K + square, sum = 0.0;
+  const State *x = &m->next;
+  pinflex_tangent(t, memory, 0, x->y, x->v, x->a, x->lam, scale, M, C, K, J);
+  for (Int i = 0; i < square; i++) M[i] = m->mass * M[i] + m->by_v * C[i] + m->by_y * K[i];
+  for (Int j = 0; j < n; j++) {
+    for (Int i = 0; i < n; i++) m->lu[j * size + i] = M[st->free_at[i] * nv + st->free_at[j]];
+    for (Int k = 0; k < rows; k++)
+      m->lu[j * size + n + k] = m->lu[(n + k) * size + j] = J[k * nv + st->free_at[j]];
+    m->weight[j] = fabs(m->lu[j * size + j]);
+    sum += m->weight[j];
+    for (Int k = 0; k < st->motors; k++)
+      m->motor_rows[k * n + j] = M[st->motor_v[k] * nv + st->free_at[j]];
+  }
+  for (Int k = 0; k < rows; k++) {
+    for (Int i = n; i < size; i++) m->lu[(n + k) * size + i] = 0.0;
+    for (Int j = 0; j < st->motors; j++)
+      m->motor_J[k * st->motors + j] = J[k * nv + st->motor_v[j]];
+  }
+  /* Positions are known to 1e-15 (m, rad); as accelerations that is this much noise. */
+  m->noise = 1e-15 / m->by_y * sqrt(sum);
+  m->refreshed++, m->rate = 0.1, m->usual = INFINITY;
+  return factors(m->lu, size, m->pivot);
+}
+
+/* The next state by a straight continuation of a and lam, and the move to it. */
+static void predict(const Tables *t, Alpha *m, const Rows *to) {
+  const Stages *st = m->joints;
+  const State *now = &m->now, *last = &m->last, *x = &m->next;
+  const double *P = m->predict;
+  for (Int i = 0; i < t->nv; i++) x->a[i] = 2.0 * now->a[i] - last->a[i];
+  for (Int k = 0; k < t->closures; k++) x->lam[k] = 2.0 * now->lam[k] - last->lam[k];
+  for (Int k = 0; k < st->motors; k++) x->a[st->motor_v[k]] = to->acceleration[k];
+  for (Int i = 0; i < t->nv; i++) {
+    double a = x->a[i], b = now->a[i], s = now->s[i], v = now->v[i];
+    x->s[i] = P[0] * a + P[1] * b + P[2] * s + P[3] * v;
+    x->v[i] = P[4] * a + P[5] * b + P[6] * s + P[7] * v;
+    m->move[i] = P[8] * a + P[9] * b + P[10] * s + P[11] * v;
+  }
+  for (Int k = 0; k < st->motors; k++) {
+    x->s[st->motor_v[k]] = to->acceleration[k];
+    x->v[st->motor_v[k]] = to->velocity[k];
+  }
+  retract(t, st, now->y, m->move, x->y);
+  write_motors(st, to->position, x->y);
+}
+
+/* ds (x) and dlam (x + n) from the residual; the norm of ds. */
+static double solved(const Tables *t, Alpha *m) {
+  const Stages *st = m->joints;
+  Int n = st->free, rows = t->closures;
+  for (Int i = 0; i < n; i++) m->x[i] = -m->r[st->free_at[i]];
+  for (Int k = 0; k < rows; k++) m->x[n + k] = -m->open[k] / m->by_y;
+  solve(m->lu, n + rows, m->pivot, m->x);
+  for (Int k = 0; k < rows; k++) m->x[n + k] = -m->x[n + k];
+  return size_of(m, m->x, NULL);
+}
+
+static void correct(const Tables *t, Alpha *m, const Rows *to) {
+  const Stages *st = m->joints;
+  const State *x = &m->next;
+  for (Int j = 0; j < st->free; j++) {
+    Int i = st->free_at[j];
+    double ds = m->x[j];
+    x->s[i] += ds, x->v[i] += m->by_v * ds, x->a[i] += m->mass * ds, m->move[i] += m->by_y * ds;
+  }
+  for (Int k = 0; k < t->closures; k++) x->lam[k] += m->x[st->free + k];
+  retract(t, st, m->now.y, m->move, x->y);
+  write_motors(st, to->position, x->y);
+}
+
+/* Error that the corrections of a step leave; `stuck`: they shrink no more. */
+static double left(Alpha *m, Int iteration, double size, int *stuck) {
+  double rate = 0.5, ratio = size / fmax(m->previous, 1e-300);
+  if (iteration == 1) {
+    m->second = ratio;
+    if (m->usual == INFINITY) m->usual = fmax(ratio, 1e-6); /* below that it is round-off */
+    rate = m->rate * fmax(1.0, ratio / m->usual);
+  } else if (iteration > 1) {
+    m->rate = rate = fmax(ratio, 1e-3);
+    m->usual = m->second;
+  }
+  *stuck = iteration >= 3 && size > 0.5 * m->previous;
+  m->previous = size;
+  return rate < 0.9 ? size * rate / (1.0 - rate) : INFINITY;
+}
+
+/* Whether forces balance to a goal (or round-off) and loops are shut to round-off. */
+static int spent(const Tables *t, const Alpha *m, double goal) {
+  const Stages *st = m->joints;
+  double sum = 0.0;
+  for (Int i = 0; i < st->free; i++) {
+    double r = m->r[st->free_at[i]];
+    sum += r * r / fmax(m->weight[i], 1e-300);
+  }
+  return sqrt(sum) <= fmax(goal, m->noise) && largest(m->open, t->closures) < 1e-13;
+}
+
+static int converged(const Tables *t, Alpha *m, Int iteration, double size) {
+  int stuck;
+  double rest = left(m, iteration, size, &stuck);
+  if (iteration >= 2 && rest > fmax(m->tolerance * m->reference, m->noise))
+    m->reference = fmax(m->reference, size_of(m, m->next.a, m->joints->free_at));
+  double goal = fmax(m->tolerance * m->reference, 0.01 * m->noise);
+  if (rest <= goal && (t->closures == 0 || largest(m->open, t->closures) < 1e-9)) return 1;
+  return stuck && spent(t, m, fmax(goal, STUCK * m->reference));
+}
+
+/* The next state; 0 where Newton does not get there. */
+static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
+  const State *x = &m->next;
+  Int fresh = m->stale;
+  predict(t, m, to);
+  if (m->stale && !refresh(t, memory, m, to->scale)) return 0;
+  for (Int i = 0; i < m->most; i++) {
+    pinflex_residuals(t, memory, 1, x->y, x->v, x->a, x->lam, to->scale, m->r, m->open);
+    double size = solved(t, m);
+    m->iterations++;
+    if (!isfinite(size)) return 0;
+    correct(t, m, to);
+    if (converged(t, m, i, size)) {
+      double level = size_of(m, x->a, m->joints->free_at);
+      m->stale = m->rate > 0.1;
+      m->peak = fmax(m->peak, level);
+      m->reference = fmax(level, fmax(0.9 * m->reference, 1e-3 * m->peak));
+      return largest(x->y + t->nq_rigid, t->nq - t->nq_rigid) < m->farthest;
+    }
+    if (i >= 2 && m->rate > 0.3 && (!fresh || i > 4)) {
+      if (!refresh(t, memory, m, to->scale)) return 0;
+      fresh = 1;
+    }
+  }
+  return 0;
+}
+
+/* Record the next state, with the torques that the last correction completes, and go there. */
+static void go_there(const Tables *t, Alpha *m, const Rows *to) {
+  const Stages *st = m->joints;
+  State *x = &m->next, old = m->last;
+  Int n = st->free, nv = t->nv, rows = t->closures;
+  double power = 0.0;
+  for (Int k = 0; k < st->motors; k++) {
+    double sum = m->r[st->motor_v[k]];
+    for (Int j = 0; j < n; j++) sum += m->motor_rows[k * n + j] * m->x[j];
+    for (Int j = 0; j < rows; j++) sum -= m->motor_J[j * st->motors + k] * m->x[n + j];
+    to->torque[k] = sum;
+    power += sum * x->v[st->motor_v[k]];
+  }
+  to->power[0] = power, to->power[1] = dissipation(t, x->v);
+  copy(to->y, x->y, t->nq);
+  copy(to->v, x->v, nv), copy(to->a, x->a, nv), copy(to->s, x->s, nv);
+  copy(to->lam, x->lam, rows);
+  m->last = m->now, m->now = *x, m->next = old;
+}
+
+/* Up to `count` steps; the number of those that were taken. */
+EXPORT Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, const Rows *rows) {
+  Rows to = *rows;
+  Int motors = m->joints->motors, nv = t->nv;
+  for (Int k = 0; k < count; k++) {
+    double reference = m->reference, peak = m->peak;
+    if (!reach_next(t, memory, m, &to)) {
+      m->reference = reference, m->peak = peak, m->stale = 1;
+      return k;
+    }
+    go_there(t, m, &to);
+    to.position += motors, to.velocity += motors, to.acceleration += motors, to.scale += t->forces;
+    to.y += t->nq, to.v += nv, to.a += nv, to.s += nv, to.lam += t->closures;
+    to.torque += motors, to.power += 2;
+  }
+  return count;
+}

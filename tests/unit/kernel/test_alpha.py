@@ -1,0 +1,111 @@
+"""Equal steps of the alpha family: those of the kernel are those of numpy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.errors import PinflexError, RunInterrupted
+from pinflex.integrators.run import Run
+from pinflex.kernel.alpha import AlphaKernel
+from pinflex.kernel.library import kernel
+from pinflex.solver.scene import Scene
+from pinflex.solver.solve import default_motion
+
+pytestmark = pytest.mark.skipif(kernel().functions is None, reason="no kernel")
+
+# Loops and circles; balls and gravity; a tree; a switched load and a spring; dry friction.
+SCENES: dict[str, tuple[str, list[str], float]] = {
+    "race_r1": ("race_r1", [], 0.02),
+    "race_r2": ("race_r2", [], 0.05),
+    "ur5": ("ur5", [], 0.05),
+    "loaded": (
+        "ur5",
+        ["forces.push={at: tool0, force: [0, 0, 9], start: 0.01, until: 0.03}"],
+        0.05,
+    ),
+    "rubbing": ("race_r1", ["joints.knee_1.friction={coulomb: 0.01, speed: 0.5}"], 0.02),
+}
+
+
+def run_of(name: str, tolerance: float = 1e-10, progress: object = None) -> Run:
+    model, overrides, end = SCENES[name]
+    m = pf.load(model, overrides)
+    spec = replace(m.description.solve, level="coupled", until=end, tol=None, dt=None)
+    given = Scene(m, default_motion(m), spec, None, tolerance)
+    return given.stepped(np.linspace(0.0, end, 101), end / 200, progress)  # type: ignore[arg-type]
+
+
+def assert_alike(found: Run, wanted: Run) -> None:
+    assert found.cost["steps"] == wanted.cost["steps"]
+    # Poses are known to 1e-16 m, accelerations of stiff undamped coordinates to that over
+    # beta h^2 = 2e-9 s^2, which rings on: 8e-7 measured, 9e-10 of speeds, 7e-9 of multipliers.
+    for name, close in (("y", 1e-12), ("v", 1e-8), ("a", 5e-6), ("lam", 5e-8), ("torque", 5e-8)):
+        ours, theirs = getattr(found, name), getattr(wanted, name)
+        assert np.abs(ours - theirs).max(initial=0.0) <= close * np.abs(theirs).max(initial=0.0)
+    np.testing.assert_allclose(found.work, wanted.work, atol=1e-9 * np.abs(wanted.work).max())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_steps_of_the_kernel_are_those_of_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    plain = AlphaKernel.march
+
+    def march(self: AlphaKernel, first: int, count: int) -> int:
+        calls.append(plain(self, first, count))
+        return calls[-1]
+
+    monkeypatch.setattr(AlphaKernel, "march", march)
+    found = run_of(name)
+    assert sum(calls) == 200  # all on the kernel
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    assert_alike(found, run_of(name))
+    assert sum(calls) == 200
+
+
+def test_steps_that_the_kernel_leaves_are_taken_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted, plain, calls = run_of("race_r1"), AlphaKernel.march, []
+
+    def march(self: AlphaKernel, first: int, count: int) -> int:
+        calls.append(first)
+        return 0 if len(calls) % 3 == 0 else plain(self, first, min(count, 7))
+
+    monkeypatch.setattr(AlphaKernel, "march", march)
+    assert_alike(run_of("race_r1"), wanted)
+    assert len(calls) > 40
+
+
+def test_a_run_is_told_of_and_stopped_between_batches() -> None:
+    told = []
+
+    def progress(step: int, steps: int) -> None:
+        told.append((step, steps))
+        if step == 128:
+            raise KeyboardInterrupt
+
+    with pytest.raises(RunInterrupted) as stopped:
+        run_of("ur5", progress=progress)
+    assert told == [(64, 200), (128, 200)]
+    part = stopped.value.result
+    assert isinstance(part, Run) and len(part.t) == 65  # every second step is a sample
+    np.testing.assert_array_equal(part.y, run_of("ur5").y[:65])
+
+
+def test_sizes_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, plain = [], AlphaKernel.march
+
+    def march(self: AlphaKernel, first: int, count: int) -> int:
+        made.append(self)
+        return plain(self, first, count)
+
+    monkeypatch.setattr(AlphaKernel, "march", march)
+    run_of("ur5")
+    for first, count in ((0, 3), (199, 3), (1, -1)):
+        with pytest.raises(PinflexError, match=f"{count} steps from {first}"):
+            plain(made[0], first, count)
+    rows = [np.zeros((3, 2))] * 4
+    with pytest.raises(PinflexError, match="numbers, not"):
+        AlphaKernel(made[0]._stages, None, rows, [np.zeros((3, 1))] * 7)  # type: ignore[arg-type]
