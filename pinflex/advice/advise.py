@@ -14,7 +14,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -202,7 +201,7 @@ class _Study:
                 linear, self.motion, self.probe.end, self.probe.static, self.probe.steps - 1,
                 self.probe,
             )  # fmt: skip
-            run = probe.nonlinear(probe.corrected(probe.march()))
+            run = probe.nonlinear(probe.marched(1)[1])
         except (PinflexError, np.linalg.LinAlgError):
             return LeftOut("second order: without it the motion runs away", {}, False)
         error = Outputs(linear, self.motion, probe.t, self.plain.asked).differences(run, whole)
@@ -211,21 +210,19 @@ class _Study:
     def _segmented(self, mechanism: Mechanism, found: Advice) -> Advice:
         """The advice with the error of its whole model in its bars, and segments if they help."""
         level = found.level if found.level in ("rigid", "quasistatic") else "coupled"
-        measure = partial(
-            error_bars.apart, motion=self.motion, end=self.probe.end, static=self.probe.static,
-            level=level, like=self.probe,
-        )  # fmt: skip
         try:
-            finer, _ = error_bars.finer_model(self.rich)
+            finer = self._look(error_bars.finer_model(self.rich)[0], "coupled")
             model = load(mechanism.description.with_overrides(list(found.overrides)))
-            apart = measure(model, finer)
+            apart = error_bars.differences(self._look(model, level), finer)
             self._tell(4, _LOOKS)
             error = error_bars.covering(found.error, apart)
             more = fewer.segmented(model)
             if level == "rigid" or worst(error) <= self.tol or self.rich is mechanism or not more:
                 return replace(found, error=error)
+            if worst(found.error) > _WORTH * worst(error):
+                return replace(found, error=error)  # whatever segments mend, that is left
             cut = load(model.description.with_overrides(list(more)))
-            rest = measure(cut, finer)
+            rest = error_bars.differences(self._look(cut, level), finer)
             # What two segments leave is a quarter to a third of what they mend.
             left = {k: e + _MENDED * apart.get(k, 0.0) for k, e in rest.items()}
             better = error_bars.covering(found.error, left)
@@ -241,12 +238,17 @@ class _Study:
             self.notes.append(f"more segments were not tried, and are not in the bars: {failed}")
             return found
 
+    def _look(self, model: Mechanism, level: str) -> error_bars.Seen:
+        """A model at a level, on the instants of the probe."""
+        like = self.probe
+        probe = Probe(model, self.motion, like.end, like.static, like.steps - 1, like)
+        return error_bars.look(probe, self.motion, level)
+
     def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
         """The motion corrected once, error bars by level, and seconds a run would take."""
         probe, differ = self.probe, self.outputs.differences
-        linear = probe.march()
-        corrected = probe.corrected(linear)
-        once, best = probe.nonlinear(corrected), probe.nonlinear(probe.corrected(corrected))
+        linear, corrected, twice = probe.marched(2)
+        once, best = probe.nonlinear(corrected), probe.nonlinear(twice)
         first, second = differ(probe.linear(linear), best), differ(once, best)
         ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
         rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf

@@ -10,22 +10,24 @@ before it is asked for.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
-from pinflex.actuation.nominal import Nominal
 from pinflex.advice.probe import Deviation, Probe
 from pinflex.advice.reduced_models import LARGEST, PLANES, SAFETY, Errors, beams
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError, PinflexError
 from pinflex.integrators.run import Run
-from pinflex.levels.outputs import ROUND_OFF, STILL, between, relative
+from pinflex.levels.outputs import ROUND_OFF, STILL, between, platform_poses, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import resolve
 from pinflex.recovery.recover import result_of
+from pinflex.recovery.sections import deflections
 from pinflex.results.error_bars import NOT_MEASURED, ErrorBars, time_error
 from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
@@ -33,6 +35,7 @@ from pinflex.threads import one_blas_thread
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation
+_TOLD = ("torque", "deflection", "stress", "platform position", "platform rotation")
 _QUASISTATIC = 1e-6  # tolerance of the equilibria that a quasistatic run is judged by
 
 
@@ -65,7 +68,7 @@ def model_error(
         return {}, f"{NOT_MEASURED}: {why}"
     try:
         finer, what = finer_model(mechanism)
-        found = apart(mechanism, finer, motion, end, static, level)
+        found = _apart(mechanism, finer, motion, end, static, level)
     except (PinflexError, np.linalg.LinAlgError) as failed:
         return {}, f"{NOT_MEASURED}: a cheap look does not describe this motion ({failed})"
     return {key: max(SAFETY * e, ROUND_OFF) for key, e in found.items()}, f"against {what}"
@@ -123,37 +126,68 @@ def covering(error: Errors, apart: Errors) -> Errors:
     return {key: max(e, SAFETY * apart.get(key, 0.0)) for key, e in error.items()}
 
 
-def apart(
-    mechanism: Mechanism,
-    finer: Mechanism,
-    motion: Motion,
-    end: float,
-    static: bool,
-    level: str = "coupled",
-    like: Probe | None = None,
-) -> Errors:
-    """Largest differences of a level of one model from all of another, by output.
+@dataclass(frozen=True)
+class Seen:
+    """A model at a level, looked at along a motion.
+
+    Attributes:
+        probe: Of the model. run: Its motion at the instants that are compared. some: Those.
+    """
+
+    probe: Probe
+    run: Run
+    some: slice
+
+    @cached_property
+    def deflections(self) -> dict[str, tuple[Array, Array]]:
+        """By link: sections (nx,) and how far they move, (n, nx, 3)."""
+        return deflections(self.probe.dynamics, self.run.y)
+
+    @cached_property
+    def platform(self) -> tuple[Array, Array]:
+        """Positions (n, 3) and rotations (n, 3, 3)."""
+        return platform_poses(self.probe.mechanism, self.probe.dynamics, self.run.y)
+
+    @cached_property
+    def rigid_platform(self) -> tuple[Array, Array]:
+        """The same of the rigid motion."""
+        y = self.probe.rigid().y[self.some]
+        return platform_poses(self.probe.mechanism, self.probe.dynamics, y)
+
+    @cached_property
+    def stresses(self) -> dict[str, Array]:
+        """By link: largest von Mises stress of all sections, (n,)."""
+        probe = self.probe
+        path = partial(probe.path.at, self.some)
+        result = result_of(probe.mechanism, self.run, path, "probe", {}, "")
+        return {x: np.asarray(result.link(x).von_mises.max(axis=1)) for x in result.links}
+
+
+def look(probe: Probe, motion: Motion, level: str = "coupled") -> Seen:
+    """A model at a level, at some of the instants of its probe.
 
     Args:
-        mechanism: The model in question.
-        finer: The other one.
-        motion: What both are to do.
-        end: Last time [s].
-        static: Whether they start in equilibrium.
-        level: Level of the model in question.
-        like: A probe of the same motion, that has marched.
+        probe: Probe. motion: What it does. level: rigid, quasistatic, ked or coupled.
     Raises:
         ConvergenceError: Linear vibration does not describe the motion.
     """
+    some = slice(None, None, max(1, (probe.steps - 1) // (_INSTANTS - 1)))
+    return Seen(probe, _at_level(probe, motion, level).at(some), some)
+
+
+def _apart(
+    mechanism: Mechanism, finer: Mechanism, motion: Motion, end: float, static: bool, level: str
+) -> Errors:
+    """Largest differences of a level of one model from all of another, by output."""
     with one_blas_thread():
-        small = Probe(mechanism, motion, end, static, like=like)
-        mine = _at_level(small, motion, level)
-        large = Probe(finer, motion, end, static, small.steps - 1, like=small)
-        full = _at_level(large, motion, "coupled")
-        some = slice(None, None, max(1, (len(mine.t) - 1) // (_INSTANTS - 1)))
-        runs = (small, mine), (large, full), (small, small.rigid())
-        a, b, rigid = (_result(probe, run.at(some), some) for probe, run in runs)
-        return differences(a, b, rigid, bool(finer.description.platform))
+        small = look(Probe(mechanism, motion, end, static), motion, level)
+        probe = Probe(finer, motion, end, static, small.probe.steps - 1, like=small.probe)
+        large = look(probe, motion)
+        found = differences(small, large)
+        scale, far = _largest(small.stresses, large.stresses)
+        if scale > 0:
+            found["stress"] = far / scale
+        return {key: found[key] for key in _TOLD if key in found}
 
 
 def described(probe: Probe) -> Deviation:
@@ -162,9 +196,7 @@ def described(probe: Probe) -> Deviation:
     Raises:
         ConvergenceError: The corrections do not shrink.
     """
-    march = probe.march()
-    once = probe.corrected(march)
-    twice = probe.corrected(once)
+    march, once, twice = probe.marched(2)
     first, second = (float(np.max(np.abs(x.d - y.d), initial=0.0)) for x, y in
                      ((once, march), (twice, once)))  # fmt: skip
     size = float(np.max(np.abs(twice.d), initial=0.0))
@@ -184,62 +216,47 @@ def _at_level(probe: Probe, motion: Motion, level: str) -> Run:
     return probe.nonlinear(described(probe))
 
 
-def _result(probe: Probe, run: Run, some: slice) -> Result:
-    def path() -> Nominal:
-        return probe.path.at(some)
-
-    return result_of(probe.mechanism, run, path, "probe", {}, "")
-
-
-def differences(a: Result, b: Result, rigid: Result, platform: bool) -> Errors:
-    """Largest differences of what two results report, relative as in `pinflex.levels.outputs`.
+def differences(a: Seen, b: Seen) -> Errors:
+    """Largest differences of what two models do, relative as in `pinflex.levels.outputs`.
 
     Args:
-        a: Judged. b: By this one, at the same instants. rigid: Their rigid motion.
-        platform: Whether they have one.
+        a: Judged. b: By this one, at the same instants.
     """
     found: Errors = {}
-    if a.torque.shape[1] and np.any(b.torque):
-        found["torque"] = relative(a.torque, b.torque)
-    bent = [_deflections(a, b, link) for link in b.links]
-    scale = max((float(np.max(np.abs(y), initial=0.0)) for _, y in bent), default=0.0)
+    if a.run.torque.shape[1] and np.any(b.run.torque):
+        found["torque"] = relative(a.run.torque, b.run.torque)
+    mine, theirs = {}, {}
+    for link, (at, moved) in b.deflections.items():
+        mine[link], theirs[link] = 0.0 * moved, moved
+        if link in a.deflections:
+            x, own = a.deflections[link]
+            same, near = _shared(x, at)
+            mine[link], theirs[link] = own[:, same], moved[:, near]
+    scale, far = _largest(mine, theirs)
     if scale > 0:
-        found["deflection"] = max(float(np.max(np.abs(x - y), initial=0.0)) for x, y in bent)
-        found["deflection"] /= scale
-    stresses = [(_peaks(a, link), _peaks(b, link)) for link in b.links]
-    scale = max((float(np.max(y)) for _, y in stresses), default=0.0)
-    if scale > 0:
-        found["stress"] = max(float(np.max(np.abs(x - y))) for x, y in stresses) / scale
-    if platform:
-        found |= _platform(a, b, rigid)
-    return found
+        found["deflection"] = far / scale
+    return found | (_platform(a, b) if b.probe.mechanism.description.platform else {})
 
 
-def _platform(a: Result, b: Result, rigid: Result) -> Errors:
+def _largest(a: Mapping[str, Array], b: Mapping[str, Array]) -> tuple[float, float]:
+    """Largest value of the second, and difference of the first, which may lack links."""
+    scale = max((float(np.max(np.abs(y), initial=0.0)) for y in b.values()), default=0.0)
+    pairs = ((a.get(link, 0.0 * y), y) for link, y in b.items())
+    return scale, max((float(np.max(np.abs(x - y), initial=0.0)) for x, y in pairs), default=0.0)
+
+
+def _shared(x: Array, at: Array) -> tuple[list[int], list[int]]:
+    """Numbers of the sections x (n,) that are among others, and which of those they are."""
+    near = np.argmin(np.abs(at[:, None] - x), axis=0)
+    same = np.flatnonzero(np.abs(at[near] - x) < 1e-6 * at[-1])
+    return same.tolist(), near[same].tolist()
+
+
+def _platform(a: Seen, b: Seen) -> Errors:
     """Differences of the platform's pose, relative to its largest deviation from rigid."""
-    p, p_b, p_r = (x.frame("platform").position for x in (a, b, rigid))
-    R, R_b, R_r = (x.frame("platform").rotation for x in (a, b, rigid))
+    (p, R), (p_b, R_b), (p_r, R_r) = a.platform, b.platform, a.rigid_platform
     pairs = {
         "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
         "platform rotation": (np.abs(between(R, R_b)).max(), np.abs(between(R_r, R_b)).max()),
     }
     return {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}
-
-
-def _deflections(a: Result, b: Result, link: str) -> tuple[Array, Array]:
-    """Deflections of a link at the sections that both report, shape (nt, k, 3)."""
-    theirs = b.link(link)
-    at = theirs.deflection[:, :, :3]
-    if link not in a.links:
-        return 0.0 * at, at
-    mine = a.link(link)
-    near = [int(np.argmin(np.abs(theirs.x - x))) for x in mine.x]
-    same = [k for k, j in enumerate(near) if abs(theirs.x[j] - mine.x[k]) < 1e-6 * theirs.length]
-    return mine.deflection[:, same, :3], at[:, [near[k] for k in same]]
-
-
-def _peaks(run: Result, link: str) -> Array:
-    """Largest von Mises stress along a link, shape (nt,)."""
-    if link not in run.links:
-        return np.zeros(len(run.t))
-    return np.asarray(run.link(link).von_mises.max(axis=1))

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.advice.subspace import Subspace
+from pinflex.advice.subspace import Subspace, pseudo_inverse
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
@@ -28,9 +28,10 @@ from pinflex.mechanics.closure_motion import closure_motion
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.system import System
 
 _PARTS = 80  # of the time, each with a whole number of steps
-_CLOSE = 1e-5  # of the largest entry of a matrix: what interpolation may miss
+_CLOSE = 1e-3  # of the largest entry of a matrix: what interpolation may miss
 _JUMP = 0.1  # of the largest acceleration between two steps: they are too long for the motion
 _PERIOD = 20  # steps for each period of the third mode: amplitudes within 1 %
 _BOUND = 1e6  # m or rad: a deviation beyond it grows without bound
@@ -45,6 +46,37 @@ class Deviation:
     v: Array
     a: Array
     lam: Array
+
+    @classmethod
+    def empty(cls, steps: int, system: System) -> Deviation:
+        """Room for one.
+
+        Args:
+            steps: Number of instants. system: Of what deviates.
+        """
+        widths = (*(system.nv,) * 3, system.closed.n)
+        return cls(*(np.empty((steps, width)) for width in widths))
+
+    def put(self, s: slice, part: Deviation) -> None:
+        """Write some steps.
+
+        Args:
+            s: The steps. part: The deviation there.
+        """
+        self.d[s], self.v[s], self.a[s], self.lam[s] = part.d, part.v, part.a, part.lam
+
+    def moved(self, d: Array, v: Array, a: Array) -> Deviation:
+        """With more of the motion.
+
+        Args:
+            d, v, a: So much, shape (nt, nv) each.
+        """
+        return Deviation(self.d + d, self.v + v, self.a + a, self.lam)
+
+    def plus(self, other: Deviation) -> Deviation:
+        """The sum of two."""
+        moved = self.moved(other.d, other.v, other.a)
+        return Deviation(moved.d, moved.v, moved.a, self.lam + other.lam)
 
 
 class Probe:
@@ -85,9 +117,8 @@ class Probe:
         line = LinearPath(mechanism, self.path, dynamics=self.dynamics)
         self.v0, self.a0 = line.v, line.a
         self.full = full_path(line, mechanism, motion, _CLOSE)
-        self._parts = self.full.parts()
+        self._parts = self.full.parts
         self._room: Room = like._room if like is not None else Room()
-        self._last: tuple[Array, Subspace] | None = None
         self.rough = self.full.missed
 
     def _nominal(self, motion: Motion, t: Array) -> Nominal:
@@ -103,7 +134,7 @@ class Probe:
     @cached_property
     def base(self) -> Array:
         """Multipliers of the rigid motion at every step, shape (nt, rows)."""
-        return self.full.grid.between(self._parts[5])
+        return self._parts[5].along(self.full.grid)
 
     # Marches -------------------------------------------------------------------------------
 
@@ -113,34 +144,55 @@ class Probe:
         Raises:
             ConvergenceError: It grows without bound.
         """
-        within = self._within(shapes)
-        return self._deviation(within, within.march(within.load))
+        return self.marched(0, shapes)[0]
 
-    def corrected(self, found: Deviation, shapes: Array | None = None) -> Deviation:
-        """A deviation and the answer to its defect in the full equations.
+    def marched(self, times: int, shapes: Array | None = None) -> list[Deviation]:
+        """The linear deviation, and that corrected once and so on, up to so many times.
 
-        The closures are off by c, with exact rates; a part p of the answer closes them with the
-        least elastic energy, and the march finds the rest.
+        A correction is the answer to what a deviation leaves in the full equations. The closures
+        are off by c, with exact rates; a part p of the answer closes them, and the march finds what
+        the forces then left ask for. All go on side by side, so that factors serve them in turn.
 
         Args:
-            found: From `march`, or from here. shapes: Those in which it was found.
+            times: Corrections. shapes: Columns (nv, k) that they are in; None: all.
+        Raises:
+            ConvergenceError: One grows without bound.
         """
         within = self._within(shapes)
-        left, gaps = self._defect(found)
-        load, p = within.closed(left, gaps)
-        fix = self._deviation(within, within.march(load))
-        return Deviation(
-            found.d + fix.d + p[0], found.v + fix.v + p[1], found.a + fix.a + p[2],
-            found.lam + fix.lam,
-        )  # fmt: skip
+        every = [Deviation.empty(self.steps, self.system) for _ in range(times + 1)]
+        going = [within.begin() for _ in every]
+        for s in within.windows():
+            found = self._bounded(within.go(going[0], s, self._load[s]), s)
+            every[0].put(s, found)
+            for one, history in zip(going[1:], every[1:], strict=True):
+                if self.dynamics.looped:
+                    gaps = closure_motion(self.dynamics, *self._state(found, s)[:3])
+                    found = found.moved(*within.closing(gaps, s, self._straight))
+                left = self.dynamics.residual(*self._state(found, s), self.t[s]).r
+                found = found.plus(self._bounded(within.go(one, s, left), s))
+                history.put(s, found)
+        return every
+
+    @cached_property
+    def _load(self) -> Array:
+        """What the rigid motion leaves at every step, shape (nt, nv)."""
+        return self._parts[3].along(self.full.grid)
+
+    @cached_property
+    def _straight(self) -> Array | None:
+        """P with J P = 1 that moves rigid joints alone, (nt, passive, rows); None: they cannot.
+
+        Joints that are not driven close all loops of most mechanisms, whatever links do.
+        """
+        J, passive = self._parts[4], self.mechanism.rigid.free
+        P, rank = pseudo_inverse(J.picked(np.arange(J.shape[0]), passive).whole())
+        if not self.dynamics.looped or np.any(rank < len(self._whole.rows)):
+            return None
+        return self.full.grid.between(P)
 
     def _within(self, shapes: Array | None) -> Subspace:
-        """The system in some shapes: that in all, and the last one, are kept."""
-        if shapes is None:
-            return self._whole
-        if self._last is None or self._last[0] is not shapes:
-            self._last = shapes, self._subspace(shapes)
-        return self._last[1]
+        """The system in some shapes: that in all is kept."""
+        return self._whole if shapes is None else self._subspace(shapes)
 
     @cached_property
     def _whole(self) -> Subspace:
@@ -149,57 +201,59 @@ class Probe:
     def _subspace(self, B: Array) -> Subspace:
         return Subspace(self.full.grid, self._parts, B, self.h, self.static, self._room)
 
-    def _deviation(self, within: Subspace, found: Marched) -> Deviation:
+    def _bounded(self, found: Marched, s: slice) -> Deviation:
+        """What a march found in a window; raises a ConvergenceError where it has no bound."""
         with np.errstate(invalid="ignore"):
             far = ~(np.max(np.abs(found.d), axis=1, initial=0.0) <= _BOUND)
         if np.any(far):
-            k = int(np.argmax(far))
+            k = s.start + int(np.argmax(far))
             raise ConvergenceError(
                 f"{self.mechanism.name}: t = {self.t[k]:.6g} s: the linear vibration grows "
                 "without bound.",
                 time=float(self.t[k]),
             )
-        lam = np.zeros((self.steps, self.system.closed.n))
-        lam[:, within.rows] = found.lam
-        d, v, a = (x @ within.B.T for x in found[:3])
-        return Deviation(d, v, a, lam)
+        return Deviation(*found)
 
-    def _defect(self, found: Deviation) -> tuple[Array, Array]:
-        """Forces left (nt, nv), and what closures are open by, with rates (3, nt, rows)."""
-        dynamics, Y = self.dynamics, self._poses(found)
-        V, A = self.v0 + found.v, self.a0 + found.a
-        left, c = dynamics.residual(Y, V, A, self.base + found.lam, self.t)
-        if not dynamics.looped:
-            return left, np.zeros((3, self.steps, 0))
-        return left, np.stack([c, *closure_motion(dynamics, Y, V, A)])
+    def _state(self, found: Deviation, s: slice = slice(None)) -> tuple[Array, Array, Array, Array]:
+        """y, v, a and multipliers in a window."""
+        lam = self.base[s] + found.lam
+        return self._poses(found, s), self.v0[s] + found.v, self.a0[s] + found.a, lam
 
     # Runs ----------------------------------------------------------------------------------
 
-    def _poses(self, found: Deviation) -> Array:
-        """Shape (nt, nq)."""
-        return Manifold(self.dynamics).retract(self.path.straight(self.system.n_eta), found.d)
+    def _poses(self, found: Deviation, s: slice = slice(None)) -> Array:
+        """Shape (steps, nq)."""
+        return self._manifold.retract(self._flat[s], found.d)
+
+    @cached_property
+    def _manifold(self) -> Manifold:
+        return Manifold(self.dynamics)
+
+    @cached_property
+    def _flat(self) -> Array:
+        return self.path.straight(self.system.n_eta)
 
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""
         motors = self.system.motors
         M, C, K, r, J, _ = self._parts
-        of_motors = M[:, motors], C[:, motors], K[:, motors], r[:, motors], J[:, :, motors]
+        every, rows = (np.arange(n) for n in J.shape[::-1])
+        squares = [x.picked(motors, every) for x in (M, C, K)]
+        of_motors = *squares, r.picked(motors), J.picked(rows, motors)
         states = Marched(found.d, found.v, found.a, found.lam)
         return self._run(found, forces_along(self.full.grid, of_motors, states))
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""
-        lam, motors = self.base + found.lam, self.system.motors
-        run = self._run(found, np.empty((self.steps, len(motors))))
-        run.torque[:] = self.dynamics.residual(run.y, run.v, run.a, lam, self.t).r[:, motors]
-        return run
+        torque = self.dynamics.residual(*self._state(found), self.t).r[:, self.system.motors]
+        return self._run(found, torque)
 
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""
         none = np.zeros((self.steps, self.system.nv))
         still = Deviation(none, none, none, np.zeros((self.steps, self.system.closed.n)))
-        torque = self._parts[3][:, self.system.motors]
-        return self._run(still, self.full.grid.between(torque))
+        torque = self._parts[3].picked(self.system.motors)
+        return self._run(still, torque.along(self.full.grid))
 
     def _run(self, found: Deviation, torque: Array) -> Run:
         v, a = self.v0 + found.v, self.a0 + found.a

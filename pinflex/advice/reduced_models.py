@@ -143,7 +143,7 @@ def _without(
             return None
         n += len(rich.flexible.expansion.drives)
         shapes = shapes_of(rich.flexible, kept)
-        fewer = probe.corrected(probe.march(shapes), shapes)
+        _, fewer = probe.marched(1, shapes)
     except (DescriptionError, ConvergenceError, np.linalg.LinAlgError):
         return None
     return kept, n, probe.nonlinear(fewer)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -11,13 +11,13 @@ import numpy.typing as npt
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.schemes import generalized_alpha
-from pinflex.levels.linear_march import LinearMarch, Marched, Room
+from pinflex.levels.linear_march import Going, LinearMarch, Marched, Room
+from pinflex.levels.varying import Varying, varying
 from pinflex.linalg import independent_rows, saddle
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.system import System
 
-_BATCH = 64  # steps at a time: what is interpolated stays in cache
+_DEPENDENT = 1e-6  # of the largest: singular values below it close nothing
 _ROUND_OFF = 1e-11  # of combinations of functions; seen: 1e-13
 
 
@@ -27,13 +27,12 @@ class Subspace:
     Attributes:
         B: Shape (nv, k).
         rows: Closures that are independent there.
-        load: What the rigid motion leaves, at every step, shape (nt, k).
     """
 
     def __init__(
         self,
         grid: Interpolation,
-        parts: list[Array],
+        parts: Sequence[Varying],
         B: Array,
         h: float,
         static: bool,
@@ -43,59 +42,83 @@ class Subspace:
 
         Args:
             grid: Times of the system.
-            parts: M, C, K (size, nv, nv), r (size, nv) and J (size, rows, nv) there.
+            parts: M, C, K (nv, nv), r (nv,) and J (rows, nv) there.
             B: Shape (nv, k).
             h: Step [s].
             static: Whether it starts in equilibrium.
             room: For marches.
         """
         self.B, self._grid, self._static = B, grid, static
-        J = _columns(parts[4], B)
-        self.rows = np.sort(independent_rows(J[0], 1e-9))
-        M, C, K = (_both_sides(x, B) for x in parts[:3])
-        self._parts, self._J = (M, C, K), J
-        system = M, C, K, J[:, self.rows]
+        self._row, self._still = _picked(B), np.zeros(B.shape[1])
+        J = _in_columns(parts[4], B, False)
+        self.rows = np.sort(independent_rows(J.still, 1e-9))
+        M, C, K = (_in_columns(x, B, True) for x in parts[:3])
+        self._M, self._K, self._J = M, K, J
+        every = np.arange(len(M.still))
+        system = M, C, K, J.picked(self.rows, every)
         self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, room)
-        self.load = grid.between(parts[3] @ B)
 
-    def march(self, load: Array) -> Marched:
-        """The deviation under a load, shape (nt, k)."""
-        start = np.zeros(self.B.shape[1])
-        if self._static:
-            now = self._march.first
-            start, _ = saddle(now.K, now.J, now.J, -load[0], np.zeros(len(now.J)))
-        return self._march(load, start)
+    def begin(self) -> Going:
+        """One of some marches that go on side by side."""
+        return self._march.begin()
 
-    def closed(self, left: Array, gaps: Array) -> tuple[Array, Array]:
-        """The load with what closes the loops, (nt, k), and that part p with rates (3, nt, nv).
+    def windows(self) -> Iterator[slice]:
+        """Steps that are taken at a time."""
+        return self._march.windows()
+
+    def go(self, one: Going, s: slice, load: Array) -> Marched:
+        """What a march finds in a window, in all coordinates and rows of J.
 
         Args:
-            left: Forces, shape (nt, nv).
-            gaps: What closures are open by, with rates, shape (3, nt, rows).
+            one: From `begin`. s: The window. load: Of all coordinates there, shape (steps, nv).
         """
-        load, p = left @ self.B, np.zeros((3, *left.shape))
-        if not gaps.shape[2]:
-            return load, p
-        k = self.B.shape[1]
-        for s in spans(len(left), _BATCH):
-            P = self._grid.between(self._closers, s)
-            moved = P @ -gaps[:, s].transpose(1, 2, 0)  # (steps, 4 k, 3)
-            p[:, s] = moved[:, :k].transpose(2, 0, 1) @ self.B.T
-            for rate in range(3):
-                load[s] += moved[:, (rate + 1) * k : (rate + 2) * k, rate]
-        return load, p
+        own, start = load @ self.B if self._row is None else load[:, self._row], self._still
+        if self._static and s.start == 0:
+            now = self._march.first
+            start, _ = saddle(now.K, now.J, now.J, -own[0], np.zeros(len(now.J)))
+        one.go(s, own, start)
+        d, v, a, lam = (x[s] for x in one.found)
+        every = np.zeros((len(lam), self._J.shape[0]))
+        every[:, self.rows] = lam
+        return Marched(self._wide(d), self._wide(v), self._wide(a), every)
+
+    def _wide(self, x: Array) -> Array:
+        """In all coordinates, shape (..., nv)."""
+        if self._row is None:
+            return np.asarray(x @ self.B.T)
+        found = np.zeros((*x.shape[:-1], len(self.B)))
+        found[..., self._row] = x
+        return found
+
+    def closing(self, gaps: Array, s: slice, straight: Array | None) -> Array:
+        """What closes loops, and its rates, shape (3, steps, nv).
+
+        Args:
+            gaps: What closures are open by, with rates, shape (3, steps, rows).
+            s: The steps.
+            straight: What closes them by the first columns of B, shape (nt, k, rows); None: least
+                energy does.
+        """
+        P = self._grid.between(self._closers, s) if straight is None else straight[s]
+        moved = (P @ -gaps.transpose(1, 2, 0)).transpose(2, 0, 1)
+        return np.asarray(moved @ self.B[:, : P.shape[1]].T)
 
     @cached_property
     def _closers(self) -> Array:
-        """P with J P = 1, of least elastic (and some kinetic) energy; and K P, C P and M P.
-
-        All four in the columns of B, shape (size, 4 k, rows).
-        """
-        M, C, K = self._parts
+        """P with J P = 1, of least elastic (and some kinetic) energy, shape (size, k, rows)."""
+        M, K, J = (x.whole() for x in (self._M, self._K, self._J))
         slow = (2 * np.pi / float(self._grid.t[-1])) ** 2
-        A_J = np.linalg.solve(K + slow * M, self._J.transpose(0, 2, 1))
-        P = A_J @ np.linalg.pinv(self._J @ A_J, rcond=1e-10)
-        return np.concatenate([P, K @ P, C @ P, M @ P], axis=1)
+        A_J = np.linalg.solve(K + slow * M, J.transpose(0, 2, 1))
+        return np.asarray(A_J @ np.linalg.pinv(J @ A_J, rcond=1e-10))
+
+
+def pseudo_inverse(J: Array) -> tuple[Array, IntArray]:
+    """Pseudo-inverses of Jacobians (size, rows, n), shape (size, n, rows), and their ranks."""
+    U, sigma, V = np.linalg.svd(J, full_matrices=False)
+    large = sigma > _DEPENDENT * np.max(sigma, axis=1, keepdims=True, initial=0.0)
+    inverse = np.where(large, 1.0 / np.where(large, sigma, 1.0), 0.0)
+    found = V.swapaxes(1, 2) @ (inverse[:, :, None] * U.swapaxes(1, 2))
+    return found, np.count_nonzero(large, axis=1)
 
 
 def _picked(B: Array) -> IntArray | None:
@@ -105,16 +128,12 @@ def _picked(B: Array) -> IntArray | None:
     return row if alone else None
 
 
-def _columns(x: Array, B: Array) -> Array:
-    """x B, shape (..., k), for x (..., nv)."""
+def _in_columns(x: Varying, B: Array, both: bool) -> Varying:
+    """x B, or B' x B, of a matrix x with rows or columns of all coordinates."""
     row = _picked(B)
-    return np.asarray(x @ B if row is None else x[..., row])
-
-
-def _both_sides(x: Array, B: Array) -> Array:
-    """B' x B, shape (size, k, k), for x (size, nv, nv)."""
-    row = _picked(B)
-    return np.asarray(B.T @ x @ B if row is None else x[:, row[:, None], row])
+    if row is None:
+        return varying(B.T @ x.whole() @ B if both else x.whole() @ B)
+    return x.picked(row if both else np.arange(x.shape[0]), row)
 
 
 def shapes_of(system: System, parts: Mapping[str, FlexiblePart]) -> Array:

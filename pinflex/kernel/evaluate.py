@@ -67,8 +67,8 @@ class Evaluator:
         R, C = here.found
         return R.copy(), C.copy()
 
-    def closure_motion(self, Y: Array, V: Array, A: Array) -> tuple[Array, Array]:
-        """First and second time derivatives of the closures of several states, (n, rows) each.
+    def closure_motion(self, Y: Array, V: Array, A: Array) -> Array:
+        """Closures of several states, and their first and second time derivatives, (3, n, rows).
 
         Args:
             Y: Shape (n, nq). V, A: Shape (n, nv).
@@ -78,10 +78,20 @@ class Evaluator:
             if array.shape != (len(Y), width):
                 raise PinflexError(f"kernel: a state of {array.shape}, not {(len(Y), width)}.")
             given.append(np.ascontiguousarray(array, dtype=np.float64))
-        found = np.empty((2, len(Y), self._widths[3]))
+        found = np.empty((3, len(Y), self._widths[3]))
         pointers = [x.ctypes.data for x in (*given, *found)]
         self.functions.pinflex_closure_motion(self.tables.address, self.work, len(Y), *pointers)
-        return found[0], found[1]
+        return found
+
+    def closures(self, Y: Array) -> tuple[Array, Array]:
+        """Closures (n, rows) and their Jacobians (n, rows, nv) at poses Y (n, nq)."""
+        Y, (nq, nv, _, rows, _) = np.ascontiguousarray(Y, dtype=np.float64), self._widths
+        if Y.ndim != 2 or Y.shape[1] != nq:
+            raise PinflexError(f"kernel: closures of {Y.shape}, not (n, {nq}).")
+        c, J = np.empty((len(Y), rows)), np.empty((len(Y), rows, nv))
+        given = self.tables.address, self.work, len(Y), Y.ctypes.data
+        self.functions.pinflex_closures(*given, c.ctypes.data, J.ctypes.data)
+        return c, J
 
     def poses(self, Y: Array, node: int) -> tuple[Array, Array]:
         """Rotations (n, 3, 3) and origins (n, 3), m, of a node in the world.

@@ -16,7 +16,8 @@ from pinflex.kernel.library import kernel
 
 _COUNTS = ("n", "rows", "count", "kept")
 _ARRAYS = (
-    *("col_at", "row", "J_col_at", "J_row", "S", "C", "K", "J", "system", "value", "load"),
+    *("col_at", "row", "J_col_at", "J_row", "S", "J", "C_at", "C_row", "K_at", "K_row", "C", "K"),
+    *("system", "value", "load"),
     *("lu", "pivot", "holds", "state", "work", "d", "v", "a", "lam"),
 )
 _NUMBERS = ("h", "mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
@@ -83,9 +84,10 @@ class LinearKernel:
         col_at, row = _columns(still.moving)
         J_col_at, J_row = _columns(still.J_moving)
         self.state = np.zeros((4, self.n))
-        self._arrays = {
+        self._arrays: dict[str, Array | IntArray] = {
             "col_at": col_at, "row": row, "J_col_at": J_col_at, "J_row": J_row,
-            **{name: np.ascontiguousarray(getattr(still, name).T) for name in "SCKJ"},
+            **{name: np.ascontiguousarray(getattr(still, name).T) for name in "SJ"},
+            **_sparse("C", still.C), **_sparse("K", still.K),
             "lu": np.empty(0 if kept else size * size),
             "pivot": np.zeros((rooms, size), np.int64),
             "holds": np.zeros(rooms, np.int64), "state": self.state,
@@ -137,6 +139,12 @@ class LinearKernel:
         here.value, here.load = (x.ctypes.data for x in given)
         here.d, here.v, here.a, here.lam = (x.ctypes.data for x in found)
         return int(self._functions.pinflex_linear_march(ctypes.addressof(here)))
+
+
+def _sparse(name: str, x: Array) -> dict[str, Array | IntArray]:
+    """Entries of a matrix that are not zero, column by column."""
+    at, row = _columns(x != 0.0)
+    return {f"{name}_at": at, f"{name}_row": row, name: np.ascontiguousarray(x.T[x.T != 0.0])}
 
 
 def _columns(moving: BoolArray) -> tuple[IntArray, IntArray]:

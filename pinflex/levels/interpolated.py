@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from pinflex.arrays import Array, BoolArray
+from pinflex.arrays import Array, IntArray
 from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.linear import Instant
+from pinflex.levels.varying import Varying
 
 _BATCH = 32  # steps that are interpolated at a time
-STILL = 1e-12  # of the largest entry of a matrix: round-off of what does not change
 
 
 @dataclass(frozen=True)
@@ -51,51 +51,55 @@ class InterpolatedPath:
 
     Attributes:
         grid: Where the values are, and how they serve the steps.
-        values: The system at `grid.times`, packed, shape (size, width).
+        parts: Every array of the systems, in the order of `LinearStep.packed`.
         missed: Estimate of what interpolation misses, of the largest entry of each matrix.
     """
 
-    def __init__(
-        self, grid: Interpolation, values: Array, like: LinearStep, missed: float = 0.0
-    ) -> None:
+    def __init__(self, grid: Interpolation, parts: Sequence[Varying], missed: float = 0.0) -> None:
         """Polynomials of the entries that change.
 
         Args:
             grid: Times of the values.
-            values: Packed systems, shape (size, width).
-            like: One of them, for its shapes.
+            parts: M, C, K, r and J in some rows, perhaps of some more; then base.
             missed: Estimate of what interpolation misses.
         """
-        self.grid, self.values, self.missed = grid, values, missed
-        self._shapes, self._cuts = [x.shape for x in like.packed()], _cuts(like)
+        self.grid, self.parts, self.missed = grid, list(parts), missed
+        self._shapes = [x.shape for x in parts]
+        ends = np.cumsum([x.still.size for x in parts])
+        self._cuts, self._starts = ends[:-1].tolist(), [0, *ends[:-1].tolist()]
         self._piece, self._corners = grid.piece.tolist(), set(grid.corners.tolist())
         self._chunks: dict[int, Array] = {}
         self._last: tuple[int, LinearStep] | None = None
 
     @cached_property
-    def _round_off(self) -> Array:
-        return STILL * np.concatenate([
-            np.full(x.shape[1], np.max(np.abs(x), initial=0.0))
-            for x in np.split(self.values, self._cuts, 1)
-        ])  # fmt: skip
+    def _still(self) -> Array:
+        return np.concatenate([x.still.ravel() for x in self.parts])
 
     @cached_property
-    def _moves(self) -> BoolArray:
-        """Numbers that change, shape (width,)."""
-        return np.asarray(np.ptp(self.values, axis=0) > self._round_off)
+    def _columns(self) -> IntArray:
+        """Numbers that change."""
+        pairs = zip(self._starts, self.parts, strict=True)
+        return np.concatenate([start + x.entries for start, x in pairs])
 
     @cached_property
     def _moving(self) -> Array:
-        return np.ascontiguousarray(self.values[:, self._moves])
+        return np.hstack([x.values for x in self.parts])
 
     @cached_property
     def _resting(self) -> dict[int, LinearStep]:
         """The system of each piece in which nothing changes."""
         grid = self.grid
+        small = np.concatenate([np.full(len(x.entries), x.small) for x in self.parts])
         nodes = self._moving[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
-        resting = np.all(np.ptp(nodes, axis=1) <= self._round_off[self._moves], axis=1)
+        resting = np.all(np.ptp(nodes, axis=1) <= small, axis=1)
         first = {int(p): int(p) * (grid.n + 1) for p in np.flatnonzero(resting)}
-        return {p: self._step(self.values[k]) for p, k in first.items()}
+        return {p: self._step(self._rows(self._moving[k : k + 1])[0]) for p, k in first.items()}
+
+    def _rows(self, moving: Array) -> Array:
+        """Systems, a row each, from the numbers that change."""
+        rows = np.tile(self._still, (len(moving), 1))
+        rows[:, self._columns] = moving
+        return rows
 
     def at(self, k: int) -> LinearStep:
         """The step k; a march asks for one, and then who reads its forces for the same."""
@@ -108,11 +112,6 @@ class InterpolatedPath:
         """Number of steps."""
         return len(self.grid.t)
 
-    def parts(self) -> list[Array]:
-        """Every array of the stored systems, (size, ...) each, in the order of `packed`."""
-        split = np.split(self.values, self._cuts, 1)
-        return [x.reshape(len(x), *shape) for x, shape in zip(split, self._shapes, strict=True)]
-
     def _at(self, k: int) -> LinearStep:
         if k not in self._corners and self._piece[k] in self._resting:
             return self._resting[self._piece[k]]
@@ -121,9 +120,7 @@ class InterpolatedPath:
             if len(self._chunks) > 1:
                 self._chunks.pop(min(self._chunks, key=lambda j: -abs(j - number)))
             at = slice(number * _BATCH, min((number + 1) * _BATCH, len(self.grid.t)))
-            rows = np.tile(self.values[0], (at.stop - at.start, 1))
-            rows[:, self._moves] = self.grid.between(self._moving, at)
-            self._chunks[number] = rows
+            self._chunks[number] = self._rows(self.grid.between(self._moving, at))
         return self._step(self._chunks[number][k % _BATCH])
 
     def _step(self, row: Array) -> LinearStep:
@@ -133,21 +130,6 @@ class InterpolatedPath:
         return LinearStep(tuple(parts), x[-1])
 
 
-def stacked_path(grid: Interpolation, parts: Sequence[Array]) -> InterpolatedPath:
-    """A path of systems in one choice of rows that are at hand.
-
-    Args:
-        grid: Their times.
-        parts: M, C, K (size, n, n), r (size, n), J (size, rows, n), base (size, rows).
-    """
-    like = LinearStep((Instant(*(x[0] for x in parts[:5])),), parts[5][0])
-    return InterpolatedPath(grid, np.hstack([x.reshape(len(x), -1) for x in parts]), like)
-
-
 def pack(step: LinearStep) -> Array:
     """Every number of a system, in one row."""
     return np.concatenate([x.ravel() for x in step.packed()])
-
-
-def _cuts(step: LinearStep) -> list[int]:
-    return [int(c) for c in np.cumsum([x.size for x in step.packed()])[:-1]]

@@ -127,13 +127,13 @@ def _together(
     systems: InterpolatedPath, scheme: AlphaScheme, h: float, start: Array, every: int
 ) -> tuple[Marched, Array, int]:
     """At samples, deviation with all multipliers and torques; the number of sound steps."""
-    grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts()
-    found = LinearMarch(scheme, grid, (M, C, K, J), h, kept=False)(grid.between(r), start)
+    grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts
+    found = LinearMarch(scheme, grid, (M, C, K, J), h)(r.along(grid), start)
     sound = np.all(np.isfinite(found.d), axis=1) & np.all(np.isfinite(found.a), axis=1)
     found = found.sampled(every)
     m, c, k, left, j, base = of_motors
     torque = forces_along(grid, (m, c, k, left, j), found, every)
-    found.lam[:] += grid.between(base, slice(None, None, every))
+    found.lam[:] += base.along(grid, slice(None, None, every))
     return found, torque, len(sound) if np.all(sound) else int(np.argmin(sound))
 
 

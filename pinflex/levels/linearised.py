@@ -7,7 +7,7 @@ by interpolation, they serve any number of steps, and any number of marches.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
-from pinflex.levels.interpolated import InterpolatedPath, LinearStep
+from pinflex.levels.interpolated import InterpolatedPath, LinearStep, pack
+from pinflex.levels.varying import STILL, Varying
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
@@ -179,29 +180,103 @@ def _interpolated(
     """Polynomials through twice the nodes until they are `close`, or nodes are one in `steps`."""
     like = system(every, 0)
     widths = np.array([x.size for x in like.packed()])
-    starts, width = (np.cumsum(widths) - widths)[widths > 0], int(np.sum(widths))
+    starts = (np.cumsum(widths) - widths)[widths > 0]
 
-    def packed(times: Array) -> Array:
+    def packed(times: Array) -> Iterator[Array]:
         known = every.path
         at = np.searchsorted(known.t, times).clip(max=len(known.t) - 1)
         same = np.array_equal(known.t[at], times)
         path = known.at(at) if same else between(mechanism, motion, known, times)
         line = LinearPath(mechanism, path, every.structural, every.dynamics)
         line.together()
-        rows = np.empty((len(times), width))
-        for k, row in enumerate(rows):
-            np.concatenate([x.ravel() for x in system(line, k).packed()], out=row)
-        return rows
+        for k in range(len(times)):
+            yield pack(system(line, k))
 
-    def relative(missed: Array, values: Array) -> float:
-        """Largest miss of each matrix over its largest entry; the worst of all."""
-        far, size = (_sizes(x.reshape(-1, width), starts) for x in (missed, values))
-        return float(np.max(far / np.maximum(size, 1e-300), initial=0.0))
+    for whole in (False, True):
+        moving = _Moving(packed, pieces.nodes(n).ravel(), starts, whole)
+        most = _LARGEST * moving.share
+        values, missed = pieces.refined(moving, moving.relative, n, close, len(t) / steps, most)
+        grid = Interpolation(pieces, values.shape[1] - 1, t)
+        corners = moving.of(packed(t[grid.corners]))
+        if not moving.late:
+            break
+    flat = np.concatenate([values.reshape(grid.nodes, -1), corners])
+    return InterpolatedPath(grid, moving.parts(flat, [x.shape for x in like.packed()]), missed)
 
-    values, missed = pieces.refined(packed, relative, n, close, len(t) / steps, _LARGEST)
-    grid = Interpolation(pieces, values.shape[1] - 1, t)
-    flat = np.concatenate([values.reshape(grid.nodes, -1), packed(t[grid.corners])])
-    return InterpolatedPath(grid, flat, like, missed)
+
+class _Moving:
+    """Packed systems less the entries that stand still: six sevenths of a typical one.
+
+    Attributes:
+        share: Of the entries that move.
+        late: Whether others did after all, at times that were asked for later.
+    """
+
+    def __init__(
+        self,
+        packed: Callable[[Array], Iterator[Array]],
+        first: Array,
+        starts: IntArray,
+        whole: bool,
+    ) -> None:
+        """Find out what moves.
+
+        Args:
+            packed: Systems at times (k,), a row each.
+            first: The times that are asked for first: what stands still at all of them does.
+            starts: First columns of the matrices in a row.
+            whole: Take every entry for moving.
+        """
+        self._packed, self._times, self._starts = packed, first, starts
+        rows = np.array(list(packed(first)))
+        ends = [*starts[1:].tolist(), rows.shape[1]]
+        matrix = np.repeat(np.arange(len(starts)), np.array(ends) - starts)
+        self._sizes = np.array(
+            [np.max(np.abs(x), initial=0.0) for x in np.split(rows, starts[1:], 1)]
+        )
+        self._still, self._small = rows[0].copy(), (STILL * self._sizes)[matrix]
+        self._moves = (np.ptp(rows, axis=0) > self._small) | whole
+        self._moves[:1] |= not np.any(self._moves)  # arrays without columns keep no shape
+        self._rests = ~self._moves
+        self._rows, self._matrix = rows[:, self._moves], matrix[self._moves]
+        self.share, self.late = max(float(np.mean(self._moves)), 1e-3), False
+
+    def __call__(self, times: Array) -> Array:
+        """The moving entries at times (k,), shape (k, moving)."""
+        if np.array_equal(times, self._times):
+            return self._rows
+        return self.of(self._packed(times))
+
+    def of(self, rows: Iterable[Array]) -> Array:
+        """Those of systems, shape (k, moving)."""
+        found = []
+        for row in rows:
+            self.late |= bool(np.any((np.abs(row - self._still) > self._small) & self._rests))
+            found.append(row[self._moves])
+        return np.array(found).reshape(-1, len(self._matrix))
+
+    def relative(self, missed: Array, values: Array) -> float:
+        """Largest miss of each matrix over its largest entry; the worst of all.
+
+        Args:
+            missed, values: Of moving entries, shape (..., moving).
+        """
+        sizes = self._sizes.copy()
+        far = np.zeros(len(sizes))
+        for x, found in ((missed, far), (values, sizes)):
+            np.maximum.at(found, self._matrix, _ends(x.reshape(-1, len(self._matrix))))
+        return float(np.max(far / np.maximum(sizes, 1e-300), initial=0.0))
+
+    def parts(self, values: Array, shapes: Sequence[tuple[int, ...]]) -> list[Varying]:
+        """The matrices, of shapes, from their moving entries (size, moving)."""
+        found, entries = [], np.flatnonzero(self._moves)
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
+        for shape, end in zip(shapes, ends.tolist(), strict=True):
+            start = end - int(np.prod(shape))
+            a, b = np.searchsorted(entries, (start, end))
+            still = self._still[start:end].reshape(shape)
+            found.append(Varying(still, entries[a:b] - start, values[:, a:b]))
+        return found
 
 
 def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[PiecewiseChebyshev, int]:
@@ -237,9 +312,6 @@ class Kept:
         return self._kept[k]
 
 
-def _sizes(x: Array, starts: IntArray) -> Array:
-    """Largest entry of each matrix that is packed in rows x (k, width), from its first column."""
-    if not x.size:
-        return np.zeros(len(starts))
-    ends = np.maximum(np.max(x, axis=0), -np.min(x, axis=0))
-    return np.asarray(np.maximum.reduceat(ends, starts))
+def _ends(x: Array) -> Array:
+    """Largest entry of each column, shape (width,), of x (k, width)."""
+    return np.asarray(np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0)))

@@ -1,4 +1,4 @@
-"""Rates of the closures in a motion, of many states."""
+"""Closures in a motion, and their rates, of many states."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.geometry import spans
 
 
-def closure_motion(dynamics: Equations, Y: Array, V: Array, A: Array) -> tuple[Array, Array]:
-    """First and second time derivatives of the closures, (n, rows) each.
+def closure_motion(dynamics: Equations, Y: Array, V: Array, A: Array) -> Array:
+    """Closures, and their first and second time derivatives, shape (3, n, rows).
 
     Args:
         dynamics: Workspace of the system.
@@ -19,9 +19,9 @@ def closure_motion(dynamics: Equations, Y: Array, V: Array, A: Array) -> tuple[A
     """
     if (compiled := dynamics.compiled) is not None:
         return compiled.evaluator.closure_motion(Y, V, A)
-    rate, second = (np.empty((len(Y), dynamics.system.closed.n)) for _ in range(2))
+    found = np.empty((3, len(Y), dynamics.system.closed.n))
     for s in spans(len(Y)):
-        J, gamma = dynamics.close(Y[s]).J, dynamics.closure_bias(Y[s], V[s])
-        rate[s], second[s] = ((J @ x[s][:, :, None])[:, :, 0] for x in (V, A))
-        second[s] += gamma
-    return rate, second
+        found[0, s], J = dynamics.close(Y[s])
+        found[1, s], found[2, s] = ((J @ x[s][:, :, None])[:, :, 0] for x in (V, A))
+        found[2, s] += dynamics.closure_bias(Y[s], V[s])
+    return found

@@ -64,13 +64,30 @@ def frame_poses(system: Equations, y: Array, place: Attachment) -> tuple[Array, 
         y: Coordinates, shape (n, nq).
         place: Joint that carries the frame, and where on it.
     """
-    compiled, node = system.compiled, -1
+    return poses_of_frames(system, y, (place,))[0]
+
+
+def poses_of_frames(
+    system: Equations, y: Array, places: Sequence[Attachment]
+) -> list[tuple[Array, Array]]:
+    """Rotations (n, 3, 3) and origins (n, 3) of some frames in the world at poses y (n, nq).
+
+    Args:
+        system: Equations of a system.
+        y: Coordinates, shape (n, nq).
+        places: Joints that carry the frames, and where on them.
+    """
+    compiled, nodes = system.compiled, [-1]
     if compiled is not None:
-        node = int(system.system.node_of_joints[place.joint])
-    if compiled is None or node < 0:
-        return Frame(system.model, place).pose(system.joint_poses(y))
-    R, p = compiled.evaluator.poses(y, node)
-    return R @ place.placement.rotation, R @ place.placement.translation + p
+        nodes = [int(system.system.node_of_joints[place.joint]) for place in places]
+    if compiled is None or min(nodes, default=0) < 0:
+        poses = system.joint_poses(y)
+        return [Frame(system.model, place).pose(poses) for place in places]
+    found = [compiled.evaluator.poses(y, node) for node in nodes]
+    return [
+        (R @ place.placement.rotation, R @ place.placement.translation + p)
+        for (R, p), place in zip(found, places, strict=True)
+    ]
 
 
 def frame_pose(system: Geometry, y: Array, place: Attachment) -> pin.SE3:

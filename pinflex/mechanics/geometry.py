@@ -17,6 +17,7 @@ from pinflex.arrays import Array
 from pinflex.mechanics import workspace
 from pinflex.mechanics.closure_rows import ClosureRows, Passing
 from pinflex.mechanics.closure_state import ClosureState
+from pinflex.mechanics.compiled import Compiled
 from pinflex.mechanics.contact import require_on_beam
 from pinflex.mechanics.coordinate_map import Configuration, CoordinateMap
 from pinflex.mechanics.evaluated import Closure
@@ -78,6 +79,11 @@ class Geometry:
     def data(self) -> pin.Data:
         """Pinocchio's workspace of the whole model."""
         return workspace.acquire(self.model)
+
+    @property
+    def compiled(self) -> Compiled | None:
+        """The system on the kernel; None: there are no more than poses here."""
+        return None
 
     @cached_property
     def pinocchio(self) -> Whole | Subtrees:
@@ -168,6 +174,9 @@ class Geometry:
 
     def close(self, y: Array) -> Closure:
         """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""
+        if (compiled := self.compiled) is not None:
+            c, J = compiled.evaluator.closures(np.atleast_2d(y))
+            return Closure(c, J) if y.ndim > 1 else Closure(c[0], J[0])
         if y.ndim == 1:
             c, J = self.closure_of(self._kinematics(y, None, True))
             return Closure(c[0], J[0])
@@ -210,8 +219,12 @@ class Geometry:
             y: Coordinates, shape (nq,) or (n, nq).
             v: Velocities, shape (nv,) or (n, nv).
         """
-        gamma = self.bias_of(self._kinematics(y, v, True), np.atleast_2d(v))
-        return gamma[0] if y.ndim == 1 else gamma
+        V = np.atleast_2d(v)
+        if (compiled := self.compiled) is not None:
+            gamma = compiled.evaluator.closure_motion(np.atleast_2d(y), V, np.zeros_like(V))[2]
+        else:
+            gamma = self.bias_of(self._kinematics(y, v, True), V)
+        return np.asarray(gamma[0] if y.ndim == 1 else gamma)
 
     def bias_of(self, at: Kinematics, V: Array) -> Array:
         """gamma (n, rows) where joints move with V (n, nv).

@@ -13,7 +13,7 @@ from pinflex.description.description import Description
 from pinflex.description.drives import elastic
 from pinflex.description.loops import WORLD
 from pinflex.errors import DescriptionError, SingularityError
-from pinflex.mechanics import assembly
+from pinflex.mechanics import assembly, workspace
 from pinflex.mechanics.added_mass import added_masses
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble
@@ -33,6 +33,8 @@ from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.subtrees import on_model
 from pinflex.mechanics.system import System
+
+_LARGE = 4e7  # bytes of a workspace that takes ten times as long to make as tables for the kernel
 
 
 @dataclass(frozen=True)
@@ -198,12 +200,15 @@ def flexible_system(
     require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))
     if every.n:
-        _, J = Equations(system).close(np.concatenate([home, np.zeros(m)]))
+        large = workspace.size(system.expansion.model) > _LARGE
+        _, J = Equations(system, large).close(np.concatenate([home, np.zeros(m)]))
     kept, redundant = assembly.independent_rows(J, every.labels)
     spun = len(idle.spins)
     own = spun + len(coupled)
     report = LoopReport(every.n - own, len(kept) - own, redundant, 0, float("nan"))
-    return replace(system, closed=every.select(kept)), report
+    if redundant:
+        system = replace(system, closed=every.select(kept))
+    return system, report
 
 
 def _lengths_of(closed: Closures, description: Description) -> Array:

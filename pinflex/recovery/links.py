@@ -13,7 +13,7 @@ from pinflex.recovery.samples import Samples
 from pinflex.rotations import rotation_vector, zyx_matrix
 
 # Per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola.
-_SECTIONS = 21
+SECTIONS = 21
 
 
 def links(samples: Samples) -> dict[str, Array]:
@@ -22,7 +22,7 @@ def links(samples: Samples) -> dict[str, Array]:
     reference = poses if samples.rigid_poses is None else samples.rigid_poses
     out = dict[str, Array]()
     bodies = {id(s.body): s.body for s in run.system.expansion.slots}
-    cuts = {key: stress.cut(body, _SECTIONS) for key, body in bodies.items()}
+    cuts = {key: stress.cut(body, SECTIONS) for key, body in bodies.items()}
     for name, part in mechanism.parts.items():
         slots = [s for s in run.system.expansion.slots if s.link == name]
         roots = np.array([pose_of(poses, slot.root) for slot in slots])

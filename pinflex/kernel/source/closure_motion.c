@@ -1,11 +1,11 @@
-/* Time derivatives of the closures of several states, from the motion of the nodes.
+/* Closures of several states and their time derivatives, from the motion of the nodes.
 
    With d the gap, u an axis of a, e one of b, of a frame that turns by w, alpha: u' = w x u and
    u'' = alpha x u + w x u'; gravity, which is in both accelerations, leaves their difference.
 
-     point      c' = u' . d + u . d'      c'' = u'' . d + 2 u' . d' + u . d''
-     direction  c' = u' . e + u . e'      c'' = u'' . e + 2 u' . e' + u . e''
-     distance   c' = d . d' / l           c'' = (d' . d' + d . d'') / l */
+     point      c = u . d     c' = u' . d + u . d'   c'' = u'' . d + 2 u' . d' + u . d''
+     direction  c = u . e     c' = u' . e + u . e'   c'' = u'' . e + 2 u' . e' + u . e''
+     distance   c = (d . d - l^2) / (2 l)   c' = d . d' / l   c'' = (d' . d' + d . d'') / l */
 #include "kernel.h"
 
 typedef struct { Lane x[3], dx[3], ddx[3]; } Moving;
@@ -37,7 +37,7 @@ static void axis_of(const Node *n, const double *local, Int axis, Moving *u) {
   turning(n, r, u);
 }
 
-void closure_motion(const Tables *t, Work *w, Lane *rate, Lane *second) {
+void closure_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second) {
   for (Int k = 0; k < t->loops; k++) {
     const Node *A = node_at(w, t->node_a[k]), *B = node_at(w, t->node_b[k]);
     const double *a = t->frame_a + 12 * k, *b = t->frame_b + 12 * k;
@@ -50,6 +50,7 @@ void closure_motion(const Tables *t, Work *w, Lane *rate, Lane *second) {
       Int row = t->row_number[at];
       if (t->row_kind[at] == DISTANCE) {
         double l = t->row_length[at];
+        value[row] = (dot(gap.x, gap.x) - l * l) / (2.0 * l);
         rate[row] = dot(gap.x, gap.dx) / l;
         second[row] = (dot(gap.dx, gap.dx) + dot(gap.x, gap.ddx)) / l;
         continue;
@@ -57,6 +58,7 @@ void closure_motion(const Tables *t, Work *w, Lane *rate, Lane *second) {
       axis_of(A, a, t->row_a[at], &u);
       if (t->row_kind[at] == POINT) e = gap;
       else axis_of(B, b, t->row_b[at], &e);
+      value[row] = dot(u.x, e.x);
       rate[row] = dot(u.dx, e.x) + dot(u.x, e.dx);
       second[row] = dot(u.ddx, e.x) + 2.0 * dot(u.dx, e.dx) + dot(u.x, e.ddx);
     }

@@ -44,28 +44,52 @@ static void wrench_row(const Tables *t, Int at, const Frame *a, const Frame *b, 
   add_stretch(p, lam / t->row_length[at], on_b);
 }
 
+/* Rows of J of loop k, with B's motion against A's in D, (6, nv), and what they add to stiffness. */
+static void loop_rows(const Tables *t, Int k, const Frame *a, const Frame *b, const Lane *lam,
+                      const double *D, double *J, double *force, double *S_A, double *S_B) {
+  Int nv = t->nv;
+  for (Int at = t->loop_at[k]; at < t->loop_at[k + 1]; at++) {
+    Int row = t->row_number[at];
+    double W[6];
+    wrench_row(t, at, a, b, lam ? lam[row][0] : 0.0, W, force, S_A, S_B);
+    for (Int j = 0; j < nv; j++) {
+      double sum = 0;
+      for (int d = 0; d < 6; d++) sum += W[d] * D[d * nv + j];
+      J[row * nv + j] = sum;
+    }
+  }
+}
+
+/* Frames of loop k, and motions of its bodies and of B against A by the coordinates. */
+static void loop_motion(const Tables *t, Tangent *w, Int k, Frame *a, Frame *b, double *on_A,
+                        double *on_B, double *D) {
+  Int A = t->node_a[k], B = t->node_b[k];
+  frame_of(A < 0 ? &w->base : w->frozen + A, t->frame_a + 12 * k, a);
+  frame_of(B < 0 ? &w->base : w->frozen + B, t->frame_b + 12 * k, b);
+  lift(t, w, A, on_A);
+  lift(t, w, B, on_B);
+  for (Int i = 0; i < 6 * t->nv; i++) D[i] = on_B[i] - on_A[i];
+}
+
+void close_jacobian(const Tables *t, Tangent *w, double *J) {
+  Int size = 6 * t->nv;
+  double *on_A = w->lifted, *on_B = on_A + size, *D = on_B + size;
+  for (Int k = 0; k < t->loops; k++) {
+    Frame a, b;
+    double S_A[36] = {0}, S_B[36] = {0}, force[3] = {0};
+    loop_motion(t, w, k, &a, &b, on_A, on_B, D);
+    loop_rows(t, k, &a, &b, 0, D, J, force, S_A, S_B);
+  }
+}
+
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J) {
   Int nv = t->nv, size = 6 * nv;
   double *on_A = w->lifted, *on_B = on_A + size, *D = on_B + size, *pushed = D + size;
   for (Int k = 0; k < t->loops; k++) {
-    Int A = t->node_a[k], B = t->node_b[k];
     Frame a, b;
     double S_A[36] = {0}, S_B[36] = {0}, force[3] = {0};
-    frame_of(A < 0 ? &w->base : w->frozen + A, t->frame_a + 12 * k, &a);
-    frame_of(B < 0 ? &w->base : w->frozen + B, t->frame_b + 12 * k, &b);
-    lift(t, w, A, on_A);
-    lift(t, w, B, on_B);
-    for (Int i = 0; i < size; i++) D[i] = on_B[i] - on_A[i];
-    for (Int at = t->loop_at[k]; at < t->loop_at[k + 1]; at++) {
-      Int row = t->row_number[at];
-      double W[6];
-      wrench_row(t, at, &a, &b, lam[row][0], W, force, S_A, S_B);
-      for (Int j = 0; j < nv; j++) {
-        double sum = 0;
-        for (int d = 0; d < 6; d++) sum += W[d] * D[d * nv + j];
-        J[row * nv + j] = sum;
-      }
-    }
+    loop_motion(t, w, k, &a, &b, on_A, on_B, D);
+    loop_rows(t, k, &a, &b, lam, D, J, force, S_A, S_B);
     add_skew(force, 1.0, S_B + 3);
     add_twice_skew(b.p, force, 1.0, S_B + 21);
     add_skew(force, -1.0, S_A + 18);

@@ -87,8 +87,8 @@ double dissipation(const Tables *t, const double *v); /* power of dampers and fr
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
 
-/* closure_motion.c: first and second time derivatives of the closures of a group in motion */
-void closure_motion(const Tables *t, Work *w, Lane *rate, Lane *second);
+/* closure_motion.c: closures of a group in motion, their first and second time derivatives */
+void closure_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second);
 
 /* residual.c: the tree outward and inward with all forces; poses of nodes where `placed` */
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c);

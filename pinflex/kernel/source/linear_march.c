@@ -16,7 +16,9 @@ typedef struct {
   Int n, rows, count, kept;          /* kept: whether there is room for the factors of all systems */
   const Int *col_at, *row;           /* moving entries of S, C and K: columns, and their rows */
   const Int *J_col_at, *J_row;       /* those of J */
-  const double *S, *C, *K, *J;       /* what stands still, column by column */
+  const double *S, *J;               /* what stands still, column by column */
+  const Int *C_at, *C_row, *K_at, *K_row; /* of C and K the entries that are not zero */
+  const double *C, *K;
   const Int *system;                 /* (count,): system of each step */
   const double *value;               /* (systems, .): S, C, K, J of the moving entries */
   const double *load;                /* (count, n): r */
@@ -27,16 +29,20 @@ typedef struct {
   double h, mass_factor, beta, gamma, alpha_m, alpha_f;
 } Linear;
 
-/* y += A x: what stands still, rows by n columns, and the entries that move. */
-static void times_both(Int rows, Int n, const double *still, const Int *col_at, const Int *row,
-                       const double *value, const double *x, double *y) {
-  for (Int j = 0; j < n; j++) {
-    const double *column = still + j * rows;
-    double z = x[j];
-    if (z == 0.0) continue;
-    for (Int i = 0; i < rows; i++) y[i] += column[i] * z;
-    for (Int p = col_at[j]; p < col_at[j + 1]; p++) y[row[p]] += value[p] * z;
+/* y += A x: entries by columns. */
+static void times_sparse(Int n, const Int *col_at, const Int *row, const double *value,
+                         const double *x, double *y) {
+  for (Int j = 0; j < n; j++)
+    for (Int p = col_at[j]; p < col_at[j + 1]; p++) y[row[p]] += value[p] * x[j];
+}
+
+/* y += J x: what stands still, and the entries that move. */
+static void times_rows(const Linear *m, const double *value, const double *x, double *y) {
+  for (Int j = 0; m->rows && j < m->n; j++) {
+    const double *column = m->J + j * m->rows;
+    for (Int i = 0; i < m->rows; i++) y[i] += column[i] * x[j];
   }
+  times_sparse(m->n, m->J_col_at, m->J_row, value, x, y);
 }
 
 /* Factors of a system, where they are not at hand; 0 where it is singular. */
@@ -78,9 +84,11 @@ EXPORT Int pinflex_linear_march(const Linear *m) {
       x[i] = m->load[k * n + i];
     }
     for (Int i = 0; i < rows; i++) x[n + i] = 0.0;
-    times_both(n, n, m->C, m->col_at, m->row, value + moving, v, x);
-    times_both(n, n, m->K, m->col_at, m->row, value + 2 * moving, d, x);
-    times_both(rows, n, m->J, m->J_col_at, m->J_row, value + 3 * moving, d, x + n);
+    times_sparse(n, m->C_at, m->C_row, m->C, v, x);
+    times_sparse(n, m->K_at, m->K_row, m->K, d, x);
+    times_sparse(n, m->col_at, m->row, value + moving, v, x);
+    times_sparse(n, m->col_at, m->row, value + 2 * moving, d, x);
+    times_rows(m, value + 3 * moving, d, x + n);
     for (Int i = 0; i < n; i++) x[i] = -x[i];
     for (Int i = 0; i < rows; i++) x[n + i] /= -(beta * h * h);
     solve(lu, n + rows, pivot, x);

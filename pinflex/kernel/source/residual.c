@@ -6,12 +6,12 @@ static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
 /* Bytes of the workspace of one run: nodes, then Q, V, A, the group's inputs and outputs, and what
    the tangent needs. */
 EXPORT Int pinflex_work_size(const Tables *t) {
-  Int lanes = t->nQ + 2 * t->nV + t->nq + 3 * t->nv + 2 * t->closures + t->forces;
+  Int lanes = t->nQ + 2 * t->nV + t->nq + 3 * t->nv + 3 * t->closures + t->forces;
   return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
          + tangent_size(t) * (Int)sizeof(double);
 }
 
-typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c; double *more; } Group;
+typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c, *open; double *more; } Group;
 
 static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->node = (Node *)memory;
@@ -25,7 +25,8 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   g->r = g->a + t->nv;
   g->lam = g->r + t->nv;
   g->c = g->lam + t->closures;
-  g->scale = g->c + t->closures;
+  g->open = g->c + t->closures;
+  g->scale = g->open + t->closures;
   g->more = (double *)(((uintptr_t)(g->scale + t->forces) + 63) / 64 * 64);
 }
 
@@ -77,11 +78,11 @@ EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const do
   }
 }
 
-/* Time derivatives of the closures of `count` states in motion, (count, closures) each: the first
-   and the second. */
+/* Closures of `count` states in motion, (count, closures), and their first and second time
+   derivatives. */
 EXPORT void pinflex_closure_motion(const Tables *t, char *memory, Int count, const double *Y,
-                                   const double *V, const double *A, double *rate,
-                                   double *second) {
+                                   const double *V, const double *A, double *value,
+                                   double *rate, double *second) {
   Work w;
   Group g;
   lay_out(t, memory, &w, &g);
@@ -92,9 +93,31 @@ EXPORT void pinflex_closure_motion(const Tables *t, char *memory, Int count, con
     gather(A, count, t->nv, first, g.a);
     expand(t, &w, g.y, g.v, g.a);
     outward(t, &w, 1);
-    closure_motion(t, &w, g.lam, g.c);
+    closure_motion(t, &w, g.open, g.lam, g.c);
+    scatter(g.open, count, t->closures, first, value);
     scatter(g.lam, count, t->closures, first, rate);
     scatter(g.c, count, t->closures, first, second);
+  }
+}
+
+/* Closures and their Jacobians at `count` poses Y (count, nq): c (count, closures) and J (count,
+   closures, nv). */
+EXPORT void pinflex_closures(const Tables *t, char *memory, Int count, const double *Y, double *c,
+                             double *J) {
+  Work w;
+  Group g;
+  Tangent here;
+  lay_out(t, memory, &w, &g);
+  w.moving = 1;
+  for (Int i = 0; i < t->nv; i++) g.v[i] = g.a[i] = lane(0);
+  for (Int k = 0; k < count; k++) {
+    gather(Y, k + 1, t->nq, k, g.y);
+    expand(t, &w, g.y, g.v, g.a);
+    outward(t, &w, 1);
+    closure_motion(t, &w, g.open, g.lam, g.c);
+    scatter(g.open, k + 1, t->closures, k, c);
+    place_columns(t, &w, g.more, g.y, g.v, g.a, &here);
+    close_jacobian(t, &here, J + k * t->closures * t->nv);
   }
 }
 

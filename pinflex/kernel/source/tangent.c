@@ -285,6 +285,21 @@ void tangent_layout(const Tables *t, double *memory, Tangent *w) {
   w->lifted = memory;
 }
 
+void place_columns(const Tables *t, Work *lanes, double *memory, const Lane *y, const Lane *v,
+                   const Lane *a, Tangent *w) {
+  tangent_layout(t, memory, w);
+  map_rows(t, w, 0, y, v, a);
+  memset(&w->base, 0, sizeof w->base);
+  for (int d = 0; d < 3; d++) w->base.R[4 * d] = 1.0;
+  for (Int i = 0; i < t->nodes; i++) {
+    const Node *n = lanes->node + i;
+    Frozen *here = w->frozen + i;
+    for (int d = 0; d < 9; d++) here->R[d] = n->R[d][0];
+    for (int d = 0; d < 3; d++) here->p[d] = n->p[d][0];
+    node_columns(t, i, here, w->column + t->node_v[i]);
+  }
+}
+
 /* The first lane of the states counts. Afterwards r and c hold its residuals. */
 void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
              const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,

@@ -19,6 +19,9 @@ typedef struct {
   double *x, *dx, *ddx, *rate, *growth, *u, *T, *lifted;
 } Tangent;
 
+/* Poses and columns of the nodes where `outward` has been, for `close_jacobian`. */
+void place_columns(const Tables *t, Work *lanes, double *memory, const Lane *y, const Lane *v,
+                   const Lane *a, Tangent *w);
 Int tangent_size(const Tables *t);
 void tangent_layout(const Tables *t, double *memory, Tangent *w);
 void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
@@ -38,6 +41,7 @@ void add_transposed(Int nv, const double *J, const double *P, double sign, doubl
 void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, double *K);
 
 /* closure_tangent.c */
+void close_jacobian(const Tables *t, Tangent *w, double *J);
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
 
 /* A frame of a node, [R | p] (3, 4) in its axes, in the world. */

@@ -72,11 +72,16 @@ def apart(found: Array, expected: Array) -> float:
 
 
 def same_closure_motion(system: System, given: Sequence[Array]) -> None:
-    """First and second derivatives of the closures are those that Jacobians give."""
+    """Closures, their Jacobians and derivatives are Pinocchio's."""
     Y, V, A = given
     plain = without_kernel(system)
-    J, gamma = plain.close(Y).J, plain.closure_bias(Y, V)
-    expected = (J @ V[:, :, None])[:, :, 0], (J @ A[:, :, None])[:, :, 0] + gamma
+    (c, J), gamma = plain.close(Y), plain.closure_bias(Y, V)
+    mine = Equations(system)
+    for found, known in zip((*mine.close(Y), mine.closure_bias(Y, V)), (c, J, gamma), strict=True):
+        assert np.max(np.abs(found - known), initial=0.0) < SAME * np.max(
+            np.abs(known), initial=1.0
+        )
+    expected = c, (J @ V[:, :, None])[:, :, 0], (J @ A[:, :, None])[:, :, 0] + gamma
     for found, known in zip(closure_motion(Equations(system), Y, V, A), expected, strict=True):
         # Of the largest term of all: sums of a row may cancel.
         scale = np.max(np.abs(known), initial=1.0)

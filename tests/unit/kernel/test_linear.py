@@ -13,6 +13,7 @@ from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import LinearKernel, Still
 from pinflex.levels import linear_march
 from pinflex.levels.linear_march import LinearMarch, Room
+from pinflex.levels.varying import varying
 
 needs_kernel = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
 STEPS = 150
@@ -40,6 +41,10 @@ def system(n: int, rows: int, corners: tuple[float, ...] = (), seed: int = 1) ->
     return grid, (M, C, K, J), load
 
 
+def march_of(scheme, grid, parts, h, room=None) -> LinearMarch:
+    return LinearMarch(scheme, grid, [varying(x) for x in parts], h, room)
+
+
 def without_kernel(monkeypatch: pytest.MonkeyPatch, march: LinearMarch, *given: Array) -> tuple:
     with monkeypatch.context() as m:
         m.setenv("PINFLEX_KERNEL", "0")
@@ -60,7 +65,7 @@ def assert_same(found: tuple, expected: tuple) -> None:
 def test_it_is_the_march_in_numpy(n, rows, scheme, monkeypatch):
     """Sizes around those of a panel of the factors, with and without closures."""
     grid, parts, load = system(n, rows, seed=n)
-    march = LinearMarch(scheme, grid, parts, float(grid.t[1]))
+    march = march_of(scheme, grid, parts, float(grid.t[1]))
     start = np.zeros(n)
     expected = without_kernel(monkeypatch, march, load, start)
     assert np.max(np.abs(expected.d)) > 1e-3
@@ -70,20 +75,27 @@ def test_it_is_the_march_in_numpy(n, rows, scheme, monkeypatch):
 
 
 @needs_kernel
-def test_another_load_and_another_march_between_use_the_right_factors(monkeypatch):
+@pytest.mark.parametrize("steps", [20, 10 * STEPS])
+def test_marches_side_by_side_are_those_one_by_one(steps, monkeypatch):
+    """Factors of a window serve all of them, and another march between uses the same room."""
+    monkeypatch.setattr(linear_march, "_KEPT", 11 * 11 * steps)
     room = Room()
-    marches, loads = [], []
-    for seed in (1, 2):
-        grid, parts, load = system(9, 2, seed=seed)
-        marches.append(LinearMarch(generalized_alpha(0.8), grid, parts, float(grid.t[1]), room))
-        loads.append(load)
-    start = np.zeros(9)
-    for k in (0, 0, 1, 0):
-        for factor in (1.0, -2.0):
-            load = factor * loads[k]
-            assert_same(
-                marches[k](load, start), without_kernel(monkeypatch, marches[k], load, start)
-            )
+    grid, parts, load = system(9, 2, seed=1)
+    march, other = (
+        march_of(generalized_alpha(0.8), grid, x, float(grid.t[1]), room)
+        for x in (parts, [2.0 * x for x in parts])
+    )
+    start, loads = np.zeros(9), (load, -2.0 * load, 0.5 * load)
+    going = [march.begin() for _ in loads]
+    windows = list(march.windows())
+    assert (len(windows) > 3) == (steps == 20)
+    for s in windows:
+        for one, given in zip(going, loads, strict=True):
+            one.go(s, given[s], start)
+    assert_same(other(load, start), without_kernel(monkeypatch, other, load, start))
+    assert_same(march(load, start), going[0].found)
+    for one, given in zip(going, loads, strict=True):
+        assert_same(one.found, without_kernel(monkeypatch, march, given, start))
 
 
 @needs_kernel
@@ -91,19 +103,9 @@ def test_another_load_and_another_march_between_use_the_right_factors(monkeypatc
 def test_a_piece_at_rest_is_one_system(kept, monkeypatch):
     """Beyond 0.4 s nothing moves: factors are kept there, also in batches."""
     grid, parts, load = system(6, 2, corners=(0.4,))
-    march = LinearMarch(newmark(), grid, parts, float(grid.t[1]), kept=kept)
+    march = march_of(newmark(), grid, parts, float(grid.t[1]), Room() if kept else None)
     assert len(march._systems[1]) < 0.45 * STEPS
     start = np.zeros(6)
-    assert_same(march(load, start), without_kernel(monkeypatch, march, load, start))
-
-
-@needs_kernel
-def test_many_systems_are_not_kept(monkeypatch):
-    grid, parts, load = system(12, 3)
-    march = LinearMarch(newmark(), grid, parts, float(grid.t[1]))
-    monkeypatch.setattr(linear_march, "_LARGEST", 1000.0)
-    assert not march._kept
-    start = np.zeros(12)
     assert_same(march(load, start), without_kernel(monkeypatch, march, load, start))
 
 
@@ -114,7 +116,7 @@ def test_coordinates_without_mass_and_stiffness_fall_back_on_least_squares(monke
     for x in (M, C, K):
         x[:, 4], x[:, :, 4] = 0.0, 0.0
     J[:, :, 4], load[:, 4] = 0.0, 0.0
-    march = LinearMarch(newmark(), grid, (M, C, K, J), float(grid.t[1]))
+    march = march_of(newmark(), grid, (M, C, K, J), float(grid.t[1]))
     found = march(load, np.zeros(5))
     assert_same(found, without_kernel(monkeypatch, march, load, np.zeros(5)))
     assert np.all(np.isfinite(found.d)) and not np.any(found.d[:, 4])

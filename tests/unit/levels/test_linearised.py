@@ -9,7 +9,8 @@ import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.levels.interpolated import InterpolatedPath
 from pinflex.levels.ked import march_of, solve_ked
-from pinflex.levels.linearised import LinearPath, along
+from pinflex.levels.linearised import LinearPath, _Moving, along
+from pinflex.levels.varying import varying
 from pinflex.solver.solve import default_motion
 
 # A cycloid that ends in the middle of the run; acceleration that jumps at the corners of a
@@ -80,3 +81,19 @@ def test_samples_of_the_linear_march_are_those_of_all_its_steps(name):
         whole, some = getattr(each, x), getattr(few, x)
         # two polynomials through nodes that Newton closes to 1e-12
         assert np.max(np.abs(whole[::6] - some)) <= 1e-8 * np.max(np.abs(whole), initial=1e-6)
+
+
+def test_what_moves_late_is_noticed():
+    """An entry that stands still at the first times and not at others is among those that move."""
+    first, then = np.array([0.0, 1.0]), np.array([0.25, 0.5])
+
+    def packed(times):
+        for t in times:
+            yield np.array([1.0, 2.0 + t, t * (1.0 - t)])
+
+    moving = _Moving(packed, first, np.array([0]), whole=False)
+    assert moving(then).shape == (2, 1) and moving.late
+    every = _Moving(packed, first, np.array([0]), whole=True)
+    found = varying(np.array(list(packed(then))))
+    assert np.array_equal(every(then), np.array(list(packed(then)))) and not every.late
+    assert found.entries.tolist() == [1, 2] and np.array_equal(found.whole(), every(then))

@@ -1,0 +1,106 @@
+"""A matrix along a path: what stands still of it once, and the entries that move at every node.
+
+Some six sevenths of the linear system of a mechanism stand still; stored in full at every node it
+would take hundreds of megabytes for some ten coordinates a link, and touching them takes longer
+than the marches that use them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.integrators.chebyshev import Interpolation
+
+STILL = 1e-12  # of the largest entry of a matrix: round-off of what does not change
+
+
+@dataclass(frozen=True)
+class Varying:
+    """A matrix, or a vector, at the nodes of an interpolation.
+
+    Attributes:
+        still: At the first node, any shape.
+        entries: Flat numbers of those that move, ascending, shape (m,).
+        values: Of them at the nodes, shape (size, m).
+    """
+
+    still: Array
+    entries: IntArray
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the matrix."""
+        return self.still.shape
+
+    @cached_property
+    def small(self) -> float:
+        """Changes up to which an entry stands still."""
+        sizes = (float(np.max(np.abs(x), initial=0.0)) for x in (self.still, self.values))
+        return STILL * max(sizes)
+
+    @cached_property
+    def moves(self) -> BoolArray:
+        """Which entries move, in the shape of the matrix."""
+        return self._numbers >= 0
+
+    @cached_property
+    def _numbers(self) -> IntArray:
+        """Column of `values` of each entry, in the shape of the matrix; -1: it stands still."""
+        found = np.full(self.still.size, -1, dtype=np.intp)
+        found[self.entries] = np.arange(len(self.entries))
+        return found.reshape(self.shape)
+
+    def whole(self) -> Array:
+        """The matrix at every node, shape (size, ...)."""
+        return self._filled(self.values)
+
+    def along(self, grid: Interpolation, at: slice | IntArray = slice(None)) -> Array:
+        """The matrix at steps, shape (steps, ...).
+
+        Args:
+            grid: Times of the nodes, and of the steps. at: Steps that are wanted.
+        """
+        return self._filled(grid.between(self.values, at))
+
+    def _filled(self, values: Array) -> Array:
+        found = np.tile(self.still.ravel(), (len(values), 1))
+        found[:, self.entries] = values
+        return found.reshape(len(values), *self.shape)
+
+    def picked(self, *axes: IntArray) -> Varying:
+        """Some rows, and columns where there are any, in their order.
+
+        Args:
+            axes: Numbers of those along each axis.
+        """
+        block = np.ix_(*axes)
+        numbers = self._numbers[block].ravel()
+        entries = np.flatnonzero(numbers >= 0)
+        return Varying(self.still[block], entries, self.values[:, numbers[entries]])
+
+    def those(self, at: tuple[IntArray, ...]) -> Array:
+        """Some entries at every node, shape (size, k).
+
+        Args:
+            at: Their rows, and columns where there are any, shape (k,) each.
+        """
+        numbers = self._numbers[at]
+        found = np.tile(self.still[at], (len(self.values), 1))
+        found[:, numbers >= 0] = self.values[:, numbers[numbers >= 0]]
+        return found
+
+
+def varying(x: Array) -> Varying:
+    """A matrix that is known in full at every node, shape (size, ...)."""
+    flat = x.reshape(len(x), -1)
+    size = max(float(np.max(x, initial=0.0)), -float(np.min(x, initial=0.0)))
+    entries = np.flatnonzero(np.ptp(flat, axis=0) > STILL * size)
+    return Varying(x[0].copy(), entries, flat[:, entries])
