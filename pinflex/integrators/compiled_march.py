@@ -215,7 +215,7 @@ class CompiledMarch:
         self._repeated, at = 0, self._at
         at.shortest, at.held, at.growth = SHORTEST * (ends[1] - ends[0]), HELD, GROWTH
         at.idle_from, at.idle_to = stages.idle
-        at.memory, at.order, at.patience = stages.memory, stages.order, _PATIENCE
+        at.order, at.patience = stages.order, _PATIENCE
         at.t, at.h, at.first, at.unjudged = ends[0], first, first, unjudged
         at.ceiling = at.refused = np.inf
         at.scale = stages.scale

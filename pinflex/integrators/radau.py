@@ -103,7 +103,7 @@ class Stages(StageEquations):
         closeness: What Newton may leave; None: as the resolution allows.
     """
 
-    idle, memory = (1.0, 1.2), 0.0  # a change of the step costs new factors
+    idle = (1.0, 1.2)  # a change of the step costs new factors
     slow, loose = 0.1, False
     closeness: Closeness | None = None
 

@@ -26,7 +26,7 @@ class Point:
     Attributes:
         now: State. last: The step that led to it, which predicts, or None.
         h: Length of the next step in s. ceiling: What it may not exceed while Newton recovers.
-        before: Coarseness that the next step is taken to have at least.
+        before: Coarseness of the last step: the next is taken to have part of it at least.
         refused: Coarseness of the step that was too coarse here.
         stops: Times in s at which steps have yet to end. scale: Largest displacement so far.
         steps: Number of steps before.
@@ -184,8 +184,9 @@ class March:
             if stops:
                 now, last = stages.first(now.t, now.y, now.v), None
                 h = min(h, self._first_length)
-        before = max(step.coarseness, stages.memory * at.before)
-        self.at = Point(now, last, h, ceiling, before, np.inf, stops, stages.scale, at.steps + 1)
+        self.at = Point(
+            now, last, h, ceiling, step.coarseness, np.inf, stops, stages.scale, at.steps + 1
+        )
 
     def _require_sound(self) -> None:
         """Raise where a step has left a beam, or has to be followed by one without length."""

@@ -62,12 +62,10 @@ class Steps(Recorded, Protocol):
     Attributes:
         dynamics: Workspace of the run.
         idle: Factors on h between which a change does not pay.
-        memory: Part of the largest coarseness so far that is left of it one step later.
         scale: Largest displacement of the run so far.
     """
 
     idle: tuple[float, float]
-    memory: float
     scale: float
 
     @property

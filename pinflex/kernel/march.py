@@ -59,7 +59,7 @@ class _March(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("factored_h", "size", "resolution", "least")),
         *((name, ctypes.c_double) for name in ("round_off", "seen", "open")),
         *((name, ctypes.c_double) for name in ("slow", "same_step")),
-        *((name, ctypes.c_double) for name in ("idle_from", "idle_to", "memory", "order")),
+        *((name, ctypes.c_double) for name in ("idle_from", "idle_to", "order")),
         *((name, ctypes.c_double) for name in ("first", "shortest", "held", "growth", "patience")),
     ]
 

@@ -20,14 +20,12 @@ from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as adaptive
-from pinflex.integrators.alpha_adaptive import AlphaSteps
 from pinflex.integrators.collocation import Collocation, radau
 from pinflex.integrators.given_steps import along
 from pinflex.integrators.radau import STAGES, Stages
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
-from pinflex.integrators.steps import Steps
 from pinflex.levels.given_start import start_from
 from pinflex.levels.ked import march_of, solve_ked
 from pinflex.levels.modes import modes
@@ -161,12 +159,10 @@ class Scene:
         progress: Progress | None = None,
         coarser: Run | None = None,
         pilot: bool = False,
-        alpha: bool = False,
     ) -> Run:
         """The run at samples t in steps that follow the motion; see `adaptive.integrate`.
 
-        By collocation, or `alpha`: by the alpha family. A coarser run tells how far the mechanism
-        moves in all; a pilot is the first of them.
+        A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
 
         Args:
             t: Samples [s], shape (nt,).
@@ -174,13 +170,12 @@ class Scene:
             progress: Called with (step, steps).
             coarser: A run at a coarser resolution.
             pilot: Whether a short run finds the scale first.
-            alpha: By the alpha family instead of collocation.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
         first = adaptive.SHORT if scale > 0.0 else adaptive.LONG
         return self.kept(
             t, resolution, lambda steps: Record(steps, t, resolution), first, scale, progress,
-            pilot, alpha,
+            pilot,
         )  # fmt: skip
 
     def kept(
@@ -192,7 +187,6 @@ class Scene:
         scale: float,
         progress: Progress | None = None,
         pilot: bool = False,
-        alpha: bool = False,
         dynamics: Equations | None = None,
         ends: Array | None = None,
     ) -> Run:
@@ -201,28 +195,23 @@ class Scene:
         Args:
             t: Samples in s.
             resolution: Of the first steps.
-            keeper: From the steps, Stages or AlphaSteps, what they are kept by.
+            keeper: From the steps, what they are kept by.
             first, scale, progress, pilot: As `adaptive.integrate` has them.
-            alpha: By the alpha family, not by collocation.
             dynamics: A workspace of what moves; None: one of its own.
             ends: Of the steps in s, where these are given; then they are not judged.
         """
         if dynamics is None:
-            given = (t, resolution, keeper, first, scale, progress, pilot, alpha)
+            given = (t, resolution, keeper, first, scale, progress, pilot)
             with self.equations() as own:
                 return self.kept(*given, own, ends)
         start = self._start
-        stops, sampler = breaks(self.motion, dynamics.system.loads), None
-        steps: Steps
-        if alpha:
-            steps = self._alpha_steps(t, dynamics, resolution)
-        else:
-            steps, sampler = self._stages(t, dynamics, resolution)
+        stops = breaks(self.motion, dynamics.system.loads)
+        steps, sampler = self._stages(t, dynamics, resolution)
         if sampler is not None:
             stops = (*stops, *sampler.instants(float(t[-1])))
         name, begun = self.mechanism.name, (start.y, start.v)
         try:
-            if ends is not None and isinstance(steps, Stages):
+            if ends is not None:
                 run = along(name, steps, begun, t, stops, ends, keeper(steps))
             else:
                 run = adaptive.integrate(
@@ -242,7 +231,7 @@ class Scene:
 
     def _stages(
         self, t: Array, dynamics: Equations, resolution: float
-    ) -> tuple[Steps, Sampler | None]:
+    ) -> tuple[Stages, Sampler | None]:
         """The stages of a run, and the digital controller that acts in it."""
         drive, sampler = self._drive(t), None
         if self.sampled:
@@ -252,13 +241,6 @@ class Scene:
             self.by_forces, sampler,
         )  # fmt: skip
         return stages, sampler
-
-    def _alpha_steps(self, t: Array, dynamics: Equations, resolution: float) -> Steps:
-        ends = float(t[0]), float(t[-1])
-        return AlphaSteps(
-            self.mechanism, dynamics, self._path(t), ends, self._scheme, resolution,
-            self._drive(t), self.by_forces, self.tolerance,
-        )  # fmt: skip
 
     @property
     def by_forces(self) -> bool:

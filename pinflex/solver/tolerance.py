@@ -26,8 +26,6 @@ from pinflex.solver.ringing import ringing
 from pinflex.solver.scene import Progress, Scene
 from pinflex.solver.step_length import default_step
 
-_PILOT = 0.1  # resolution of a run that tells how far the mechanism moves, to a hundredth
-_LOCAL = 2.0  # resolution of the first run over tol^1.5: where it serves, the next one is the last
 _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose beside the
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
 _ROUNDS = 8
@@ -40,8 +38,8 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     """The run at samples t (s) within a relative error tol.
 
     Level coupled goes by Radau IIA collocation (`in_one_run`; where joints stick or a digital
-    controller acts, `by_refinement`), or by a member of the alpha family that is asked for
-    (`by_error_control`); level ked and a continuous control in equal steps (`by_step_halving`).
+    controller acts, `by_refinement`); members of the alpha family that are asked for, level ked and
+    a continuous control in equal steps (`by_step_halving`).
 
     Args:
         scene: What is solved.
@@ -50,11 +48,11 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
         progress: Called with (step, steps).
     """
     # Level ked is linear: equal steps keep its matrices; a continuous law is evaluated in them.
-    if scene.linear or (scene.control is not None and not scene.sampled):
-        return by_step_halving(scene, t, tol, progress)
+    # Of the alpha family too: steps of its own length take up to ten times the time (compiled).
     given = scene.spec.method
-    if not (given is None or given == "radau" or isinstance(given, Collocation)):
-        return by_error_control(scene, t, tol, progress)
+    collocates = given is None or given == "radau" or isinstance(given, Collocation)
+    if scene.linear or not collocates or (scene.control is not None and not scene.sampled):
+        return by_step_halving(scene, t, tol, progress)
     if scene.sticks or scene.sampled:
         return by_refinement(scene, t, tol, progress)
     return in_one_run(scene, t, tol, progress)
@@ -95,27 +93,6 @@ def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | Non
     return _Refinement(
         scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0
     ).run()
-
-
-def by_error_control(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
-    """By steps of the alpha family that follow the motion, with an eighth of the local error.
-
-    A local error falls with h^3, that of a run with h^2.
-
-    Args:
-        scene: What is solved.
-        t: Samples [s], shape (nt,).
-        tol: Relative error of each output.
-        progress: Called with (step, steps).
-    """
-
-    def attempt(resolution: float, coarser: Run | None) -> Run:
-        pilot = coarser or scene.resolved(t, _PILOT, progress, pilot=True, alpha=True)
-        run = scene.resolved(t, resolution, progress, pilot, alpha=True)
-        spent = {} if coarser else pilot.cost
-        return replace(run, cost={k: n + spent.get(k, 0.0) for k, n in run.cost.items()})
-
-    return _Refinement(scene, t, tol, attempt, _LOCAL * tol**1.5, 8.0, 3.0).run()
 
 
 class _Refinement:

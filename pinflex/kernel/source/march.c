@@ -59,7 +59,7 @@ static int accept(const Tables *t, March *m, double size, double factor, double 
     h = size * fmin(fmax(factor, 0.5), 3.0);
   m->ceiling *= m->growth;
   m->h = fmin(h, m->ceiling);
-  m->before = fmax(coarseness, m->memory * m->before);
+  m->before = coarseness;
   m->refused = INFINITY, m->follows = 1, m->number++;
   if (m->t < m->stop_at[m->stop] - m->shortest) return 0;
   m->t = m->stop_at[m->stop]; /* two that differ by round-off are one */

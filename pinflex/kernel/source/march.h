@@ -51,7 +51,7 @@ typedef struct {
   double h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
   double factored_h, size;           /* s: of the factors, and of the step to come */
   double resolution, least, round_off, seen, open, slow, same_step;
-  double idle_from, idle_to, memory, order, first, shortest, held, growth, patience;
+  double idle_from, idle_to, order, first, shortest, held, growth, patience;
 } March;
 
 /* inputs.c: all columns at a time */
