@@ -69,26 +69,12 @@ class March:
         self.iterations = 0
         nv = dynamics.system.nv
         self._change, self._known = np.zeros(nv), np.empty((4, nv))
-        self.set_step(h)
+        self.h, self.slow, self.weights = h, True, scheme.weights(h)
+        self.predictor = _predictor(scheme, h)
+        by_a, by_v, _ = self.weights
+        self._gains = np.array([[1.0], [by_v], [by_a]])
         # Far from the motion the equations have other roots; ten lengths off is one of them.
         self.farthest = 10.0 * max([1.0, *(s.body.length for s in dynamics.system.expansion.slots)])
-
-    def set_step(self, h: float) -> None:
-        """Let steps be of h (s) from now on, with a new tangent."""
-        scheme, self.h, self.newton.h, self.slow = self.scheme, h, h, True
-        am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-        # From a, and the a, s and v before it, to s, v and the move; and what ds adds to s, v, a.
-        algorithmic = np.array([1.0 - af, af, -am, 0.0]) / (1.0 - am)
-        # Of M, C and K: what ds adds to the move, to v and to a.
-        self.weights = to_y, to_v, to_a = beta * h * h, gamma * h, scheme.mass_factor
-        self.predictor = np.array(
-            [
-                algorithmic,
-                to_v * algorithmic + [0.0, 0.0, h * (1.0 - gamma), 1.0],
-                to_y * algorithmic + [0.0, 0.0, h * h * (0.5 - beta), h],
-            ]
-        )
-        self._gains = np.array([[1.0], [to_v], [to_a]])
 
     def control(self, k: int, y: Array, v: Array) -> None:
         """Let the feedback act at a state of step k.
@@ -186,7 +172,7 @@ class March:
         self, now: Step, before: Step, moving: Array, move: Array, ds: Array, dlam: Array, k: int
     ) -> None:
         """Move a state by a correction of s and lam."""
-        change, to_y = self._change, self.weights[0]
+        change, to_y = self._change, self.weights[2]
         change[self.newton.free] = ds
         moving += self._gains * change
         now.lam += dlam
@@ -306,3 +292,15 @@ class March:
         force = left[newton.free]
         static = float(np.sqrt(force @ (force / np.maximum(newton.weight, 1e-300))))
         self.reference = max(static, newton.size(now.a), 1e-12)
+
+
+def _predictor(scheme: AlphaScheme, h: float) -> Array:
+    """From a, and the a, s and v before it, to s, v and the move of a step of h (s), (3, 4)."""
+    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    _, to_v, to_y = scheme.weights(h)
+    algorithmic = np.array([1.0 - af, af, -am, 0.0]) / (1.0 - am)
+    return np.array([
+        algorithmic,
+        to_v * algorithmic + [0.0, 0.0, h * (1.0 - gamma), 1.0],
+        to_y * algorithmic + [0.0, 0.0, h * h * (0.5 - beta), h],
+    ])  # fmt: skip

@@ -49,17 +49,9 @@ class Collocation:
         """Values at the nodes, and at 0 and the nodes, to coefficients of the powers."""
         return _monomials(self.s, False), _monomials(self.s, True)
 
-    def at(self, x: Array, integrals: int = 0) -> Array:
-        """Weights of the stages for their polynomial, or an integral of it, at x, (len(x), s).
-
-        Args:
-            x: Places in the step, 0 to 1.
-            integrals: How often it is integrated from the start.
-        """
-        powers = np.arange(self.s)
-        rows = np.asarray(x, float)[:, None] ** powers
-        for k in range(1, integrals + 1):
-            rows = rows * np.asarray(x, float)[:, None] / (powers + k)
+    def at(self, x: Array) -> Array:
+        """Weights of the stages for their polynomial at places x of the step, (len(x), s)."""
+        rows = np.asarray(x, float)[:, None] ** np.arange(self.s)
         return np.asarray(rows @ _monomials(self.s, False))
 
     def between(self, x: Array) -> tuple[Array, Array, Array]:

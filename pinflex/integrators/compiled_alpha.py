@@ -21,7 +21,7 @@ class CompiledAlpha:
     def __init__(self, march: March, stages: CompiledStages, found: Sequence[Array]) -> None:
         """`found`: y, v, a, s, lam, torque and power at all instants, which are written."""
         self._march, self._stages, self._found = march, stages, found
-        path, (by_y, by_v, mass) = march.path, march.weights
+        path, (mass, by_v, by_y) = march.path, march.weights
         given = Iteration(
             march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
         )

@@ -67,11 +67,10 @@ def integrate(
                 if k > 0:
                     now = march.first(now.y, now.v, k)
                 now = last = march.quiet_start(now, k)
-            begun, upto = (
-                k,
-                min([steps, k - k % _TOGETHER + _TOGETHER, *(j for j in fresh if j > k)]),
-            )
+            begun = k
             if compiled is not None:
+                stops = (j for j in fresh if j > k)
+                upto = min([steps, k - k % _TOGETHER + _TOGETHER, *stops])
                 k, now, last = compiled.advance(k, now, last, upto)
             if k == begun:
                 # Both go on as they did: a multiplier left behind would cost one more correction.

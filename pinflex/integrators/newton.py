@@ -59,8 +59,7 @@ class Newton:
             t: Time [s].
             exact: Whether the rates of second-order rows count, as where links accelerate wildly.
         """
-        scheme, h, n = self.scheme, self.h, self.n
-        weights = (scheme.mass_factor, scheme.gamma * h, scheme.beta * h * h)
+        n, weights = self.n, self.scheme.weights(self.h)
         state = step.y, step.v, step.a, step.lam
         full, J = self.dynamics.iteration_matrix(*state, t, weights, exact)
         if self.drive is not None:
@@ -73,7 +72,7 @@ class Newton:
         S[:n, :n] = full[np.ix_(self.free, self.free)]
         self.weight = np.abs(np.diag(S)[:n]).copy()
         # Positions are known to 1e-15 (m, rad); as accelerations that is this much noise.
-        self.noise = 1e-15 / (scheme.beta * h * h) * float(np.sqrt(self.weight.sum()))
+        self.noise = 1e-15 / weights[2] * float(np.sqrt(self.weight.sum()))
         if self.rows:
             S[:n, n:] = J[:, self.free].T
             S[n:, :n] = J[:, self.free]

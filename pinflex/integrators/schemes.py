@@ -36,6 +36,10 @@ class AlphaScheme:
         """da/ds of the new step."""
         return (1.0 - self.alpha_m) / (1.0 - self.alpha_f)
 
+    def weights(self, h: float) -> tuple[float, float, float]:
+        """Of M, C and K in the matrix of a step of h (s): what ds adds to a, v and y."""
+        return self.mass_factor, self.gamma * h, self.beta * h * h
+
 
 @public
 def generalized_alpha(rho_inf: float = 0.8) -> AlphaScheme:

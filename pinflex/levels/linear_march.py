@@ -225,8 +225,8 @@ class LinearMarch:
 
     def _weighted(self, M: Array, C: Array, K: Array) -> Array:
         """S, which the acceleration of a step is solved with."""
-        one, h = self.scheme, self.h
-        return one.mass_factor * M + one.gamma * h * C + one.beta * h * h * K
+        by_a, by_v, by_y = self.scheme.weights(self.h)
+        return by_a * M + by_v * C + by_y * K
 
     @cached_property
     def _kernel(self) -> LinearKernel:

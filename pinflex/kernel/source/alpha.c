@@ -9,13 +9,6 @@
 #include "march.h"
 #include <stddef.h>
 
-void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
-                       const double *A, const double *lam, const double *scale, double *R,
-                       double *C);
-void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
-                     const double *a, const double *lam, const double *scale, double *M, double *C,
-                     double *K, double *J);
-
 /* A state: y (nq,), v, a and s (nv,), lam (closures,). */
 typedef struct { double *y, *v, *a, *s, *lam; } State;
 

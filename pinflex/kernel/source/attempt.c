@@ -4,10 +4,6 @@
 #include "march.h"
 #include "newton.h"
 
-void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
-                     const double *a, const double *lam, const double *scale, double *M, double *C,
-                     double *K, double *J);
-
 /* Inputs at the stages, and where the step starts. */
 void take_inputs(const Tables *t, March *m, double h) {
   Stages *st = m->stages;

@@ -3,10 +3,6 @@
 #include "march.h"
 #include <stddef.h>
 
-void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
-                       const double *A, const double *lam, const double *scale, double *R,
-                       double *C);
-
 /* Where a step starts: at the end of the correction before it; after a switch of motion or loads
    accelerations begin anew. */
 static void restart(const Tables *t, const March *run, March *m, Int k, const double *end_a) {

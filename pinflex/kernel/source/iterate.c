@@ -4,10 +4,6 @@
    were shut. Norms are those of displacements, in the weight of stiffness or mass. */
 #include "newton.h"
 
-void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
-                       const double *A, const double *lam, const double *scale, double *R,
-                       double *C);
-
 double weighed(const Newton *n, const double *x) {
   double sum = 0.0;
   for (Int i = 0; i < n->measured; i++) {

@@ -95,6 +95,18 @@ void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *
 void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
                     const Lane *lam, const Lane *scale, Lane *r, Lane *c);
 
+/* residual.c: of states row by row, and derivatives at one of them. motion: M, C, K and J one after the
+   other, residual and second derivatives of the closures at one. */
+EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y,
+                              const double *V, const double *A, const double *lam,
+                              const double *scale, double *R, double *C);
+EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
+                            const double *a, const double *lam, const double *scale, double *M,
+                            double *C, double *K, double *J);
+EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
+                           const double *a, const double *lam, const double *scale,
+                           double *matrices, double *r, double *rates);
+
 static inline Node *node_at(Work *w, Int number) { return number < 0 ? &w->base : w->node + number; }
 
 #endif

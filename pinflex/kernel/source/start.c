@@ -7,13 +7,6 @@
    columns are scaled by the roots of M's diagonal. */
 #include "march.h"
 
-void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y, const double *V,
-                       const double *A, const double *lam, const double *scale, double *R,
-                       double *C);
-void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
-                    const double *a, const double *lam, const double *scale, double *matrices,
-                    double *r, double *rates);
-
 /* Pivots that differ by more show coordinates without mass: then the answer is not unique. */
 static const double SINGULAR = 1e-11;
 
