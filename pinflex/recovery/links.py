@@ -36,8 +36,7 @@ def links(samples: Samples) -> dict[str, Array]:
             for values in zip(*pieces, strict=True)
         )
         x, home = x[0], pose_of(poses, slots[0].root)
-        back = (line - home[:, None, :, 3]) @ home[:, :, :3]
-        back[:, :, 0] -= x
+        back = off_straight(line, x, home[:, :, :3], home[:, :, 3])
         spin = rotation_vector(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
         key = f"link/{name}"
         out[f"{key}/x"] = x
@@ -81,11 +80,35 @@ def _piece(
         if contact.sleeve.link == slot.link:
             forces += section_forces(section.x, table, *among)
     root = among[1][among[0]]
-    local = d[:, :, :3].copy()
-    local[:, :, 0] += section.x
-    line = local @ root[:, :, :3].swapaxes(1, 2) + root[:, None, :, 3]
+    line = centre_line(d, section.x, root[:, :, :3], root[:, :, 3])
     turned = root[:, None, :, :3] @ zyx_matrix(d[:, :, 3:])
     return (slot.offset + section.x)[None], forces, line, turned
+
+
+def centre_line(d: Array, x: Array, R: Array, p: Array) -> Array:
+    """Sections of a body in the world [m], shape (nt, nx, 3).
+
+    Args:
+        d: How far they are moved [m], the first three of shape (nt, nx, .).
+        x: Where they are on the body [m], shape (nx,).
+        R, p: Pose of its root, shapes (nt, 3, 3) and (nt, 3).
+    """
+    local = d[:, :, :3].copy()
+    local[:, :, 0] += x
+    return np.asarray(local @ R.swapaxes(1, 2) + p[:, None])
+
+
+def off_straight(line: Array, x: Array, R: Array, p: Array) -> Array:
+    """How far sections are off a straight link [m], in the frame of its root, shape (nt, nx, 3).
+
+    Args:
+        line: Of the sections in the world [m], shape (nt, nx, 3).
+        x: Where they are on the link [m], shape (nx,).
+        R, p: Pose of its root, shapes (nt, 3, 3) and (nt, 3).
+    """
+    back = (line - p[:, None]) @ R
+    back[:, :, 0] -= x
+    return np.asarray(back)
 
 
 def _section_forces(

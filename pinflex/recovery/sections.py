@@ -9,7 +9,7 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.frames import poses_of_frames
 from pinflex.recovery import stress
-from pinflex.recovery.links import SECTIONS
+from pinflex.recovery.links import SECTIONS, centre_line, off_straight
 
 
 def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]:
@@ -34,11 +34,8 @@ def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]
             cut = cuts[id(slot.body)]
             d = stress.deflections(cut, eta[:, slot.eta])[:, :, :3]
             if k:
-                (R0, p0), (R, p) = roots[0], roots[k]
-                turn, shift = R0.swapaxes(1, 2) @ R, (p - p0)[:, None] @ R0
-                d[:, :, 0] += cut.x
-                d = d @ turn.swapaxes(1, 2) + shift
-                d[:, :, 0] -= slot.offset + cut.x
+                line = centre_line(d, cut.x, *roots[k])
+                d = off_straight(line, slot.offset + cut.x, *roots[0])
             at.append(slot.offset + cut.x[min(k, 1) :])
             moved.append(d[:, min(k, 1) :])
         found[link] = np.concatenate(at), np.concatenate(moved, axis=1)
