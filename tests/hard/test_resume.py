@@ -100,13 +100,13 @@ damping: {rayleigh: [0, 1.0e-3]}
 def test_ctrl_c_keeps_the_run_and_says_how_to_go_on(tmp_path: Path) -> None:
     file = tmp_path / "run.npz"
     command = [sys.executable, "-m", "pinflex", "solve", "race_r2", "--until", "0.6",
-               "--dt", "1e-5", "--samples", "6001"]  # fmt: skip
+               "--dt", "2e-6", "--samples", "6001"]  # fmt: skip
     # A suite started in the background ignores Ctrl-C, and so would a process it starts.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     started = subprocess.Popen([*command, "-o", str(file)], stderr=subprocess.PIPE, text=True,
                                env=os.environ | {"OMP_NUM_THREADS": "1"})  # fmt: skip
     signal.signal(signal.SIGINT, before)
-    wait_until_busy(started)  # 20 s of steps; the start takes 1
+    wait_until_busy(started)  # 3e5 steps, some 20 s; the start takes 1
     started.send_signal(signal.SIGINT)
     _, said = started.communicate(timeout=60)
     assert started.returncode == 130
