@@ -21,7 +21,7 @@ from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics import ride
 from pinflex.mechanics.cost import require_memory
-from pinflex.mechanics.planes import LeftOut, active_planes, plane_of
+from pinflex.mechanics.planes import LeftOut, Plane, active_planes, plane_of
 from pinflex.mechanics.plausible import require_beam
 from pinflex.mechanics.ride import Rider
 from pinflex.mechanics.span import beam_frame, require_carrying, span
@@ -109,13 +109,13 @@ def resolve(
         DescriptionError: A span that cannot be found, a mass that is not there.
     """
     index = {link.name: number for number, link in enumerate(links)}
-    poses, normal = plane_of(links, np.array(description.gravity, float))
+    plane = plane_of(description, links)
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
     parts: dict[str, FlexiblePart] = {}
     for spec in description.flexible:
         out = tuple((without or {}).get(spec.link, ()))
         spec = _coarse(spec) if coarse and spec.link not in slides else spec
-        parts[spec.link] = _part(description, spec, links, index, poses, normal, out)
+        parts[spec.link] = _part(description, spec, links, index, plane, out)
     return parts
 
 
@@ -134,8 +134,7 @@ def _part(
     spec: FlexibleLink,
     links: Sequence[Link],
     index: Mapping[str, int],
-    poses: Sequence[pin.SE3],
-    normal: Array | None,
+    plane: Plane,
     out: tuple[LeftOut, ...],
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
@@ -145,7 +144,7 @@ def _part(
     placement, length = beam_frame(where, spec, links[number], start, end)
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
-    planes, reason = active_planes(where, spec, poses[number] * placement, normal, out)
+    planes, reason = active_planes(where, spec, plane.poses[number] * placement, plane, out)
     mass = links[number].inertia.mass
     require_memory(where, spec, planes, description.limit)
     if spec.material.rho is None:

@@ -5,7 +5,7 @@ Model only what the scene needs: a mechanism that moves in one plane bends in th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,11 @@ from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.span import joint_axis, placed_beam
 from pinflex.mechanics.tree import Link
+
+# Decimals of a hand-written URDF, not a real offset: of the reach, and of a vector (1.5708 for a
+# right angle is off by 4e-6).
+_OFFSET = 1e-6
+_TILT = 5e-5
 
 
 @dataclass(frozen=True)
@@ -33,39 +38,147 @@ class LeftOut:
     of: str
 
 
-def plane_of(links: Sequence[Link], gravity: Array) -> tuple[list[pin.SE3], Array | None]:
-    """Poses of the links at zero joint angles, and the normal of the plane all motion stays in.
+@dataclass(frozen=True)
+class Plane:
+    """The plane that all motion stays in, where there is one.
+
+    Attributes:
+        poses: Of the links at zero joint angles, in the world.
+        normal: World frame, shape (3,); None: a spatial scene.
+        reason: What leaves the plane, in words, where nothing but that does.
+    """
+
+    poses: list[pin.SE3]
+    normal: Array | None
+    reason: str = ""
+
+
+def plane_of(description: Description, links: Sequence[Link]) -> Plane:
+    """The plane that a scene is a mirror image of itself in: nothing bends out of it or twists.
+
+    All joints turn about one direction, and everything that acts is in the plane across it.
 
     Args:
+        description: The scene.
         links: Links, each after its parent.
-        gravity: World frame [m/s^2], shape (3,).
     """
     poses: list[pin.SE3] = []
     for link in links:
         above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
         poses.append(above * link.placement)
-    return poses, _plane_normal(links, poses, gravity)
-
-
-def _plane_normal(links: Sequence[Link], poses: Sequence[pin.SE3], gravity: Array) -> Array | None:
-    """Normal of the plane all motion stays in, or None for a spatial mechanism.
-
-    All axes parallel, gravity in the plane, and every mass and joint at one height: then nothing
-    excites bending out of the plane, or torsion.
-    """
     normal = _common_axis(links, poses)
-    if normal is None or abs(float(normal @ gravity)) > 1e-9:
-        return None
-    heights: list[float] = []
+    if normal is None:
+        return Plane(poses, None)
+    every = list(_acting(description, links, poses))
+    points = [p for one in every for p in one.points]
+    reach = max((float(np.linalg.norm(p - points[0])) for p in points), default=0.0)
+    height = float(normal @ points[0]) if points else 0.0
+    for one in every:
+        if one.leaves(normal, height, reach):
+            return Plane(poses, None, f"{one.what} is not in the plane of the joints")
+    return Plane(poses, normal)
+
+
+@dataclass(frozen=True)
+class _Acting:
+    """Something that acts on a scene or has mass, in the world at zero joint angles.
+
+    Attributes:
+        what: Words for it.
+        points: Places that have to be in the plane [m].
+        along: Vectors that have to be in it. about: Vectors that have to be across it.
+        inertia: Tensor with one principal axis across it, shape (3, 3).
+        mass: That of the tensor [kg], which says when its products are those of a small offset.
+    """
+
+    what: str
+    points: tuple[Array, ...] = ()
+    along: tuple[Array, ...] = ()
+    about: tuple[Array, ...] = ()
+    inertia: Array | None = None
+    mass: float = 0.0
+
+    def leaves(self, normal: Array, height: float, reach: float) -> bool:
+        """Whether it acts out of the plane at this height, by more than what a file rounds."""
+        if any(abs(float(normal @ p) - height) > _OFFSET * reach for p in self.points):
+            return True
+        if any(abs(float(normal @ x)) > _TILT * np.linalg.norm(x) for x in self.along):
+            return True
+        if any(np.linalg.norm(np.cross(normal, x)) > _TILT * np.linalg.norm(x) for x in self.about):
+            return True
+        if self.inertia is None:
+            return False
+        across = np.cross(normal, self.inertia @ normal)
+        size = max(self.mass * reach**2, float(np.linalg.norm(self.inertia)))
+        return bool(np.linalg.norm(across) > _OFFSET * size)
+
+
+def _acting(
+    description: Description, links: Sequence[Link], poses: Sequence[pin.SE3]
+) -> Iterator[_Acting]:
+    """All that has mass, carries or loads the scene."""
+    index = {link.name: number for number, link in enumerate(links)}
     for link, pose in zip(links, poses, strict=True):
-        heavy = link.inertia.mass > 0
-        if link.parent >= 0 and (link.steps or heavy):
-            heights.append(float(normal @ pose.translation))
-            if heavy:
-                heights.append(float(normal @ pose.act(link.inertia.lever)))
-    reach = max(float(np.linalg.norm(pose.translation)) for pose in poses)
-    # 1e-6 of the reach: decimals of a hand-written URDF, not a real offset.
-    return normal if not heights or np.ptp(heights) <= 1e-6 * max(reach, 1e-9) else None
+        if link.parent >= 0 and link.steps:
+            yield _Acting(f"joint {link.joint}", (pose.translation,))
+        if link.parent >= 0 and link.weighs:
+            I = pose.act(link.inertia)  # noqa: E741
+            places = (I.lever,) if I.mass > 0 else ()
+            yield _Acting(f"the mass of {link.name}", places, inertia=I.inertia, mass=I.mass)
+    yield _Acting("gravity", along=(np.array(description.gravity, float),))
+    yield from _beams(description, links, poses, index)
+    yield from _loads(description, poses, index)
+
+
+def _beams(
+    description: Description,
+    links: Sequence[Link],
+    poses: Sequence[pin.SE3],
+    index: Mapping[str, int],
+) -> Iterator[_Acting]:
+    """Beams lie in the plane, and their patches bend them in it."""
+    for spec in description.flexible:
+        if spec.basis.kind in solid_keys.KINDS:
+            continue
+        where = f"{description.name}: flexible.{spec.link}"
+        placement, length = placed_beam(where, spec, links, index)
+        beam = poses[index[spec.link]] * placement
+        x, _, z = beam.rotation.T
+        ends = (beam.translation, beam.translation + length * x)
+        yield _Acting(f"the beam of {spec.link}", ends, along=(x,))
+        for patch in spec.patches:
+            yield _Acting(f"patch {patch.name}", about=(z,))
+
+
+def _loads(
+    description: Description, poses: Sequence[pin.SE3], index: Mapping[str, int]
+) -> Iterator[_Acting]:
+    """Forces, springs, dampers, added masses and start speeds, and where loops are tied."""
+
+    def at(frame: str) -> pin.SE3:
+        return poses[index[frame]]
+
+    for force in description.forces:
+        turn = at(force.frame).rotation if force.follower else np.eye(3)
+        places = (at(force.frame).translation,) if any(force.force) else ()
+        F, M = turn @ np.array(force.force), turn @ np.array(force.moment)
+        yield _Acting(f"load {force.name}", places, (F,), (M,))
+    for spring in description.springs:
+        ends = (at(spring.frame_a).translation, at(spring.frame_b).translation)
+        yield _Acting(f"spring {spring.name}", ends)
+    for added in description.added_masses:
+        pose = at(added.frame)
+        places = (pose.translation,) if any(added.mass) else ()
+        for values in (added.mass, added.inertia):
+            tensor = pose.rotation @ np.diag(values) @ pose.rotation.T
+            yield _Acting(f"added mass {added.name}", places, inertia=tensor)
+    for loop in description.loops:
+        tied = [at(frame).translation for frame in (loop.frame_a, loop.frame_b) if frame in index]
+        yield _Acting(f"loop {loop.name}", tuple(tied))
+    for name, components in description.solve.start_speeds:
+        if name in index:  # a link's; a joint moves in the plane
+            speed = np.array([x or 0.0 for x in components])
+            yield _Acting(f"the start speed of {name}", (at(name).translation,), (speed,))
 
 
 def _common_axis(links: Sequence[Link], poses: Sequence[pin.SE3]) -> Array | None:
@@ -79,7 +192,7 @@ def _common_axis(links: Sequence[Link], poses: Sequence[pin.SE3]) -> Array | Non
             world = pose.rotation @ np.array(axis)
             if normal is None:
                 normal = world
-            elif abs(abs(float(normal @ world)) - 1) > 1e-9:
+            elif np.linalg.norm(np.cross(normal, world)) > _TILT:
                 return None
     return normal
 
@@ -108,13 +221,13 @@ def any_undecided(
         given: Links whose bodies come from elsewhere.
     """
     index = {link.name: number for number, link in enumerate(links)}
-    poses, normal = plane_of(links, np.array(description.gravity, float))
+    plane = plane_of(description, links)
     for spec in description.flexible:
         if spec.basis.kind in solid_keys.KINDS or spec.link in given:
             continue
         where = f"{description.name}: flexible.{spec.link}"
         placement, _ = placed_beam(where, spec, links, index)
-        planes, _ = active_planes(where, spec, poses[index[spec.link]] * placement, normal, ())
+        planes, _ = active_planes(where, spec, plane.poses[index[spec.link]] * placement, plane, ())
         if undecided(spec, planes):
             return True
     return False
@@ -131,7 +244,7 @@ def active_planes(
     where: str,
     spec: FlexibleLink,
     world: pin.SE3,
-    normal: Array | None,
+    plane: Plane,
     out: Sequence[LeftOut],
 ) -> tuple[tuple[str, ...], str]:
     """Active directions: what was asked, and otherwise what the scene excites enough to matter.
@@ -140,15 +253,18 @@ def active_planes(
         where: Place of the link in the description, for the message.
         spec: The flexible link.
         world: Beam frame in the world at zero joint angles.
-        normal: Normal of the plane of all motion, shape (3,); None: a spatial scene.
+        plane: Plane of all motion.
         out: Directions found to matter too little.
     """
-    if normal is None:
+    if plane.normal is None:
         auto = dict.fromkeys("uvwp", True)
-        reason = "spatial scene"
+        reason = f"spatial scene: {plane.reason}" if plane.reason else "spatial scene"
     else:
-        along = abs(float(world.rotation[:, 2] @ normal))
-        auto = {"u": True, "v": along > 1e-6, "w": along < 1 - 1e-6, "p": False}
+        along = abs(float(world.rotation[:, 2] @ plane.normal))
+        auto = {"u": True, "v": along > 1e-6, "w": along < 1 - 1e-6}
+        # an oblique section leaves the plane as it bends; a round one does not
+        oblique = auto["v"] and auto["w"] and abs(spec.section.Iy / spec.section.Iz - 1) > 1e-9
+        auto["p"] = oblique
         reason = "planar scene: nothing bends out of the plane or twists"
     for left in out:
         auto[left.direction] = False

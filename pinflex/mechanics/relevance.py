@@ -1,8 +1,9 @@
 """Which deformations matter: `auto` is decided by what a deformation does in linear statics.
 
 All that a scene may excite is first on. At home, its motors locked, that model bears a unit force
-and moment at the platform along each axis, its own weight and loads, the inertia forces of each
-motor's unit acceleration, and those of the nominal motion at a few instants (as they are at home).
+and moment at the platform along each axis of the base, its own weight and loads, a pull of each
+spring between frames, the inertia forces of each motor's unit acceleration, and those of the
+nominal motion at a few instants (as they are at home).
 With linear elasticity the share of a deformation in the energy of a case is d ln C / d ln (1/k),
 how much of the compliance C it makes; between two cases, as the platform's wrench and the weight,
 the mutual energy is its part of the sag, and with a unit move of a motor its part of the holding
@@ -15,7 +16,7 @@ A truss determines the forces in its members, so that these shares are exact the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -108,17 +109,16 @@ def shares(
         system: The flexible mechanism made of them.
         home: Closed rigid pose, shape (nq,).
     """
-    look = _Look(system, home)
+    look, base = _Look(system, home), base_axes(links, parts)
     found: dict[str, dict[Key, float]] = {}
     stretch = min(p.length / (p.spec.material.E * p.spec.section.A) for p in parts.values())
     reach = sum(p.length for p in parts.values())
     floor = _HELD * stretch * np.array([1.0] * 3 + [1.0 / reach**2] * 3)
-    rest, load_cases = look.at_rest(), list(_load_cases(description, look))
+    rest, load_cases = look.at_rest(), list(_load_cases(description, look, base))
     weight = look.solve(rest[:, None])[:, 0]
     loaded = look.energy(weight) > _NO_LOAD * look.size(rest)
     for name, place in _frames(description, links, system):
-        J = look.jacobian(place)
-        x = look.solve(J.T)
+        x = look.solve((np.kron(np.eye(2), base.T) @ look.jacobian(place)).T)
         C = np.einsum("ij,ik,kj->j", x, look.K, x)
         for k in np.flatnonzero(floor < C):
             found[f"compliance of {name} {_AXES[k]}"] = _of(look.mutual(x[:, k], x[:, k]), C[k])
@@ -229,7 +229,9 @@ def _frames(
             yield name, system.expansion.frames[name]
 
 
-def _load_cases(description: Description, look: _Look) -> Iterator[tuple[str, Array, str]]:
+def _load_cases(
+    description: Description, look: _Look, base: Array
+) -> Iterator[tuple[str, Array, str]]:
     """Words, generalised forces and the directions that they are to judge ("": all)."""
     system, n = look.system, look.n
     for force, place in system.loads.forces:
@@ -240,6 +242,11 @@ def _load_cases(description: Description, look: _Look) -> Iterator[tuple[str, Ar
                 pose = frame_pose(look.dynamics, look.y, place)
                 W = np.kron(np.eye(2), pose.rotation) @ W
             yield f"load {force.name}", J.T @ W, ""
+    for spring, *ends in system.loads.springs:
+        # of unit tension: it may come under load later, and a damper as soon as it moves
+        there, here = (frame_pose(look.dynamics, look.y, place).translation for place in ends)
+        far, near = (look.jacobian(place)[:3] for place in ends)
+        yield f"pull of spring {spring.name}", (here - there) @ (far - near), ""
     M, J = look.dynamics.mass(look.y)[:, :n], look.J[:, :n]
     unit = np.eye(n)[system.motors]
     for k in range(len(unit)):
@@ -249,8 +256,24 @@ def _load_cases(description: Description, look: _Look) -> Iterator[tuple[str, Ar
             "",
         )
     yield from _nominal_cases(description, look, M, J)
-    for axis, force in zip("xyz", look.falling().T, strict=True):
+    for axis, force in zip("xyz", (look.falling() @ base).T, strict=True):
         yield f"own weight along {axis}", force, "".join(_BENDING)
+
+
+def base_axes(links: Sequence[Link], flexible: Collection[str]) -> Array:
+    """Axes (3, 3) of what the mechanism stands on: a robot that is turned is judged as before.
+
+    Args:
+        links: Links, each after its parent.
+        flexible: Names of those that deform.
+    """
+    for link in links:
+        if link.steps or link.name in flexible:
+            break
+    number, turn = link.parent, np.eye(3)
+    while number >= 0:
+        turn, number = links[number].placement.rotation @ turn, links[number].parent
+    return turn
 
 
 def _follow(J: Array, rows: Array, rates: Array) -> Array:

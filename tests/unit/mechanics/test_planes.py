@@ -1,0 +1,110 @@
+"""What makes a scene spatial: everything that acts out of the plane of the joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinflex as pf
+from tests.scenes import Body, load
+
+E, IY, IZ, J = 7.0e10, 2.5e-9, 8.0e-10, 2.0e-9
+G = E / 2.6
+ARM = f"""
+    material: {{E: {E}, nu: 0.3, rho: 2700}}
+    section: {{shape: given, A: 4.0e-4, Iy: {IY}, Iz: {IZ}, J: {J}}}
+    end: tip
+"""
+TILTED = (0.3, -0.7, 1.1)  # rad, roll pitch yaw of the whole robot
+
+
+def arm(folder: Path, acts: str = "", rpy: tuple[float, ...] = (0, 0, 0)) -> pf.Mechanism:
+    """A bar of 1 m along x on a motor about y, welded to a base that may be turned."""
+    bodies = (
+        Body("foot", "base", rpy=rpy),
+        Body("post", "foot", xyz=(1, 0, 0.5)),
+        Body("aside", "foot", xyz=(1, 0.5, 0)),
+        Body("arm", "foot", "revolute", axis=(0, 1, 0), mass=1.08, com=(0.5, 0, 0),
+             inertia=(1e-5, 0.09, 0.09)),
+        Body("tip", "arm", xyz=(1, 0, 0)),
+    )  # fmt: skip
+    words = f"gravity: [0, 0, 0]\nactuated: [arm_joint]\nplatform: tip\n{acts}\nflexible:\n  arm:"
+    return load(folder, bodies, f"{words}{ARM}motion: {{kind: hold, duration: 0.1}}\n")
+
+
+def rests(m: pf.Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Place and rotation of the tip in equilibrium."""
+    pose = pf.solve(m, level="quasistatic", dt=0.05).frame("tip")
+    return np.asarray(pose.position)[-1], np.asarray(pose.rotation)[-1]
+
+
+def test_a_force_along_the_joint_sags(tmp_path: Path) -> None:
+    place, _ = rests(arm(tmp_path, "forces: {push: {at: tip, force: [0, 0.5, 0]}}"))
+    # 2e-5: the sag is 1 mm of 1 m, and its next term is of second order in that
+    assert place[1] == pytest.approx(0.5 / (3 * E * IY), rel=2e-5)
+
+
+def test_a_moment_about_the_beam_twists(tmp_path: Path) -> None:
+    _, turn = rests(arm(tmp_path, "forces: {push: {at: tip, moment: [0.2, 0, 0]}}"))
+    # 1e-9: Saint-Venant's twist is linear
+    assert np.arctan2(turn[2, 1], turn[2, 2]) == pytest.approx(0.2 / (G * J), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("acts", "planar"),
+    [
+        ("", True),
+        ("forces: {f: {at: tip, force: [3, 0, 5], moment: [0, 2, 0]}}", True),
+        ("forces: {f: {at: tip, force: [3, 0, 5], follower: true, start: 0.1}}", True),
+        ("forces: {f: {at: tip, force: [0, 5, 0], start: 0.1}}", False),
+        ("forces: {f: {at: tip, force: [0, 5, 0], follower: true}}", False),
+        ("forces: {f: {at: tip, moment: [0, 0, 1]}}", False),
+        ("springs: {s: {between: [tip, post], stiffness: 10}}", True),
+        ("springs: {s: {between: [tip, aside], stiffness: 10}}", False),
+        ("springs: {s: {between: [tip, aside], stiffness: 0, damper: 3}}", False),
+        ("added_masses: {water: {at: tip, mass: [1, 3, 2], inertia: [1, 2, 3]}}", True),
+        ("added_masses: {water: {at: aside, mass: [1, 3, 2]}}", False),
+        ("solve: {start_speeds: {tip: [0, null, 1]}}", True),
+        ("solve: {start_speeds: {tip: [0, 1, 0]}}", False),
+    ],
+)
+def test_all_that_acts_is_seen_and_nothing_else(tmp_path: Path, acts: str, planar: bool) -> None:
+    part = arm(tmp_path, acts).parts["arm"]
+    assert part.planes == (("u", "v") if planar else ("u", "v", "w", "p"))
+    assert part.reason.startswith("planar" if planar else "spatial scene: ")
+
+
+@pytest.mark.parametrize("along", [(0.0, 0.0, 5.0), (0.0, 5.0, 0.0)])
+def test_a_turned_robot_is_decided_alike(tmp_path: Path, along: tuple[float, ...]) -> None:
+    """A force that turns with the base: the same planes, the same deflection seen from there."""
+    R = pin.rpy.rpyToMatrix(*TILTED)
+    straight = arm(tmp_path, f"forces: {{f: {{at: tip, force: {list(along)}}}}}")
+    turned = arm(tmp_path, f"forces: {{f: {{at: tip, force: {(R @ along).tolist()}}}}}", TILTED)
+    assert straight.parts["arm"].planes == turned.parts["arm"].planes
+    assert straight.parts["arm"].left_out == turned.parts["arm"].left_out
+    # 1e-9 m: Newton's iteration of the balance stops there
+    assert rests(turned)[0] == pytest.approx(R @ rests(straight)[0], abs=1e-9)
+
+
+def test_a_patch_across_the_joints_is_seen(tmp_path: Path) -> None:
+    m = arm(tmp_path).description
+    patch = "flexible.arm.patches={p: {from: 0.1, to: 0.3, constant: 0.01}}"
+    assert pf.load(m, [patch]).parts["arm"].planes == ("u", "v")
+    across = pf.load(m, [patch, "flexible.arm.up=[0, 0, 1]"])
+    assert across.parts["arm"].planes == ("u", "v", "w", "p")
+
+
+def test_a_column_under_a_plane_arm_bends_and_twists(tmp_path: Path) -> None:
+    """It stands across the plane of the joint: nothing of it may be left out by symmetry."""
+    bodies = (
+        Body("column", "base", mass=1.0, com=(0, 0, 0.5), inertia=(0.09, 0.09, 1e-5)),
+        Body("arm", "column", "revolute", xyz=(0, 0, 1), mass=1.0, com=(0.3, 0, 0),
+             inertia=(1e-4, 0.01, 0.01)),
+    )  # fmt: skip
+    bar = ARM.replace("tip", "arm")
+    words = f"gravity: [0, 0, 0]\nactuated: [arm_joint]\nplatform: arm\nflexible:\n  column:{bar}"
+    planes = load(tmp_path, bodies, words).parts["column"].planes
+    assert {"v", "w", "p"} <= set(planes)
