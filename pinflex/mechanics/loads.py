@@ -14,10 +14,13 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.external import FrameForce, FrameSpring
+from pinflex.errors import AssemblyError
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.poses import skew, support
 
 Times = Callable[[Array], Array]
+
+_MEET = 1e-9  # [m], far below what a drawing says
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,27 @@ def loads(
         tuple((f, frames[f.frame]) for f in forces),
         tuple((s, frames[s.frame_a], frames[s.frame_b]) for s in springs),
     )
+
+
+def require_apart(given: Loads, model: pin.Model, home: Array, where: str) -> None:
+    """Refuse a spring whose ends meet at home and that has a length or a damper: along which line?
+
+    Raises:
+        AssemblyError: Such a spring, with the way out.
+    """
+    data = model.createData() if given.springs else None
+    if data is not None:
+        pin.forwardKinematics(model, data, home)
+    for spring, a, b in given.springs:
+        ends = [data.oMi[x.joint].act(x.placement.translation) for x in (a, b)]
+        if np.linalg.norm(ends[1] - ends[0]) > _MEET or not (spring.length or spring.damper):
+            continue
+        key = "length" if spring.length else "damper"
+        raise AssemblyError(
+            f"{where}: springs.{spring.name}: its ends {spring.frame_a} and {spring.frame_b} meet at "
+            f"home, so its {key} has no direction. Leave out {key} (a spring of length 0 pulls its "
+            "ends together), or move one end."
+        )
 
 
 class LoadRows:
@@ -173,10 +197,12 @@ class LoadState:
         rows = []
         for spring, a, b in self._given.springs:
             p_a, p_b = self._point(a), self._point(b)
-            u = (p_b - p_a) / max(float(np.linalg.norm(p_b - p_a)), 1e-300)
-            apart = np.concatenate([u, np.cross(p_b, u)]) @ (J * self._support[b.joint])
-            apart -= np.concatenate([u, np.cross(p_a, u)]) @ (J * self._support[a.joint])
-            rows.append(np.sqrt(spring.stiffness) * apart)
+            along = (p_b - p_a) / max(float(np.linalg.norm(p_b - p_a)), 1e-300)
+            # One of no length pulls by k d, as stiff across its line as along it.
+            for u in [along] if spring.length else np.eye(3):
+                apart = np.concatenate([u, np.cross(p_b, u)]) @ (J * self._support[b.joint])
+                apart -= np.concatenate([u, np.cross(p_a, u)]) @ (J * self._support[a.joint])
+                rows.append(np.sqrt(spring.stiffness) * apart)
         stretch = times_map(np.array(rows))
         return np.asarray(stretch.T @ stretch)
 
@@ -191,18 +217,19 @@ class LoadState:
     ) -> Array:
         p_a, p_b = self._point(a), self._point(b)
         length, u, pull, _ = self._tension(spring, a, b, p_a, p_b, None)
+        d = p_b - p_a
+        per_length = pull / length if length else spring.stiffness  # refused unless it has no length
         J_a, J_b = lifted[a.joint], lifted[b.joint]
         point_a = np.hstack([np.eye(3), -skew(p_a[None])[0]]) @ J_a
         point_b = np.hstack([np.eye(3), -skew(p_b[None])[0]]) @ J_b
         apart = point_b - point_a
         stretch = u @ apart
-        turned = (apart - np.outer(u, stretch)) / length
-        gain = np.outer(u, (w_y * spring.stiffness + w_v * spring.damper) * stretch)
+        stiffer = w_y * (spring.stiffness - per_length) + w_v * spring.damper
+        gain = np.outer(u, stiffer * stretch)
         total = np.zeros((J_a.shape[1],) * 2)
         for J, p, sign in ((J_a, p_a, 1.0), (J_b, p_b, -1.0)):
             # Direction of the force, less the turn that the body brings along by itself.
-            own = turned - (-skew(u[None])[0] @ J[3:])
-            line = gain + w_y * pull * own
+            line = gain + w_y * per_length * (apart + skew(d[None])[0] @ J[3:])
             total += sign * (J.T @ np.vstack([line, skew(p[None])[0] @ line]))
         return total
 

@@ -27,7 +27,7 @@ from pinflex.mechanics.friction import joint_friction
 from pinflex.mechanics.held import at_rest, elastic_rows, idle_of
 from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.joints import joint_springs
-from pinflex.mechanics.loads import loads
+from pinflex.mechanics.loads import loads, require_apart
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.slider import sleeves
@@ -97,6 +97,7 @@ def rigid_system(
         named = given(description, model)
         closed = assemble(dynamics, guess, motors, where, limits, named, description.loops)
     home = closed.pose
+    require_apart(placed, model, home, description.name)
     _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
     kept, redundant = assembly.independent_rows(J, system.closed.labels)
     system = replace(system, closed=system.closed.select(kept))

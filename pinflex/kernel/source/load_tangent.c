@@ -1,10 +1,11 @@
 /* What dead loads and springs between frames add to C and K, beside what moves along with bodies.
 
    A dead load F, M at p does not turn with its body: K -= J' [0, [F]; 0, [p][F] + [M]] J. Of a
-   spring that pulls by T along u from p_a to p_b, with e = p_b' - p_a' by the coordinates and
-   s = u . e the stretch, the force on a changes by
+   spring that pulls by T along u = d / |d| from p_a to p_b, with e = p_b' - p_a' by the coordinates,
+   s = u . e the stretch and f = T / |d| (k where a spring of no length has its ends together), the
+   force on a changes by
 
-     u (k s) + T ((e - u s) / |d| + u x w_a),   and by the rates: u (c s)
+     u (k - f) s + f (e + d x w_a),   and by the rates: u (c s)
 
    where w_a is the turn of the body, which carries the force along; on b likewise, and opposite.
    The change of a damper's direction with its speed is left out (zero at rest). */
@@ -40,23 +41,23 @@ static void point_column(Int nv, const double *J, const double *p, Int j, double
 }
 
 /* K and C of one end, whose body has Jacobian J: sign is 1 for a, -1 for b. */
-static void spring_end(const Tables *t, const double *J, const double *p, const double *u,
-                       const double *e, double length, double tension, const double *law,
+static void spring_end(const Tables *t, const double *J, const double *p, const double *d,
+                       const double *u, const double *e, double per_length, const double *law,
                        double sign, double *pushed, double *C, double *K) {
   Int nv = t->nv;
   for (int rates = 0; rates < 2; rates++) {
     for (Int j = 0; j < nv; j++) {
       double turn[3] = {J[3 * nv + j], J[4 * nv + j], J[5 * nv + j]}, column[3], own[3], line[3];
-      for (int d = 0; d < 3; d++) column[d] = e[d * nv + j];
+      for (int i = 0; i < 3; i++) column[i] = e[i * nv + j];
       double stretch = times(u, column, 3);
-      crossed(u, turn, own);
-      for (int d = 0; d < 3; d++) {
-        line[d] = u[d] * law[rates] * stretch;
-        if (!rates) line[d] += tension * ((column[d] - u[d] * stretch) / length + own[d]);
-        pushed[d * nv + j] = line[d];
+      crossed(d, turn, own);
+      for (int i = 0; i < 3; i++) {
+        if (rates) line[i] = u[i] * law[1] * stretch;
+        else line[i] = u[i] * (law[0] - per_length) * stretch + per_length * (column[i] + own[i]);
+        pushed[i * nv + j] = line[i];
       }
       crossed(p, line, own);
-      for (int d = 0; d < 3; d++) pushed[(3 + d) * nv + j] = own[d];
+      for (int i = 0; i < 3; i++) pushed[(3 + i) * nv + j] = own[i];
     }
     add_transposed(nv, J, pushed, -sign, rates ? C : K);
   }
@@ -66,22 +67,22 @@ static void spring(const Tables *t, Tangent *w, Int k, double *C, double *K) {
   Int nv = t->nv, size = 6 * nv;
   double *J_a = w->lifted, *J_b = J_a + size, *e = J_b + size, *pushed = e + size;
   const double *law = t->spring_law + 3 * k;
-  double a[3], b[3], u[3], from[3], to[3];
+  double a[3], b[3], d[3], u[3], from[3], to[3];
   point_at(body(w, t->spring_a[k]), t->spring_place_a + 3 * k, a);
   point_at(body(w, t->spring_b[k]), t->spring_place_b + 3 * k, b);
   lift(t, w, t->spring_a[k], J_a);
   lift(t, w, t->spring_b[k], J_b);
-  for (int d = 0; d < 3; d++) u[d] = b[d] - a[d];
-  double length = sqrt(times(u, u, 3)), far = fmax(length, 1e-300);
-  for (int d = 0; d < 3; d++) u[d] /= far;
+  for (int i = 0; i < 3; i++) d[i] = b[i] - a[i];
+  double length = sqrt(times(d, d, 3));
+  double per_length = length > 0.0 ? law[0] * (length - law[2]) / length : law[0];
+  for (int i = 0; i < 3; i++) u[i] = d[i] / fmax(length, 1e-300);
   for (Int j = 0; j < nv; j++) {
     point_column(nv, J_a, a, j, from);
     point_column(nv, J_b, b, j, to);
-    for (int d = 0; d < 3; d++) e[d * nv + j] = to[d] - from[d];
+    for (int i = 0; i < 3; i++) e[i * nv + j] = to[i] - from[i];
   }
-  double tension = law[0] * (length - law[2]);
-  spring_end(t, J_a, a, u, e, length, tension, law, 1.0, pushed, C, K);
-  spring_end(t, J_b, b, u, e, length, tension, law, -1.0, pushed, C, K);
+  spring_end(t, J_a, a, d, u, e, per_length, law, 1.0, pushed, C, K);
+  spring_end(t, J_b, b, d, u, e, per_length, law, -1.0, pushed, C, K);
 }
 
 void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, double *K) {
