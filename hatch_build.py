@@ -39,7 +39,11 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             build.SOURCE.parent if editable else Path(tempfile.mkdtemp(prefix="pinflex-kernel-"))
         )
         try:
-            made = build.compile_all(folder, target)
+            made = [
+                path
+                for library in build.compile_all(folder, target)
+                for path in (library, build.digest_of(library))
+            ]
         except Exception as error:
             self.app.display_warning(f"pinflex: no compiled kernel, numpy serves: {error}")
             return

@@ -94,11 +94,22 @@ def write_csv(path: str | Path, header: Iterable[str], rows: Iterable[Iterable[s
     Args:
         path: File.
         header: Names of the columns.
-        rows: Cells.
+        rows: Cells; one that a spreadsheet would compute is marked as text.
     """
     with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-        csv.writer(stream).writerows([header, *rows])
+        csv.writer(stream).writerows([_as_text(cell) for cell in row] for row in [header, *rows])
     return Path(path)
+
+
+def _as_text(cell: str) -> str:
+    """A cell that a spreadsheet would compute (= + - @ first, and no number) marked as text."""
+    if not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
 
 
 def _target(path: Path) -> Path:

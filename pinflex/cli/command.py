@@ -65,6 +65,10 @@ def run(args: argparse.Namespace) -> int:
 
     if (args.plot or args.view) and not args.verify:
         raise DescriptionError("--plot and --view show what --verify finds. Add --verify.")
+    if args.plot:
+        from pinflex.viewer.drawing import check_figure
+
+        check_figure(args.plot)
     mechanism = load_model(args)
     for path in (args.output, args.plot, args.view):
         writable(path)
@@ -103,9 +107,10 @@ def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, A
     files = []
     if args.plot is not None:
         from pinflex.studies.plot_command import figure
+        from pinflex.viewer.drawing import save
 
         files.append(Path(args.plot))
-        figure(commands, runs).savefig(args.plot)
+        save(figure(commands, runs).axes, args.plot)
     if args.view is not None:
         from pinflex.viewer.view import write_runs_html
 

@@ -74,6 +74,10 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.studies.pose import pose
 
     mechanism = load_model(args)
+    if args.output and Path(args.output).suffix.lower() != ".csv":
+        from pinflex.viewer.drawing import check_figure
+
+        check_figure(args.output)
     writable(args.output)
     with working("finding the response"):
         study = frequency_response(
@@ -97,9 +101,9 @@ def run(args: argparse.Namespace) -> int:
 def _write(study: FrequencyResponse, path: Path) -> Path:
     if path.suffix.lower() != ".csv":
         from pinflex.studies.plot_frequency_response import figure
+        from pinflex.viewer.drawing import save
 
-        figure(study).savefig(path)
-        return path
+        return save(figure(study).axes, path)
     names = [name.split(" [")[0] for name in study.outputs]
     header = ["frequency", *(f"{n}.{part}" for n in names for part in ("magnitude", "phase"))]
     H = study.response

@@ -7,7 +7,10 @@ from pathlib import Path
 
 from pinflex.cli import parser
 from pinflex.cli.console import print_json
+from pinflex.description.files import nameable
+from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError
+from pinflex.writing import write_text
 
 _TEXT = """
 SOURCE is a URDF, an MJCF (MuJoCo), an SDF, a xacro, the robot.yaml of Gepetto's parallel robots,
@@ -42,6 +45,10 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.studies.new_scene import new_scene
 
     source = Path(args.source)
+    if not source.name or not nameable(source):
+        raise DescriptionError(
+            f"{shown(args.source)}: no robot's file. Give a URDF, MJCF, SDF or xacro."
+        )
     name = args.source.rpartition(":")[2] if ":" in args.source else source.with_suffix("")
     out = Path(args.out) if args.out else Path(f"{name}.yaml")
     if out.suffix.lower() not in (".yaml", ".yml"):
@@ -49,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if out.exists() and (not args.force or out.resolve() == source.resolve()):
         raise DescriptionError(f"{out}: is there already. Give another -o FILE, or --force.")
     text, mechanism = new_scene(args.source, out, args.flexible)
-    out.write_text(text, "utf-8")
+    write_text(out, text)
     if args.json:
         print_json({"file": str(out), "closed": mechanism is not None})
     elif mechanism is None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 from pinflex.cli import parser
+from pinflex.writing import write_text
 
 
 def add(commands: parser.Commands) -> None:
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
 
     text = json.dumps(json_schema(), indent=1) + "\n"
     if args.out:
-        Path(args.out).write_text(text, "utf-8")
+        write_text(args.out, text)
         print(f"{args.out} written")
     else:
         print(text, end="")

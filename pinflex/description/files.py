@@ -11,6 +11,11 @@ MOST_TABLE = 500_000_000  # of samples of a motion
 MOST_DATA = 2_000_000_000  # of a mesh or matrices
 
 
+def nameable(path: Path) -> bool:
+    """Whether a file can have this name at all: systems refuse to look for longer ones."""
+    return len(str(path)) < 4000 and all(len(part) < 256 for part in path.parts)
+
+
 def require_regular(path: Path, most: int, where: str) -> None:
     """Raise for a folder, device or pipe, which may never end, and for a file that is too large.
 

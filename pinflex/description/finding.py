@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pinflex.description import schema, sources
+from pinflex.description.files import nameable
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -19,7 +20,7 @@ def model_names() -> tuple[str, ...]:
 
 def find_file(source: str | Path) -> Path:
     """The file that a path, a folder or the name of a shipped model means."""
-    if not isinstance(source, (str, Path)) or "\0" in str(source):
+    if not isinstance(source, (str, Path)) or "\0" in str(source) or not nameable(Path(source)):
         raise ModelNotFoundError(
             f"{schema.shown(source)}: no model. Give the path of a YAML file, its folder, or a "
             "shipped name."

@@ -6,6 +6,7 @@ damped systems; Singhose (2009) for all three.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,6 +23,7 @@ from pinflex.errors import DescriptionError, nearest
 KEYS = ("kind", "frequencies", "damping", "modes")
 KINDS = ("zv", "zvd", "ei")
 MODES = 3  # most of those that a motion excites
+MOST = 2200  # impulses: 3^7, seven frequencies of the kinds of three
 TOLERATED = 0.05  # residual vibration that EI leaves at the frequency it is made for
 
 
@@ -82,6 +84,7 @@ def read(value: object, where: str) -> ShaperSpec | None:
     kind = schema.choice(block["kind"], schema.at(where, "kind"), KINDS)
     given = block.get("frequencies", ())
     found = _each(given, schema.at(where, "frequencies"), above=0.0, of="rate")
+    _require_few(kind, len(found))
     if found and "modes" in block:
         raise DescriptionError(f"{where}.modes: frequencies are given. Remove one of them.")
     if "damping" in block and not found:
@@ -96,6 +99,8 @@ def read(value: object, where: str) -> ShaperSpec | None:
     modes = block.get("modes", MODES)
     if isinstance(modes, bool) or not isinstance(modes, int) or not 1 <= modes <= 9:
         raise DescriptionError(f"{where}.modes: {schema.shown(modes)}. Give 1 to 9.")
+    if not found and "modes" in block:
+        _require_few(kind, modes)
     return ShaperSpec(kind, found, damping, modes)
 
 
@@ -129,6 +134,7 @@ def shaper(
         raise DescriptionError(
             f"shaper: damping {damping}. Give a ratio from 0 to below 1, or one for each frequency."
         )
+    _require_few(kind, len(every))
     times, shares = np.zeros(1), np.ones(1)
     for frequency, ratio in zip(every, np.broadcast_to(ratios, every.shape), strict=True):
         t, part = _impulses(kind, float(frequency), float(ratio))
@@ -136,6 +142,17 @@ def shaper(
         shares = np.multiply.outer(shares, part).ravel()
     order = np.argsort(times, kind="stable")
     return Shaper(times[order], shares[order])
+
+
+def _require_few(kind: str, frequencies: int) -> None:
+    """Refuse a shaper whose impulses, two or three to the power of the frequencies, take over."""
+    each = 2 if kind == "zv" else 3
+    most = int(math.log(MOST, each))
+    if frequencies > most:
+        raise DescriptionError(
+            f"shaper: {frequencies} frequencies make {each}^{frequencies} impulses of kind {kind}. "
+            f"Give at most {most}, those that shake most."
+        )
 
 
 def _impulses(kind: str, frequency: float, zeta: float) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pinflex import registered
 from pinflex.description import urdf
-from pinflex.description.files import MOST_TEXT, require_regular
+from pinflex.description.files import MOST_TEXT, nameable, require_regular
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 
@@ -107,11 +107,11 @@ def find(source: str, folder: Path, where: str) -> Source:
         path, packages = _robot_data(source[len(_ROBOT_DATA) :].strip(), where)
         return read(read_text(path, where), path.name, packages)
     path = folder / source
-    if not path.is_file():
+    if not nameable(path) or not path.is_file():
         found = [p.name for p in sorted(folder.glob("*.urdf"))]
         raise ModelNotFoundError(
-            f'{where}: no file "{source}" beside the YAML.{nearest(source, found)} Give a path '
-            f"relative to the YAML, or {_ROBOT_DATA}NAME."
+            f'{where}: no file "{source[:200]}" beside the YAML.{nearest(source, found)} Give a '
+            f"path relative to the YAML, or {_ROBOT_DATA}NAME."
         )
     packages = tuple(dict.fromkeys((str(path.parent.resolve()), str(folder.resolve()))))
     return read(read_text(path, where), path.name, packages)

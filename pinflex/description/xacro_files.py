@@ -1,14 +1,32 @@
-"""Reading a xacro: expanded by the package xacro, where that is installed, then a URDF."""
+"""Reading a xacro: expanded by the package xacro, where that is installed, then a URDF.
+
+Its expressions are Python, so it is expanded in a process without rights (`confined`). That process
+asks this one for files, and gets those that robots are made of.
+"""
 
 from __future__ import annotations
 
-import tempfile
+import glob
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
-from pinflex.description import urdf
+from pinflex.description import confined, urdf
+from pinflex.description.files import require_regular
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
+
+TRUST = "PINFLEX_TRUST_XACRO"
+_READ = (".xacro", ".urdf", ".xml", ".yaml", ".yml")  # files that a xacro may include or load
+_WAIT = 20.0  # [s] for all of it, where the process only waits
+_MOST = 20_000_000  # [characters] of one answer or file
+_FEW = 1000  # files that it may ask for
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
@@ -17,24 +35,102 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     Args:
         text: The xacro. file: Its name. package_dirs: The first one is its folder.
     """
-    try:
-        import xacro  # type: ignore[import-not-found,import-untyped,unused-ignore]
-    except ImportError:
+    if find_spec("xacro") is None:
         raise DescriptionError(
             f"{file}: is a xacro, and the package xacro is not installed. Run `pip install xacro`, "
             f"or expand it: `xacro {file} > x.urdf`."
-        ) from None
-    folder = Path(package_dirs[0]) if package_dirs else Path()
-    with tempfile.TemporaryDirectory() as place:
-        path = folder / file
-        if not path.is_file():
-            path = Path(place) / file
-            path.write_text(text, "utf-8")
-        try:
-            expanded = xacro.process_file(str(path)).toxml()
-        except Exception as error:  # xacro raises what its macros run into
-            first = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise DescriptionError(
-                f"{file}: xacro cannot expand it: {first}. Correct it, or expand it by hand."
-            ) from None
+        )
+    folder = Path(package_dirs[0] if package_dirs else "").resolve()
+    expanded = _Expansion(text, file, folder, package_dirs).run()
     return replace(urdf.check(expanded, file, package_dirs), file=file)
+
+
+class _Expansion:
+    """One xacro and the process that expands it."""
+
+    def __init__(self, text: str, file: str, folder: Path, packages: tuple[str, ...]) -> None:
+        self._text, self._file, self._folder, self._packages = text, file, folder, packages
+        self._answers: dict[str, Callable[[str], object]] = {
+            "read": self._read, "match": self._match, "package": self._package,
+        }  # fmt: skip
+
+    def run(self) -> str:
+        """The URDF text."""
+        command = [sys.executable, "-I", "-X", "utf8", confined.__file__]
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            cwd=os.sep, env={"LANG": "C.UTF-8"}, text=True, encoding="utf-8",
+        )  # fmt: skip
+        timer = threading.Timer(_WAIT, process.kill)
+        timer.start()
+        try:
+            return self._serve(process)
+        finally:
+            timer.cancel()
+            process.kill()
+            process.communicate()
+
+    def _serve(self, process: subprocess.Popen[str]) -> str:
+        """Answer the process until it has a text."""
+        assert process.stdin is not None
+        assert process.stdout is not None
+        first = {"file": str(self._folder / self._file), "folder": str(self._folder),
+                 "path": sys.path, "trusted": os.environ.get(TRUST) == "1"}  # fmt: skip
+        answer: dict[str, object] = first
+        for _ in range(_FEW):
+            try:
+                process.stdin.write(json.dumps(answer) + "\n")
+                process.stdin.flush()
+                line = process.stdout.readline(_MOST)
+                request = json.loads(line)
+                ((what, value),) = request.items()
+            except (OSError, ValueError, AttributeError):
+                break
+            if what == "text":
+                return str(value)
+            if what == "failed":
+                raise self._refused(
+                    f"xacro cannot expand it: {str(value).splitlines()[0][:300].rstrip(' .')}"
+                )
+            if what not in self._answers:
+                raise self._refused(
+                    "a xacro runs Python, and this system cannot confine it. Expand it by hand, or "
+                    f"set {TRUST}=1 if you trust every line of it",
+                    cure=False,
+                )
+            try:
+                answer = {"value": self._answers[what](str(value))}
+            except (OSError, ValueError, DescriptionError) as error:
+                answer = {"error": str(error)}
+        raise self._refused(
+            f"expanding it took more than {confined.SECONDS} s of computing, "
+            f"{confined.MEMORY / 2**30:.0f} GiB or {_FEW} files, or ended its process"
+        )
+
+    def _refused(self, what: str, cure: bool = True) -> DescriptionError:
+        by_hand = " Correct it, or expand it by hand" if cure else ""
+        return DescriptionError(f"{self._file}: {what}.{by_hand}{'.' if cure else ''}")
+
+    def _read(self, name: str) -> str:
+        path = Path(os.path.join(self._folder, name))
+        if path == self._folder / self._file:
+            return self._text
+        if path.suffix.lower() not in _READ:
+            raise ValueError(f"a xacro may read {', '.join(_READ)} only")
+        if not path.is_file():
+            raise ValueError("no such file")
+        require_regular(path, _MOST, path.name)
+        return path.read_text("utf-8-sig")
+
+    def _match(self, pattern: str) -> list[str]:
+        found = glob.glob(os.path.join(self._folder, pattern))
+        return sorted(path for path in found if Path(path).suffix.lower() in _READ)[:_FEW]
+
+    def _package(self, name: str) -> str:
+        for folder in map(Path, self._packages):
+            for place in (folder, *folder.resolve().parents):
+                if place.name == name and place.is_dir():
+                    return str(place)
+                if (place / name).is_dir():
+                    return str(place / name)
+        raise ValueError(f"no package {name} in a folder above the file")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -30,7 +31,26 @@ class _Quick(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mis
     """The same by libyaml, where PyYAML has it: a tenth of the time."""
 
 
+_SCALARS = ("bool", "int", "float", "timestamp")
+
+
+def _scalar(tag: str) -> Callable[[Any, Any], Any]:
+    """PyYAML's own reading of a scalar whose tag is written out, with a mark where it is none."""
+    read = yaml.SafeLoader.yaml_constructors[f"tag:yaml.org,2002:{tag}"]
+
+    def constructed(loader: Any, node: Any) -> Any:
+        try:
+            return read(loader, node)
+        except (ValueError, KeyError, IndexError, AttributeError):
+            problem = f"{shown(node.value)} is no {tag}"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
+
+    return constructed
+
+
 for _loader in (_Loader, _Quick):
+    for _tag in _SCALARS:
+        _loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _scalar(_tag))
     _loader.add_implicit_resolver(
         "tag:yaml.org,2002:float",
         re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"),

@@ -60,6 +60,19 @@ def name_of(target: str, build: str) -> str:
     return f"kernel-{target}-{build}{TARGETS[target][2]}"
 
 
+def digest_of(library: Path) -> Path:
+    """The file that holds the digest of a library, beside it."""
+    return library.with_name(f"{library.name}.sha256")
+
+
+def is_whole(library: Path) -> bool:
+    """Whether a library is what was compiled: one cut short would end the process, not the load."""
+    digest = digest_of(library)
+    if not digest.exists():  # compiled by hand
+        return True
+    return digest.read_text("ascii").strip() == hashlib.sha256(library.read_bytes()).hexdigest()
+
+
 def compile_all(folder: Path, target: str | None = None) -> list[Path]:
     """Compile every build of a target into a folder.
 
@@ -123,7 +136,10 @@ def _compile(
     define = f'-DPINFLEX_FINGERPRINT="{fingerprint()}"'
     command = [*compiler, *flags, define, *sources, "-lm", "-o", str(fresh)]
     subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+    digest_of(out).unlink(missing_ok=True)
+    digest = hashlib.sha256(fresh.read_bytes()).hexdigest()
     os.replace(fresh, out)
+    digest_of(out).write_text(f"{digest}\n", "ascii")
     for left in folder.glob(f"{fresh.stem}*.pdb"):
         left.unlink()
     return out

@@ -69,7 +69,7 @@ def _load() -> Library:
         if not path.exists():
             continue
         try:
-            functions = _declared(ctypes.CDLL(str(path)))
+            functions = _declared(_opened(path))
         except (OSError, AttributeError) as error:
             said = f"not usable: {error}"
             continue
@@ -77,6 +77,17 @@ def _load() -> Library:
             return Library(functions, f"{target} {name}")
         said = "built from other sources: python -m pinflex.kernel.build"
     return Library(None, said)
+
+
+def _opened(path: Path) -> ctypes.CDLL:
+    """A library that is whole.
+
+    Raises:
+        OSError: It is not there, or differs from what was compiled.
+    """
+    if path.exists() and not build.is_whole(path):
+        raise OSError(f"{path.name} is damaged: python -m pinflex.kernel.build")
+    return ctypes.CDLL(str(path))
 
 
 def _declared(functions: ctypes.CDLL) -> ctypes.CDLL | None:
@@ -101,6 +112,6 @@ def _baseline_says(question: str) -> bool:
     """An answer of the build that runs everywhere."""
     path = _FOLDER / build.name_of(build.here(), "baseline")
     try:
-        return bool(getattr(ctypes.CDLL(str(path)), question)())
+        return bool(getattr(_opened(path), question)())
     except (OSError, AttributeError):
         return False

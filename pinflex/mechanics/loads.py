@@ -67,18 +67,19 @@ def require_apart(given: Loads, model: pin.Model, home: Array, where: str) -> No
     Raises:
         AssemblyError: Such a spring, with the way out.
     """
-    data = model.createData() if given.springs else None
-    if data is not None:
-        pin.forwardKinematics(model, data, home)
+    if not given.springs:
+        return
+    data = model.createData()
+    pin.forwardKinematics(model, data, home)
     for spring, a, b in given.springs:
         ends = [data.oMi[x.joint].act(x.placement.translation) for x in (a, b)]
         if np.linalg.norm(ends[1] - ends[0]) > _MEET or not (spring.length or spring.damper):
             continue
         key = "length" if spring.length else "damper"
         raise AssemblyError(
-            f"{where}: springs.{spring.name}: its ends {spring.frame_a} and {spring.frame_b} meet at "
-            f"home, so its {key} has no direction. Leave out {key} (a spring of length 0 pulls its "
-            "ends together), or move one end."
+            f"{where}: springs.{spring.name}: its ends {spring.frame_a} and {spring.frame_b} meet "
+            f"at home, so its {key} has no direction. Leave out {key} (a spring of length 0 pulls "
+            "its ends together), or move one end."
         )
 
 
@@ -218,7 +219,9 @@ class LoadState:
         p_a, p_b = self._point(a), self._point(b)
         length, u, pull, _ = self._tension(spring, a, b, p_a, p_b, None)
         d = p_b - p_a
-        per_length = pull / length if length else spring.stiffness  # refused unless it has no length
+        per_length = (
+            pull / length if length else spring.stiffness
+        )  # refused unless it has no length
         J_a, J_b = lifted[a.joint], lifted[b.joint]
         point_a = np.hstack([np.eye(3), -skew(p_a[None])[0]]) @ J_a
         point_b = np.hstack([np.eye(3), -skew(p_b[None])[0]]) @ J_b

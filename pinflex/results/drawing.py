@@ -111,12 +111,13 @@ def _joint(node: ElementTree.Element) -> Plain | None:
     parent, child = node.find("parent"), node.find("child")
     if parent is None or child is None:
         return None
+    fixed = node.get("type", "fixed") == "fixed"  # whose axis nothing reads
     return {
         "kind": node.get("type", "fixed"),
         "parent": parent.get("link", ""),
         "child": child.get("link", ""),
         "origin": _numbers(node.find("origin"), "xyz", "0 0 0"),
-        "axis": _numbers(node.find("axis"), "xyz", "1 0 0"),
+        "axis": _numbers(None if fixed else node.find("axis"), "xyz", "1 0 0"),
     }
 
 

@@ -20,6 +20,7 @@ from pinflex.mechanics.mechanism import Mechanism
 
 _SAME = 1e-6  # two coordinates that a mechanism cannot move apart: far above round-off
 _STRIDE = 0.05  # [rad | m] of a motor between two closures: small against any link's reach
+_FAR = 1000  # [rad | m] from home; a closed pose is sought every stride
 
 
 def pose(mechanism: Mechanism, motors: Mapping[str, float]) -> Array:
@@ -123,6 +124,12 @@ def _reached(
         part = np.outer(t, way)
         return begin + part, np.tile(way, (len(t), 1)), np.zeros_like(part)
 
+    far = int(np.argmax(np.abs(way)))
+    if abs(way[far]) > _FAR:
+        raise DescriptionError(
+            f"{mechanism.name}: pose: {list(to)[far]} = {begin[far] + way[far]:.4g}: more than "
+            f"{_FAR} rad or m from home. Give a pose that the robot takes."
+        )
     moves = 1 + int(np.ceil(np.max(np.abs(way)) / _STRIDE))
     line = Motion("straight", target, tuple(to), 1.0, straight, absolute=start is not None)
     try:

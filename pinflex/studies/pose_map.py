@@ -16,6 +16,7 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.motion import Motion
+from pinflex.description.schema import shown
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.equations import Equations
@@ -179,11 +180,11 @@ def _gathered(
 def _increasing(name: str, values: Iterable[Any]) -> Array:
     try:
         found = np.array(list(values), float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.full(1, np.nan)
     if not np.all(np.isfinite(found)) or np.any(np.diff(found) <= 0):
         raise DescriptionError(
-            f"map: {name}: {list(values)} are no increasing numbers. Write a:b:n, or a,b,..."
+            f"map: {name}: {shown(list(values))} are no increasing numbers. Write a:b:n, or a,b,..."
         )
     return found
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests import scenes
-from tests.scenes import Body
 
 import pinflex as pf
+from tests import scenes
+from tests.scenes import Body
 
 L, M, K = 0.8, 1.5, 2000.0  # length of the pendulum, the mass at its end, stiffness
 ARM = [
@@ -42,7 +42,9 @@ def test_a_pendulum_falls_into_its_spring_and_keeps_its_energy(
     q = run.joint("arm_joint").position
     # m g L sin q + k/2 |d|^2 with |d| = 2 L sin(q/2); turning about +y lowers the tip.
     v = run.joint("arm_joint").velocity
-    energy = 0.5 * M * L**2 * v**2 - M * 9.81 * L * np.sin(q) + 0.5 * K * (2 * L * np.sin(q / 2)) ** 2
+    energy = (
+        0.5 * M * L**2 * v**2 - M * 9.81 * L * np.sin(q) + 0.5 * K * (2 * L * np.sin(q / 2)) ** 2
+    )
     assert np.max(q) > 0.014  # twice the sag of m g / k L = 9.2 mrad
     # of the m g L q that falls, 0.1 J: second order of the step, or the tolerance
     assert np.max(np.abs(energy)) < (1e-3 if "dt" in options else 1e-6) * 0.1

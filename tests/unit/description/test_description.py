@@ -394,7 +394,7 @@ def test_a_bad_value_is_named_with_its_place(tmp_path: Path, old: str, new: str,
         ("urdf: a\nhome: " + "[" * 5000, "scene.yaml: nested too deeply"),
         ("urdf: a\nhome: " + "{a: " * 50_000, "scene.yaml: nested too deeply"),  # libyaml crashes
         ("- " * 50_000, "scene.yaml: nested too deeply"),
-        ("urdf: 2020-99-99\n", "scene.yaml: cannot be read as YAML: month must be in"),
+        ("urdf: 2020-99-99\n", "scene.yaml, line 1: '2020-99-99' is no timestamp"),
         ("urdf: \x01\n", "scene.yaml: cannot be read as YAML"),
     ],
 )

@@ -1,0 +1,103 @@
+"""A xacro runs nothing but xacro: no command, no foreign file, no end of time or memory."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from pinflex.description import confined
+from pinflex.description.description import read
+from pinflex.errors import DescriptionError
+
+pytest.importorskip("xacro")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="confined on Linux only")
+
+HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+INERTIAL = (
+    '<inertial><mass value="${MASS}"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+BODY = (
+    f'<link name="base"/><link name="rod">{INERTIAL}</link><joint name="j" type="continuous">'
+    '<parent link="base"/><child link="rod"/><axis xyz="0 0 1"/></joint></robot>'
+)
+REACH = (  # out of xacro's own evaluator, to the modules behind it
+    "(lambda: [c for c in ().__class__.__base__.__subclasses__() "
+    "if c.__name__=='_wrap_close'][0].__init__.__globals__)()"
+)
+
+
+def robot(folder: Path, mass: str, more: str = "") -> Path:
+    path = folder / "arm.xacro"
+    path.write_text(HEAD + more + BODY.replace("MASS", mass), "utf-8")
+    return path
+
+
+def test_what_xacro_computes_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "m.xacro").write_text(
+        HEAD + '<xacro:property name="m" value="${1 + 0.5}"/></robot>'
+    )
+    (tmp_path / "n.yaml").write_text("n: 2\n")
+    more = (
+        '<xacro:include filename="parts/m.xacro"/><xacro:include filename="$(find parts)/m.xacro"/>'
+    )
+    path = robot(tmp_path, "m * load_yaml('n.yaml')['n']", more)
+    assert 'mass value="3.0"' in read(path).urdf_text
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        f"{REACH}['open']('made_it', 512)",
+        f"{REACH}['fork']()",
+        f"{REACH}['kill'](1, 0)",
+        f"{REACH}['listdir']('/')",
+    ],
+    ids=["open", "fork", "kill", "listdir"],
+)
+def test_code_in_it_gets_nowhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expression: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = robot(tmp_path, expression)
+    with pytest.raises(DescriptionError, match="Operation not permitted"):
+        read(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["arm.xacro"]
+
+
+def test_a_command_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = robot(tmp_path, REACH + "['system']('touch made_it')")
+    assert 'mass value="32512"' in read(path).urdf_text  # of `system`: no shell to be had
+    assert [p.name for p in tmp_path.iterdir()] == ["arm.xacro"]
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "/proc/self/environ"])
+def test_files_that_are_no_robots_are_not_read(tmp_path: Path, name: str) -> None:
+    with pytest.raises(DescriptionError, match="a xacro may read .xacro, .urdf") as refused:
+        read(robot(tmp_path, f"load_yaml('{name}')"))
+    assert "root:" not in str(refused.value)
+
+
+@pytest.mark.parametrize("endless", ["9**9**9", "'a' * 10**11"], ids=["time", "memory"])
+def test_it_has_limits(tmp_path: Path, endless: str) -> None:
+    with pytest.raises(DescriptionError, match="arm.xacro: .*(took more than|cannot expand)"):
+        read(robot(tmp_path, endless))
+
+
+def test_where_the_system_cannot_confine_it_it_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = tmp_path / "no_seccomp.py"
+    text = Path(confined.__file__).read_text("utf-8")
+    script.write_text(text.replace('sys.platform != "linux"', "True"), "utf-8")
+    monkeypatch.setattr(confined, "__file__", str(script))
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    with pytest.raises(DescriptionError, match="PINFLEX_TRUST_XACRO=1"):
+        read(robot(folder, "1"))
+    monkeypatch.setenv("PINFLEX_TRUST_XACRO", "1")
+    assert 'mass value="1"' in read(robot(folder, "1")).urdf_text
