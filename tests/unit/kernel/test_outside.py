@@ -1,0 +1,109 @@
+"""The compiled kernel against Pinocchio itself on the expanded model, not against numpy's terms.
+
+Of the package only the places Q(y) of the expanded model are taken. Velocities, accelerations and
+the columns of dQ/dy are differences of them, so that no map of rates is believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pinflex.arrays import Array
+from pinflex.kernel.library import kernel
+from pinflex.mechanics.compiled import Compiled, on_kernel
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.friction import DryFriction
+from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.system import System
+from tests.every_model import NAMES, at_home, manifold, mechanism
+from tests.unit.kernel.test_kernel import states
+
+pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
+STEP = 1e-4  # of differences: errors of STEP^2 beside round-off over STEP^2
+FINE = 1e-5  # of first differences of forces
+SAME = 3e-6  # of the largest force; seen: 1e-7
+
+
+def bare(system: System) -> System:
+    """Inertia and weight alone."""
+    zero = np.zeros_like(system.K)
+    springs = replace(system.springs, stiffness=0.0 * system.springs.stiffness)
+    return replace(
+        system, K=zero, D=zero, springs=springs, friction=DryFriction(), loads=Loads((), ())
+    )
+
+
+class Outside:
+    """Pinocchio on the expanded model of a system."""
+
+    def __init__(self, system: System) -> None:
+        self.of, self.model = Equations(system, often=False), system.expansion.model
+        self.data, self.nv = self.model.createData(), system.nv
+
+    def place(self, y: Array) -> Array:
+        return np.array(self.of.map.at(y[None]).Q[0])
+
+    def moved(self, y: Array, v: Array) -> Array:
+        return np.array(self.of.integrate(y, v))
+
+    def apart(self, Q: Array, other: Array) -> Array:
+        return np.array(pin.difference(self.model, Q, other))
+
+    def columns(self, y: Array) -> Array:
+        """dQ/dy, shape (nV, nv)."""
+        steps = STEP * np.eye(self.nv)
+        ends = [(self.place(self.moved(y, -e)), self.place(self.moved(y, e))) for e in steps]
+        return np.array([self.apart(*pair) for pair in ends]).T / (2 * STEP)
+
+    def force(self, y: Array, v: Array, a: Array) -> Array:
+        """(dQ/dy)' rnea(Q, dQ/dt, d2Q/dt2) along y + v t + a t^2 / 2."""
+        Q, h = self.place(y), STEP
+        late, early = (
+            self.apart(Q, self.place(self.moved(y, s * h * v + 0.5 * h**2 * a))) for s in (1, -1)
+        )
+        V, A = (late - early) / (2 * h), (late + early) / h**2
+        return self.columns(y).T @ pin.rnea(self.model, self.data, Q, V, A)
+
+    def mass(self, y: Array) -> Array:
+        M = np.triu(pin.crba(self.model, self.data, self.place(y)))
+        X = self.columns(y)
+        return X.T @ (M + np.triu(M, 1).T) @ X
+
+
+def agrees(system: System, home: Array) -> None:
+    system = bare(system)
+    assert on_kernel(system) is not None
+    compiled, outside = Compiled(system), Outside(system)
+    Y, V, A, lam, t = states(system, home, 3)
+    got = compiled.residual(Y, V, A, 0 * lam, t)[0]
+    for k in range(3):
+        expected = outside.force(Y[k], V[k], A[k])
+        assert np.max(np.abs(got[k] - expected)) < SAME * np.max(np.abs(expected))
+    # Of the tangent, M from Pinocchio's crba, C and K from differences of what stands above.
+    M, C, K = compiled.tangent(Y[0], V[0], A[0], 0 * lam[0], 0.0)[:3]
+    assert np.max(np.abs(M - outside.mass(Y[0]))) < SAME * np.max(np.abs(M))
+    steps = FINE * np.eye(system.nv)
+    by = {"C": [(Y[0], V[0] + s * e) for e in steps for s in (1, -1)],
+          "K": [(outside.moved(Y[0], s * e), V[0]) for e in steps for s in (1, -1)]}  # fmt: skip
+    for name, matrix in (("C", C), ("K", K)):
+        y, v = (np.array(x) for x in zip(*by[name], strict=True))
+        n = len(y)
+        r = compiled.residual(
+            y, v, np.tile(A[0], (n, 1)), np.zeros((n, lam.shape[1])), np.zeros(n)
+        )[0]
+        slope = (r[::2] - r[1::2]).T / (2 * FINE)
+        assert np.max(np.abs(matrix - slope)) < SAME * np.max(np.abs(slope)), name
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in ("prprp", "cassie")])
+def test_inertia_and_weight_are_pinocchios_on_shipped_models(name: str) -> None:
+    agrees(*at_home(mechanism(name), "flexible"))
+
+
+def test_they_are_with_every_kind_of_joint(tmp_path: Path) -> None:
+    agrees(*at_home(manifold(tmp_path), "flexible"))
