@@ -107,7 +107,7 @@ class Outputs:
             from_sample: Number of their first sample among all; None: at other instants than the
                 samples, where the size of a deviation from the rigid motion is not known (0).
             first: First pose of all, shape (nq,), where joints are to be compared that motors and
-                motion do not determine.
+                motion do not determine: steps may hold no sample that says it.
         """
         found: dict[str, History] = {}
         system, elastic = fine.system, fine.system.n_eta
@@ -117,7 +117,7 @@ class Outputs:
         if elastic and "deflection" in self._asked:
             found["deflection"] = _history(coarse.y[:, n:] - fine.y[:, n:], fine.y[:, n:])
         if self.about_platform(system):
-            found |= self._platform(coarse, fine, from_sample)
+            found |= self._platform(coarse, fine, from_sample, first)
         if first is not None and (self._swings(fine) or not found):
             found |= self._joints(coarse, fine, first)
         return found
@@ -150,7 +150,9 @@ class Outputs:
             "joint speeds": _history(coarse.v[:, :nv] - fine.v[:, :nv], fine.v[:, :nv]),
         }
 
-    def _platform(self, coarse: Run, fine: Run, from_sample: int | None) -> dict[str, History]:
+    def _platform(
+        self, coarse: Run, fine: Run, from_sample: int | None, first: Array | None
+    ) -> dict[str, History]:
         every = slice(None)
         keep = (
             every if from_sample is None else slice(-from_sample % self._every, None, self._every)
@@ -162,7 +164,8 @@ class Outputs:
                 "platform rotation": _history(between(R, R_fine), 0.0 * p, keep),
             }
         at = slice(-(-from_sample // self._every), None)
-        p_rigid, R_rigid = (part[at][: len(p)] for part in self._rigid_poses(fine))
+        system, first = fine.system, fine.y[0] if first is None else first
+        p_rigid, R_rigid = (part[at][: len(p)] for part in self._rigid_poses(system, first))
         return {
             "platform position": _history(p - p_fine, p_fine - p_rigid, keep),
             "platform rotation": _history(between(R, R_fine), between(R_rigid, R_fine), keep),
@@ -190,14 +193,13 @@ class Outputs:
         except SceneError:
             return None
 
-    def _rigid_poses(self, run: Run) -> _Poses:
+    def _rigid_poses(self, system: System, first: Array) -> _Poses:
         """Of the rigid motion; where it is not known, the first pose of the run."""
         if self._rigid is None:
-            n, count = int(run.system.rigid.nq), len(self._t[:: self._every])
-            y, rigid = np.zeros((count, run.system.nq)), self.reference
-            y[:, :n] = run.y[0, :n] if rigid is None else rigid.q
-            dynamics = self._dynamics or Equations(run.system)
-            self._rigid = platform_poses(self._mechanism, dynamics, y)
+            n, count = int(system.rigid.nq), len(self._t[:: self._every])
+            y, rigid = np.zeros((count, system.nq)), self.reference
+            y[:, :n] = first[:n] if rigid is None else rigid.q
+            self._rigid = platform_poses(self._mechanism, self._dynamics or Equations(system), y)
         return self._rigid
 
 

@@ -47,6 +47,29 @@ def test_without_motors_the_joints_are_compared(tmp_path: Path) -> None:
     assert 0 < max(error.values()) <= 0.5e-3
 
 
+FLEXIBLE_B = """urdf: two.urdf
+actuated: []
+platform: b
+flexible: {b: {length: 1, material: aluminium, section: {shape: circle, diameter: 0.01}}}
+damping: {modal: 0.02}
+solve: {until: 1}
+"""
+
+
+@pytest.mark.parametrize("samples", [3, 21])
+def test_a_platform_without_motors_and_steps_between_samples(tmp_path: Path, samples: int) -> None:
+    """Steps that hold no sample had no first pose to compare the platform with."""
+    (tmp_path / "two.urdf").write_text(RODS)
+    (tmp_path / "two.yaml").write_text(FLEXIBLE_B)
+    robot = pf.load(tmp_path / "two.yaml")
+    run = pf.solve(robot, level="coupled", tol=1e-3, samples=samples)
+    exact = pf.solve(robot, level="coupled", dt=1e-3, samples=samples)  # order 2: good to 1e-4
+    p, true = (x.frame("platform").position for x in (run, exact))
+    way = np.abs(true - true[0]).max()
+    assert np.abs(p - true).max() < 1e-3 * way
+    assert 0 < run.errors.time["platform position"] <= 1e-3
+
+
 def test_identical_runs_are_no_estimate_and_the_floor_is_said() -> None:
     """Stiff stretch beside soft bending: round-off of the one is 1e-5 of the other."""
     robot = pf.load("race_r1", ["flexible.*.axial=true", "flexible.*.basis.internal=6"])
