@@ -25,6 +25,7 @@ from pinflex.description.schema import number
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.quasistatic import balance
 from pinflex.linalg import null_space
+from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
@@ -81,8 +82,9 @@ def state_at(mechanism: Mechanism, dynamics: Equations, at: At, motion: Motion |
     v, a = np.concatenate([v, none]), np.concatenate([a, none])
     where = f"{mechanism.name}: modes about {about}"
     free = mechanism.flexible.free
-    found = balance(dynamics, mechanism.undeformed(q), v, a, free, t, None, where)
-    return Moving(found.y, v, a, found.lam, t, about)
+    links = FrozenLinks(dynamics, mechanism.rigid.free, free)
+    found = balance(dynamics, mechanism.undeformed(q), v, a, free, t, None, where, links=links)
+    return Moving(found.y, found.v, found.a, found.lam, t, about)
 
 
 def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:

@@ -15,6 +15,7 @@ from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
 from pinflex.linalg import negative_directions, saddle_matrix
+from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
@@ -25,16 +26,23 @@ from pinflex.threads import one_blas_thread
 BALANCED = 1e-11
 _ITERATIONS = 40  # of one Newton run
 STIFFNESS = (0.0, 0.0, 1.0)  # of the derivatives by acceleration, velocity and position
+_SLOW = 0.3  # contraction above which Newton has to know how rates change from pose to pose
+_STRAIGHT = 10  # iterations beyond which Newton has gone astray before it found a balance
 STABILITY_SAMPLES = 5  # instants of a run at which stability is looked at
 
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A balanced pose: y (nq,), multipliers lam (rows,), forces r (nv,) left to the motors."""
+    """A balanced pose y (nq,) with v and a (nv,) there, multipliers lam (rows,), forces r (nv,).
+
+    r is what is left to the motors.
+    """
 
     __repr__ = brief
 
     y: Array
+    v: Array
+    a: Array
     lam: Array
     r: Array
     iterations: int
@@ -55,31 +63,34 @@ def balance(
     lam: Array | None = None,
     where: str = "static equilibrium",
     patience: float = np.inf,
+    links: FrozenLinks | None = None,
 ) -> Equilibrium:
     """Newton with step halving on r(y; v, a, lam, t) = 0 in the free rows and c(y) = 0.
 
     Where full Newton fails, the load is put on in parts, in so many iterations (`patience`) in all.
 
     Args:
-        dynamics: Workspace. y: First guess, shape (nq,). v, a: Shape (nv,), kept.
+        dynamics: Workspace. y: First guess, shape (nq,). v, a: Shape (nv,).
         free: Velocity rows that balance. t: Time in s, at which the loads are taken.
         lam: First guess of the multipliers, shape (rows,). where: Start of an error's sentence.
-        patience: Iterations at most.
+        patience: Iterations at most. links: Make v and a those of the closed motion at each pose,
+            with the links as they are bent there; None: they stay as they are.
     Returns:
         The equilibrium.
     Raises:
         ConvergenceError: No equilibrium found (a structure that buckles or a mechanism that falls).
     """
     lam = np.zeros(dynamics.system.closed.n) if lam is None else lam
-    found = _newton(dynamics, y, v, a, free, t, lam, None, 0.0)
+    put_on = _Newton(dynamics, v, a, free, t, links)
+    found = put_on(y, lam)
     if found is not None:
         return found
-    start = dynamics.residual(y, v, a, np.zeros_like(lam), t).r[free]
-    state, done, part = Equilibrium(y, np.zeros_like(lam), start, 0), 0.0, 0.25
+    state, _ = put_on.at(y, np.zeros_like(lam))
+    start, done, part = state.r[free], 0.0, 0.25
     spent = _ITERATIONS
     while done < 1.0 and part > 1e-3 and spent < patience:
         goal = min(1.0, done + part)
-        stage = _newton(dynamics, state.y, v, a, free, t, state.lam, start, 1.0 - goal)
+        stage = put_on(state.y, state.lam, (1.0 - goal) * start)
         spent += _ITERATIONS if stage is None else stage.iterations
         if stage is None:
             part *= 0.5
@@ -91,53 +102,74 @@ def balance(
             "The mechanism may buckle or fall there: lock motors, add springs, or stiffen links.",
             part=done,
         )
-    return state
+    return replace(state, iterations=spent)
 
 
-def _newton(
-    dynamics: Equations,
-    y: Array,
-    v: Array,
-    a: Array,
-    free: IntArray,
-    t: float,
-    lam: Array,
-    offset: Array | None,
-    weight: float,
-) -> Equilibrium | None:
-    """One Newton run on r - weight * offset = 0; None when it does not converge."""
-    n, rows = len(free), dynamics.system.closed.n
+@dataclass(frozen=True)
+class _Newton:
+    """Newton runs on the balance of one instant, see `balance`."""
 
-    def error(y: Array, lam: Array) -> Array:
-        r, c = dynamics.residual(y, v, a, lam, t)
-        left = r[free] if offset is None else r[free] - weight * offset
-        return np.concatenate([left, c])
+    dynamics: Equations
+    v: Array
+    a: Array
+    free: IntArray
+    t: float
+    links: FrozenLinks | None
 
-    e = error(y, lam)
-    previous = np.inf
-    for iteration in range(1, _ITERATIONS):
-        K, J = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
-        if n + rows == 0:
-            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t).r, 0)
-        try:
-            step = np.linalg.solve(saddle_matrix(K[np.ix_(free, free)], J[:, free]), -e)
-        except np.linalg.LinAlgError:
-            return None
-        if not np.all(np.isfinite(step)):
-            return None
-        turn = float(np.max(np.abs(step[:n]), initial=0.0))
-        factor = min(1.0, 0.3 / max(turn, 1e-300))
-        dy = np.zeros(dynamics.system.nv)
-        dy[free] = factor * step[:n]
-        y = dynamics.integrate(y, dy)
-        lam = lam + factor * step[n:]
-        e = error(y, lam)
-        if not np.all(np.isfinite(e)):
-            return None
-        if turn < BALANCED or (turn < 1e-8 and turn >= 0.5 * previous):
-            return Equilibrium(y, lam, dynamics.residual(y, v, a, lam, t).r, iteration)
-        previous = turn
-    return None
+    def at(self, y: Array, lam: Array, iterations: int = 0) -> tuple[Equilibrium, Array]:
+        """What is at a pose y (nq,) with multipliers lam (rows,), and how open the closures are."""
+        v, a = self.v, self.a
+        if self.links is not None:
+            (v,), (a,) = self.links.rates(y[None], v[None], a[None])
+        r, c = self.dynamics.residual(y, v, a, lam, self.t)
+        return Equilibrium(y, v, a, lam, r, iterations), c
+
+    def __call__(self, y: Array, lam: Array, left: float | Array = 0.0) -> Equilibrium | None:
+        """One run on r = left in the free rows; None when it does not converge.
+
+        Where links move, it first takes their rates for constant, and sees whether that is enough.
+        """
+        for links in (None, self.links) if self.links is not None else (None,):
+            try:
+                found = self._run(y, lam, left, links)
+            except np.linalg.LinAlgError:
+                found = None
+            if found is not None:
+                return found
+        return None
+
+    def _run(
+        self, y: Array, lam: Array, left: float | Array, links: FrozenLinks | None
+    ) -> Equilibrium | None:
+        """The same by one sort of tangent: with what the rates of `links` add to it."""
+        dynamics, free, n = self.dynamics, self.free, len(self.free)
+        rough = self.links is not links
+        previous, (now, c) = np.inf, self.at(y, lam)
+        if n + len(lam) == 0:
+            return now
+        for iteration in range(1, _ITERATIONS):
+            state = now.y, now.v, now.a, now.lam, self.t
+            M, C, K, J = dynamics.tangent(*state)
+            if links is not None:
+                K = K + links.stiffness(now.y, now.v, now.a, M, C)
+            S = saddle_matrix(K[np.ix_(free, free)], J[:, free])
+            step = np.linalg.solve(S, -np.concatenate([now.r[free] - left, c]))
+            if not np.all(np.isfinite(step)):
+                return None
+            turn = float(np.max(np.abs(step[:n]), initial=0.0))
+            factor = min(1.0, 0.3 / max(turn, 1e-300))
+            dy = np.zeros(dynamics.system.nv)
+            dy[free] = factor * step[:n]
+            y, lam = dynamics.integrate(now.y, dy), now.lam + factor * step[n:]
+            now, c = self.at(y, lam, iteration)
+            if not np.all(np.isfinite(now.r)):
+                return None
+            if turn < BALANCED or (turn < 1e-8 and turn >= 0.5 * previous):
+                return now
+            if rough and turn > _SLOW * previous:
+                return None
+            previous = turn
+        return None
 
 
 @public
@@ -210,6 +242,18 @@ def unstable_directions(
     return negative_directions(K[np.ix_(free, free)], J[:, free])
 
 
+def _snapped(
+    dynamics: Equations, before: Equilibrium, found: Equilibrium, t: float, free: IntArray
+) -> bool:
+    """Whether Newton has lost a stable balance and ended in an unstable one further off."""
+    if found.iterations <= _STRAIGHT:
+        return False
+    last, now = (
+        unstable_directions(dynamics, x.y, x.v, x.a, x.lam, t, free) for x in (before, found)
+    )
+    return now > last
+
+
 @public
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness.
@@ -228,7 +272,7 @@ def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     dy = np.zeros(system.nv)
     dy[free] = x[:n]
     r = r0 + K @ dy - J.T @ x[n:]
-    return Equilibrium(dynamics.integrate(y0, dy), x[n:], r, 1)
+    return Equilibrium(dynamics.integrate(y0, dy), still, still, x[n:], r, 1)
 
 
 def solve_quasistatic(
@@ -242,7 +286,7 @@ def solve_quasistatic(
     Args:
         mechanism: Mechanism. motion: Motion. t: Sample times, shape (nt,).
     Returns:
-        The run; v and a are the nominal ones (no vibration).
+        The run; v and a are those of the rigid motion, with the links as they are bent.
     Raises:
         ConvergenceError: With `.result` up to the last balanced instant.
     """
@@ -252,8 +296,10 @@ def solve_quasistatic(
     y, lam = np.empty((nt, system.nq)), np.empty((nt, system.closed.n))
     v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
     v[:, :m], a[:, :m] = path.v, path.a
+    links = FrozenLinks(dynamics, mechanism.rigid.free, free)
     torque = np.empty((nt, len(system.motors)))
     offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
+    last: Equilibrium | None = None
     looks, said = set(np.linspace(0, nt - 1, STABILITY_SAMPLES).astype(int).tolist()), list[str]()
     for k in range(nt):
         flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
@@ -261,8 +307,14 @@ def solve_quasistatic(
         try:
             found = balance(
                 dynamics, dynamics.integrate(flat, offset), v[k], a[k], free, now, force,
-                f"{mechanism.name}: t = {t[k]:.6g} s",
+                f"{mechanism.name}: t = {t[k]:.6g} s", links=links,
             )  # fmt: skip
+            if last is not None and _snapped(dynamics, last, found, now, free):
+                raise ConvergenceError(
+                    f"{mechanism.name}: t = {t[k]:.6g} s: no equilibrium near that of the instant "
+                    "before, only an unstable one further off. The mechanism buckles or falls "
+                    "there: lock motors, add springs, or stiffen links."
+                )
         except ConvergenceError as error:
             upto = slice(0, k)
             error.result = Run(
@@ -270,10 +322,11 @@ def solve_quasistatic(
                 {"steps": k, "newton": newton}, stopped=str(error),
             )  # fmt: skip
             raise
-        y[k], lam[k], torque[k] = found.y, found.lam, found.r[system.motors]
+        y[k], v[k], a[k], lam[k] = found.y, found.v, found.a, found.lam
+        torque[k] = found.r[system.motors]
         offset, force = dynamics.difference(flat, found.y), found.lam
         offset[system.motors] = 0.0
-        newton += found.iterations
+        last, newton = found, newton + found.iterations
         if (
             k in looks
             and not said

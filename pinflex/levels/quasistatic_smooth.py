@@ -26,12 +26,12 @@ from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs, relative
 from pinflex.levels.quasistatic import (
     STABILITY_SAMPLES,
-    STIFFNESS,
     solve_quasistatic,
     unstable_directions,
     unstable_text,
 )
 from pinflex.linalg import negative_directions, saddle_matrix
+from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
@@ -68,6 +68,7 @@ class Equilibria:
         self._system, self._close = mechanism.flexible, close
         self.dynamics = Equations(self._system)
         self._manifold = Manifold(self.dynamics)
+        self._links = FrozenLinks(self.dynamics, mechanism.rigid.free, self._system.free)
         corners = breaks(motion, self._system.loads)
         self._pieces = PiecewiseChebyshev(float(t[0]), float(t[-1]), corners)
         first = self._pieces.nodes(_NODES).ravel()
@@ -143,7 +144,8 @@ class Equilibria:
         moved, lam, _, _ = np.split(values, self._ends, axis=1)
         moved = moved.copy()
         moved[:, system.motors] = 0.0
-        return self._manifold.retract(path.straight(system.n_eta), moved), v, a, lam
+        y = self._manifold.retract(path.straight(system.n_eta), moved)
+        return y, *self._links.rates(y, v, a), lam
 
     def _run(self, values: Array) -> Run:
         system, t = self._system, self._path.t
@@ -204,9 +206,10 @@ class Equilibria:
             step = np.zeros((n, system.nv))
             step[:, free] = x[:, : len(free)]
             Y, lam = self._manifold.retract(Y, step), lam + x[:, len(free) :]
+            V, A = self._links.rates(Y, V, A)
             self._counts["newton"] += n
             for k in np.flatnonzero((size > _SLOW * previous) & (size > _ROUND_OFF)):
-                use[k] = self._tangent(Y[k], V[k], A[k], lam[k], float(path.t[k]))
+                use[k] = self._tangent(Y[k], V[k], A[k], lam[k], float(path.t[k]), exact=True)
             previous = size
         else:
             if rounds is None:
@@ -215,13 +218,17 @@ class Equilibria:
         moved = self._manifold.log(path.straight(system.n_eta), Y)
         return np.hstack([moved, lam, R[:, system.motors], path.a])
 
-    def _tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> int:
-        """Factors of the tangent at a state; their number."""
+    def _tangent(
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, exact: bool = False
+    ) -> int:
+        """Factors of the tangent at a state, `exact` with what changes v and a; their number."""
         d, free = self.dynamics, self._system.free
-        S, J = d.iteration_matrix(y, v, a, lam, t, STIFFNESS)
-        K, J = S[np.ix_(free, free)], J[:, free]
-        self._doubtful |= negative_directions(K, J) > 0
-        lu, pivots, info = self._lapack.dgetrf(saddle_matrix(K, J))
+        M, C, K, J = d.tangent(y, v, a, lam, t)
+        square = np.ix_(free, free)
+        self._doubtful |= negative_directions(K[square], J[:, free]) > 0
+        if exact:
+            K = K + self._links.stiffness(y, v, a, M, C)
+        lu, pivots, info = self._lapack.dgetrf(saddle_matrix(K[square], J[:, free]))
         if info != 0 or not np.all(np.isfinite(lu)):
             raise _Unclear
         self._factors.append((t, lu, pivots))
@@ -254,7 +261,7 @@ def solve_equilibria(
         asked: What the tolerance is about.
         progress: Called with (samples done, samples) where it goes from instant to instant.
     Returns:
-        The run; v and a are the nominal ones (no vibration).
+        The run; v and a are those of the rigid motion, with the links as they are bent.
     Raises:
         ConvergenceError: With `.result` up to the last balanced instant.
     """

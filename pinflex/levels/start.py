@@ -17,6 +17,7 @@ from pinflex.levels.linearised import LinearPath
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
+from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
@@ -115,21 +116,23 @@ def _static_start(
     system, auto = dynamics.system, start == "auto"
     free = mechanism.flexible.free if system is mechanism.loose else system.free
     at = _lasting(dynamics) if auto else dynamics
-    a, t = np.zeros(system.nv), float(path.t[0])
+    a, t, links = np.zeros(system.nv), float(path.t[0]), None
     if np.any(v) and mechanism.report.mobility == len(system.motors):
         a[: dynamics.n_rigid] = nominal(mechanism, motion, path.t[:1]).a[0]
+        links = FrozenLinks(at, mechanism.rigid.free, free)
     where = f"{mechanism.name}: start: {'auto' if auto else 'static'}"
     try:
-        found = balance(at, y, v, a, free, t, None, where, _PATIENCE if auto else np.inf)
+        patience = _PATIENCE if auto else np.inf
+        found = balance(at, y, v, a, free, t, None, where, patience, links)
     except ConvergenceError as error:
         if auto:
             return replace(straight, said=_shaken("there is no static equilibrium near it"))
         raise _no_equilibrium(str(error), error) from None
-    if not unstable_directions(at, found.y, v, a, found.lam, t, free):
-        return Start(found.y, v, "static")
+    if not unstable_directions(at, found.y, found.v, found.a, found.lam, t, free):
+        return Start(found.y, found.v, "static")
     if auto:
         return replace(straight, said=_shaken("its static equilibrium is unstable"))
-    return Start(found.y, v, "static", unstable_text("start: static equilibrium"))
+    return Start(found.y, found.v, "static", unstable_text("start: static equilibrium"))
 
 
 def linear_start(
