@@ -32,6 +32,7 @@ from pinflex.mechanics.expanded import (
     rigid_indices,
 )
 from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.ride import Rider
 from pinflex.mechanics.tree import JointStep, Link
 
 _POINT = np.zeros((3, 3))
@@ -40,6 +41,20 @@ _TURNS: tuple[Callable[[], pin.JointModel], ...] = (
     pin.JointModelRY,
     pin.JointModelRX,
 )
+
+
+@dataclass
+class _Section:
+    """What a section of a flexible link carries: links by their numbers, and riders."""
+
+    children: list[int] = field(default_factory=list)
+    riders: list[Rider] = field(default_factory=list)
+
+
+def _section(sections: list[dict[float, _Section]], part: FlexiblePart, x: float) -> _Section:
+    """The section at x [m] of a link among those of its segments, made where it is new."""
+    segment, local = part.segment_of(x)
+    return sections[segment].setdefault(local, _Section())
 
 
 @dataclass
@@ -111,29 +126,21 @@ class _Assembler:
 
     def _flexible_link(self, number: int, here: Attachment, part: FlexiblePart) -> None:
         """Chain the segments, each with its stations, and hang the children where they sit."""
-        at_section: dict[float, list[int]] = {}
-        for child in self.children[number]:
-            if self._matters(child):
-                x = part.section_of(self.links[child].placement.translation)
-                at_section.setdefault(x, []).append(child)
-        for rider in part.riders:
-            if rider.x > 0:
-                at_section.setdefault(rider.x, [])
         root = Attachment(here.joint, here.placement * part.placement)
         if part.bodies[0].solid is not None:
             self._solid(number, root, part, part.bodies[0].solid)
             return
+        sections: list[dict[float, _Section]] = [{} for _ in part.bodies]
+        for child in self.children[number]:
+            if self._matters(child):
+                x = part.section_of(self.links[child].placement.translation)
+                _section(sections, part, x).children.append(child)
+        for rider in part.riders:
+            _section(sections, part, rider.x).riders.append(rider)
         for k, body in enumerate(part.bodies):
-            start = k * body.length
-            last = k == len(part.bodies) - 1
-            inside = {
-                x: c
-                for x, c in at_section.items()
-                if start < x <= start + body.length * (1 + 1e-9) or (x <= start and k == 0)
-            }
-            if not last:
-                inside.setdefault(start + body.length, [])
-            root = self._body(part, body, k, root, inside)
+            if k + 1 < len(part.bodies):
+                sections[k].setdefault(body.length, _Section())
+            root = self._body(part, body, k, root, sections[k])
 
     def _body(
         self,
@@ -141,8 +148,9 @@ class _Assembler:
         body: FlexibleBody,
         k: int,
         root: Attachment,
-        inside: Mapping[float, Sequence[int]],
+        sections: dict[float, _Section],
     ) -> Attachment:
+        """A segment with what its sections carry, these by their x from its root; its tip."""
         offset = k * body.length
         eta = slice(self.n_eta, self.n_eta + body.n)
         self.n_eta += body.n
@@ -153,26 +161,22 @@ class _Assembler:
         self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, ()))
         interfaces: list[Interface] = []
         following = root
-        sections = dict(inside)
         if body.root_moves and k == 0:
-            sections.setdefault(0.0, [])
-        elif k == 0:
-            self._ride(root, part, 0.0)
-        for x, children in sorted(sections.items()):
-            local = x - offset
-            if local <= 0 and not body.root_moves:
-                carrier, section = root, root.placement
+            sections.setdefault(0.0, _Section())
+        for x, section in sorted(sections.items()):
+            if x <= 0 and not body.root_moves:
+                here = root
             else:
-                interfaces.append(self._interface(body, root, slot_number, local))
-                carrier, section = interfaces[-1].attachment, pin.SE3.Identity()
-            if x > 0 or body.root_moves:
-                self._ride(Attachment(carrier.joint, section), part, x)
-            to_section = part.placement * pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-            for child in children:
-                placement = to_section.actInv(self.links[child].placement)
-                self._child(child, Attachment(carrier.joint, section), placement)
-            if abs(x - offset - body.length) <= 1e-9 * body.length:
-                following = Attachment(carrier.joint, section)
+                interfaces.append(self._interface(body, root, slot_number, x))
+                here = interfaces[-1].attachment
+            for rider in section.riders:
+                apart = pin.SE3(np.eye(3), np.array([rider.x - offset - x, 0.0, 0.0]))
+                self._append(here, apart.act(rider.inertia))
+            to_section = part.placement * pin.SE3(np.eye(3), np.array([offset + x, 0.0, 0.0]))
+            for child in section.children:
+                self._child(child, here, to_section.actInv(self.links[child].placement))
+            if x == body.length:
+                following = here
         self.slots[slot_number] = replace(self.slots[slot_number], interfaces=tuple(interfaces))
         return following
 
@@ -234,7 +238,7 @@ class _Assembler:
         return rows
 
     def _interface(self, body: FlexibleBody, root: Attachment, slot: int, x: float) -> Interface:
-        Phi, G = body.rows(min(x, body.length))
+        Phi, G = body.rows(x)
         return self._node(root, slot, np.array([x, 0.0, 0.0]), Phi, G)
 
     def _node(
@@ -272,11 +276,6 @@ class _Assembler:
         for k, row in enumerate(rows):
             curve = G[k] if G is not None and np.any(G[k]) else None
             self.maps[slot].append((int(row), Phi[k], curve))
-
-    def _ride(self, section: Attachment, part: FlexiblePart, x: float) -> None:
-        for rider in part.riders:
-            if rider.x == x:
-                self._append(section, rider.inertia)
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
         if here.joint:

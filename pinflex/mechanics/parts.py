@@ -5,6 +5,7 @@ Model only what the scene needs: a mechanism that moves in one plane bends in th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -27,6 +28,8 @@ from pinflex.mechanics.ride import Rider
 from pinflex.mechanics.span import beam_frame, require_carrying, span
 from pinflex.mechanics.tree import Link
 from pinflex.text import brief
+
+_NEAR = 1e-6  # of a span, or of a segment: sections so near an end of it are that end
 
 
 @dataclass(frozen=True)
@@ -65,9 +68,19 @@ class FlexiblePart:
         """Section x (m) that carries a point given in the link's frame, shape (3,)."""
         x = float(self.placement.actInv(np.asarray(point, float))[0])
         x = min(max(x, 0.0), self.length)
-        if x < 1e-6 * self.length:
+        if x < _NEAR * self.length:
             return 0.0
-        return self.length if x > self.length * (1 - 1e-6) else x
+        return self.length if x > self.length * (1 - _NEAR) else x
+
+    def segment_of(self, x: float) -> tuple[int, float]:
+        """The one segment that carries the section at x [m], and the section in it, from its root.
+
+        A border of two segments is the tip of the first: what sits within round-off of it, too.
+        """
+        length = self.bodies[0].length
+        k = min(max(math.ceil(x / length - _NEAR) - 1, 0), len(self.bodies) - 1)
+        local = x - k * length
+        return k, length if local > length * (1 - _NEAR) else local
 
     def rigid_inertias(self) -> tuple[pin.Inertia, ...]:
         """The undeformed link as its stations see it, in the link's frame."""
