@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -39,6 +40,14 @@ class Distribution:
         from scipy.special import ndtri
 
         return np.asarray(self.first + self.second * ndtri(shares))
+
+
+    def standard(self, values: Array) -> Array:
+        """Values less their mean, over their standard deviation, same shape."""
+        mean, std = self.first, self.second
+        if self.kind == "uniform":
+            mean, std = (self.first + self.second) / 2, (self.second - self.first) / math.sqrt(12)
+        return np.asarray((values - mean) / std)
 
 
 def distributions(

@@ -1,10 +1,12 @@
 """Scatter: outputs of many designs whose parameters are random, and which of these matter.
 
 Rows A and B are two independent samples (a Latin hypercube of 2 d dimensions); rows AB_i are those
-of A with the i-th parameter of B. First-order and total indices follow from them.
+of A with the i-th parameter of B. First-order and total indices follow from them, after the part of
+an output that is linear in the parameters has been taken out: its variance is known exactly, and few
+designs are enough for the rest.
 
 Source: Saltelli et al. 2010, Variance based sensitivity analysis of model output, table 2 (c), (f);
-standard errors by the bootstrap.
+linear regression as control variate; standard errors by the bootstrap.
 """
 
 from __future__ import annotations
@@ -134,7 +136,9 @@ class Scatter(Worded):
             if np.any(np.isfinite(self.total[k])):
                 best = int(np.nanargmax(self.total[k]))
                 share = 100.0 * min(float(self.total[k, best]), 1.0)
-                said.append(f"{name} scatters by {self.distributions[best].key} ({share:.0f} %).")
+                error = 100.0 * float(self.total_error[k, best])
+                by = self.distributions[best].key
+                said.append(f"{name} scatters by {by} ({share:.0f} +- {max(error, 1):.0f} %).")
         return said
 
 
@@ -235,11 +239,14 @@ def _found(
     quantiles = np.full((len(shown), len(QUANTILES)), np.nan)
     mean, std = np.full((2, len(shown)), np.nan)
     indices = np.full((4, len(shown), d), np.nan)
+    standard = np.stack(
+        [x.standard(np.array([case[x.key] for case in cases])) for x in random], axis=1
+    ).reshape(d + 2, n, d)
     for k, name in enumerate(shown):
         sample = values[name][: 2 * n]
         quantiles[k] = np.nanquantile(sample, QUANTILES)
         mean[k], std[k] = np.nanmean(sample), np.nanstd(sample, ddof=1)
-        indices[:, k] = _indices(values[name].reshape(d + 2, n))
+        indices[:, k] = _indices(values[name].reshape(d + 2, n), standard)
     return Scatter(whole, random, shown, quantiles, mean, std, *indices)
 
 
@@ -272,23 +279,38 @@ def _scatters(sample: Array) -> bool:
     return len(finite) > 1 and float(np.ptp(finite)) > 1e-12 * float(np.max(np.abs(finite)))
 
 
-def _indices(blocks: Array) -> Array:
-    """First-order and total indices and their standard errors, shape (4, d), of rows A, B, AB_i."""
-    blocks = blocks[:, np.all(np.isfinite(blocks), axis=0)]  # designs that ended in all rows
+def _indices(blocks: Array, standard: Array) -> Array:
+    """First-order and total indices and their standard errors, shape (4, d).
+
+    Args:
+        blocks: Values of rows A, B, AB_i, shape (d + 2, n).
+        standard: Their parameters, of mean 0 and variance 1, shape (d + 2, n, d).
+    """
+    ended = np.all(np.isfinite(blocks), axis=0)  # designs that ended in all rows
+    blocks, standard = blocks[:, ended], standard[:, ended]
     n = blocks.shape[1]
     if n < _LEAST:
         return np.full((4, len(blocks) - 2), np.nan)
     centred = blocks - np.mean(blocks[:2])  # the estimates are exact for it and lose fewer digits
     rng = np.random.default_rng(0)
     picks = rng.integers(n, size=(_RESAMPLES, n))
-    every = np.array([_estimates(centred[:, pick]) for pick in picks])
-    return np.concatenate([_estimates(centred), np.nanstd(every, axis=0, ddof=1)])
+    every = np.array([_estimates(centred[:, pick], standard[:, pick]) for pick in picks])
+    return np.concatenate([_estimates(centred, standard), np.nanstd(every, axis=0, ddof=1)])
 
 
-def _estimates(f: Array) -> Array:
-    """First-order and total indices, shape (2, d), of values (d + 2, n)."""
-    A, B, mixed = f[0], f[1], f[2:]
-    variance = np.var(f[:2])
-    first = variance - 0.5 * np.mean((B - mixed) ** 2, axis=1)
-    total = 0.5 * np.mean((A - mixed) ** 2, axis=1)
-    return np.stack([first, total]) / (variance or np.nan)
+def _estimates(f: Array, z: Array) -> Array:
+    """First-order and total indices, shape (2, d), of values (d + 2, n) at parameters z.
+
+    f = b . z + rest, where the regression makes the rest independent of b . z to first order: the
+    variance is b . b + var(rest), of which parameter i has b_i^2 and its share of the rest.
+    """
+    d = z.shape[2]
+    columns = np.concatenate([np.ones((z.shape[0] * z.shape[1], 1)), z.reshape(-1, d)], axis=1)
+    b = np.linalg.lstsq(columns, f.ravel(), rcond=None)[0]
+    rest = f - (columns @ b).reshape(f.shape)
+    A, B, mixed = rest[0], rest[1], rest[2:]
+    left = np.var(rest[:2])
+    # A variance is not negative, and what a parameter does alone is part of all it does.
+    alone = b[1:] ** 2 + np.maximum(left - 0.5 * np.mean((B - mixed) ** 2, axis=1), 0.0)
+    total = np.maximum(b[1:] ** 2 + 0.5 * np.mean((A - mixed) ** 2, axis=1), alone)
+    return np.stack([alone, total]) / (float(b[1:] @ b[1:]) + left or np.nan)
