@@ -9,7 +9,7 @@ from typing import Any
 
 from pinflex.description import link_groups
 from pinflex.description.description import Description
-from pinflex.description.material import MATERIALS, named
+from pinflex.description.material import from_spec
 from pinflex.description.overrides import assignments
 from pinflex.errors import DescriptionError, nearest
 
@@ -102,7 +102,7 @@ def _within(
         yield key, paths, block
         return
     first, rest = segments[0], segments[1:]
-    if isinstance(block, str) and not rest and key.endswith(".material"):
+    if not rest and key.endswith(".material"):
         block = _numbers(block)
     if isinstance(block, list):
         items: Iterable[tuple[Any, Any]] = enumerate(block)
@@ -116,12 +116,17 @@ def _within(
             )  # fmt: skip
 
 
-def _numbers(material: str) -> dict[str, float]:
-    """The numbers of a named material."""
-    if material not in MATERIALS:
-        return {}
-    values = {key: getattr(named(material), key) for key in _MATERIAL}
-    return {key: value for key, value in values.items() if value is not None}
+def _numbers(material: Any) -> Any:
+    """A material with all numbers of the one that it names, or is like."""
+    if not isinstance(material, str) and not (isinstance(material, dict) and "like" in material):
+        return material
+    try:
+        whole = from_spec(material)
+    except DescriptionError:
+        return material
+    values = {key: getattr(whole, key) for key in _MATERIAL}
+    own = material if isinstance(material, dict) else {}
+    return own | {key: value for key, value in values.items() if value is not None}
 
 
 def _written_out(

@@ -12,6 +12,14 @@ from pinflex.arrays import Array
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.variation.variants import Variants, keys
 
+_ALIKE = 0.2  # of a logarithm, of values among each other
+_NEAR = 0.6  # of a logarithm, to a factor of units: a scene may be so far off before its fit
+# Units that are written by mistake, by that which is meant: their values over the right ones.
+_UNITS = {
+    "Hz": {"rad/s": 2 * np.pi, "kHz": 1e-3, "rpm": 60.0},
+    "m": {"mm": 1e3},
+    "rad": {"degrees": 180 / np.pi},
+}
 _STEP = 1e-3  # of a logarithm: truncation 1e-6, noise of a solved output 1e-6
 
 
@@ -60,11 +68,35 @@ class Comparison(Protocol):
             values: Where, by key. base: The design there.
         """
 
+    def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
+        """What tells a wrong unit: name, unit that is meant, measured over calculated values."""
+
     def text(self, mechanism: Mechanism) -> str:
         """Measured and calculated numbers, for people."""
 
     def panels(self, mechanism: Mechanism) -> list[Panel]:
         """The same for a plot."""
+
+
+def wrong_units(ratios: list[tuple[str, str, Array]]) -> list[str]:
+    """Sentences for quantities that are all alike a factor of two units away from the scene's.
+
+    Args:
+        ratios: As of `Comparison.ratios`, at the first design.
+    """
+    said = []
+    for name, unit, shares in ratios:
+        if len(shares) < 2 or np.any(shares <= 0):
+            continue
+        middle = float(np.exp(np.mean(np.log(shares))))
+        alike = float(np.max(np.abs(np.log(shares / middle)))) < _ALIKE
+        for other, factor in _UNITS.get(unit, {}).items():
+            if alike and abs(np.log(middle / factor)) < _NEAR:
+                said.append(
+                    f"{name}: all values are some {middle:.3g} times those of the scene. Are they "
+                    f"in {other}? {unit} is meant."
+                )
+    return said
 
 
 def differences(

@@ -41,7 +41,6 @@ class Distribution:
 
         return np.asarray(self.first + self.second * ndtri(shares))
 
-
     def standard(self, values: Array) -> Array:
         """Values less their mean, over their standard deviation, same shape."""
         mean, std = self.first, self.second

@@ -52,9 +52,10 @@ class Evaluator:
         self.history: list[tuple[dict[str, float], dict[str, float], bool]] = []
         self._told: set[bytes] = set()
         self._known: dict[bytes, dict[str, float] | None] = {}
+        self._why = ""  # the last design could not be solved
         first = self([np.zeros(len(designs.parameters))])[0]
         if first is None:
-            raise SceneError(f"{designs.base.name}: the first design cannot be solved.")
+            raise SceneError(f"{designs.base.name}: the first design cannot be solved: {self._why}")
         self.base = first
 
     def __call__(self, points: Sequence[Array]) -> list[dict[str, float] | None]:
@@ -71,6 +72,7 @@ class Evaluator:
             )  # fmt: skip
             for x, key in zip(new, named, strict=True):
                 record = records[key]
+                self._why = record.error or self._why
                 self._known[x] = None if record.error else dict(record.found)
         return [self._known[x.tobytes()] for x in points]
 
@@ -96,6 +98,10 @@ class Evaluator:
         return found is not None and all(
             min(self._each(limit, found)) >= FEASIBLE for limit in self.limits
         )
+
+    def kept(self) -> list[Array]:
+        """Where the designs that keep every limit are, of all solved so far."""
+        return [np.frombuffer(x) for x, found in self._known.items() if self.keeps(found)]
 
     def feasible(self, x: Array) -> bool:
         """Whether the design at x keeps every limit; it is kept in the history."""

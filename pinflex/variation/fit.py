@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
-from pinflex.variation.comparison import Comparison, differences
+from pinflex.variation.comparison import Comparison, differences, wrong_units
 from pinflex.variation.fitted import Fit
 from pinflex.variation.identifiability import covariance, hidden, sentences, unseen
 from pinflex.variation.measured import columns
@@ -43,6 +44,7 @@ from pinflex.variation.profile import Best, ends, quantile
 from pinflex.variation.signal_data import history_data, response_data
 from pinflex.variation.variants import Variants, keys, variants
 
+_LATE = 50.0  # times the end of the motion: no measurement goes on for so long
 _FACTOR = 10.0  # of default bounds, up and down
 _TURNS = 3  # of parameters and scale, where priors need the scale
 _LEAST = 1e-6  # of an estimated scale: what solved outputs and differences carry
@@ -102,10 +104,12 @@ def fit(
     where = "measured" if isinstance(measured, Mapping) else Path(measured).name
     data = _comparison(robot, columns(measured, nodes), where, shape_std, level, dt)
     designs = variants(robot, ranges)
+    units = wrong_units(data.ratios(robot))
     problem = _Problem(
         designs, data, _bounds(robot, ranges), _spreads(robot, priors), callback(progress)
     )
-    return _fitted(problem, *problem.solved(), simultaneous)
+    fitted = _fitted(problem, *problem.solved(), simultaneous)
+    return replace(fitted, untold=(*units, *fitted.untold)) if units else fitted
 
 
 def _plain(vary: Iterable[str]) -> dict[str, tuple[float, float] | None]:
@@ -122,7 +126,13 @@ def _comparison(
 ) -> Comparison:
     """The measurements, by what their columns are."""
     if "t" in found:
-        step = default_step(robot, float(found["t"][-1])) if dt is None else dt
+        end, motion = float(found["t"][-1]), (robot.description.motion or {}).get("duration")
+        if isinstance(motion, float | int) and end > _LATE * motion:
+            raise DescriptionError(
+                f"{where}: t: ends at {end:g} s, the motion at {motion:g} s. Is t in ms? Write "
+                "seconds."
+            )
+        step = default_step(robot, end) if dt is None else dt
         return history_data(found, where, level, step)
     if any(name.endswith((".real", ".imag")) for name in found):
         return response_data(found, where)
@@ -312,6 +322,7 @@ def _fitted(problem: _Problem, x: Array, rows: Array, J: Array, simultaneous: bo
         problem.names, designs.first, np.array([*values.values()]),
         np.exp(problem.bounds) * designs.first[:, None],
         np.sort(np.exp(found.x) * designs.first[:, None], axis=1), found.profiled, found.leaning,
+        found.unsure,
         simultaneous, C, rows, data.told, freedom,
         tuple(sentences(J, C, problem.names, found.own)), text,
         tuple(data.panels(best)), problem.solves, designs.described(values),

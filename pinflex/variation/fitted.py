@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _UNLIKELY = 0.01  # chance of so large residuals below which the model does not explain them
 _AT_BOUND = 1e-4  # of a logarithm
+_SIDES = ("lower", "upper")
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Fit(Worded):
         profiled: Which of these are of the profile likelihood, shape (n,), see
             `pinflex.variation.profile`; the others are of straight residuals.
         leaning: Other parameters that are at a bound where an interval ends, of each, by place.
+        unsure: Whether the search for a lower and an upper end gave up before the bound, of each.
         simultaneous: Whether the intervals hold all at once with that confidence, not each alone.
         covariance: Of straight residuals by logarithms, shape (n, n); infinite where these do not
             tell the parameter.
@@ -55,6 +57,7 @@ class Fit(Worded):
     intervals: Array
     profiled: tuple[bool, ...]
     leaning: tuple[tuple[int, ...], ...]
+    unsure: tuple[tuple[bool, bool], ...]
     simultaneous: bool
     covariance: Array
     residuals: Array
@@ -99,7 +102,8 @@ class Fit(Worded):
             if min(abs(np.log(value / low)), abs(np.log(high / value))) < _AT_BOUND:
                 said.append(f"{key} ended at its bound: widen it, or doubt the model.")
         said += self._open()
-        if not self.untold and np.all(np.isfinite(np.diag(self.covariance))):
+        ended = all(_told(end) for end in self.intervals.ravel())
+        if not self.untold and ended and np.all(np.isfinite(np.diag(self.covariance))):
             said.append("Every parameter is told by the measurements.")
         return said + self._method()
 
@@ -107,8 +111,14 @@ class Fit(Worded):
         """Intervals with one end, or with one that rests on a bound of another parameter."""
         said = []
         for k, (key, (low, high)) in enumerate(zip(self.parameters, self.intervals, strict=True)):
-            ends = _told(low), _told(high)
-            if any(ends) and not all(ends):
+            ends, unsure = (_told(low), _told(high)), self.unsure[k]
+            sides = [s for s, told, lost in zip(_SIDES, ends, unsure, strict=True) if lost > told]
+            if sides:
+                said.append(
+                    f"{key}: the search for its {' and its '.join(sides)} end gave up. Fit with it "
+                    "held at some values (keep it out of `by`) to see where it ends."
+                )
+            if any(ends) and not all(ends) and not any(unsure):
                 other = "upper" if ends[0] else "lower"
                 said.append(
                     f"{key}: {_interval(low, high)}; the measurements tell no {other} end within "

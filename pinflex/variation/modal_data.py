@@ -6,7 +6,7 @@ Shapes are paired by the modal assurance criterion
 
 such that the sum over all measured modes is largest, so that modes that were not seen stay free and
 curves that cross are followed. Without shapes column `mode` says which is which; without that
-the lowest were measured.
+the lowest were measured, in any order.
 
 Source: Allemang, Brown (1982), A correlation coefficient for modal vector analysis.
 """
@@ -146,6 +146,12 @@ class ModalData:
             return found
         return np.concatenate([found, differences(self.rows, designs, values)[m:]])
 
+    def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
+        """Measured over calculated frequencies."""
+        state = ModalState(mechanism)
+        f = state.frequencies[state.elastic][self._paired(state, mechanism)[0]]
+        return [("frequency", "Hz", self.frequencies / np.maximum(f, 1e-12))]
+
     def text(self, mechanism: Mechanism) -> str:
         """Measured and calculated frequencies, and how well shapes agree."""
         state = ModalState(mechanism)
@@ -200,7 +206,11 @@ def modal_data(found: Mapping[str, Array], shape_std: float | None, where: str) 
         if np.any(size == 0):
             raise DescriptionError(f"{where}: a shape is 0 everywhere. Leave its row out.")
         shapes = shapes / size
-    return ModalData(f, found.get("std"), sensors, shapes, shape_std, modes)
+    std = found.get("std")
+    if shapes is None and modes is None:  # the lowest, in any order
+        order = np.argsort(f, kind="stable")
+        f, std = f[order], None if std is None else std[order]
+    return ModalData(f, std, sensors, shapes, shape_std, modes)
 
 
 def _rows(state: ModalState, mechanism: Mechanism, sensors: tuple[str, ...]) -> Array:

@@ -30,6 +30,7 @@ from pinflex.variation.measures import check_names
 from pinflex.variation.variants import Variants, keys, variants
 
 _SPARE = 1e-4  # of a limit along a front: its end is met to round-off only
+_BETTER = 1e-3  # of ln of the output: far above what limits are kept to
 _MOST = 256  # combinations of a catalogue that are tried
 _NEAREST = 4  # rows of a catalogue about the continuous optimum
 
@@ -165,16 +166,26 @@ def _hull(rows: Sequence[Mapping[str, float]], key: str) -> tuple[float, float]:
 
 
 def _best(evaluate: Evaluator, starts: int, seed: int) -> Array | None:
-    """The best point that keeps every limit, of several starts."""
-    from scipy.stats.qmc import LatinHypercube
+    """The best point that keeps every limit, of several starts.
+
+    Starts are those of one sequence (Halton 1960), and every design that a descent passed counts:
+    so more starts are never worse, also where a descent ends beside the kink of a peak.
+    """
+    from scipy.stats.qmc import Halton
 
     low, high = evaluate.bounds.T
     points = [np.clip(np.zeros(len(low)), low, high)]
     if starts > 1:
-        rows = LatinHypercube(len(low), rng=np.random.default_rng(seed)).random(starts - 1)
+        rows = Halton(len(low), rng=np.random.default_rng(seed)).random(starts - 1)
         points += list(low + (high - low) * rows)
-    found = [x for x in (_descent(evaluate, x) for x in points) if x is not None]
-    return min(found, key=lambda x: evaluate.at(x)[0], default=None)
+    ended = [x for x in (_descent(evaluate, x) for x in points) if x is not None]
+    passed = [x for x in evaluate.kept() if np.all((low <= x) & (x <= high))]
+    best = min(ended, key=lambda x: evaluate.at(x)[0], default=None)
+    other = min(passed, key=lambda x: evaluate.at(x)[0], default=best)
+    if best is None or other is None:
+        return other
+    # Designs beside an end differ from it by what limits are kept to: that is no better design.
+    return other if evaluate.at(other)[0] < evaluate.at(best)[0] - _BETTER else best
 
 
 def _descent(evaluate: Evaluator, x: Array) -> Array | None:

@@ -48,6 +48,8 @@ _STALE = 10  # steps after which derivatives are taken anew
 _OVER = 0.5  # S above the limit, of z^2, from which steps still lead back
 _ENDED = 0.01  # next step, of the half width
 _MOST = 40  # steps to an end; some ten are taken
+_HELD, _TURNS = 12, 30  # fits with a parameter held where those do not get there; steps of one
+_FAR = 1e3  # residual, of z, where there is no design
 
 Rows = Callable[[Array], Array | None]
 
@@ -75,11 +77,13 @@ class Ends:
         x: Lower and upper, shape (n, 2); -inf and inf: not told within the bounds.
         profiled: Whether they are of the profile, shape (n,); else of straight residuals.
         leaning: Other parameters that are at a bound of theirs at an end, of each parameter.
+        unsure: Whether the search for a lower and an upper end gave up before the bound, of each.
     """
 
     x: Array
     profiled: tuple[bool, ...]
     leaning: tuple[tuple[int, ...], ...]
+    unsure: tuple[tuple[bool, bool], ...]
 
     @property
     def own(self) -> Array:
@@ -117,15 +121,17 @@ def ends(rows: Rows, best: Best, bounds: Array, z: float) -> Ends:
     found = best.x[:, None] + half[:, None] * np.array([-1.0, 1.0])
     curved = [k for k in range(len(half)) if not _straight(rows, best, bounds, z, k)]
     leaning: list[tuple[int, ...]] = [()] * len(half)
+    unsure = [(False, False)] * len(half)
     if curved:
         steps = np.clip(0.25 * half, *_CURVE)
         profile = _Profile(rows, best, _curvature(rows, best, bounds, steps), bounds, z)
         for k in curved:
-            both = [profile.end(k, sign) for sign in (-1.0, 1.0)]
-            found[k] = [sign * math.inf if x is None else x[k]
-                        for sign, x in zip((-1.0, 1.0), both, strict=True)]  # fmt: skip
-            leaning[k] = _leaning(k, [x for x in both if x is not None], bounds)
-    return Ends(found, tuple(k in curved for k in range(len(half))), tuple(leaning))
+            low, high = (profile.end(k, sign) for sign in (-1.0, 1.0))
+            found[k] = [sign * math.inf if end.x is None else end.x[k]
+                        for sign, end in ((-1.0, low), (1.0, high))]  # fmt: skip
+            leaning[k] = _leaning(k, [end.x for end in (low, high) if end.x is not None], bounds)
+            unsure[k] = low.unsure, high.unsure
+    return Ends(found, tuple(k in curved for k in range(len(half))), tuple(leaning), tuple(unsure))
 
 
 def _leaning(k: int, points: list[Array], bounds: Array) -> tuple[int, ...]:
@@ -206,6 +212,14 @@ class _Local:
 
 
 @dataclass(frozen=True)
+class _End:
+    """An end of an interval: the point there; None: none before the bound, or not to be had."""
+
+    x: Array | None
+    unsure: bool = False
+
+
+@dataclass(frozen=True)
 class _Profile:
     """The search for ends."""
 
@@ -220,32 +234,90 @@ class _Profile:
         """Of S."""
         return float(self.best.r @ self.best.r) + self.z**2
 
-    def end(self, k: int, sign: float) -> Array | None:
-        """Where x_k is last within the limit; None where its bound comes first, or designs end."""
-        x = self.best.x
+    def end(self, k: int, sign: float) -> _End:
+        """Where x_k is last within the limit, if that is before its bound.
+
+        A search that stops on the way is followed by fits with x_k held, at the bound first.
+        """
         bound = self.bounds[k, int(sign > 0)]
-        if abs(bound - x[k]) < _AT_BOUND:
-            return None
+        if abs(bound - self.best.x[k]) < _AT_BOUND:
+            return _End(None)
+        found, last = self._followed(k, sign, bound)
+        return self._by_held_fits(k, bound, last) if found is None else found
+
+    def _followed(self, k: int, sign: float, bound: float) -> tuple[_End | None, Array]:
+        """The end by small problems, and the last point within the limit; None: it gave up."""
+        x = last = self.best.x
         at, longest, judged, old = _Local(x, self.best.r, self.best.J, self.H), _FIRST, False, 0
         for _ in range(_MOST):
             over = self._over(at.r)
+            last = at.x if over <= 2 * _ENDED else last
             if abs(bound - at.x[k]) < 1e-9 and over <= 2 * _ENDED:
-                return None
+                return _End(None), last
             d = self._step(at, k, sign, longest)
             width = abs(at.x[k] - x[k])
             ended = abs(d[k]) <= (3 if judged else 1) * _ENDED * width and abs(over) <= 2 * _ENDED
             if ended and judged:
-                return np.asarray(at.x + d)
+                return _End(np.asarray(at.x + d)), last
             if ended or old >= _STALE:
                 longest = max(longest, min(width, _FIRST))
                 at, judged, old = self._anew(at), True, 0
                 continue
             moved, longest = self._moved(at, d, longest)
             if not longest:
-                return None
+                return None, last
             judged, old = judged and moved.x is at.x, old + 1
             at = moved
-        return None
+        return None, last
+
+    def _by_held_fits(self, k: int, bound: float, inside: Array) -> _End:
+        """The end between a point within the limit and the bound, by fits with x_k held.
+
+        sqrt(S - S(best)) is straight where rows are: false position on it.
+        """
+        x, g = inside, self._beyond(self.rows(inside))
+        there, g_there = self._held(k, bound, inside)
+        if g_there <= _ENDED:
+            return _End(None)
+        for _ in range(_HELD):
+            share = np.clip(g / (g - g_there), 0.1, 0.9) if np.isfinite(g_there) else 0.5
+            between, g_between = self._held(k, float(x[k] + share * (there[k] - x[k])), x)
+            if abs(g_between) <= _ENDED:
+                return _End(between)
+            if g_between < 0:
+                x, g = between, g_between
+            else:
+                there, g_there = between, g_between
+        return _End(None, unsure=True)
+
+    def _beyond(self, r: Array | None) -> float:
+        """sqrt(S - S(best)) above z, over z; infinite where there is no design."""
+        if r is None:
+            return math.inf
+        more = float(r @ r - self.best.r @ self.best.r)
+        return math.sqrt(max(more, 0.0)) / self.z - 1.0
+
+    def _held(self, k: int, value: float, start: Array) -> tuple[Array, float]:
+        """The others fitted with x_k at a value, and how far that is beyond the limit."""
+        from scipy.optimize import least_squares
+
+        x = start.copy()
+        x[k] = value
+        others = np.arange(len(x)) != k
+        far = np.full(len(self.best.r), _FAR * self.z)
+
+        def rows(u: Array) -> Array:
+            x[others] = u
+            r = self.rows(x.copy())
+            return far if r is None else r
+
+        if np.any(others):
+            low, high = self.bounds[others].T
+            begin = np.clip(start[others], low + 1e-9, high - 1e-9)
+            x[others] = least_squares(
+                rows, begin, bounds=(low, high), diff_step=_SLOPE, max_nfev=_TURNS, ftol=1e-6
+            ).x
+        return x, self._beyond(self.rows(x))
 
     def _over(self, r: Array) -> float:
         """S above the limit, over z^2."""

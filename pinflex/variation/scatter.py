@@ -1,9 +1,9 @@
 """Scatter: outputs of many designs whose parameters are random, and which of these matter.
 
 Rows A and B are two independent samples (a Latin hypercube of 2 d dimensions); rows AB_i are those
-of A with the i-th parameter of B. First-order and total indices follow from them, after the part of
-an output that is linear in the parameters has been taken out: its variance is known exactly, and few
-designs are enough for the rest.
+of A with the i-th parameter of B. First-order and total indices follow from them, after the part
+of an output that is linear in the parameters has been taken out: its variance is known exactly,
+and few designs are enough for the rest.
 
 Source: Saltelli et al. 2010, Variance based sensitivity analysis of model output, table 2 (c), (f);
 linear regression as control variate; standard errors by the bootstrap.

@@ -13,6 +13,7 @@ from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.inversion.linear_model import linearise
+from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.text import number, table
@@ -21,6 +22,7 @@ from pinflex.variation.variants import Variants
 
 _RATES = ("position", "velocity", "acceleration")
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
+_LIKE = 0.5  # correlation of two histories from which their sizes can be compared
 _SAMPLES = 41  # at least, of a run whose measured times are not equal: cubic between its steps
 
 
@@ -37,6 +39,10 @@ class _Sampled:
     def told(self) -> bool:
         """Whether the standard deviations are known."""
         return self.std is not None
+
+    def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
+        """None."""
+        return []
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
         """By the logarithms of the parameters.
@@ -158,6 +164,20 @@ class HistoryData(_Sampled):
         from scipy.interpolate import CubicSpline
 
         return np.asarray(CubicSpline(run.t, found)(self.t))
+
+    def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
+        """Swings, and factors that fit histories best, of positions that the scene resembles."""
+        model, found = self._model(mechanism), []
+        for k, name in enumerate(self.names):
+            one, other = (x[:, k] - np.mean(x[:, k]) for x in (self.values, model))
+            size = float(np.linalg.norm(one) * np.linalg.norm(other))
+            parts = name.split(".")
+            if parts[0] == "torque" or parts[-1] in _RATES[1:] or one @ other < _LIKE * size:
+                continue
+            turned = parts[0] == "joint" and name[6:] not in sliding(mechanism.rigid.rigid)
+            shares = np.array([np.ptp(one) / np.ptp(other), one @ other / (other @ other)])
+            found.append((name, "rad" if turned else "m", shares))
+        return found
 
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
         """All samples of all columns.

@@ -9,9 +9,11 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
+from pinflex.description.parameters import parameters
 from pinflex.variation.design import kkt
 from pinflex.variation.limits import limits
 from pinflex.variation.measures import measure
+from tests.scenes import Body, load
 
 THICKNESS = "flexible.*.section.thickness"
 STIFF = ["flexible.beam.section.thickness=0.02"]
@@ -131,3 +133,53 @@ def test_two_aims_give_a_front(capsys):
     np.testing.assert_allclose(products, products[0], rtol=1e-4)
     masses = [found.after["mass"] for found in front]
     assert masses == sorted(masses) and masses[-1] == pytest.approx(4 * masses[0], rel=1e-3)
+
+
+ARM = (
+    Body("hub", "base", "revolute", mass=0.5, inertia=(1e-3, 1e-3, 1e-3)),
+    Body("arm", "hub", mass=0.1, com=(0.2, 0, 0)),
+    Body("tip", "arm", xyz=(0.4, 0, 0), mass=0.02),
+)
+SHAKEN = """
+actuated: [hub_joint]
+gravity: [0, 0, 0]
+platform: tip
+flexible:
+  arm:
+    material: {like: steel}
+    section: {shape: rectangle, width: 20 mm, thickness: 0.002}
+    damping: {modal: 0.02}
+    end: tip
+motion: {kind: harmonic, joints: {hub_joint: 0.05}, frequency: 12, duration: 0.3}
+solve: {level: coupled, dt: 0.001}
+"""
+
+
+def test_more_starts_are_never_worse_where_a_peak_has_kinks(tmp_path):
+    # Driven through its resonance: the peak over time has kinks and several lows over thickness.
+    robot = load(tmp_path, ARM, SHAKEN)
+    vary = {"flexible.arm.section.thickness": (1.2e-3, 5e-3)}
+    peaks = [
+        pf.design(robot, "deviation.peak", vary, level="coupled", starts=n).after["deviation.peak"]
+        for n in (1, 2, 4)
+    ]
+    assert peaks[1] <= peaks[0] * (1 + 1e-3)  # what a design is better by, at least
+    assert peaks[2] <= peaks[1] * (1 + 1e-3)
+    assert peaks[0] > 2 * peaks[1]  # the first descent ends in another low
+
+
+def test_a_first_design_that_cannot_be_solved_says_why():
+    robot = pf.load("cantilever")
+    weightless = robot.description.with_overrides(["gravity=[0, 0, 0]"])
+    with pytest.raises(pf.SceneError, match="cannot be solved: .*sag: the scene has none"):
+        pf.design(weightless, "mass", {THICKNESS: (1e-3, 3e-3)}, ["sag < 1e-3"])
+
+
+@pytest.mark.parametrize("material", ["aluminum", "{like: aluminium}", "{like: steel, E: 7.0e10}"])
+def test_a_named_material_has_every_number(material):
+    robot = pf.load("ur5", [f"flexible.*.material={material}"])
+    _, (E,) = parameters(robot.description, ["flexible.forearm_link.material.E"])
+    assert E.value == 7.0e10
+    stiffer = parameters(robot.description, ["flexible.forearm_link.material.E"])[0]
+    made = pf.load(stiffer.with_overrides(E.overrides(8.0e10))).description.flexible[-1].material
+    assert pytest.approx((8.0e10, 8.0e10 / 2.6)) == (made.E, made.G)

@@ -78,6 +78,21 @@ def test_four_drives_and_two_moduli_of_the_ur5_from_six_frequencies_with_shapes(
     assert len(names) == 6  # one for each frequency
 
 
+@pytest.mark.parametrize("factor, unit", [(2 * np.pi, "rad/s"), (1e-3, "kHz"), (60.0, "rpm")])
+def test_frequencies_in_another_unit_are_recognised(strip, factor, unit):
+    f = pf.modes(strip, count=3).frequencies * 1.03
+    found = pf.fit(strip, {"frequency": factor * f}, ["flexible.*.material.E"])
+    assert f"Are they in {unit}? Hz is meant." in found.text()
+    assert "Every parameter is told" not in found.text()
+    assert "Are they in" not in pf.fit(strip, {"frequency": f}, ["flexible.*.material.E"]).text()
+
+
+def test_the_lowest_frequencies_may_stand_in_any_order(strip):
+    f = pf.modes(strip, count=3).frequencies * 1.03
+    found = pf.fit(strip, {"frequency": f[[2, 0, 1]]}, ["flexible.*.material.E"])
+    assert found.best == pytest.approx(found.first * 1.03**2, rel=EXACT)
+
+
 def test_shapes_alone_can_be_fitted_too(arm):
     # one frequency for two moduli is too little; its shape says the rest
     data = modal_test(arm.at(MODULI), count=1)
@@ -159,6 +174,10 @@ def test_a_time_history_gives_the_thickness(strip):
     data = {"t": run.t, "tip.z": run.frame("tip").position[:, 2]}
     found = pf.fit(robot, data, [key], dt=2.5e-3)
     assert found[key] == pytest.approx(0.0024, rel=1e-6)  # Newton stops at 1e-9 of a radian
+    with pytest.raises(pf.DescriptionError, match="Is t in ms"):
+        pf.fit(robot, data | {"t": 1e3 * run.t}, [key])
+    in_mm = pf.fit(robot, data | {"tip.z": 1e3 * data["tip.z"]}, [key], dt=2.5e-3)
+    assert "Are they in mm? m is meant." in in_mm.text()
     later = {name: values[7::3] for name, values in data.items()}  # times between equal ones
     found = pf.fit(robot, later, {key: (0.001, 0.004)}, dt=2.5e-3)
     assert found[key] == pytest.approx(0.0024, rel=1e-6)  # the same steps, knots of the cubic

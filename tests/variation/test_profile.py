@@ -8,6 +8,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.stats import norm
 
 import pinflex as pf
+from pinflex.variation import profile
 from pinflex.variation.profile import Best, ends, quantile
 from pinflex.variation.variants import variants
 from tests.variation.summed import Summed
@@ -130,6 +131,42 @@ def test_an_end_that_the_data_do_not_tell(floor):
     low, high = found.x[0]
     assert found.profiled == (True,) and high == np.inf
     assert low == (-np.inf if floor > exact else pytest.approx(exact, abs=0.01 * (x[0] - exact)))
+
+
+@pytest.mark.parametrize("steps", [0, 1, 40])
+def test_a_search_that_gives_up_is_followed_by_fits_with_the_parameter_held(monkeypatch, steps):
+    # The published problem again; `steps` is how far the sequence of small problems may go.
+    monkeypatch.setattr(profile, "_MOST", steps)
+
+    def rate(x):
+        V, K = FIRST * np.exp(x)
+        return V * CONCENTRATION / (K + CONCENTRATION) - RATE
+
+    plain = best_of(rate, 2)
+    s = np.sqrt(plain.r @ plain.r / 10)
+    best = Best(plain.x, plain.r / s, plain.J / s, s**2 * plain.C)
+    found = ends(lambda x: rate(x) / s, best, WIDE, quantile(10))
+    # As published, within a hundredth of half the width (0.02)
+    assert FIRST[1] * np.exp(found.x[1]) == pytest.approx([0.04692517, 0.08615995], abs=2e-4)
+    assert found.unsure == ((False, False), (False, False))
+    narrow = np.array([WIDE[0], plain.x[1] + np.array([-0.1, 0.1])])  # bounds within the limit
+    found = ends(lambda x: rate(x) / s, best, narrow, quantile(10))
+    assert np.all((found.x[1] < narrow[1, 0]) | (found.x[1] > narrow[1, 1]))
+    assert not any(found.unsure[1])
+
+
+def test_an_end_that_cannot_be_had_is_said_to_be_unsure(monkeypatch):
+    # S jumps from inside to outside the limit, at -0.4: no point meets it.
+    monkeypatch.setattr(profile, "_MOST", 0)
+
+    def rows(x):
+        return np.array([x[0] + 0.3 * x[0] ** 2 if x[0] > -0.4 else 50.0])
+
+    best = Best(np.zeros(1), np.zeros(1), np.ones((1, 1)), np.ones((1, 1)))
+    found = ends(rows, best, WIDE[:1], quantile(None))
+    assert found.unsure == ((True, False),)
+    exact = (np.sqrt(1 + 1.2 * quantile(None)) - 1) / 0.6  # x + 0.3 x^2 = z
+    assert found.x[0, 1] == pytest.approx(exact, rel=0.02)
 
 
 def test_no_scale_no_ends():

@@ -1,4 +1,4 @@
-"""Formulas of the textbook behind single outputs: stress, section forces, work, shapers, rotations."""
+"""Formulas of the textbook behind single outputs: stress, forces, work, shapers, rotations."""
 
 from __future__ import annotations
 
