@@ -28,7 +28,7 @@ def _leg(k: int) -> list[Body]:
     half = (LINK / 2, 0.0, 0.0)
     return [
         Body(f"crank_{k}", "base", "revolute", xyz=foot, mass=0.5, com=half, inertia=_SLIM),
-        Body(f"rod_{k}", f"crank_{k}", "revolute", xyz=(LINK, 0, 0), mass=0.3, com=half, inertia=_SLIM),
+        Body(f"rod_{k}", f"crank_{k}", "revolute", (LINK, 0, 0), mass=0.3, com=half, inertia=_SLIM),
         Body(f"tip_{k}", f"rod_{k}", xyz=(LINK, 0, 0)),
     ]  # fmt: skip
 
