@@ -64,8 +64,8 @@ def _others(robot: pf.Mechanism, run: pf.Result) -> list[Any]:
     table = Columns({"stress.peak": one}, {"stress.peak": "Pa"})
     control = pf.Control((pf.Travel("motor_1"),), (pf.Effort("motor_1"),), pf.pid(kp=1.0))
     fit = pf.Fit(
-        (name,), one, one, np.ones((1, 2)), np.ones((1, 2)), (True,), ((),), False, np.eye(1),
-        np.zeros(2), True, 1, (), "", (), 3, robot.description,
+        (name,), one, one, np.ones((1, 2)), np.ones((1, 2)), (True,), ((),), ((False, False),),
+        False, np.eye(1), np.zeros(2), True, 1, (), "", (), 3, robot.description,
     )  # fmt: skip
     scatter = pf.Scatter(
         table, (), ("stress.peak",), np.ones((1, 3)), one, one, *[np.ones((1, 0))] * 4
