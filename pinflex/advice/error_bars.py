@@ -24,6 +24,7 @@ from pinflex.errors import ConvergenceError, PinflexError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, STILL, between, platform_poses, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
+from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import resolve
 from pinflex.recovery.recover import result_of
@@ -36,17 +37,23 @@ _INSTANTS = 161  # at which they are compared: some ten in each period that a ma
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation
 _TOLD = ("torque", "deflection", "stress", "platform position", "platform rotation")
+_GIVEN = ("run", "state")  # starts that the undeformed mechanism, or equilibrium, tells nothing of
 _QUASISTATIC = 1e-6  # tolerance of the equilibria that a quasistatic run is judged by
 
 
-def error_bars(result: Result, mechanism: Mechanism, motion: Motion, static: bool) -> ErrorBars:
+def error_bars(result: Result, mechanism: Mechanism, motion: Motion) -> ErrorBars:
     """Both errors of a result of `solve`.
 
     Args:
-        result: The run. mechanism, motion: Of it. static: Whether it started in equilibrium.
+        result: The run. mechanism, motion: Of it.
     """
-    time, how = time_error(result.meta.get("settings", {}), result.level)
-    end = float(result.t[-1])
+    settings = result.meta.get("settings", {})
+    time, how = time_error(settings, result.level)
+    start = settings.get("start", mechanism.description.solve.start)
+    if start in _GIVEN:
+        return ErrorBars(time, {}, how, f"{NOT_MEASURED}: the run starts from a given state")
+    end, static = float(result.t[-1]), in_equilibrium(mechanism, start)[0]
+    static |= result.level == "quasistatic"
     model, note = model_error(mechanism, motion, end, static, result.level)
     return ErrorBars(time, model, how, note)
 

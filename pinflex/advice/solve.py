@@ -109,9 +109,7 @@ def solve(
         if level == "auto":
             return _solve_advised(mechanism, motion, progress=tell, **given)
         moved = motion if motion is not None else default_motion(mechanism)
-        begun = mechanism.description.solve.start if start is None else start
-        static = isinstance(begun, str) and begun == "static"
-        look = partial(_look, mechanism, moved, static)
+        look = partial(_look, mechanism, moved)
         try:
             found = solve_level(mechanism, motion, level, progress=tell, resume=resume, **given)
         except (ConvergenceError, MotionError, RunInterrupted) as error:
@@ -137,10 +135,12 @@ def _solve_advised(
         spec = replace(mechanism.description.solve, dt=None)
         mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
     result = solve_level(mechanism, motion, found.level, **options)
+    moved = motion if motion is not None else default_motion(mechanism)
+    result = replace(result, look=partial(_look, mechanism, moved))
     return replace(result, meta={**result.meta, "advice": plain(asdict(found))})
 
 
-def _look(mechanism: Mechanism, motion: Motion, static: bool, result: Result) -> ErrorBars:
+def _look(mechanism: Mechanism, motion: Motion, result: Result) -> ErrorBars:
     from pinflex.advice.error_bars import error_bars
 
-    return error_bars(result, mechanism, motion, static)
+    return error_bars(result, mechanism, motion)

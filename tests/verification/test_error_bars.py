@@ -107,6 +107,22 @@ def test_the_error_of_the_model_covers_eight_segments(
     assert 1e-3 < error <= bar < 10 * error
 
 
+def test_the_bar_is_of_the_run_that_was_made(tmp_path: Path) -> None:
+    """Arms under their weight start in equilibrium: a bar of arms that ring is far too wide."""
+    driven = FLEXIBLE_B.replace("actuated: []", "actuated: [j1, j2]")
+    (tmp_path / "two.urdf").write_text(RODS)
+    (tmp_path / "two.yaml").write_text(driven + "motion: {kind: hold, duration: 1}\n")
+    keys = {"level": "coupled", "tol": 1e-4, "until": 0.5, "samples": 51}
+    run = pf.solve(pf.load(tmp_path / "two.yaml"), **keys)
+    true = pf.solve(pf.load(tmp_path / "two.yaml", ["flexible.*.segments=8"]), **keys)
+    assert run.meta["settings"]["start"] == "static"  # by `auto`
+    tip, exact = (x.link("b").deflection[:, -1, :3] for x in (run, true))
+    error = np.abs(tip - exact).max() / np.abs(exact).max()
+    assert 1e-5 < error <= run.errors.model["deflection"] < 10 * error
+    other = pf.solve(pf.load(tmp_path / "two.yaml"), start=run, **keys)
+    assert other.errors.model == {} and "a given state" in other.errors.model_note
+
+
 def test_a_model_error_above_the_tolerance_is_in_the_first_line() -> None:
     run = pf.solve(pf.load("cantilever"), level="coupled", tol=1e-3, until=0.3, samples=31)
     assert "THE MODEL" not in run.summary()  # nobody has looked
