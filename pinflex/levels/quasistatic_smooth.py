@@ -265,6 +265,9 @@ def solve_equilibria(
     Raises:
         ConvergenceError: With `.result` up to the last balanced instant.
     """
+    if motion.kind == "hold" and tol is None and not mechanism.flexible.loads.timed:
+        once = solve_quasistatic(mechanism, motion, t[:1])  # nothing differs between instants
+        return replace(once.at(np.zeros(len(t), dtype=np.intp)), t=np.asarray(t, float))
     try:
         if len(t) > 2 * _NODES:
             return _smooth(mechanism, motion, t, tol, asked)

@@ -100,3 +100,13 @@ def test_a_motion_faster_than_the_nodes_is_noticed(periods):
     few = solve_equilibria(robot, motion, t, 1e-2)
     errors = Outputs(robot, motion, t).differences(few, solve_quasistatic(robot, motion, t))
     assert max(errors.values()) <= 1e-2
+
+
+def test_a_hold_costs_one_balance():
+    robot = pf.load("delta")
+    run = pf.solve(robot, pf.hold(duration=1.0), level="quasistatic", samples=41)
+    known = pf.static_equilibrium(robot)
+    assert run.meta["cost"]["steps"] == 1
+    assert run.torque.shape[0] == len(run.t) == 41
+    # Newton ends at round-off of the coordinates
+    assert np.allclose(run.torque, known.r[robot.flexible.motors], rtol=1e-9, atol=0)
