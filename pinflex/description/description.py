@@ -51,8 +51,8 @@ __all__ = ["Basis", "Description", "EndMass", "FlexibleLink", "JointExtra", "Loo
 __all__ += ["Section", "SolveSpec", "model_names", "read"]
 
 KEYS = (
-    *("urdf", "gravity", "base", "joints", "actuated", "loops", "idle", "home", "platform"),
-    *("frames", "flexible", "damping", "forces", "springs", "added_masses", "control"),
+    *("urdf", "gravity", "base", "joints", "actuated", "share", "loops", "idle", "home"),
+    *("platform", "frames", "flexible", "damping", "forces", "springs", "added_masses", "control"),
     *("motion", "solve", "limit", "allow", "use_urdf_dynamics"),
 )
 ALLOWED = ("wide", "heavy", "large")
@@ -74,6 +74,7 @@ class Description:
         joints: What the YAML adds to joints, by joint name; do not change it.
         couplings: Joints that follow others.
         actuated: Joints with a motor.
+        share: How level rigid shares forces among more motors than freedoms: least.
         loops: Closures.
         idle: held or free: what becomes of freedoms that nothing hangs on.
         forces: Loads at frames.
@@ -109,6 +110,7 @@ class Description:
     joints: dict[str, JointExtra] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     actuated: tuple[str, ...] = ()
+    share: str = fields.word("least", ("least",))
     loops: tuple[Loop, ...] = ()
     idle: str = fields.word("held", ("held", "free"))
     forces: tuple[FrameForce, ...] = ()

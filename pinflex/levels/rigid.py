@@ -13,9 +13,8 @@ from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.system import System
 
-_RANK = 1e-14  # more closure rows than passive coordinates: any split of the forces balances
+_RIGID = 1e-6  # of the least compliance of the others: of a motor without a stiffness beside them
 
 
 @public
@@ -43,22 +42,62 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
     return dynamics.rnea(q, v, a)
 
 
-def multipliers(system: System, J: Array, r: Array) -> tuple[Array, Array]:
+def multipliers(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array]:
     """Multipliers and motor torques that balance r - J' lam = S' tau, at n instants.
 
+    More motors than freedoms share as stiff drives do: of all torques that balance, those with the
+    least sum of tau^2 / stiffness.
+
     Args:
-        system: Rigid system. J: Closure Jacobians, shape (n, rows, nv).
+        mechanism: Mechanism. J: Closure Jacobians of its rigid system, shape (n, rows, nv).
         r: Residuals without closure forces, shape (n, nv).
     Returns:
         lam (n, rows), tau (n, nm).
     """
-    passive, motors = system.free, system.motors
+    passive, motors = mechanism.rigid.free, mechanism.rigid.motors
     if not J.shape[1]:
         return np.zeros((len(r), 0)), r[:, motors]
     A, b = J[:, :, passive].swapaxes(1, 2), r[:, passive, None]
     square = A.shape[1] == A.shape[2]
-    lam = np.asarray(np.linalg.solve(A, b) if square else np.linalg.pinv(A, rcond=_RANK) @ b)
+    lam = np.asarray(np.linalg.solve(A, b) if square else _shared(mechanism, J, r), dtype=float)
     return lam[:, :, 0], r[:, motors] - (J[:, :, motors].swapaxes(1, 2) @ lam)[:, :, 0]
+
+
+def _shared(mechanism: Mechanism, J: Array, r: Array) -> Array:
+    """Multipliers of motors that give way, in proportion to their compliance, (n, rows, 1).
+
+    Their moves are those that the loops allow: J_m C (r_m - J_m' lam) + J_p d = 0, J_p' lam = r_p.
+    """
+    passive, motors = mechanism.rigid.free, mechanism.rigid.motors
+    J_p, C_m = J[:, :, passive], J[:, :, motors] * _compliance(mechanism)
+    p, size = len(passive), len(passive) + J.shape[1]
+    S, right = np.zeros((len(J), size, size)), np.empty((len(J), size, 1))
+    S[:, :p, p:], S[:, p:, :p] = J_p.swapaxes(1, 2), J_p
+    S[:, p:, p:] = -C_m @ J[:, :, motors].swapaxes(1, 2)
+    right[:, :p], right[:, p:] = r[:, passive, None], -C_m @ r[:, motors, None]
+    return np.asarray(np.linalg.solve(S, right)[:, p:])
+
+
+def _compliance(mechanism: Mechanism) -> Array:
+    """Of the motors' drives over the largest, shape (nm,); alike where none has a stiffness."""
+    joints = mechanism.description.joints
+    drives = [joints[name].drive if name in joints else None for name in mechanism.motors]
+    soft = np.array([1 / drive.stiffness if drive and drive.stiffness else 0.0 for drive in drives])
+    if not soft.any():
+        return np.ones(len(soft))
+    return np.asarray(np.where(soft, soft, _RIGID * np.min(soft[soft > 0.0])) / np.max(soft))
+
+
+def sharing(mechanism: Mechanism) -> str:
+    """What is said of the torques of more motors than freedoms; "" where there are not more."""
+    motors, mobility = len(mechanism.motors), mechanism.report.mobility
+    if motors <= mobility:
+        return ""
+    return (
+        f"{motors} motors for {mobility} degrees of freedom, redundantly actuated: many torques "
+        "balance. Level rigid takes those with the least sum of torque^2 / stiffness, as stiff "
+        "drives share them (alike where no drive has a stiffness; share: least)."
+    )
 
 
 def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
@@ -75,5 +114,6 @@ def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     for at in spans(n):
         q, v, a = path.q[at], path.v[at], path.a[at]
         r, _ = dynamics.residual(q, v, a, lam[at], path.t[at])
-        lam[at], torque[at] = multipliers(system, dynamics.close(q).J, r)
-    return Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n})
+        lam[at], torque[at] = multipliers(mechanism, dynamics.close(q).J, r)
+    said = tuple(filter(None, [sharing(mechanism)]))
+    return Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n}, warnings=said)

@@ -67,7 +67,7 @@ def expected(
         for x in (reference.q, reference.v, reference.a)
     )
     r, J = dynamics.residual(y, v, a, np.zeros((len(t), system.closed.n)), t).r, dynamics.close(y).J
-    lam, torque = multipliers(mechanism.rigid, J[:, :, :n], r[:, :n])
+    lam, torque = multipliers(mechanism, J[:, :, :n], r[:, :n])
     force = r[:, n:] - (J[:, :, n:].swapaxes(1, 2) @ lam[:, :, None])[:, :, 0]
     eta = np.asarray(-np.linalg.solve(dynamics.strain.stiffness, force.T).T, dtype=float)
     weight = dynamics.strain.stiffness if scene.by_forces else _mass(dynamics, y[0])

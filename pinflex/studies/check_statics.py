@@ -84,7 +84,7 @@ def rigid_holding(mechanism: Mechanism) -> tuple[Array, Array]:
     dynamics, still = Equations(system), np.zeros(system.nv)
     r, _ = dynamics.residual(mechanism.home, still, still, np.zeros(system.closed.n), 0.0)
     J = dynamics.close(mechanism.home).J
-    lam, torque = multipliers(system, J[None], r[None])
+    lam, torque = multipliers(mechanism, J[None], r[None])
     return torque[0], lam[0, lam.shape[1] - len(mechanism.idle.spins) :]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinflex.levels.excited import default_motion
+from pinflex.levels.rigid import sharing
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.mechanism import Mechanism
@@ -116,10 +118,9 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
             "for each degree of freedom."
         )
     if motors > report.mobility:
-        warnings.append(
-            f"{count}: redundantly actuated. "
-            "Their motions must agree; prescribe the platform's motion instead."
-        )
+        fight = mechanism.description.motion and default_motion(mechanism).target == "joints"
+        advice = " Their motions must agree; prescribe the platform's motion instead."
+        warnings.append(sharing(mechanism) + advice * bool(fight))
     if mechanism.description.loops:
         crossed = axis_hint(Equations(mechanism.rigid), mechanism.description.loops, mechanism.home)
         warnings += [crossed.strip()] if crossed else []
