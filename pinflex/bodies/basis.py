@@ -155,7 +155,7 @@ def flexible_body(
     density = checked_density(link, planes, length, rho)
     families, slices, K, M = _directions(link, planes, length, density)
     n, D = len(K), damping(link, slices, K, M)
-    section, rotary = link.section, link.rotary_inertia
+    section, rotary = link.section, link.rotary_inertia is True
     # Two points at least: a rigid rotation of the beam is of first degree in x.
     gauss = max([f.gauss for d, f in families.items() if d != "p" or rotary], default=2)
     breaks = beam.union([f.breaks for f in families.values()])
@@ -233,7 +233,13 @@ def _curvature(
     bending = [second[d] for d in BENDING if d in families]
     if not link.third_order or not bending:
         return None
-    what = "without second_order" if not link.second_order else "with shear" if link.shear else ""
+    what = (
+        "without second_order"
+        if not link.second_order
+        else "with shear"
+        if link.shear is True
+        else ""
+    )
     if max(bending) > (1.0 + 1e-6) * min(bending):
         what = f"in two planes of unlike stiffness (Iy {link.section.Iy:g}, Iz {link.section.Iz:g})"
     if what:
@@ -257,7 +263,7 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
     """Functions that span a direction, before any recombination."""
     basis, section, material = link.basis, link.section, link.material
     ratio = 0.0
-    if link.shear and direction in BENDING:
+    if link.shear is True and direction in BENDING:
         second, k = bending(section, direction)
         ratio = material.E * second / (k * material.G * section.A)
     if basis.kind == "finite_element":
@@ -274,4 +280,5 @@ def _family(link: FlexibleLink, direction: str, length: float) -> Family:
         return ritz8(length, direction, ratio)
     # Stretch and twist live far above bending: two internal modes fewer cost nothing there.
     n = basis.internal + 2 if direction in BENDING else max(basis.internal - 2, 0) + 1
-    return polynomial(length, n, direction, ratio, ratio > 0.0 and link.rotary_inertia)
+    free = ratio > 0.0 and link.rotary_inertia is True and link.free_shear
+    return polynomial(length, n, direction, ratio, free)

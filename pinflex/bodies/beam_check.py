@@ -60,7 +60,7 @@ def _require_basis(link: FlexibleLink) -> None:
         if name not in known:
             raise _wrong(link, f".basis.{key}", f'unknown {key} "{name}".{nearest(name, known)}')
     what = {"assumed": "assumed modes", "finite_element": f"{basis.order} elements"}
-    if link.shear and what.get(basis.kind, "cubic elements") != "cubic elements":
+    if link.shear is True and what.get(basis.kind, "cubic elements") != "cubic elements":
         text = f"{what[basis.kind]} have no shear. Use finite_element of order cubic, or "
         raise _wrong(link, ".shear", text + "craig_bampton.")
 
@@ -71,8 +71,8 @@ def _sizes(
     """Every number that must be finite and above 0, by its key in the YAML."""
     section, material = link.section, link.material
     needed = ["A", *(key for d, key in _SECOND.items() if d in planes)]
-    needed += ["ky", "kz"] if link.shear else []
+    needed += ["ky", "kz"] if link.shear is True else []
     sizes = {"length": length, "material.E": material.E, "material.rho": density}
-    sizes |= {"material.G": material.G} if link.shear or "p" in planes else {}
+    sizes |= {"material.G": material.G} if link.shear is True or "p" in planes else {}
     sizes |= {f"section.{key}": getattr(section, key) for key in needed}
     return sizes | {"basis.elements": link.basis.elements, "basis.modes": link.basis.modes}

@@ -48,7 +48,7 @@ def beam_energy(
     else:
         second, k = bending(section, direction)
         stiffness = E * second
-        spin = rho * section.turning[direction == "v"] * link.rotary_inertia
+        spin = rho * section.turning[direction == "v"] * (link.rotary_inertia is True)
         shear = k * G * section.A * family.shear
     x, weights = quadrature(family.breaks, family.gauss)
     F, w = family.evaluate(x.ravel()), weights.ravel()[:, None]

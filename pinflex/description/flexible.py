@@ -118,10 +118,12 @@ class FlexibleLink:
         bending_z: Deflects along beam z.
         torsion: Twists.
         axial: Stretches.
-        rotary_inertia: Sections have rotary inertia in bending.
+        rotary_inertia: Sections have rotary inertia in bending; "auto": where the link is short.
         second_order: Foreshortening and bending-torsion coupling to second order.
         third_order: Curvature to third order: the stiffness of bends that are not small.
-        shear: Timoshenko shear flexibility.
+        shear: Timoshenko shear flexibility; "auto": where the link is short.
+        free_shear: With both, shear strains have coordinates of their own, beside those that
+            balance the curvatures; `auto` does without, which costs no coordinates.
         segments: Number of flexible bodies the link is cut into.
         root: Rigid mass at the start.
         tip: Rigid mass at the end.
@@ -146,10 +148,11 @@ class FlexibleLink:
     bending_z: Switch = fields.key("auto", _switch)
     torsion: Switch = fields.key("auto", _switch)
     axial: Switch = fields.key("auto", _switch)
-    rotary_inertia: bool = fields.flag(False)
+    rotary_inertia: Switch = fields.key("auto", _switch)
     second_order: bool = fields.flag(True)
     third_order: bool = fields.flag(False)
-    shear: bool = fields.flag(False)
+    shear: Switch = fields.key("auto", _switch)
+    free_shear: bool = True
     segments: int = fields.whole(1, 1)
     root: EndMass | None = fields.key(None, read_end_mass)
     tip: EndMass | None = fields.key(None, read_end_mass)

@@ -40,7 +40,7 @@ def per_body(spec: FlexibleLink, planes: Sequence[str]) -> tuple[int, int]:
     else:
         n = (basis.internal + 2) * bending + max(basis.internal - 1, 1) * other
         stations = basis.internal + 4
-    return n, stations * (6 if spec.rotary_inertia else 4 if "p" in planes else 3) + 6
+    return n, stations * (6 if spec.rotary_inertia is True else 4 if "p" in planes else 3) + 6
 
 
 def require_memory(where: str, spec: FlexibleLink, planes: Sequence[str], limit: float) -> None:

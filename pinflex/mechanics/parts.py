@@ -22,7 +22,7 @@ from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics import ride
 from pinflex.mechanics.cost import require_memory
-from pinflex.mechanics.planes import LeftOut, Plane, active_planes, plane_of
+from pinflex.mechanics.planes import LeftOut, Plane, active_planes, plane_of, with_shear
 from pinflex.mechanics.plausible import require_beam
 from pinflex.mechanics.ride import Rider
 from pinflex.mechanics.span import beam_frame, require_carrying, span
@@ -168,6 +168,7 @@ def _part(
             )
         spec = _with_density(spec, mass / (_built(spec, length)[0].section.A * length))
     require_beam(spec, length, where, description.allow)
+    spec, reason = with_shear(spec, planes, length, reason)
     unit = _bodies(spec, planes, length)
     part = FlexiblePart(
         spec.link,

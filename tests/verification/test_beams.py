@@ -195,6 +195,37 @@ def test_a_deep_beam_shears(depth: float, tolerance: float, tmp_path: Path) -> N
     assert found[0] == pytest.approx(TIMOSHENKO[depth][0], rel=3e-6)
 
 
+@pytest.mark.parametrize("depth", [0.01, 0.1, 0.2])
+def test_a_short_beam_shears_by_itself(depth: float, tmp_path: Path) -> None:
+    """By default; its four coordinates stay four. A slender one is Euler's, to what that costs."""
+    yaml = f"""
+gravity: [0, 0, 0]
+actuated: []
+flexible:
+  beam:
+    material: {{E: {12 / depth**2!r}, nu: 0.3, rho: 1}}
+    section: {{shape: rectangle, thickness: {depth}, width: {depth}}}
+    end: tip
+    bending_z: false
+    torsion: false
+    axial: false
+    second_order: false
+"""
+    m = load(tmp_path, BEAM, yaml)
+    found, exact = omega(m), TIMOSHENKO[depth]
+    assert len(found) == 4
+    part = m.parts["beam"]
+    if depth == 0.2:
+        # 1e-4 and 2e-2: the default shapes; Euler's beam misses by 3.1 and 21 %
+        assert found[0] == pytest.approx(exact[0], rel=1e-4)
+        assert found[1] == pytest.approx(exact[1], rel=2e-2)
+        assert part.spec.rotary_inertia is True and "short, so with shear" in part.reason
+    else:
+        # 0.8 (h / L)^2: the first term of what shear and rotary inertia lower it by
+        assert found[0] == pytest.approx(exact[0], rel=depth**2)
+        assert part.spec.shear is False and part.spec.rotary_inertia is False
+
+
 def test_sheared_elements_converge_with_the_square_to_the_printed_number(tmp_path: Path) -> None:
     """Their shear is constant along an element: order two, so two meshes give the limit."""
     basis = "{kind: finite_element, elements: %d, order: cubic}"
