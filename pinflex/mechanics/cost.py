@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from pinflex.bodies.basis import tips_over
 from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 
@@ -39,6 +40,7 @@ def per_body(spec: FlexibleLink, planes: Sequence[str]) -> tuple[int, int]:
         n, stations = basis.modes * (bending + other), 2 * basis.modes + 4
     else:
         n = (basis.internal + 2) * bending + max(basis.internal - 1, 1) * other
+        n += tips_over(spec, planes)
         stations = basis.internal + 4
     return n, stations * (6 if spec.rotary_inertia is True else 4 if "p" in planes else 3) + 6
 

@@ -338,7 +338,11 @@ BAD_VALUES = [
         "torsion: maybe",
         "torsion: 'maybe' is not known. Allowed: auto, true, false",
     ),
-    ("torsion: true", "shear: 1", "flexible.crank.shear: 1 is not known. Allowed: auto, true, false."),
+    (
+        "torsion: true",
+        "shear: 1",
+        "flexible.crank.shear: 1 is not known. Allowed: auto, true, false.",
+    ),
     ("torsion: true", "segments: 0", "segments: 0 is not valid. Allowed: a whole number >= 1."),
     ("torsion: true", "length: -1", "flexible.crank.length: -1 is out of range"),
     ("torsion: true", "end: rod", 'flexible.crank.end: no such link in bar4.urdf: "rod"'),
