@@ -1,7 +1,8 @@
 """Natural frequencies and mode shapes of the closed mechanism at a pose.
 
 Linearised on the closures: with Z the null space of J, (Z' K Z) x = omega^2 (Z' M Z) x, where K has
-the geometric stiffness of the preload, and of the closure forces, unless it is left out.
+the geometric stiffness of the preload, and of the closure forces, unless it is left out. Loads that
+follow make K unsymmetric (`levels.circulatory`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pinflex.cards import card, grid
 from pinflex.description.motion import Motion
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, SingularityError
+from pinflex.levels.circulatory import acts_without_potential, coupled
 from pinflex.levels.moving_modes import At, Moving, state_at, whirl
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import null_space
@@ -45,7 +47,8 @@ class Modes:
         links: Names for `share`.
         preload: "gravity", "none", or "motion". free_motors: Whether motors were free.
         rigid_body: Modes at 0 Hz that were left out (see `mode_shapes.first_modes`).
-        growth: About a motion: rate of growth of each mode, shape (k,), 1/s; shapes are complex.
+        growth: About a motion, with complex shapes, or where loads that follow make modes flutter:
+            rate of growth of each mode, shape (k,), 1/s.
         about: The motion that was linearised about, "" where there is none.
         mechanism: Whose modes they are, for `plot`.
     """
@@ -140,15 +143,25 @@ def modes(
     M = dynamics.mass(y)
     free = np.arange(system.nv) if free_motors else system.free
     Z = allowed_motions(dynamics, y, free)
-    x, _, every = condensed(Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ M[np.ix_(free, free)] @ Z)
-    order = np.argsort(every)[:count]
-    omega2 = every[order]
-    shapes = np.zeros((system.nv, len(order)))
-    shapes[free] = Z @ x[:, order]
-    frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
+    K, M = (Z.T @ A[np.ix_(free, free)] @ Z for A in (K, M))
+    x, _, every = condensed(K, M)
+    growth = None
+    if preload != "none" and acts_without_potential(system):
+        s, x = coupled(0.5 * (K - K.T), x, every)
+        s, x = s[:count], x[:, :count]
+        frequencies = np.where(s.imag > 0, s.imag, -s.real) / (2 * np.pi)
+        if np.any((s.imag > 0) & (s.real != 0)):
+            growth = s.real
+    else:
+        order = np.argsort(every)[:count]
+        omega2, x = every[order], x[:, order]
+        frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
+    shapes = np.zeros((system.nv, x.shape[1]))
+    shapes[free] = Z @ x
     share, links = _shares(mechanism, shapes)
     return Modes(
-        frequencies, shapes, y, share, links, preload, free_motors, mechanism=mechanism
+        frequencies, shapes, y, share, links, preload, free_motors, growth=growth,
+        mechanism=mechanism,
     )  # fmt: skip
 
 

@@ -14,7 +14,8 @@ from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
-from pinflex.linalg import negative_directions, saddle_matrix
+from pinflex.levels.circulatory import acts_without_potential, coupled
+from pinflex.linalg import negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -230,6 +231,8 @@ def unstable_directions(
 ) -> int:
     """Number of directions that the closures allow in which the tangent stiffness is negative.
 
+    Of loads that follow: in which the vibration diverges; a negative direction may hold there.
+
     Args:
         dynamics: Equations.
         y: Coordinates, shape (nq,).
@@ -239,7 +242,16 @@ def unstable_directions(
         free: Velocity rows that may move.
     """
     K, J = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
-    return negative_directions(K[np.ix_(free, free)], J[:, free])
+    K, J = K[np.ix_(free, free)], J[:, free]
+    negative = negative_directions(K, J)
+    if not (negative and acts_without_potential(dynamics.system, t)):
+        return negative
+    from pinflex.levels.modes import condensed  # late: modes are about an equilibrium
+
+    Z = null_space(J) if len(J) else np.eye(len(free))
+    x, _, omega2 = condensed(Z.T @ K @ Z, Z.T @ dynamics.mass(y)[np.ix_(free, free)] @ Z)
+    s, _ = coupled(0.5 * Z.T @ (K - K.T) @ Z, x, omega2)
+    return int(np.sum((s.imag == 0) & (s.real > 0)))
 
 
 def _snapped(

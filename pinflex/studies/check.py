@@ -197,6 +197,9 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
         note = f"{locked}, about the undeformed pose: gravity and loads leave no equilibrium"
     first = first_modes(found, count)
     zeros = rigid_body(first)
+    if first.growth is not None and np.max(first.growth, initial=0.0) > 0:
+        rate = float(np.max(first.growth))
+        note += f"; UNSTABLE: loads that follow make modes flutter, by {rate:.2g} 1/s undamped"
     return tuple(float(f) for f in first.frequencies), f"{note}; {zeros}" if zeros else note
 
 

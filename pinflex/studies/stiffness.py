@@ -57,11 +57,13 @@ def platform_compliance(
     # a platform that the closures hold moves by round-off, which is no compliance
     J[np.abs(J) < _HELD * np.max(np.abs(every), initial=0.0)] = 0.0
     S = Z.T @ K[np.ix_(free, free)] @ Z
-    S = 0.5 * (S + S.T)
     size = np.sqrt(np.abs(np.diag(S)))
     if not len(S):
         return np.zeros((6, 6))
-    if np.any(size == 0) or np.min(np.abs(np.linalg.eigvalsh(S / np.outer(size, size)))) < _LOOSE:
+    if (
+        np.any(size == 0)
+        or np.min(np.abs(np.linalg.eigvalsh(0.5 * (S + S.T) / np.outer(size, size)))) < _LOOSE
+    ):
         raise SingularityError(
             f"{mechanism.name}: stiffness: something moves without any stiffness though the motors "
             "are locked. Actuate or spring the joints that are free."

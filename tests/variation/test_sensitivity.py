@@ -156,7 +156,7 @@ def test_the_command_prints_a_table_and_draws_it(tmp_path, capsys):
     options = ["--by", "flexible.*.section.*", "--of", "frequency.1", "--of", "mass"]
     assert main(["sensitivity", "ur5", *options, "--plot", str(chart)]) == 0
     text = capsys.readouterr().out
-    assert "answers most to flexible.upper_arm_link.section.diameter: 1 % more gives +0.80" in text
+    assert "answers most to flexible.upper_arm_link.section.diameter: 1 % more gives +0.81" in text
     assert chart.stat().st_size > 10_000
     assert main(["sensitivity", "ur5", *options, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

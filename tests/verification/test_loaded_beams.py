@@ -7,8 +7,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+import pinflex as pf
+from pinflex.levels.quasistatic import rest
+from pinflex.mechanics.equations import Equations
+from pinflex.studies.check import check
 from tests import analytical
 from tests.scenes import Body, load
 from tests.verification.test_beams import BEAM, LIMIT, RICH, omega, scene
@@ -83,3 +89,49 @@ def test_a_strip_on_edge_tips_over_at_prandtls_load(tmp_path: Path) -> None:
     rich = "    basis: {internal: 6}\n"
     below, above = (strip(k * critical, tmp_path, rich) for k in (0.998, 1.002))
     assert below > 0 > above
+
+
+def beck(force: float, folder: Path) -> pf.Modes:
+    """Modes of a cantilever that a force pushes along its tip."""
+    follower = f"forces: {{push: {{at: tip, force: [{-force!r}, 0, 0], follower: true}}}}"
+    m = load(folder, BEAM, scene("{kind: craig_bampton, internal: 6}", follower))
+    return pf.modes(m)
+
+
+def beck_exact(force: float, near: float) -> float:
+    """omega of y'''' + P y'' = omega^2 y, y = y' = 0 at the root, y'' = y''' = 0 at the tip."""
+
+    def misses(omega: float) -> float:
+        root = np.sqrt(force**2 / 4 + omega**2)
+        a, b = np.sqrt(root - force / 2), np.sqrt(root + force / 2)
+        # cosh/sinh a x and cos/sin b x, with y(0) = y'(0) = 0
+        rows = np.array([
+            [a**2 * np.cosh(a) + b**2 * np.cos(b), a**2 * np.sinh(a) + a * b * np.sin(b)],
+            [a**3 * np.sinh(a) - b**3 * np.sin(b), a**3 * np.cosh(a) + a * b**2 * np.cos(b)],
+        ])  # fmt: skip
+        return float(np.linalg.det(rows))
+
+    return float(brentq(misses, 0.9 * near, 1.1 * near, xtol=1e-12))
+
+
+@pytest.mark.parametrize("force", [5.0, 15.0, 19.0])
+def test_a_follower_raises_the_frequency_of_becks_column(force: float, tmp_path: Path) -> None:
+    found = beck(force, tmp_path)
+    exact = beck_exact(force, {5.0: 4.217, 15.0: 6.627, 19.0: 8.64}[force])
+    # 1e-5: six internal modes; near flutter both modes move by the root of what is left out
+    assert 2 * np.pi * found.frequencies[0] == pytest.approx(exact, rel=1e-5)
+    assert found.growth is None and np.isrealobj(found.shapes)
+    M = Equations(found.mechanism.flexible).mass(found.y)  # type: ignore[union-attr]
+    assert found.shapes[:, 0] @ M @ found.shapes[:, 0] == pytest.approx(1.0, rel=1e-9)
+
+
+def test_becks_column_flutters_and_does_not_buckle(tmp_path: Path) -> None:
+    """P_cr = 20.0509 (Beck 1952); below it nothing is unstable, though the symmetric part is."""
+    below, above = beck(20.04, tmp_path), beck(20.06, tmp_path)
+    assert below.growth is None and np.all(below.frequencies > 0)
+    assert above.growth is not None and above.growth[0] == pytest.approx(-above.growth[1])
+    assert np.max(above.growth) > 0 and above.frequencies[0] == above.frequencies[1]
+    assert above.mechanism is not None
+    assert not rest(below.mechanism).unstable and not rest(above.mechanism).unstable
+    assert "flutter" in check(above.mechanism).frequency_note
+    assert "flutter" not in check(below.mechanism).frequency_note
