@@ -26,6 +26,8 @@ from pinflex.mechanics.system import System
 # thirty, and without one nobody should wait.
 _PATIENCE = 120
 
+_STILL = 1e-9  # [m/s^2] of the heaviest coordinate: round-off of gravity across a plane is 1e-15
+
 
 @dataclass(frozen=True)
 class Start:
@@ -49,28 +51,36 @@ class Start:
         return replace(run, settings=settings, warnings=(*run.warnings, *said))
 
 
-def in_equilibrium(mechanism: Mechanism, start: str) -> tuple[bool, str]:
+def in_equilibrium(mechanism: Mechanism, start: str, y: Array | None = None) -> tuple[bool, str]:
     """Whether a run is to start in equilibrium, and why not where that would be expected.
 
-    `auto` is static where gravity, a load that lasts or a spring acts on something elastic, unless
-    the motors leave freedoms that fall.
+    `auto` is static where something acts on what is free at rest, unless the motors leave freedoms
+    that fall. The equations say what acts, so that there is no list of loads to keep.
 
     Args:
         mechanism: Mechanism.
         start: auto, static or straight.
+        y: Undeformed pose where it starts, shape (nq,); None: home.
     """
     if start != "auto":
         return start == "static", ""
-    system, loads = mechanism.flexible, mechanism.flexible.loads
-    sprung = bool(len(system.springs.v_at) or loads.springs)
-    lasting = any(not force.timed for force, _ in loads.forces)
-    if not (system.n_eta or sprung):
+    system = mechanism.flexible
+    if not (system.n_eta or len(system.springs.v_at) or system.loads.springs):
         return False, ""
-    if not (any(mechanism.description.gravity) or lasting or sprung):
+    if not _acted_on(lasting(system), mechanism.undeformed() if y is None else y):
         return False, ""
     if mechanism.report.mobility > len(system.motors):
         return False, "the motors do not hold every freedom"
     return True, ""
+
+
+def _acted_on(system: System, y: Array) -> bool:
+    """Whether anything pushes a free coordinate of the system at rest at y."""
+    dynamics, still = Equations(system, often=False), np.zeros(system.nv)
+    r, _ = dynamics.residual(y, still, still, np.zeros(system.closed.n), 0.0)
+    free = system.free
+    heaviest = float(np.max(np.diag(dynamics.mass(y))[free], initial=0.0))
+    return float(np.max(np.abs(r[free]), initial=0.0)) > _STILL * heaviest
 
 
 def start_of(
@@ -95,7 +105,7 @@ def start_of(
     y, v = straight_start(mechanism, motion, path, dynamics)
     if dynamics.system is mechanism.rigid and start == "auto":
         return Start(y, v, "straight")
-    static, why = in_equilibrium(mechanism, start)
+    static, why = in_equilibrium(mechanism, start, y)
     if static and start == "auto" and len(mechanism.idle.base):
         static, why = False, "the base is free"
     if not static:
@@ -153,10 +163,10 @@ def linear_start(
     """
     n = len(mechanism.flexible.free)
     straight, static = Start(np.zeros(n), np.zeros(n), "straight"), "static"
-    balanced, why = in_equilibrium(mechanism, start)
+    first = path.at(slice(0, 1))
+    balanced, why = in_equilibrium(mechanism, start, mechanism.undeformed(first.q[0]))
     if not balanced:
         return replace(straight, said=_shaken(why))
-    first = path.at(slice(0, 1))
     if not np.any(first.v):
         first = replace(first, a=np.zeros_like(first.a))
     if start == "auto":

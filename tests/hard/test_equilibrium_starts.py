@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,3 +133,26 @@ def test_a_stopped_run_says_how_it_started(tmp_path: Path) -> None:
     with pytest.raises(pf.ConvergenceError) as caught:
         pf.solve(m, wild, level="coupled", dt=0.05, samples=11, until=0.5)
     assert caught.value.result.meta["settings"]["start"] == "static"
+
+
+def test_gravity_that_reaches_nothing_elastic_shakes_nothing(tmp_path: Path) -> None:
+    """A plane arm lies flat and its elbow is free: its weight bends nothing, and nothing rings."""
+    flat = [replace(b, axis=(0, 0, 1)) for b in ARM]
+    plane = YAML + "    bending_z: false\n    torsion: false\n"
+    m = load(tmp_path, flat, "actuated: [upper_joint]\n" + plane)
+    r = pf.solve(m, HOLD, level="coupled", dt=1e-3, samples=51)
+    assert r.meta["settings"]["start"] == "straight" and r.meta["warnings"] == []
+    assert np.max(np.ptp(r.frame("hand").position, axis=0)) == 0.0
+
+
+@pytest.mark.parametrize("level", ["ked", "coupled"])
+@pytest.mark.parametrize("slack", [True, False])
+def test_a_spring_acts_where_it_is_stretched(level: str, slack: bool, tmp_path: Path) -> None:
+    """Slack there is nothing to balance; stretched it is balanced. Neither moves."""
+    post = Body("post", "base", xyz=(1, 0, -3))
+    length = float(np.linalg.norm([np.cos(0.7), 0, 3 - np.sin(0.7)])) - (0.0 if slack else 0.1)
+    rope = f"springs: {{rope: {{between: [hand, post], stiffness: 200, length: {length!r}}}}}\n"
+    m = load(tmp_path, (*ARM, post), f"gravity: [0, 0, 0]\n{rope}{YAML}")
+    r = pf.solve(m, HOLD, level=level, dt=1e-3, samples=51)
+    assert r.meta["settings"]["start"] == ("straight" if slack else "static")
+    assert swing(r) < 1e-9  # m, as above
