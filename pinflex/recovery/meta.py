@@ -110,6 +110,7 @@ def assess(
             *_redundant(mechanism, run),
             *_held(mechanism, run),
             *sticking(mechanism, run),
+            *validity.beyond_joint_limits(mechanism, run),
             *limits,
         ],
         "limits": limits,

@@ -13,9 +13,11 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
+from pinflex.description.urdf import limits
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Slot
+from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.text import brief, percent
@@ -30,6 +32,7 @@ SPEED = 0.25
 COMPRESSION = 0.1
 # What the fastest shape of a link carries, those left out carry too, within a factor.
 FASTEST = 0.05
+_TOUCH = 1e-6  # [rad | m]: decimals of a file; a motion to the limit itself is inside
 _INSTANTS = 200  # enough to meet every peak of a smooth motion within a per cent
 
 
@@ -184,6 +187,36 @@ def _passed(part: FlexiblePart, m: Monitors) -> Iterator[str]:
             f"{name}: compressed by {percent(m.compression)} of its Euler load: it buckles "
             f"unless its ends hold it; cut it (flexible.{name}.segments) or stiffen it."
         )
+
+
+def beyond_joint_limits(mechanism: Mechanism, run: Run) -> list[str]:
+    """One sentence for each joint, motor or not, that the motion takes beyond the URDF's limits.
+
+    Args:
+        mechanism: Mechanism.
+        run: A run of it.
+    """
+    known, model = limits(mechanism.description.urdf_text), mechanism.rigid.rigid
+    slides, texts = sliding(model), list[str]()
+    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
+        limit = known.get(name)
+        if limit is None or joint.nq != 1 or limit.lower >= limit.upper:
+            continue
+        q = run.y[:, joint.idx_q]
+        beyond = np.maximum(q - limit.upper, limit.lower - q)
+        k = int(np.argmax(beyond))
+        if beyond[k] <= _TOUCH:
+            continue
+        first = float(run.t[int(np.argmax(beyond > _TOUCH))])
+        end, unit = (
+            limit.upper if q[k] > limit.upper else limit.lower,
+            "m" if name in slides else "rad",
+        )
+        texts.append(
+            f"{name}: leaves the URDF's limits at {first:.4g} s: it reaches {q[k]:.4g} {unit} at "
+            f"{run.t[k]:.4g} s, beyond {end:g} {unit}. Change the motion, home or the limit."
+        )
+    return texts
 
 
 def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:

@@ -107,3 +107,29 @@ def test_a_motion_that_runs_away_names_the_cause() -> None:
     robot = pf.load("3rrr", [*changes, "damping=null", "motion.omega=157.0796"])
     with pytest.raises(pf.ConvergenceError, match="has no second-order terms"):
         pf.solve(robot, level="coupled", until=0.02, dt=2e-5)
+
+
+@pytest.mark.parametrize(("move", "said"), [(-0.4, ""), (0.1, ""), (0.3, "0.7"), (-1.2, "-0.8")])
+def test_a_motion_beyond_the_urdfs_limits_is_told(move: float, said: str, tmp_path: Path) -> None:
+    """Limits -0.5 and 0.5 rad, home 0.4 rad, a minimum-jerk move of one second."""
+    urdf = """<robot name="one"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit lower="-0.5" upper="0.5" effort="9" velocity="9"/></joint></robot>"""
+    (tmp_path / "one.urdf").write_text(urdf)
+    (tmp_path / "one.yaml").write_text("urdf: one.urdf\nhome: {turn: 0.4}\nplatform: arm\n")
+    motion = pf.quintic(joints={"turn": move}, duration=1.0)
+    run = pf.solve(pf.load(tmp_path / "one.yaml"), motion, level="rigid", samples=1001)
+    if not said:
+        assert run.meta["warnings"] == []
+        return
+    (text,) = run.meta["warnings"]
+    end = 0.5 if move > 0 else -0.5
+    tau = np.linspace(0, 1, 1001)
+    q = 0.4 + move * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
+    first = tau[np.argmax(q > end if move > 0 else q < end)]
+    # the first sample beyond the limit: all digits that the sentence has
+    assert text.startswith(
+        f"turn: leaves the URDF's limits at {first:.4g} s: it reaches {said} rad"
+    )
+    assert f"at 1 s, beyond {end:g} rad" in text
