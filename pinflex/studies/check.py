@@ -14,8 +14,9 @@ from pinflex.cards import Worded
 from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.excited import default_motion
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import Modes, modes
 from pinflex.mechanics.assembly import LoopReport
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.studies import check_urdf, check_warnings
@@ -35,6 +36,7 @@ from pinflex.threads import one_blas_thread
 
 _ALONG_MOTION = 101  # poses at which the motion is tried
 _PRELOADED = "about the static equilibrium"
+_UNDAMPED = 1e-9  # a damping ratio below is round-off
 _SHIFT = 0.01  # of a frequency by gravity and loads, above which both are told
 
 
@@ -55,7 +57,7 @@ class Check(Worded):
         idle: Freedoms that nothing hangs on, held where home has them.
         statics: Sag and holding torques.
         frequencies: [Hz]. frequency_note: Of which state. unloaded: Those without gravity and
-            loads, where they differ.
+            loads, where they differ. damping: Ratio [-] of each of these modes of the machine.
         motion: What the motion asks, and whether the rigid mechanism can follow it.
         warnings: Sentences.
         summaries: Modal summary of each solid body, as text.
@@ -89,6 +91,7 @@ class Check(Worded):
     drives: tuple[DriveCheck, ...] = field(default=())
     urdf_dynamics: str = ""
     unloaded: tuple[float, ...] = ()
+    damping: tuple[float, ...] = ()
 
     def text(self) -> str:
         """Everything as aligned plain text of at most 100 columns."""
@@ -109,7 +112,8 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
     integer(count, "check: count", 1)
     description = mechanism.description
     rest = statics(mechanism)
-    frequencies, note = first_frequencies(mechanism, count)
+    first, note = _first_modes(mechanism, count)
+    frequencies = () if first is None else tuple(float(f) for f in first.frequencies)
     unloaded = _unloaded(mechanism, count, frequencies) if _PRELOADED in note else ()
     motion, motion_warning = _motion(mechanism)
     links = tuple(link_check(mechanism, part) for part in mechanism.parts.values())
@@ -131,6 +135,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         statics=rest,
         frequencies=frequencies,
         frequency_note=note,
+        damping=() if first is None else damping_ratios(mechanism, first),
         motion=motion,
         elastic_joints=mechanism.elastic_joints,
         couplings=coupling_texts(mechanism),
@@ -185,8 +190,29 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
         mechanism: From `load`.
         count: Most frequencies.
     """
+    first, note = _first_modes(mechanism, count)
+    return () if first is None else tuple(float(f) for f in first.frequencies), note
+
+
+def damping_ratios(mechanism: Mechanism, found: Modes) -> tuple[float, ...]:
+    """Damping ratio [-] of each mode of the machine, of all dampers; 0 where it does not vibrate.
+
+    That of a link clamped at its root is another: a joint or a mass at its end takes part in the
+    motion and has none.
+    """
+    dynamics, still = Equations(mechanism.flexible), np.zeros(mechanism.flexible.nv)
+    lam = np.zeros(mechanism.flexible.closed.n)
+    C = dynamics.tangent(found.y, still, still, lam, 0.0).C
+    lost = np.einsum("ik,ij,jk->k", found.shapes, C, found.shapes)
+    omega = 2.0 * np.pi * found.frequencies
+    ratios = lost / np.where(omega > 0, 2.0 * omega, np.inf)
+    return tuple(np.where(np.abs(ratios) > _UNDAMPED, ratios, 0.0).tolist())
+
+
+def _first_modes(mechanism: Mechanism, count: int) -> tuple[Modes | None, str]:
+    """The first modes that have a stiffness, and the words for their state."""
     if not _vibrates(mechanism):
-        return (), "no flexible link and no spring: nothing vibrates"
+        return None, "no flexible link and no spring: nothing vibrates"
     locked = "at home, motors locked" if mechanism.motors else "at home"
     loaded, every = is_loaded(mechanism), mechanism.flexible.nv
     try:
@@ -200,7 +226,7 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
     if first.growth is not None and np.max(first.growth, initial=0.0) > 0:
         rate = float(np.max(first.growth))
         note += f"; UNSTABLE: loads that follow make modes flutter, by {rate:.2g} 1/s undamped"
-    return tuple(float(f) for f in first.frequencies), f"{note}; {zeros}" if zeros else note
+    return first, f"{note}; {zeros}" if zeros else note
 
 
 def _unloaded(mechanism: Mechanism, count: int, loaded: tuple[float, ...]) -> tuple[float, ...]:

@@ -256,6 +256,9 @@ def _frequencies(c: Check) -> str:
         return f"Natural frequencies: none, {c.frequency_note}"
     values = "  ".join(number(f) for f in c.frequencies)
     text = f"Natural frequencies [Hz], {c.frequency_note}\n  {values}"
+    if any(c.damping):
+        ratios = "  ".join(number(zeta) for zeta in c.damping)
+        text += f"\n  {ratios}   damping ratio of the machine's own modes"
     if not c.unloaded:
         return text
     plain = "  ".join(number(f) for f in c.unloaded)
