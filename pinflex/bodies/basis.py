@@ -271,7 +271,7 @@ def tips_over(link: FlexibleLink, planes: Collection[str]) -> bool:
     Args:
         link: The flexible link. planes: Its active directions.
     """
-    if link.basis.kind != "craig_bampton" or link.basis.internal < 2 or not link.second_order:
+    if link.basis.kind != "craig_bampton" or link.basis.internal < 2:
         return False
     if not {"v", "w", "p"} <= set(planes):
         return False
