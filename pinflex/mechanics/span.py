@@ -14,6 +14,7 @@ from pinflex.errors import DescriptionError
 from pinflex.mechanics.tree import Link
 
 _HERE = 1e-9  # m
+_LITTLE = 0.1  # of the mass beside a beam: a camera or a cover on it, not the load of an arm
 
 
 def span(
@@ -65,11 +66,12 @@ def require_carrying(
 ) -> None:
     """Refuse a beam to an `end` whose load is fixed to the link at the root, beside the beam.
 
-    URDFs often split one arm into two links fixed to each other; the second carries the elbow.
+    URDFs often split one arm into two links fixed to each other; the second carries the elbow. A
+    camera on the first, beyond the root, does not make a beam of it.
 
     Args:
         where: Place of the link in the description, for the message.
-        description: Scene: frames that loops, forces and springs act on.
+        description: Scene: flexible links, frames that loops, forces and springs act on.
         spec: The flexible link.
         number: Of the link among `links`.
         links: Links, each after its parent.
@@ -81,20 +83,26 @@ def require_carrying(
     first = index[spec.end]
     while links[first].parent != number:
         first = links[first].parent
-    named = {*description.tied, *description.loaded}
     beyond = [
         k
         for k, link in enumerate(links)
         if link.parent == number and np.linalg.norm(link.placement.translation - start) > _HERE
     ]
-    carries = any(_next_joint(k, links) is not None or _has(k, links, named) for k in beyond)
-    if not (carries or first in beyond or first == index[spec.end]):
-        raise _leaves_at_the_root(where, spec.link, links[first].name, spec.end)
+    named = {*description.tied, *description.loaded, *(f.link for f in description.flexible)}
+    if first in beyond or first == index[spec.end] or any(_has(k, links, named) for k in beyond):
+        return
+    carried, beside = sum(_mass(k, links) for k in beyond), _mass(first, links)
+    jointed = any(_next_joint(k, links) is not None for k in beyond)  # of a URDF without masses
+    if carried < _LITTLE * beside or not (carried or jointed):
+        raise _leaves_at_the_root(where, spec.link, links[first].name, spec.end, carried, beside)
 
 
-def _leaves_at_the_root(where: str, link: str, child: str, end: str) -> DescriptionError:
+def _leaves_at_the_root(
+    where: str, link: str, child: str, end: str, carried: float = 0.0, beside: float = 0.0
+) -> DescriptionError:
+    what = f"{carried:.3g} kg, beside a load of {beside:.3g} kg" if carried else "nothing"
     return DescriptionError(
-        f"{where}: this beam would carry nothing: {child}, which leads to {end}, is fixed to "
+        f"{where}: this beam would carry {what}: {child}, which leads to {end}, is fixed to "
         f"{link} at the beam's root. Make {child} flexible instead, or give `length` in m (along "
         "the link's x axis, without `end`) to have the beam beside it.",
         link=link,
@@ -110,11 +118,16 @@ def _next_joint(number: int, links: Sequence[Link]) -> int | None:
 
 
 def _has(number: int, links: Sequence[Link], names: set[str]) -> bool:
-    """Whether a subtree has mass, or one of these frames."""
-    link = links[number]
-    if link.weighs or link.name in names:
+    """Whether a subtree has one of these frames."""
+    if links[number].name in names:
         return True
     return any(_has(k, links, names) for k, below in enumerate(links) if below.parent == number)
+
+
+def _mass(number: int, links: Sequence[Link]) -> float:
+    """Mass of a subtree [kg]."""
+    below = (_mass(k, links) for k, link in enumerate(links) if link.parent == number)
+    return float(links[number].inertia.mass) + sum(below)
 
 
 def _point(

@@ -322,6 +322,20 @@ def test_a_beam_beside_the_load_is_refused_and_the_right_link_named(
     assert any("nothing hangs on its beam" in w and "upper" in w for w in check(beside).warnings)
 
 
+def test_a_camera_on_a_beam_beside_the_load_does_not_make_it_the_arm(tmp_path: Path) -> None:
+    """As the PR2's forearm: 10 g beyond the root, and the arm itself fixed at the root."""
+    camera, tool = (
+        Body("extra", "roll", xyz=(0.13, 0, 0), mass=mass, inertia=(1e-5, 1e-5, 1e-5))
+        for mass in (0.01, 1.0)
+    )
+    yaml = SPLIT_YAML.format(link="roll", more=", end: lower")
+    with pytest.raises(
+        pf.DescriptionError, match=r"carry 0.01 kg, beside a load of 2 kg: upper, .* Make upper"
+    ):
+        load(tmp_path, (*SPLIT_ARM, camera), yaml)
+    assert load(tmp_path, (*SPLIT_ARM, tool), yaml).parts["roll"].length == pytest.approx(0.4)
+
+
 def test_the_span_ends_where_a_fixed_child_takes_the_load_away(tmp_path: Path) -> None:
     bodies = (SPLIT_ARM[0], Body("sensor", "roll", xyz=(0.1, 0, 0), mass=0.1),
               Body("flange", "roll", xyz=(0.4, 0, 0)),
