@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 import pinocchio as pin
@@ -19,14 +20,17 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.loops import Loop
 from pinflex.errors import AssemblyError
-from pinflex.mechanics.assembly import CLOSED, close_loops
+from pinflex.linalg import independent_rows
+from pinflex.mechanics.assembly import CLOSED, RANK, close_loops
 from pinflex.mechanics.closure_log import LogClosure, size_of, translations
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.text import brief
 
 _STARTS = 48  # poses to start from at most
+_HELD_STARTS = 12  # of these with the motors where they are, before they may move
 _MORE = 3  # further starts after the first closed pose, for one nearer to the guess
+_NEAR = 1.0  # way from the guess at which no other pose is looked for: a motor by 6 degrees
 _EVALUATIONS = 80  # of one least squares; from a good start 10 are enough
 _NEARLY = 1e-3  # residual over the size of the mechanism from which Newton is let go
 _TOUCH = 1e-9  # [rad | m] by which a pose on a limit may be beyond it
@@ -105,15 +109,21 @@ def assemble(
         )
     search = _Search(dynamics, guess, held, limits, given)
     spare: Array | None = None
-    for moving in (search.passive, search.every):
+    for motors_held, moving in ((True, search.passive), (False, search.every)):
+        if not motors_held and search.passive_may_close():
+            found = search.run(True)
+            if found is not None:
+                return found
         pose, size = close_loops(dynamics, guess, moving)
         if size < CLOSED * 10:
             fits = not search.closure.flipped(pose)
             if fits and search.inside(pose, free=True):
-                return Closed(pose, 0)
+                if motors_held or search.way(pose) < _NEAR:
+                    return Closed(pose, 0)
+                return search.run(False, pose) or Closed(pose, 0)
             if fits or not search.welded_wrong(pose):
                 spare = pose if spare is None else spare
-    found = search.run()
+    found = search.run(False)
     if found is not None:
         return found
     if spare is not None:  # outside the limits, or axes against each other, but closed
@@ -149,6 +159,8 @@ class _Search:
         self.weight /= self.unit
         self._bound(model, limits, given)
         self.tried = 0
+        random = np.random.default_rng(0)
+        self.beside = dynamics.integrate(guess, random.uniform(-0.1, 0.1, rows) * self.unit)
         self.best: tuple[float, Array] | None = None
 
     def _bound(self, model: pin.Model, limits: Limits, given: IntArray) -> None:
@@ -186,42 +198,53 @@ class _Search:
         self.closure.signs = signs
         return wrong
 
-    def run(self) -> Closed | None:
-        """The nearest of the closed poses found."""
+    def passive_may_close(self) -> bool:
+        """Whether passive joints alone move the closures as far as all joints together do."""
+        if not len(self.moving[True]) or len(self.moving[True]) == len(self.movable):
+            return False
+        _, J = self.closure.at(self.beside)
+        ranks = [len(independent_rows(J[:, self.moving[held]], RANK)) for held in (True, False)]
+        return ranks[0] == ranks[1]
+
+    def run(self, motors_held: bool, known: Array | None = None) -> Closed | None:
+        """The nearest of the closed poses found: with the motors where they are, or all free.
+
+        Args:
+            motors_held: Whether the motors stay.
+            known: A closed pose, which needs not be near.
+        """
         self.closure.signs = self.wanted
+        rows = self.moving[motors_held]
         found: list[tuple[float, Array]] = []
-        left = _STARTS
-        for held, start in self._starts():
+        left = _HELD_STARTS if motors_held else _STARTS
+        if known is not None:
+            drawn = self._drawn(known, rows)
+            found, left = [(self.way(drawn), drawn)], _MORE
+        for start in self._starts(rows):
             if not left:
                 break
             left -= 1
             self.tried += 1
-            pose = self._close(start, self.moving[held])
+            pose = self._close(start, rows)
             if pose is None:
                 continue
             if not found:
-                left = min(left, 0 if self.tried <= 2 else _MORE)
-            pose = self._drawn(pose, self.moving[held])
-            found.append((self._way(pose), pose))
+                left = min(left, _MORE)
+            pose = self._drawn(pose, rows)
+            found.append((self.way(pose), pose))
         if not found:
             return None
         return Closed(min(found, key=lambda x: x[0])[1], self.tried)
 
-    def _starts(self) -> Iterator[tuple[bool, Array]]:
-        """Whether the motors are held, and a way from the guess: none, then further and further."""
-        kinds = (True, False) if len(self.moving[True]) < len(self.movable) else (False,)
-        none = np.zeros(self.dynamics.n_rigid)
-        for held in kinds:
-            yield held, none
+    def _starts(self, rows: IntArray) -> Iterator[Array]:
+        """Ways of some rows from the guess: none, then further and further."""
+        yield np.zeros(self.dynamics.n_rigid)
         random = np.random.default_rng(0)  # a fixed seed: the same pose on every run
-        for k in range(_STARTS):
-            share = min(1.0, 0.25 * (1 + k // 4))
-            draw = share * random.uniform(self.from_, self.to)
-            held = kinds[k % len(kinds)]
-            start = none.copy()
-            rows = self.moving[held]
+        for k in count():
+            draw = min(1.0, 0.25 * (1 + k // 4)) * random.uniform(self.from_, self.to)
+            start = np.zeros(self.dynamics.n_rigid)
             start[rows] = draw[rows]
-            yield held, start
+            yield start
 
     def _close(self, start: Array, rows: IntArray) -> Array | None:
         """A closed pose inside the limits by least squares from a start."""
@@ -247,9 +270,10 @@ class _Search:
         way = self.dynamics.difference(self.guess, pose)
         back = self._least_squares(way, rows, _PULL)
         nearer = self._polished(self.dynamics.integrate(self.guess, back), rows)
-        return pose if nearer is None or self._way(nearer) > self._way(pose) else nearer
+        return pose if nearer is None or self.way(nearer) > self.way(pose) else nearer
 
-    def _way(self, pose: Array) -> float:
+    def way(self, pose: Array) -> float:
+        """How far a pose is from the guess: rad, m over the size, of motors ten times as much."""
         return float(np.linalg.norm(self.weight * self.dynamics.difference(self.guess, pose)))
 
     def _least_squares(self, start: Array, rows: IntArray, pull: float) -> Array:

@@ -176,6 +176,58 @@ home: {crank_1_joint: 1.8, crank_2_joint: 1.2, rod_1_joint: 3.0}
     assert (at["crank_1_joint"], at["crank_2_joint"], at["flag_joint"]) == (1.8, 1.2, 0.0)
 
 
+LEFT, RIGHT, CRANK = 0.187, 0.214, 0.144
+
+
+def stretched_five_bar(folder: Path, apart: float, more: str) -> dict[str, float]:
+    """Cranks and couplers all along x at zero, their bases apart along x: closed home by name."""
+    bodies = []
+    for side, x, rod in (("l", -apart / 2, LEFT), ("r", apart / 2, RIGHT)):
+        bodies += [
+            Body(f"crank_{side}", "base", "revolute", (x, 0, 0), **ROD),
+            Body(f"coupler_{side}", f"crank_{side}", "revolute", (CRANK, 0, 0), **ROD),
+            Body(f"end_{side}", f"coupler_{side}", xyz=(rod, 0, 0)),
+        ]
+    yaml = f"""
+actuated: [crank_l_joint, crank_r_joint]
+loops: {{pin: {{kind: planar, between: [end_l, end_r]}}}}
+{more}
+"""
+    m = load(folder, bodies, yaml)
+    return dict(zip(m.coordinates, m.home, strict=True))
+
+
+def test_motors_stay_at_zero_where_other_starts_of_the_rods_close(tmp_path: Path) -> None:
+    """At zero the rods are in line, and no Newton step of theirs leaves the line."""
+    at = stretched_five_bar(tmp_path, 0.156, "")
+    assert (at["crank_l_joint"], at["crank_r_joint"]) == (0.0, 0.0)
+    # the triangle of both rods over the 0.156 m between the cranks' ends
+    right = np.arccos((LEFT**2 - RIGHT**2 - 0.156**2) / (2 * RIGHT * 0.156))
+    assert abs(at["coupler_r_joint"]) == pytest.approx(right, abs=1e-9)
+
+
+def test_of_closed_poses_the_nearest_is_taken_where_the_motors_have_to_move(tmp_path: Path) -> None:
+    """Bases 0.6 m apart: against every pose that closes, on a grid of motor angles."""
+    guess = np.array([1.0, 0.0, 0.0, 0.0])  # cranks, then rods, from the cranks' directions
+    at = stretched_five_bar(tmp_path, 0.6, "home: {crank_l_joint: 1.0}")
+    names = ("crank_l_joint", "crank_r_joint", "coupler_l_joint", "coupler_r_joint")
+    weight = np.array([10.0, 10.0, 1.0, 1.0])  # a motor's way counts ten times
+    found = np.linalg.norm(weight * (np.array([at[name] for name in names]) - guess))
+    a, b = np.meshgrid(*2 * [np.linspace(-np.pi, np.pi, 361)])
+    gap = 0.6 + CRANK * (np.exp(1j * b) - np.exp(1j * a))  # from the left crank's end
+    size, nearest = np.abs(gap), np.inf
+    closes = (size < LEFT + RIGHT) & (size > RIGHT - LEFT)
+    a, b, gap, size = (values[closes] for values in (a, b, gap, size))
+    cosine = (LEFT**2 + size**2 - RIGHT**2) / (2 * LEFT * size)
+    for side in (1, -1):
+        left = np.angle(gap) + side * np.arccos(cosine)
+        right = np.angle(LEFT * np.exp(1j * left) - gap)
+        turns = (np.angle(np.exp(1j * (left - a))), np.angle(np.exp(1j * (right - b))))
+        ways = weight[:, None] * (np.stack([a, b, *turns]) - guess[:, None])
+        nearest = min(nearest, np.linalg.norm(ways, axis=0).min())
+    assert found < 1.02 * nearest  # steps of the grid of a degree: 10 * 0.017 of 22
+
+
 def test_bars_too_short_by_five_centimetres_are_told_so(tmp_path: Path) -> None:
     with pytest.raises(pf.AssemblyError, match=r"stays open by 0\.05 m\.") as caught:
         load(tmp_path, two_links((2.05, 0.0)), MEET)
