@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pinflex.results.comparison_rows import ResidualRow, TorqueRow
 
 SHARE = 0.05  # of the largest torque or deviation, by which a level that suffices may differ
+_IDLE = 1e-3  # of what its joint bears, which rolling bearings lose to friction: less is idling
 _DEARER = 5.0  # times the cost of the last level: runs of a tenth of a second scatter by three
 
 
@@ -27,7 +28,8 @@ class LevelRow:
         torque_percent: Of the torque that is furthest from rigid, % of that motor's rigid peak.
         deviation: Largest distance of the platform from rigid [m]. stress: Largest [Pa].
         torque_off: Largest difference of a torque from the best level, share of the largest torque
-            with the same unit. platform_off: Of the platform's place from the best level [m].
+            with the same unit, or of what idle motors' joints bear.
+        platform_off: Of the platform's place from the best level [m].
         suffices: Torques within `SHARE`, the platform within the band or `SHARE` of the best level.
             None where there is nothing to judge by. What cannot be said is None.
     """
@@ -45,6 +47,9 @@ class LevelRow:
 def off_best(run: Result, best: Result, frame: str | None) -> tuple[float | None, float | None]:
     """Difference of torques (share of the largest of their unit) and of the platform [m].
 
+    Motors of one unit that idle, as those of a closed gripper, are judged by a thousandth of what
+    their joints bear: their own torques are round-off, of which no share says anything.
+
     Args:
         run, best: Runs of one scene.
         frame: Of the platform, or None.
@@ -53,7 +58,7 @@ def off_best(run: Result, best: Result, frame: str | None) -> tuple[float | None
     torque = None
     for unit in dict.fromkeys(units):
         at = [i for i, own in enumerate(units) if own == unit]
-        scale = peak(best.torque[:, at])
+        scale = max(peak(best.torque[:, at]), _IDLE * max(_borne(best, best.motors[i]) for i in at))
         if scale > 0:
             share = peak(run.torque[:, at] - best.torque[:, at]) / scale
             torque = max(share, torque or 0.0)
@@ -61,6 +66,15 @@ def off_best(run: Result, best: Result, frame: str | None) -> tuple[float | None
         return torque, None
     away = run.frame(frame).position - best.frame(frame).position
     return torque, float(np.linalg.norm(away, axis=1).max())
+
+
+def _borne(run: Result, motor: str) -> float:
+    """Largest force or moment of a motor's joint [N | N m], 0 where the run has none."""
+    if f"reaction/{motor}" not in run.arrays:
+        return 0.0
+    force, moment = np.split(run.joint(motor).reaction, 2, axis=1)
+    wrench = force if run.unit(f"torque/{motor}") == "N" else moment
+    return float(np.linalg.norm(wrench, axis=1).max())
 
 
 def level_rows(

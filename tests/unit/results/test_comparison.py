@@ -140,6 +140,33 @@ def test_the_simplest_level_that_suffices_is_named_and_the_others_say_what_they_
         assert words in comparison(rigid, runs, cpu={"ked": seconds, "coupled": 1.0}).verdict
 
 
+def gripper(run: Result, force: float, weight: float) -> Result:
+    """The run with its third motor a finger: its force and the weight that its joint bears [N]."""
+    arrays = {**run.arrays, "torque": run.torque.copy()}
+    arrays["torque"][:, 2] = force
+    arrays["reaction/motor_3"] = np.tile([0.0, 0.0, weight, 0.0, 0.0, 0.0], (len(run.t), 1))
+    units = {**run.meta.get("units", {}), "torque/motor_3": "N"}
+    return replace(run, arrays=arrays, meta={**run.meta, "units": units})
+
+
+@pytest.mark.parametrize(
+    ("force", "weight", "off"),
+    [
+        (1e-18, 0.15, 0.0),  # round-off of the one motor in newtons: 1e-18 of 1e-18 N is nothing
+        (1e-8, 0.15, 1e-8 / 1.5e-4),  # a thousandth of the weight is what friction takes
+        (0.15, 0.15, 2.0),  # a finger that works is judged by its own force
+    ],
+)
+def test_a_motor_that_idles_is_judged_by_what_its_joint_bears(rigid, flexible, force, weight, off):
+    runs = {
+        "ked": gripper(flexible, -force, weight),
+        "coupled": gripper(flexible, force, weight),
+    }
+    rows = comparison(gripper(rigid, 0.0, weight), runs).levels
+    assert rows[1].torque_off == pytest.approx(2 * off if off < 1 else off, rel=1e-6, abs=1e-12)
+    assert rows[1].suffices == (off < 0.05)
+
+
 def test_a_level_alone_is_not_judged(rigid):
     text = comparison(rigid, {}).text()
     assert "alone: not judged" in text and "suffices" not in text
