@@ -173,6 +173,12 @@ class Outputs:
 
     def _poses(self, coarse: Run, fine: Run, keep: slice) -> tuple[_Poses, _Poses]:
         """Of the platform in two runs, the first of which may have been the second one before."""
+        if coarse.system is not fine.system:  # such as other modes: no workspace serves both
+            first, last = (
+                platform_poses(self._mechanism, Equations(run.system), run.y[keep])
+                for run in (coarse, fine)
+            )
+            return first, last
         before, y = self._before, fine.y[keep]
         n, known = len(y), before is not None and before[0] is coarse
         if not known:
