@@ -61,7 +61,7 @@ otherwise.""",
 
 def run(args: argparse.Namespace) -> int:
     """Natural frequencies and mode shapes at a pose."""
-    from pinflex.levels.modes import modes
+    from pinflex.levels.modes import base_state, modes
     from pinflex.studies.check import is_loaded, require_vibrating
     from pinflex.studies.mode_shapes import first_modes
     from pinflex.studies.pose import pose
@@ -86,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
         print_json(_json(mechanism.name, first, args.pose) | {"view": page, "map": figure})
         return 0
     where = ", ".join(f"{k} = {v:g}" for k, v in args.pose.items()) or "home"
-    state = "free" if args.free_motors else "locked"
+    base = "" if args.free_motors else base_state(mechanism)
+    state = "free" if args.free_motors else "locked" + f", base {base}" * bool(base)
     about = "the static equilibrium" if preload == "gravity" else "the undeformed pose"
     print(f"{mechanism.name} at {where}, motors {state}, linearised about {about}\n")
     print(_text(first))

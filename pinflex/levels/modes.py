@@ -46,7 +46,8 @@ class Modes:
             shape (k, links).
         links: Names for `share`.
         preload: "gravity", "none", or "motion". free_motors: Whether motors were free.
-        rigid_body: Modes at 0 Hz that were left out (see `mode_shapes.first_modes`).
+        rigid_body: Modes at 0 Hz that were left out: those of a free base, and what
+            `mode_shapes.first_modes` leaves out.
         growth: About a motion, with complex shapes, or where loads that follow make modes flutter:
             rate of growth of each mode, shape (k,), 1/s.
         about: The motion that was linearised about, "" where there is none.
@@ -118,7 +119,8 @@ def modes(
         count: How many.
         preload: "gravity" linearises about the static equilibrium; "none" about the undeformed
             pose with the structure's stiffness alone.
-        free_motors: Motors free (they add modes at 0 Hz) instead of locked.
+        free_motors: Motors free (they add modes at 0 Hz) instead of locked. A free base moves
+            along where nothing weighs on the mechanism, else it is held.
         at: A motion instead of a pose: steady speeds of motors from home by name (rad/s, m/s), a
             time (s) of `motion`, or (result, time) of a run; stiffening and gyroscopic terms count,
             which are kept as they are at that time.
@@ -141,7 +143,8 @@ def modes(
         return _about(mechanism, dynamics, state, count, free_motors)
     y, K = linearised(mechanism, dynamics, q, preload)
     M = dynamics.mass(y)
-    free = np.arange(system.nv) if free_motors else system.free
+    free = np.arange(system.nv) if free_motors else vibrating(mechanism)
+    drifts = 0 if free_motors else len(free) - len(system.free)
     Z = allowed_motions(dynamics, y, free)
     K, M = (Z.T @ A[np.ix_(free, free)] @ Z for A in (K, M))
     x, _, every = condensed(K, M)
@@ -153,15 +156,16 @@ def modes(
         if np.any((s.imag > 0) & (s.real != 0)):
             growth = s.real
     else:
-        order = np.argsort(every)[:count]
+        elastic = np.sort(np.argsort(np.abs(every))[drifts:])  # a free base adds as many at 0 Hz
+        order = elastic[np.argsort(every[elastic])][:count]
         omega2, x = every[order], x[:, order]
         frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
     shapes = np.zeros((system.nv, x.shape[1]))
     shapes[free] = Z @ x
     share, links = _shares(mechanism, shapes)
     return Modes(
-        frequencies, shapes, y, share, links, preload, free_motors, growth=growth,
-        mechanism=mechanism,
+        frequencies, shapes, y, share, links, preload, free_motors, drifts,
+        growth=growth, mechanism=mechanism,
     )  # fmt: skip
 
 
@@ -198,6 +202,29 @@ def linearised(
         return y, dynamics.structural_stiffness(y)
     found, still = rest(mechanism, q, dynamics=dynamics), np.zeros(dynamics.system.nv)
     return found.y, dynamics.tangent(found.y, still, still, found.lam, 0.0).K
+
+
+def vibrating(mechanism: Mechanism) -> IntArray:
+    """Velocity rows that vibrate while motors are locked: a free base too, where nothing weighs.
+
+    Args:
+        mechanism: Mechanism.
+    """
+    if base_state(mechanism) == "held":
+        return mechanism.flexible.free
+    return np.union1d(mechanism.flexible.free, mechanism.idle.base).astype(np.intp)
+
+
+def base_state(mechanism: Mechanism) -> str:
+    """Whether the modes are those of a free base: free, held (it would fall), "" without one.
+
+    Args:
+        mechanism: Mechanism.
+    """
+    description = mechanism.description
+    if not len(mechanism.idle.base):
+        return ""
+    return "held" if any(description.gravity) or description.forces else "free"
 
 
 def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:

@@ -16,6 +16,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
 from pinflex.levels.circulatory import acts_without_potential, coupled
 from pinflex.linalg import negative_directions, null_space, saddle_matrix
+from pinflex.mechanics.assembly import CLOSED
 from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -146,8 +147,8 @@ class _Newton:
         dynamics, free, n = self.dynamics, self.free, len(self.free)
         rough = self.links is not links
         previous, (now, c) = np.inf, self.at(y, lam)
-        if n + len(lam) == 0:
-            return now
+        if not np.any(now.r[free] - left) and np.max(np.abs(c), initial=0.0) < CLOSED:
+            return now  # nothing pushes, as without a load, where freedoms may lack stiffness too
         for iteration in range(1, _ITERATIONS):
             state = now.y, now.v, now.a, now.lam, self.t
             M, C, K, J = dynamics.tangent(*state)

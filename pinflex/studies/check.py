@@ -14,7 +14,7 @@ from pinflex.cards import Worded
 from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.excited import default_motion
-from pinflex.levels.modes import Modes, modes
+from pinflex.levels.modes import Modes, base_state, modes
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.joints import sliding
@@ -214,6 +214,7 @@ def _first_modes(mechanism: Mechanism, count: int) -> tuple[Modes | None, str]:
     if not _vibrates(mechanism):
         return None, "no flexible link and no spring: nothing vibrates"
     locked = "at home, motors locked" if mechanism.motors else "at home"
+    locked += f", base {base}" if (base := base_state(mechanism)) else ""
     loaded, every = is_loaded(mechanism), mechanism.flexible.nv
     try:
         found = modes(mechanism, count=every, preload="gravity" if loaded else "none")

@@ -46,7 +46,7 @@ def first_modes(found: Modes, count: int, zeros: bool = False) -> Modes:
         shapes=found.shapes[:, kept],
         share=found.share[kept],
         growth=None if found.growth is None else found.growth[kept],
-        rigid_body=0 if zeros else int(np.sum(~alive)),
+        rigid_body=0 if zeros else found.rigid_body + int(np.sum(~alive)),
     )
 
 

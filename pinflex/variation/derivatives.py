@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.levels.modes import allowed_motions, condensed
+from pinflex.levels.modes import allowed_motions, condensed, vibrating
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.equations import Equations
@@ -118,7 +118,7 @@ class ModalState:
         self.base, system = base, base.flexible
         dynamics = Equations(system)
         found = rest(base, dynamics=dynamics)
-        self.still, self.free = np.zeros(system.nv), system.free
+        self.still, self.free = np.zeros(system.nv), vibrating(base)
         self.y, self.lam = found.y, found.lam
         K, M, J = self._matrices(dynamics, self.y, self.lam)
         Z = allowed_motions(dynamics, self.y, self.free)
@@ -164,7 +164,14 @@ class ModalState:
         held = [self._held(side, d) for side, d in zip(sides, designs, strict=True)]
         forces = [self._unbalanced(side, y) for side, y in zip(sides, held, strict=True)]
         n = len(self.free)
-        led = np.asarray(np.linalg.solve(self.saddle, -(forces[1] - forces[0]) / (2.0 * h)), float)
+        right, fixed = -(forces[1] - forces[0]) / (2.0 * h), n == len(self.base.flexible.free)
+        # A free base has no stiffness, and nothing pushes it: any of its poses will do.
+        led = np.asarray(
+            np.linalg.solve(self.saddle, right)
+            if fixed
+            else np.linalg.lstsq(self.saddle, right, rcond=None)[0],
+            dtype=float,
+        )
         below, above = (
             self._matrices(side, self._moved(side, y, s * led[:n]), self.lam + s * led[n:])
             for side, y, s in zip(sides, held, (-h, h), strict=True)
