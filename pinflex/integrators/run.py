@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,9 @@ class Run:
         signals: What a control measured and drove, or None.
         stopped: Why the run ended early, "" when it is complete.
         path: The nominal motion that a linear run deviates from, or None.
+        settle: Solves the equations at the samples for accelerations and multipliers, which steps
+            longer than the samples have less accurately; None: they are solved.
+        judged: Finds estimated errors of forces and stresses, by output; None: not estimated.
         s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
 
@@ -53,6 +57,8 @@ class Run:
     signals: Signals | None = None
     path: Nominal | None = None
     s: Array | None = None
+    settle: Callable[[Run], Run] | None = None
+    judged: Callable[[], Mapping[str, float]] | None = None
 
     def at(self, k: slice | IntArray) -> Run:
         """Some of its instants."""

@@ -75,7 +75,7 @@ def describe(
         "drives": drives.describe(mechanism),
         "bodies": _bodies(mechanism),
         "gravity": list(description.gravity),
-        "settings": dict(run.settings),
+        "settings": _settings(run),
         "resume": None if run.s is None else run.s[-1].tolist(),
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "units": _units(mechanism),
@@ -116,6 +116,15 @@ def assess(
         "limits": limits,
         "monitors": {name: asdict(found) for name, found in monitors.items()},
     }
+
+
+def _settings(run: Run) -> dict[str, Any]:
+    """What the level used, with the estimated errors of forces where there are some."""
+    settings = dict(run.settings)
+    known = settings.get("error")
+    if run.judged is not None and isinstance(known, Mapping) and known:
+        settings["error"] = {**known, **run.judged()}
+    return settings
 
 
 def _joint_index(model: pin.Model) -> dict[str, list[int]]:

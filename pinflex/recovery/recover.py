@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from pinflex.results.given import plain_meta
 from pinflex.results.lazy import Late
 from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
+
+T = TypeVar("T")
 
 
 def result_of(
@@ -44,11 +46,11 @@ def result_of(
         stopped: Why it ended early, "" where it did not.
     """
     samples = Samples(mechanism, run, rigid_path)
-    arrays = _arrays(samples)
+    arrays = _arrays(samples, run)
 
     def assessed() -> dict[str, Any]:
         with one_blas_thread(), workspace.keep_alive():
-            found = assess(mechanism, run, arrays, samples.kinematics.spins)
+            found = assess(mechanism, samples.run, arrays, samples.kinematics.spins)
             return plain_meta(found | {"warnings": [*found["warnings"], *samples.said()]})
 
     def described() -> dict[str, Any]:
@@ -67,18 +69,19 @@ def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[
     Returns:
         Arrays as documented in `pinflex.results.result`.
     """
-    return dict(_arrays(Samples(mechanism, run, lambda: rigid_path)))
+    return dict(_arrays(Samples(mechanism, run, lambda: rigid_path), run))
 
 
-def _arrays(samples: Samples) -> Late[Array]:
+def _arrays(samples: Samples, run: Run) -> Late[Array]:
     """Groups of arrays; "reaction_world" and "shaking" by name alone: neither listed nor stored."""
 
     def group(find: Callable[[Samples], dict[str, Array]]) -> Callable[[], dict[str, Array]]:
         return lambda: _read_only(find, samples)
 
     return Late(
-        _read_only(_states, samples),
+        _read_only(_states, run),
         {
+            ("joint", "multiplier", "eta_a"): group(_accelerations),
             ("frame", "body", "energy"): group(_motion),
             ("loop", "reaction", "residual"): group(lambda s: s.forces.arrays),
             ("link",): group(lambda s: links(s) if s.run.system.n_eta else {}),
@@ -91,7 +94,7 @@ def _arrays(samples: Samples) -> Late[Array]:
     )
 
 
-def _read_only(find: Callable[[Samples], dict[str, Array]], samples: Samples) -> dict[str, Array]:
+def _read_only(find: Callable[[T], dict[str, Array]], samples: T) -> dict[str, Array]:
     """Read-only arrays, found as runs are: one BLAS thread, workspaces kept meanwhile."""
     with one_blas_thread(), workspace.keep_alive():
         arrays = {key: np.asarray(x, float).view() for key, x in find(samples).items()}
@@ -100,20 +103,23 @@ def _read_only(find: Callable[[Samples], dict[str, Array]], samples: Samples) ->
     return arrays
 
 
-def _states(samples: Samples) -> dict[str, Array]:
-    """States of the run itself: joint, torque, multiplier, eta, nominal."""
-    run = samples.run
+def _accelerations(samples: Samples) -> dict[str, Array]:
+    """What solves the equations at the samples: joint/a, eta_a, multiplier."""
+    run, nv = samples.run, int(samples.run.system.rigid.nv)
+    out = {"joint/a": run.a[:, :nv], "multiplier": run.lam}
+    return out | {"eta_a": run.a[:, nv:]} if run.system.n_eta else out
+
+
+def _states(run: Run) -> dict[str, Array]:
+    """States of the run itself: joint, torque, eta, nominal."""
     nq, nv = int(run.system.rigid.nq), int(run.system.rigid.nv)
     out: dict[str, Array] = {
         "joint/q": run.y[:, :nq],
         "joint/v": run.v[:, :nv],
-        "joint/a": run.a[:, :nv],
         "torque": run.torque,
-        "multiplier": run.lam,
     }
     if run.system.n_eta:
         out["eta"], out["eta_v"] = run.y[:, nq:], run.v[:, nv:]
-        out["eta_a"] = run.a[:, nv:]
     if run.signals is not None:
         out |= run.signals.arrays()
     if run.path is not None:

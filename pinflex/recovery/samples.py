@@ -22,7 +22,6 @@ class Samples:
 
     Attributes:
         mechanism: Mechanism that was solved.
-        run: States at the samples.
     """
 
     def __init__(
@@ -36,7 +35,12 @@ class Samples:
             rigid_path: The rigid mechanism at the same motor positions; None, or one that returns
                 None: the run is rigid itself.
         """
-        self.mechanism, self.run, self._rigid_path = mechanism, run, rigid_path
+        self.mechanism, self._run, self._rigid_path = mechanism, run, rigid_path
+
+    @cached_property
+    def run(self) -> Run:
+        """States at the samples, with accelerations that solve the equations there."""
+        return self._run if self._run.settle is None else self._run.settle(self._run)
 
     @cached_property
     def kinematics(self) -> Kinematics:

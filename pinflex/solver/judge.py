@@ -18,6 +18,7 @@ from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.corrector import Before, Corrector
+from pinflex.integrators.inside import Inside
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.record import Record, ends_of, spans_of
 from pinflex.integrators.run import Run
@@ -170,6 +171,23 @@ class Judge:
             "runs": float(self.begun),
         }
         return self._found.run(cost, settings, stopped)
+
+    def inside(self, jumps: Sequence[float], run: Run) -> Inside:
+        """What solves the equations at samples inside steps.
+
+        Args:
+            jumps: Times in s at which accelerations jump.
+            run: A run of these steps.
+        """
+        stages, drive = self._stages, self._stages.drive
+        path, axes, h = stages.path, stages.axes, float(str(run.settings["dt"]))
+
+        def pull(run: Run) -> Array:
+            assert drive is not None
+            return drive.pull(path(run.t), axes, run.y, run.v)
+
+        free = np.arange(run.system.nv)[stages.free]
+        return Inside(free, None if drive is None else pull, (float(self._t[0]), *jumps), h)
 
     @cached_property
     def differences(self) -> dict[str, float]:

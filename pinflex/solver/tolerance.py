@@ -21,6 +21,7 @@ from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.estimates import errors, floor
+from pinflex.solver.force_errors import force_errors
 from pinflex.solver.one_run import in_one_run
 from pinflex.solver.ringing import ringing
 from pinflex.solver.scene import Progress, Scene
@@ -176,7 +177,8 @@ class _Refinement:
         settings = {**fine.settings, "tol": self.tol, "error": error}
         each = {**self.cost, "last_steps": fine.cost["steps"], "runs": float(self.runs)}
         warnings = (*fine.warnings, *ringing(self.scene, fine))
-        return replace(fine, settings=settings, cost=each, warnings=warnings)
+        judged = force_errors(self.scene.mechanism, coarse, fine, self.gain)
+        return replace(fine, settings=settings, cost=each, warnings=warnings, judged=judged)
 
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None

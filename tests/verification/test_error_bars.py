@@ -70,6 +70,51 @@ def test_a_platform_without_motors_and_steps_between_samples(tmp_path: Path, sam
     assert 0 < run.errors.time["platform position"] <= 1e-3
 
 
+SPATIAL = """urdf: arm.urdf
+actuated: [j1, j2]
+platform: tool
+flexible:
+  a: {inertia: beam, material: aluminium, section: {shape: circle, diameter: 0.02}}
+  b: {inertia: beam, material: aluminium, section: {shape: circle, diameter: 0.014}}
+motion: {kind: nonic, joints: {j1: 1.2, j2: 0.8}, duration: 0.6}
+"""
+FORCES = {"stress", "section forces", "platform acceleration"}
+
+
+def forces_of(run: pf.Result) -> dict[str, list[np.ndarray]]:
+    """Stress, section forces and moments of all links, and the acceleration of the tool."""
+    cut = np.concatenate([run.link(k).resultant for k in "ab"], axis=1)
+    stress = np.concatenate([run.link(k).von_mises for k in "ab"], axis=1)
+    tool = run.arrays["frame/tool/acceleration"][:, :3]
+    values = ([stress], [cut[:, :, :3], cut[:, :, 3:]], [tool])
+    return dict(zip(("stress", "section forces", "platform acceleration"), values, strict=True))
+
+
+@pytest.mark.parametrize("drive", ["prescribed", "torque"])
+def test_forces_inside_long_steps_keep_the_tolerance_and_their_bar(
+    tmp_path: Path, drive: str
+) -> None:
+    """An undamped arm in space, sampled six times a step; Newmark, dt 1e-4, is good to 3e-6."""
+    tool = """<link name="tool"><inertial><mass value="0.3"/><inertia ixx="1e-4" iyy="1e-4"
+      izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="end" type="fixed">
+      <parent link="b"/><child link="tool"/><origin xyz="0.6 0 0"/></joint></robot>"""
+    urdf = RODS.replace("</robot>", tool).replace("0 1 0", "0 0 1", 1).replace("1 0 0", "0.8 0 0")
+    (tmp_path / "arm.urdf").write_text(urdf)
+    (tmp_path / "arm.yaml").write_text(SPATIAL)
+    gains = ["solve.drive=torque", "solve.kp=2000", "solve.kd=50"] if drive == "torque" else []
+    robot = pf.load(tmp_path / "arm.yaml", ["gravity=[0,0,0]", "solve.start=straight", *gains])
+    keys = {"level": "coupled", "samples": 101, "until": 0.6}
+    run, exact = pf.solve(robot, tol=1e-3, **keys), pf.solve(robot, dt=1e-4, **keys)
+    told = run.errors.time
+    assert set(told) >= FORCES
+    found, true = forces_of(run), forces_of(exact)
+    for key in FORCES:
+        pairs = zip(found[key], true[key], strict=True)
+        error = max(np.abs(x - y).max() / np.abs(y).max() for x, y in pairs)
+        assert error < 1e-3
+        assert 0.5 * error < told[key] < 10 * error + 1e-5
+
+
 def test_identical_runs_are_no_estimate_and_the_floor_is_said() -> None:
     """Stiff stretch beside soft bending: round-off of the one is 1e-5 of the other."""
     robot = pf.load("race_r1", ["flexible.*.axial=true", "flexible.*.basis.internal=6"])
