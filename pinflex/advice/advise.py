@@ -20,18 +20,20 @@ import numpy as np
 from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
 from pinflex.advice.probe import Probe
-from pinflex.advice.proposal import Advice
-from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut, worst
+from pinflex.advice.proposal import Advice, error_bar
+from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut
 from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.integrators.run import Run
-from pinflex.levels.outputs import Outputs
+from pinflex.levels.outputs import STILL, Outputs
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
+from pinflex.results.residual import BAND
+from pinflex.results.verdict import TOL, platform_allowed
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 from pinflex.text import percent
@@ -55,7 +57,8 @@ def advise(
     mechanism: Mechanism,
     motion: Motion | None = None,
     *,
-    tol: float = 1e-2,
+    tol: float = TOL,
+    band: float = BAND,
     asked: Sequence[str] = (),
     until: float | None = None,
     fixed: bool = False,
@@ -67,7 +70,9 @@ def advise(
         mechanism: From `load`. motion: Default: the motion of the YAML.
         tol: Error that each output may have, relative to its largest value; of the platform, to
             its largest deviation from the rigid motion.
-        asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or all.
+        band: Error of the platform that does no harm [m], as of `compare`.
+        asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or what
+            `compare` judges by: torque and platform.
         until: End in s; default: the YAML's, or the motion's duration.
         fixed: Take the flexible links as they are: propose level and tolerance only.
         progress: True: a bar; or a function called with (step, steps) between the looks.
@@ -78,10 +83,10 @@ def advise(
         MotionError, SingularityError: The nominal motion does not exist.
     """
     began, spec = time.perf_counter(), mechanism.description.solve
-    asked = _checked(tuple(asked) or spec.asked or ASKED, tol)
+    asked = _checked(tuple(asked) or spec.asked or _judged(mechanism), tol)
     stepless = ("solve.dt=null",) if spec.dt is not None else ()  # beside tol it is refused
     n = mechanism.flexible.n_eta
-    plain = Advice(mechanism.name, tol, asked, run_tol=tol / 4, coordinates=(n, n, n),
+    plain = Advice(mechanism.name, tol, asked, band=band, run_tol=tol / 4, coordinates=(n, n, n),
                    error=dict.fromkeys(asked, tol / 2))  # fmt: skip
     if any(mechanism.description.system_damping):
         why = "damping.scope: system is known to ked only; no error bar can be had"
@@ -115,6 +120,13 @@ def _checked(asked: tuple[str, ...], tol: float) -> tuple[str, ...]:
     return asked
 
 
+def _judged(mechanism: Mechanism) -> tuple[str, ...]:
+    """What `compare` judges levels by; all outputs where it judges by none."""
+    motors, platform = len(mechanism.rigid.motors) > 0, bool(mechanism.description.platform)
+    there = {"torque": motors, "platform": platform}
+    return tuple(name for name, is_there in there.items() if is_there) or ASKED
+
+
 def _only_coupled(mechanism: Mechanism) -> str:
     """Why no level but coupled applies, "" if others do."""
     if mechanism.description.solve.drive == "torque":
@@ -124,6 +136,11 @@ def _only_coupled(mechanism: Mechanism) -> str:
     if mechanism.report.mobility != len(mechanism.rigid.motors) or len(mechanism.idle.base):
         return "the motors do not determine the motion: only coupled lets the rest swing"
     return ""
+
+
+def _worst(error: Errors) -> float:
+    """The largest of some errors."""
+    return max(error.values(), default=0.0)
 
 
 class _Study:
@@ -167,16 +184,19 @@ class _Study:
         if level == "quasistatic":
             found = replace(found, run_tol=tol * _STILL)
         if level != "rigid" and not fixed:
-            room = tol / 2 if worst(error) >= tol else tol - worst(error)
+            left = 1.0 - self.plain.used(error)
+            room = left if left > 0.0 else 0.5
             second = self._second_order(mechanism, once, room)
             self._tell(2, _LOOKS)
-            small = fewer.smaller(self.rich, self.probe, self.outputs, once, room)
+            used = self.plain.used
+            small = fewer.smaller(self.rich, self.probe, self.outputs, once, room, used)
             for part, factor in ((small.error, SAFETY), (small.unsettled, _TAIL)):
                 error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
             if small.unsettled:
+                far = percent(_worst(small.unsettled))
                 self.notes.append(
-                    f"the last mode tried still changes an output by {worst(small.unsettled):.2g}, "
-                    "which is in the error bars: more modes may be needed"
+                    f"the last mode tried still changes an output by {far}, which is in the error "
+                    "bars: more modes may be needed"
                 )
             tried = small.tried if second is None else (second, *small.tried)
             on = fewer.second_order(mechanism) if second is not None and not second.out else ()
@@ -205,7 +225,9 @@ class _Study:
         except (PinflexError, np.linalg.LinAlgError):
             return LeftOut("second order: without it the motion runs away", {}, False)
         error = Outputs(linear, self.motion, probe.t, self.plain.asked).differences(run, whole)
-        return LeftOut(f"second order of {', '.join(links)}", error, SAFETY * worst(error) <= room)
+        return LeftOut(
+            f"second order of {', '.join(links)}", error, SAFETY * self.plain.used(error) <= room
+        )
 
     def _segmented(self, mechanism: Mechanism, found: Advice) -> Advice:
         """The advice with the error of its whole model in its bars, and segments if they help."""
@@ -217,16 +239,17 @@ class _Study:
             self._tell(4, _LOOKS)
             error = error_bars.covering(found.error, apart)
             more = fewer.segmented(model)
-            if level == "rigid" or worst(error) <= self.tol or self.rich is mechanism or not more:
+            used = found.used
+            if level == "rigid" or used(error) <= 1.0 or self.rich is mechanism or not more:
                 return replace(found, error=error)
-            if worst(found.error) > _WORTH * worst(error):
+            if used(found.error) > _WORTH * used(error):
                 return replace(found, error=error)  # whatever segments mend, that is left
             cut = load(model.description.with_overrides(list(more)))
             rest = error_bars.differences(self._look(cut, level), finer)
             # What two segments leave is a quarter to a third of what they mend.
             left = {k: e + _MENDED * apart.get(k, 0.0) for k, e in rest.items()}
             better = error_bars.covering(found.error, left)
-            if worst(better) > _WORTH * worst(error):
+            if used(better) > _WORTH * used(error):
                 return replace(found, error=error)
             n = cut.flexible.n_eta
             return replace(
@@ -263,6 +286,7 @@ class _Study:
         def bars(error: Errors) -> Errors:
             return {k: SAFETY * e + left[k] for k, e in error.items()}
 
+        self._allow(best)
         levels = {"rigid": bars(differ(probe.rigid(), best))}
         levels["quasistatic"], seconds["quasistatic"] = dict.fromkeys(left, np.inf), np.inf
         began = time.perf_counter()
@@ -281,6 +305,16 @@ class _Study:
         # compared: in that two models may differ wholly.
         levels["coupled"] = {k: self.tol / 2 + self.fast.get(k, 0.0) for k in left}
         return once, levels, seconds
+
+    def _allow(self, best: Run) -> None:
+        """Let the pose of the platform be off by what the band is of its largest deviation."""
+        keys = ("platform position", "platform rotation")
+        apart = self.outputs.histories(self.probe.rigid(), best)
+        if keys[0] not in apart:
+            return
+        far = float(np.max(apart[keys[0]].size, initial=0.0))
+        share = platform_allowed(far, self.tol, self.plain.band) / max(far, STILL)
+        self.plain = replace(self.plain, allowed=dict.fromkeys(keys, share))
 
     def _verify(self, best: Run, left: Errors) -> float:
         """Hold the corrected motion against the coupled one; seconds that all of that would take.
@@ -312,13 +346,14 @@ class _Study:
 
     def _choose(self, levels: dict[str, Errors], seconds: dict[str, float]) -> tuple[str, str]:
         """The cheapest level whose error bars fit, and why."""
-        rigid, still, ked = (worst(levels[x]) for x in ("rigid", "quasistatic", "ked"))
-        bars = (("rigid", rigid), ("quasistatic", still), ("ked", ked))
-        known = [f"{name} {percent(e)}" for name, e in bars if np.isfinite(e)]
+        lower = ("rigid", "quasistatic", "ked")
+        bars = {name: _worst(levels[name]) for name in lower}
+        known = [f"{name} {error_bar(e)}" for name, e in bars.items() if np.isfinite(e)]
+        rigid, still, ked = (self.plain.used(levels[name]) <= 1.0 for name in lower)
         why = f"error bars: {', '.join(known)}" if known else "no lower level could be measured"
-        if rigid <= self.tol:
+        if rigid:
             return "rigid", why
-        if still <= self.tol:
+        if still:
             now, then = seconds["quasistatic"], seconds["coupled"]
             if now <= then:
                 return "quasistatic", why
@@ -326,7 +361,7 @@ class _Study:
                 f"{why}; quasistatic would do, but takes longer (about {now:.2g} s, "
                 f"coupled {then:.2g} s)"
             )
-        if ked <= self.tol:
+        if ked:
             # Its steps resolve every period, however long those of coupled may be.
             return "coupled", f"{why}; ked would do, but is hardly cheaper than coupled by tol"
         return "coupled", why

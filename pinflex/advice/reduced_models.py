@@ -6,7 +6,7 @@ leaving something out costs one cheap march (pinflex.advice.probe) and no new mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -61,11 +61,6 @@ class Smaller:
     unsettled: Errors
 
 
-def worst(error: Errors) -> float:
-    """The largest of some errors."""
-    return max(error.values(), default=0.0)
-
-
 def richer(mechanism: Mechanism) -> tuple[Mechanism, str]:
     """The scene with every plane, stretch, twist, second order, a mode more; or itself, and why."""
     changes = []
@@ -85,13 +80,20 @@ def richer(mechanism: Mechanism) -> tuple[Mechanism, str]:
         return mechanism, f"planes and modes were not tried: {failed}"
 
 
-def smaller(rich: Mechanism, probe: Probe, outputs: Outputs, whole: Run, room: float) -> Smaller:
+def smaller(
+    rich: Mechanism,
+    probe: Probe,
+    outputs: Outputs,
+    whole: Run,
+    room: float,
+    used: Callable[[Errors], float],
+) -> Smaller:
     """Leave out whatever keeps the error bar of all that is left out within `room`.
 
     Args:
         rich: The model with everything. probe: Its probe. outputs: What errors are of.
         whole: Its motion, corrected once as those of the smaller ones are.
-        room: Largest error bar.
+        room: Largest error bar, as a share of what is allowed. used: That share of errors.
     """
     kept = Smaller(dict(rich.parts), probe.system.n_eta, {}, (), {})
     before, tried, unsettled, needed = whole, [], {}, False
@@ -105,7 +107,7 @@ def smaller(rich: Mechanism, probe: Probe, outputs: Outputs, whole: Run, room: f
             continue
         parts, n, run = found
         error, own = (_apart(outputs, run, other) for other in (whole, before))
-        out = SAFETY * worst(error) <= room
+        out = SAFETY * used(error) <= room
         tried.append(LeftOut(what, own, out))
         if mode is not None:
             needed = not out

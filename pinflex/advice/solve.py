@@ -12,7 +12,7 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.control import Control
 from pinflex.description.motion import Motion
-from pinflex.description.solve import LEVELS
+from pinflex.description.solve import ASKED, LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, RunInterrupted
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.progress import Progress, shown
@@ -129,7 +129,9 @@ def _solve_advised(
 
     wanted = options.pop("tol", None) or mechanism.description.solve.tol or 1e-2
     asked, until = tuple(options.pop("asked", ())), options.get("until")
-    found = advise(mechanism, motion, tol=wanted, asked=asked, until=until, fixed=True)
+    # a run has every output: none is let off for what does no harm
+    asked = asked or mechanism.description.solve.asked or ASKED
+    found = advise(mechanism, motion, tol=wanted, band=0.0, asked=asked, until=until, fixed=True)
     if found.run_tol is not None:
         options |= {"tol": found.run_tol, "asked": found.asked}
         spec = replace(mechanism.description.solve, dt=None)

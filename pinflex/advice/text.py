@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
-from pinflex.advice.proposal import Advice
+from pinflex.advice.proposal import Advice, error_bar
+from pinflex.results.verdict import criterion
 from pinflex.text import bullets, paragraph, percent, report, table
 
 _DOES = {
@@ -25,15 +26,20 @@ def write(a: Advice, model: str | None = None, whole: bool = True) -> str:
     """
     n, rich, kept = a.coordinates
     far = max(a.error.values(), default=0.0)
-    short = f"; NOT REACHED: error bars up to {percent(far)}" if far > a.tol else ""
+    missed = a.used(a.error) > 1.0
+    most = error_bar(far) if far > 1.0 else f"up to {error_bar(far)}"
+    reached = f"NOT REACHED: error bars {most}" if missed else "reached"
     of = f" (levels: model of {rich} coordinates)" if a.levels else ""
+    deflection = f", deflection within {percent(a.tol)}" * ("deflection" in a.asked)
     return report(
-        f"{a.name}: {', '.join(a.asked)} within {percent(a.tol)} of the largest value{short}",
+        paragraph(f"{a.name}: {reached}.")
+        + "\n"
+        + paragraph(f"Suffices: {criterion(a.tol, a.band)}{deflection}."),
         f"Proposal: level {a.level} ({_DOES[a.level]})"
         + (f", {kept} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
         paragraph(_command(a, model or a.name), "      ", "  "),
         paragraph(a.why, "     ", "why: ") if a.why else "",
-        _bars(f"Error bars, of time integration and model{of}", a),
+        _bars(f"Error bars (twice what was measured) of time integration and model{of}", a),
         _left_out(a) if whole else _sentence(a),
         bullets(a.notes),
     )
@@ -51,7 +57,8 @@ def _bars(title: str, a: Advice) -> str:
     if not rows:
         return ""
     outputs = list(next(iter(rows.values())))
-    cells = [[name, *(percent(error[k]) for k in outputs)] for name, error in rows.items()]
+    cells = [[name, *(error_bar(error[k]) for k in outputs)] for name, error in rows.items()]
+    cells.append(["allowed", *(percent(a.allowed.get(k, a.tol)) for k in outputs)])
     missing = [name for name in a.levels if name not in known]
     rest = f"\nNot measured: {', '.join(missing)}." if missing else ""
     return table(title, "|".join(["level", *outputs]), cells, (18,)) + rest

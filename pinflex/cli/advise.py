@@ -27,12 +27,16 @@ level and the step.""",
         "pinflex advise race_r1 --asked torque --tol 0.03\n  pinflex advise 3rrs --tol 1e-2 --json",
     )
     p.add_argument(
-        "--tol", type=parser.positive, default=1e-2, metavar="X",
-        help="relative error wanted, 1e-6 to 0.1 (default 1e-2)",
+        "--tol", type=parser.positive, default=0.05, metavar="X",
+        help="relative error that may be, 1e-6 to 0.1 (default 0.05, as of compare)",
+    )  # fmt: skip
+    p.add_argument(
+        "--band", type=parser.positive, default=50e-6, metavar="M",
+        help="error of the platform in m that does no harm (default 50e-6, as of compare)",
     )  # fmt: skip
     p.add_argument(
         "--asked", type=parser.names, default=(), metavar="A,B,...",
-        help="torque, deflection, platform (default: the YAML's solve.asked, or all)",
+        help="torque, deflection, platform (default: the YAML's solve.asked, or torque, platform)",
     )  # fmt: skip
     parser.verbose(p)
     p.add_argument("--until", type=parser.positive, metavar="S", help="end time in s")
@@ -46,7 +50,8 @@ def run(args: argparse.Namespace) -> int:
     mechanism = load_model(args)
     with Bar("looking") as bar:
         bar.say()
-        advice = advise(mechanism, tol=args.tol, asked=args.asked, until=args.until, progress=bar)
+        options = {"tol": args.tol, "band": args.band, "asked": args.asked, "until": args.until}
+        advice = advise(mechanism, **options, progress=bar)
     if args.json:
         print_json(asdict(advice))
     else:

@@ -44,6 +44,13 @@ level that cannot be solved does not stop the others.""",
         help="platform deviation in m that does no harm: settling time, verdict (default 50e-6)",
     )
     p.add_argument(
+        "--tol",
+        type=parser.positive,
+        default=0.05,
+        metavar="X",
+        help="share of torques and deviations that a level may miss and suffice (default 0.05)",
+    )
+    p.add_argument(
         "--errors", action="store_true", help="error bars also of large models (some seconds)"
     )
     parser.verbose(p)
@@ -57,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     mechanism = load_model(args)
     folder = Path(args.output or f"{mechanism.name}-compare")
     writable(folder / "comparison.txt")
-    given = {"band": args.band, "errors": args.errors, "folder": folder}
+    given = {"band": args.band, "tol": args.tol, "errors": args.errors, "folder": folder}
     done = compare(mechanism, None, args.levels or LEVELS, **given, progress=Stages(Bar))
     if args.json:
         written = {"folder": folder, "files": [path.name for path in done.files]}

@@ -24,6 +24,7 @@ from pinflex.results.comparison_rows import (
 from pinflex.results.drives import DriveRow, drive_row
 from pinflex.results.residual import BAND, residual, stops
 from pinflex.results.result import Result, same_grid
+from pinflex.results.verdict import TOL
 from pinflex.text import brief
 
 
@@ -36,6 +37,7 @@ class Comparison(Worded):
         notes: What a reader should know before trusting the numbers, one sentence each.
         residuals: Empty unless the platform rests from some instant on.
         band: Deviation that does no harm [m]. levels: Each against rigid and against the best.
+        tol: Share of torques and deviations by which a level that suffices may differ.
         verdict: The answer in a few sentences. start: What to know of the start, "" for nothing.
         falls: Last instant with an equilibrium, where there is none to the end [s].
         drives: Both sides of each gear, by level.
@@ -60,6 +62,7 @@ class Comparison(Worded):
     start: str = ""
     falls: float | None = None
     drives: tuple[DriveRow, ...] = ()
+    tol: float = TOL
 
     def to_json(self) -> str:
         """The same numbers as JSON with stable keys; absent numbers are null."""
@@ -93,6 +96,7 @@ def comparison(
     cpu: Mapping[str, float] | None = None,
     start: str = "",
     falls: float | None = None,
+    tol: float = TOL,
 ) -> Comparison:
     """Compare runs of one scene with its rigid run, instant by instant.
 
@@ -110,6 +114,7 @@ def comparison(
         cpu: CPU time of each level [s], where known.
         start: What to know of the start.
         falls: Last instant with an equilibrium, where there is none to the end [s].
+        tol: Share of torques and deviations by which a level that suffices may differ.
     """
     every = ({} if rigid is None else {"rigid": rigid}) | dict(others)
     strengths, times = yield_strengths or {}, cpu or {}
@@ -134,6 +139,7 @@ def comparison(
         start=start,
         falls=falls,
         drives=_drive_rows(every),
+        tol=tol,
     )
     table = replace(table, levels=verdict.level_rows(table, every, frame, times))
     return replace(table, verdict=verdict.words(table))

@@ -35,7 +35,10 @@ class TorqueRow:
 
 @dataclass(frozen=True)
 class PlatformRow:
-    """Largest distance [m] and angle [rad] of the platform from the rigid run, with times [s]."""
+    """Largest distance [m] and angle [rad] of the platform from the rigid run, with times [s].
+
+    `at_start` is the distance at the first instant: the sag of a start in equilibrium.
+    """
 
     __repr__ = brief
 
@@ -45,6 +48,7 @@ class PlatformRow:
     position_time: float
     rotation: float
     rotation_time: float
+    at_start: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -142,6 +146,7 @@ def platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
         position_time=float(run.t[far]),
         rotation=float(deviation.angle[turned]),
         rotation_time=float(run.t[turned]),
+        at_start=float(deviation.norm[0]),
     )
 
 

@@ -63,13 +63,16 @@ def _level_table(c: Comparison) -> str:
     order = [*_LEFT_OUT]
     rows.sort(key=lambda row: order.index(row[0]) if row[0] in order else len(order))
     unit = "mm" if millimetres else "um"
-    return table(
-        "Levels, simplest first; torque and deviation are largest differences from rigid",
+    judged = [paragraph(f"Suffices: {verdict.criterion(c.tol, c.band, best)}.")] if best else []
+    peaks = f", torque in % of the {best} peak" if best else ""
+    levels = table(
+        f"Levels, simplest first; differences from rigid{peaks}",
         f"level|torque [%]|deviation [{unit}]|stress [MPa]|CPU [s]|verdict",
         rows,
         (22,),
         last_is_text=True,
     )
+    return "\n".join([*judged, levels])
 
 
 def _brief(x: float | None, digits: int) -> str:

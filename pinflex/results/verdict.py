@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pinflex.results.residual import BAND
 from pinflex.results.result import Result, peak
 from pinflex.text import percent, short
 
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
     from pinflex.results.comparison import Comparison
     from pinflex.results.comparison_rows import ResidualRow, TorqueRow
 
-SHARE = 0.05  # of the largest torque or deviation, by which a level that suffices may differ
+TOL = 0.05  # of the largest torque or deviation, by which a level that suffices may differ
 _IDLE = 1e-3  # of what its joint bears, which rolling bearings lose to friction: less is idling
+_SAG = 0.01  # of the largest deviation: what a start in equilibrium has less of is not told
 _DEARER = 5.0  # times the cost of the last level: runs of a tenth of a second scatter by three
 
 
@@ -24,13 +26,15 @@ _DEARER = 5.0  # times the cost of the last level: runs of a tenth of a second s
 class LevelRow:
     """One level: against rigid, and against the level that leaves out least.
 
+    Torques are judged by the largest one with the same unit at the best level; those of motors
+    that idle, by what their joints bear.
+
     Attributes:
-        torque_percent: Of the torque that is furthest from rigid, % of that motor's rigid peak.
+        torque_percent: Largest difference of a torque from rigid [%].
         deviation: Largest distance of the platform from rigid [m]. stress: Largest [Pa].
-        torque_off: Largest difference of a torque from the best level, share of the largest torque
-            with the same unit, or of what idle motors' joints bear.
+        torque_off: Largest difference of a torque from the best level [-].
         platform_off: Of the platform's place from the best level [m].
-        suffices: Torques within `SHARE`, the platform within the band or `SHARE` of the best level.
+        suffices: Torques within `tol`, the platform within the band or `tol` of the best level.
             None where there is nothing to judge by. What cannot be said is None.
     """
 
@@ -44,28 +48,45 @@ class LevelRow:
     suffices: bool | None
 
 
-def off_best(run: Result, best: Result, frame: str | None) -> tuple[float | None, float | None]:
-    """Difference of torques (share of the largest of their unit) and of the platform [m].
+def criterion(tol: float = TOL, band: float = BAND, best: str = "coupled") -> str:
+    """When a level suffices, in words that `compare` and `advise` share.
+
+    Args:
+        tol: Share of torques and deviations. band: Distance of the platform that does no harm [m].
+        best: Level that is judged by.
+    """
+    return (
+        f"torque within {percent(tol)} of the {best} peak, platform within {rounded_length(band)} "
+        f"or {percent(tol)} (--tol, --band)"
+    )
+
+
+def platform_allowed(deviation: float, tol: float = TOL, band: float = BAND) -> float:
+    """Distance of the platform from the best level that suffices [m].
+
+    Args:
+        deviation: Largest one of the best level from rigid [m]. tol, band: As of `criterion`.
+    """
+    return max(band, tol * deviation)
+
+
+def torque_apart(run: Result, other: Result, best: Result) -> float | None:
+    """Largest difference of torques, as a share of the best level's largest with the same unit.
 
     Motors of one unit that idle, as those of a closed gripper, are judged by a thousandth of what
     their joints bear: their own torques are round-off, of which no share says anything.
 
     Args:
-        run, best: Runs of one scene.
-        frame: Of the platform, or None.
+        run, other, best: Runs of one scene.
     """
     units = [best.unit(f"torque/{motor}") for motor in best.motors]
-    torque = None
+    found = None
     for unit in dict.fromkeys(units):
         at = [i for i, own in enumerate(units) if own == unit]
         scale = max(peak(best.torque[:, at]), _IDLE * max(_borne(best, best.motors[i]) for i in at))
         if scale > 0:
-            share = peak(run.torque[:, at] - best.torque[:, at]) / scale
-            torque = max(share, torque or 0.0)
-    if frame is None:
-        return torque, None
-    away = run.frame(frame).position - best.frame(frame).position
-    return torque, float(np.linalg.norm(away, axis=1).max())
+            found = max(peak(run.torque[:, at] - other.torque[:, at]) / scale, found or 0.0)
+    return found
 
 
 def _borne(run: Result, motor: str) -> float:
@@ -88,34 +109,25 @@ def level_rows(
         frame: Of the platform, or None.
         cpu: CPU time by level [s].
     """
-    if not runs:
-        return ()
-    best = list(runs.values())[-1]
-    return tuple(
-        _level_row(c, level, run, off_best(run, best, frame), frame, cpu.get(level))
-        for level, run in runs.items()
-    )
+    return tuple(_level_row(c, level, runs, frame, cpu.get(level)) for level in runs)
 
 
 def _level_row(
-    c: Comparison,
-    level: str,
-    run: Result,
-    off: tuple[float | None, float | None],
-    frame: str | None,
-    cpu: float | None,
+    c: Comparison, level: str, runs: Mapping[str, Result], frame: str | None, cpu: float | None
 ) -> LevelRow:
-    """`off`: torques and platform from the best run, as `off_best` gives them."""
-    rigid, worst = level == "rigid", furthest(c, level)
-    percent = 0.0 if rigid and run.motors else None
+    run, rigid, best = runs[level], runs.get("rigid"), list(runs.values())[-1]
     far = [r.position for r in c.platform if r.level == level]
     stress = [r.von_mises for r in c.stresses if r.level == level]
-    torque, platform = off
-    fits = (torque or 0.0) <= SHARE and (platform or 0.0) <= allowed(c)
+    from_rigid = None if rigid is None else torque_apart(run, rigid, best)
+    torque, platform = torque_apart(run, best, best), None
+    if frame is not None:
+        away = run.frame(frame).position - best.frame(frame).position
+        platform = float(np.linalg.norm(away, axis=1).max())
+    fits = (torque or 0.0) <= c.tol and (platform or 0.0) <= allowed(c)
     return LevelRow(
         level=level,
-        torque_percent=percent if worst is None else worst.max_percent,
-        deviation=max(far, default=0.0 if rigid and frame else None),
+        torque_percent=None if from_rigid is None else 100 * from_rigid,
+        deviation=max(far, default=0.0 if level == "rigid" and frame else None),
         stress=max(stress, default=None),
         cpu=cpu,
         torque_off=torque,
@@ -126,7 +138,7 @@ def _level_row(
 
 def allowed(c: Comparison) -> float:
     """Largest distance of the platform from the best level at which a level suffices [m]."""
-    return max([c.band, *(SHARE * row.position for row in c.platform[-1:])])
+    return platform_allowed(max((r.position for r in c.platform[-1:]), default=0.0), c.tol, c.band)
 
 
 def furthest(c: Comparison, level: str) -> TorqueRow | None:
@@ -164,7 +176,12 @@ def _shakes(c: Comparison, best: str) -> str:
     place = next((r for r in c.platform if r.level == best), None)
     if place is None:
         return ""
-    text = f"The {place.frame} is off by up to {rounded_length(place.position)}"
+    text = (
+        f"Frame {place.frame} deviates from the rigid motion by up to "
+        f"{rounded_length(place.position)}"
+    )
+    if place.at_start > _SAG * place.position:
+        text += f" ({rounded_length(place.at_start)} of it static sag)"
     after = next((r for r in c.residuals if r.level == best), None)
     return f"{text}{_after(after, c.band)}."
 
@@ -185,9 +202,8 @@ def _torques(c: Comparison, best: str) -> str:
     if row is None or row.max_difference is None:
         return ""
     most = row.max_difference
-    share = (
-        "" if row.max_percent is None else f", {percent(row.max_percent / 100)} of the rigid peak"
-    )
+    scale = max(r.peak for r in c.torques if (r.level, r.unit) == (best, row.unit))
+    share = f", {percent(most / scale)} of the {best} peak" if scale > 0 else ""
     kind = "forces" if row.unit == "N" else "torques"
     where = short(row.motor, 20)
     return f"Motor {kind} differ from rigid by up to {most:.3g} {row.unit}{share} ({where})."
@@ -233,7 +249,7 @@ def miss(row: LevelRow, c: Comparison) -> str:
     parts = []
     if row.platform_off is not None and row.platform_off > allowed(c):
         parts.append(rounded_length(row.platform_off))
-    if row.torque_off is not None and row.torque_off > SHARE:
+    if row.torque_off is not None and row.torque_off > c.tol:
         parts.append(f"torque {percent(row.torque_off)}")
     return f"misses {', '.join(parts)}"
 

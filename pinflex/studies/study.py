@@ -22,6 +22,7 @@ from pinflex.results.comparison import Comparison, comparison
 from pinflex.results.lazy import Late
 from pinflex.results.residual import BAND
 from pinflex.results.result import Result
+from pinflex.results.verdict import TOL
 from pinflex.solver.solve import default_motion
 from pinflex.studies.check import first_frequencies
 from pinflex.studies.open_steps import solved
@@ -122,6 +123,7 @@ def compare(
     levels: Sequence[str] = LEVELS,
     *,
     band: float = BAND,
+    tol: float = TOL,
     errors: bool = False,
     folder: str | Path | None = None,
     progress: Progress | Stages = None,
@@ -142,6 +144,7 @@ def compare(
         levels: Levels beside rigid, which is always solved first as the reference; one that fails
             does not stop the others.
         band: Deviation of the platform that does no harm [m]: settling time, verdict.
+        tol: Share of torques and deviations by which a level that suffices may differ.
         errors: Error bars also of large models (some seconds).
         folder: Write runs (compact, see `Result.save`), tables, figures and the page there.
         progress: True: a bar for each stage; or a function called with (step, steps).
@@ -174,7 +177,7 @@ def compare(
 
     try:
         each = (lambda level: steps) if tell is None else tell
-        done = study(mechanism, levels, each, keep, band, say, errors, motion)
+        done = study(mechanism, levels, each, keep, band, say, errors, motion, tol)
         if folder is None:
             return done
         # the page is drawn from what the files of its runs hold: they alone give the same page
@@ -193,6 +196,7 @@ def study(
     tell: Callable[[str], None] = lambda text: None,
     errors: bool = False,
     motion: Motion | None = None,
+    tol: float = TOL,
 ) -> Study:
     """Solve a scene at several levels and compare; a level that fails does not stop the others.
 
@@ -205,6 +209,7 @@ def study(
         tell: Called with the name of each stage that is no level.
         errors: Error bars also of a scene for which they are expensive.
         motion: Default: that of the YAML.
+        tol: Share of torques and deviations by which a level that suffices may differ.
 
     Returns:
         The study.
@@ -251,7 +256,7 @@ def study(
         raise next(iter(record.unsolved.values()))
     tell("frequencies")
     end = (motion or default_motion(mechanism)).duration
-    table = _table(mechanism, record, band, end)
+    table = _table(mechanism, record, band, end, tol)
     return Study(mechanism, record.runs, record.partial, record.unsolved, table)
 
 
@@ -311,7 +316,9 @@ def _ordered(levels: Sequence[str]) -> list[str]:
     return ["rigid", *wanted]
 
 
-def _table(mechanism: Mechanism, record: Outcomes, band: float, stop: float) -> Comparison:
+def _table(
+    mechanism: Mechanism, record: Outcomes, band: float, stop: float, tol: float
+) -> Comparison:
     runs = record.runs
     flexible = {level: run for level, run in runs.items() if level != "rigid"}
     try:
@@ -329,6 +336,7 @@ def _table(mechanism: Mechanism, record: Outcomes, band: float, stop: float) -> 
         unsolved={level: why_missing(record, level) for level in record.unsolved},
         stop=stop,
         band=band,
+        tol=tol,
         cpu=record.cpu,
         falls=falls(record),
         start=" ".join(starting(mechanism, mechanism.description.solve, runs)),

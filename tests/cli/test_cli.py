@@ -306,7 +306,7 @@ def test_compare_prints_one_screen_and_names_every_file_it_wrote(compared):
     assert sorted(listed.replace("\n", " ").replace(" ", "").split(",")) == files
     assert f"Watch it in a browser: {(folder / 'animation.html').as_uri()}\n" in text
     whole = (folder / "comparison.txt").read_text(encoding="utf-8")
-    for words in ("fourbar: The coupler_tip is off by", "the reference", "First resonance"):
+    for words in ("fourbar: Frame coupler_tip deviates", "the reference", "First resonance"):
         assert words in " ".join(text.split())
         assert words in " ".join(whole.split())
     for words in ("Motor torque [N m]", "coupler_tip", "von Mises", "Cost"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from pinflex.advice import text as advice_text
 from pinflex.advice.proposal import Advice
 from pinflex.advice.reduced_models import LeftOut
 from pinflex.errors import PinflexError
+from pinflex.results.verdict import criterion
 from tests.cli.small import call, write_model
 
 SCREEN = 45  # lines
@@ -68,6 +70,15 @@ def test_advice_has_rows_only_for_what_was_measured():
     assert clean(text) and "Not measured: rigid, ked." in text
     assert "Left out: stretch (axial). -v says what each costs." in text
     assert "3.0e-05" not in text and "3.0e-05" in str(found)
+    assert f"Suffices: {criterion(1e-2)}." in text and text.startswith("arm: reached.")
+
+
+def test_an_advice_lets_off_what_the_band_allows_and_caps_what_is_all_wrong():
+    error = {"torque": 0.04, "platform position": 2.0}
+    found = Advice("arm", 0.05, ("torque", "platform"), level="rigid", error=error)
+    assert found.used(error) == 40.0 and "NOT REACHED: error bars over 100 %" in str(found)
+    near = replace(found, allowed={"platform position": 2.5})  # of 20 um, within 50 um
+    assert near.used(error) == 0.8 and "arm: reached." in str(near)
 
 
 def test_every_command_that_takes_a_model_takes_json_and_set():

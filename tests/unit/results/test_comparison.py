@@ -9,6 +9,7 @@ import pytest
 from pinflex.errors import DescriptionError
 from pinflex.results.comparison import comparison
 from pinflex.results.result import Result, peak, rms
+from pinflex.results.verdict import criterion
 from tests.synthetic import synthetic_result
 
 
@@ -78,7 +79,7 @@ def test_the_json_has_stable_keys_and_si_units(rigid, flexible):
     assert list(data) == [
         *("name", "torques", "platform", "stresses", "frequencies", "costs"),
         *("frequency_note", "notes", "unsolved"),
-        *("residuals", "band", "levels", "verdict", "start", "falls", "drives"),
+        *("residuals", "band", "levels", "verdict", "start", "falls", "drives", "tol"),
     ]
     assert data["stresses"][0]["von_mises"] > 1e6  # Pa
     assert 1e-4 < data["platform"][0]["position"] < 1e-3  # m
@@ -109,7 +110,7 @@ def test_the_verdict_says_in_words_what_the_numbers_are(rigid, flexible):
     words = " ".join(table.brief().split())
     off = max(r.max_difference for r in table.torques)
     for said in (
-        "The platform is off by up to 0.4 mm",
+        "Frame platform deviates from the rigid motion by up to 0.4 mm",
         "after the stop it still shakes by 0.4 mm and settles to 0.2 mm in 0.0",
         f"Motor torques differ from rigid by up to {off:.3g} N m",
         "First resonance: 36.2 Hz",
@@ -138,6 +139,31 @@ def test_the_simplest_level_that_suffices_is_named_and_the_others_say_what_they_
     runs = {"ked": flexible, "coupled": flexible}
     for seconds, words in ((4.9, "suffices is ked."), (5.1, "ked, though it costs far more")):
         assert words in comparison(rigid, runs, cpu={"ked": seconds, "coupled": 1.0}).verdict
+
+
+def test_a_row_has_one_base_and_the_screen_its_criterion(rigid, flexible):
+    half = replace(flexible, arrays={**flexible.arrays, "torque": 0.9 * flexible.torque})
+    runs = {"quasistatic": half, "coupled": flexible}
+    table = comparison(rigid, runs)
+    first, last = table.levels[0], table.levels[-1]
+    assert last.torque_percent == 100 * first.torque_off  # one difference, seen from both ends
+    off = peak(flexible.torque - rigid.torque) / peak(flexible.torque)
+    assert last.torque_percent == pytest.approx(100 * off, rel=1e-12)
+    assert f"Suffices: {criterion()}." in table.brief()
+    wide = comparison(rigid, runs, tol=0.15, band=1e-4)
+    assert wide.levels[1].suffices and not table.levels[1].suffices  # 10 % off
+    assert "torque within 15 % of the coupled peak, platform within 0.1 mm or 15 %" in wide.brief()
+
+
+def test_what_a_start_in_equilibrium_sags_is_told_apart_from_what_shakes(rigid, flexible):
+    def moved(away: np.ndarray) -> Result:
+        place = rigid.frame("platform").position + away[:, None] * [0.0, 0.0, 1.0]
+        return replace(flexible, arrays={**flexible.arrays, "frame/platform/position": place})
+
+    ramp = np.linspace(0.0, 1.0, len(rigid.t))
+    sags = comparison(rigid, {"coupled": moved(3e-4 + 1e-4 * ramp)}).verdict
+    assert "deviates from the rigid motion by up to 0.4 mm (0.3 mm of it static sag)" in sags
+    assert "sag" not in comparison(rigid, {"coupled": moved(4e-4 * ramp)}).verdict
 
 
 def gripper(run: Result, force: float, weight: float) -> Result:
