@@ -28,6 +28,7 @@ from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
 from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.joints import Joint, add_rotors, coordinate_names, joint_of, motor_rows
+from pinflex.mechanics.masses import require_mass
 from pinflex.mechanics.parts import FlexiblePart, resolve
 from pinflex.mechanics.planes import LeftOut, any_undecided
 from pinflex.mechanics.plausible import require_size
@@ -202,7 +203,8 @@ def load(
         The mechanism with its loops closed at home.
     Raises:
         DescriptionError: Bad input, with file, key path, value and nearest choice.
-        AssemblyError, SingularityError: Loops that cannot close, or a singular home.
+        AssemblyError, SingularityError: Loops that cannot close, or a singular home; or, an error
+            of pinflex, a model that does not weigh what the scene says.
     """
     description = source if isinstance(source, Description) else read(source)
     if overrides:
@@ -315,6 +317,9 @@ class _Loading:
         flexible: System,
         report: LoopReport,
     ) -> Mechanism:
+        require_mass(
+            self.description, self.links, parts, self.own, rigid.system, flexible, rigid.home
+        )
         names = coordinate_names(rigid.system.rigid)
         return Mechanism(
             self.description, Records(self.links), parts, rigid.system, flexible, rigid.home, names,
