@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.integrators.run import Run
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
-from pinflex.linalg import independent_rows
+from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.assembly import RANK
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.scene import Progress, Scene
 from pinflex.solver.step_length import default_step
 from pinflex.solver.tolerance import solve_to_tolerance
@@ -105,19 +108,37 @@ def _require_prescribed(scene: Scene) -> None:
 
 
 def _require_one_answer(scene: Scene) -> None:
-    """Raise where more prescribed motors than freedoms fight, and nothing gives way to them all."""
+    """Raise where prescribed motors fight each other, or a loop, and nothing gives way to them."""
     mechanism, spec = scene.mechanism, scene.spec
-    system, mobility = mechanism.flexible, mechanism.report.mobility
+    few = len(mechanism.motors) < mechanism.report.mobility  # other freedoms are for level coupled
+    system, mobility = mechanism.loose if few else mechanism.flexible, mechanism.report.mobility
     torque, rigid = spec.drive == "torque", spec.level == "ked" and not mechanism.compliant
-    if len(system.motors) <= mobility or torque or rigid or not system.closed.n:
+    done = few and spec.level != "coupled"
+    if len(system.motors) == mobility or torque or rigid or done or not system.closed.n:
         return
     J = Equations(system).close(mechanism.undeformed())[1][:, system.free]
     rank = len(independent_rows(J, RANK))
     if rank == len(J):
         return
+    if few:
+        raise MotionError(
+            f"{mechanism.name}: loops lock {', '.join(_locked(mechanism))}, whose motion is "
+            f"prescribed, and what gives way takes up {rank} of {len(J)} closures. Take "
+            "locked motors out of `actuated`, make links of their loops flexible, or write drive: "
+            "torque."
+        )
     raise MotionError(
         f"{mechanism.name}: {len(system.motors)} motors prescribe a mechanism of mobility "
         f"{mobility}, and what gives way takes up {rank} of its {len(J)} closures: how the rest "
         f"share the forces has no one answer at level {spec.level}. Leave {mobility} in "
         "`actuated`, make the other limbs flexible or elastic too, or write drive: torque."
     )
+
+
+def _locked(mechanism: Mechanism) -> list[str]:
+    """Motors that the loops do not let move one by one; all where none is locked alone."""
+    system = mechanism.rigid
+    motions = null_space(Equations(system).close(mechanism.home)[1], RANK)
+    still = np.linalg.norm(motions[system.motors], axis=1) < RANK
+    names = [name for name, one in zip(mechanism.motors, still, strict=True) if one]
+    return names or [*mechanism.motors]
