@@ -70,7 +70,6 @@ def compiled_alpha(march: March, found: Sequence[Array]) -> CompiledAlpha | None
         return None
     dynamics = march.dynamics
     stages = compiled_stages(dynamics, implicit_euler(), march.newton.free, march.axes)
-    # Of dampers between frames the kernel knows the force, not the power.
-    if stages is None or stages.kernel.counts["dampers"]:
+    if stages is None:
         return None
     return CompiledAlpha(march, stages, found)

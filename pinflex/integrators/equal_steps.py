@@ -109,7 +109,7 @@ class _Record:
     def keep(self, k: int, now: Step) -> None:
         """Record step k; a feedback goes on from there."""
         march, signals = self._march, self._signals
-        losses = march.dynamics.losses(now.y, now.v)
+        losses = march.dynamics.losses(now.y[None], now.v[None])[0]
         power = np.array([now.torque @ now.v[self._system.motors], losses])
         state = now.y, now.v, now.a, now.s, now.lam, now.torque, power
         for column, values in zip(self.columns, state, strict=True):

@@ -257,7 +257,7 @@ class StageEquations:
         x.v += dv
         return Step(
             x.start, x.h, x.move + x.change, x.turn.copy(), x.a.copy(), x.lam.copy(), torque,
-            self._power(x.v, torque), coarseness, x.path, tangent, rate,
+            self._power(x, torque), coarseness, x.path, tangent, rate,
         )  # fmt: skip
 
     def places(self, y: Array, move: Array, path: MotorPath) -> Array:
@@ -272,12 +272,13 @@ class StageEquations:
             self.axes.write(y_s, path.position)
         return y_s
 
-    def _power(self, v: Array, torque: Array) -> Array:
-        """Power of the motors and of the damping at states, shape (s, 2)."""
-        d, power = self.dynamics, np.zeros((len(v), 2))
+    def _power(self, x: Trial, torque: Array) -> Array:
+        """Power of the motors and of the damping at the stages, shape (s, 2)."""
+        d, v, power = self.dynamics, x.v, np.zeros((len(x.v), 2))
         np.add.reduce(torque * v.take(self.motors, axis=1), axis=1, out=power[:, 0])
-        if d.damped or d.rubbed:
-            power[:, 1] = d.system.dissipation(v)
+        if d.damped or d.rubbed or d.loaded:
+            y = self.places(x.start.y, x.move + x.change, x.path) if d.loaded else x.y
+            power[:, 1] = d.losses(y, v)
         if (force := self._control_force) is not None:
             power[:, 0] += v @ force
         return power

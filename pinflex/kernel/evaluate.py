@@ -83,6 +83,20 @@ class Evaluator:
         self.functions.pinflex_closure_motion(self.tables.address, self.work, len(Y), *pointers)
         return found
 
+    def losses(self, Y: Array, V: Array) -> Array:
+        """Power that damping, friction and dampers take, shape (n,), W.
+
+        Args:
+            Y: Shape (n, nq). V: Shape (n, nv).
+        """
+        given = [np.ascontiguousarray(array, dtype=np.float64) for array in (Y, V)]
+        if any(x.shape != (len(Y), n) for x, n in zip(given, self._widths[:2], strict=True)):
+            raise PinflexError(f"kernel: states of {Y.shape}, not {(len(Y), self._widths[0])}.")
+        power = np.empty(len(Y))
+        pointers = [x.ctypes.data for x in (*given, power)]
+        self.functions.pinflex_losses(self.tables.address, self.work, len(Y), *pointers)
+        return power
+
     def closures(self, Y: Array) -> tuple[Array, Array]:
         """Closures (n, rows) and their Jacobians (n, rows, nv) at poses Y (n, nq)."""
         Y, (nq, nv, _, rows, _) = np.ascontiguousarray(Y, dtype=np.float64), self._widths

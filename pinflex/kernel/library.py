@@ -16,6 +16,7 @@ _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
 FUNCTIONS = {
     "pinflex_work_size": (_INT, (_POINTER,)),
     "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
+    "pinflex_losses": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 3)),
     "pinflex_poses": (None, (_POINTER, _POINTER, _INT, _POINTER, _INT, _POINTER)),
     "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
     "pinflex_closure_motion": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 6)),

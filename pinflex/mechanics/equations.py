@@ -323,16 +323,21 @@ class Equations(Geometry):
             found[3] += [self._loads.at(*at).energy(float(when))
                          for *at, when in zip(poses, J, t, strict=True)]  # fmt: skip
 
-    def losses(self, y: Array, v: Array) -> float:
-        """Power that damping and friction take, W.
+    def losses(self, y: Array, v: Array) -> Array:
+        """Power that damping, friction and dampers between frames take, shape (n,), W.
 
         Args:
-            y: Shape (nq,). v: Shape (nv,).
+            y: Shape (n, nq). v: Shape (n, nv).
         """
-        power = float(self.system.dissipation(v)) if self.damped or self.rubbed else 0.0
-        if self.loaded:
+        power = np.zeros(len(y))
+        if self.damped or self.rubbed:
+            power += self.system.dissipation(v)
+        if any(spring.damper for spring, _, _ in self.system.loads.springs):
+            if (compiled := self.compiled) is not None:
+                return compiled.evaluator.losses(y, v)
             at = self.kinematics(y, v)
-            power += self._loads.at(at.poses[0], at.J[0]).dissipation(at.here.V[0])
+            each = zip(at.poses, at.J, at.here.V, strict=True)
+            power += [self._loads.at(poses, J).dissipation(V) for poses, J, V in each]
         return power
 
     def structural_stiffness(self, y: Array) -> Array:

@@ -11,6 +11,7 @@ from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics import workspace
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.deviation import frame_deviations
 from pinflex.recovery.drives import drives
@@ -163,7 +164,7 @@ def _energy_flow(run: Run) -> dict[str, Array]:
         return {"energy/work": run.work[:, 0], "energy/dissipated": run.work[:, 1]}
     speed = run.v[:, run.system.motors]
     power = np.sum(run.torque * speed, axis=1)
-    loss = run.system.dissipation(run.v)
+    loss = Equations(run.system).losses(run.y, run.v)
     dt = np.diff(run.t)
 
     def total(p: Array) -> Array:

@@ -192,7 +192,7 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
 }
 
 /* Record the next state, with the torques that the last correction completes, and go there. */
-static void go_there(const Tables *t, Alpha *m, const Rows *to) {
+static void go_there(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   const Stages *st = m->joints;
   State *x = &m->next, old = m->last;
   Int n = st->free, nv = t->nv, rows = t->closures;
@@ -204,7 +204,8 @@ static void go_there(const Tables *t, Alpha *m, const Rows *to) {
     to->torque[k] = sum;
     power += sum * x->v[st->motor_v[k]];
   }
-  to->power[0] = power, to->power[1] = dissipation(t, x->v);
+  to->power[0] = power;
+  pinflex_losses(t, memory, 1, x->y, x->v, to->power + 1);
   copy(to->y, x->y, t->nq);
   copy(to->v, x->v, nv), copy(to->a, x->a, nv), copy(to->s, x->s, nv);
   copy(to->lam, x->lam, rows);
@@ -221,7 +222,7 @@ EXPORT Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, con
       m->reference = reference, m->peak = peak, m->stale = 1;
       return k;
     }
-    go_there(t, m, &to);
+    go_there(t, memory, m, &to);
     to.position += motors, to.velocity += motors, to.acceleration += motors, to.scale += t->forces;
     to.y += t->nq, to.v += nv, to.a += nv, to.s += nv, to.lam += t->closures;
     to.torque += motors, to.power += 2;

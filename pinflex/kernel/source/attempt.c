@@ -152,7 +152,7 @@ static void motor_forces(const Tables *t, const March *m, double *torque) {
 }
 
 /* The step with its last correction in everything that follows from it. */
-void keep(const Tables *t, March *m, double h) {
+void keep(const Tables *t, char *memory, March *m, double h) {
   Stages *st = m->stages;
   Steps *to = &m->steps;
   Int k = m->count + 1, s = st->s, nv = t->nv, n = st->free, motors = st->motors;
@@ -172,11 +172,16 @@ void keep(const Tables *t, March *m, double h) {
   for (Int i = 0; i < s * nv; i++) move[i] = st->move[i] + st->change[i];
   motor_forces(t, m, torque);
   for (Int i = 0; i < s; i++) {
-    double *v = st->v + i * nv, *power = to->power + 2 * (k * s + i);
+    double *v = st->v + i * nv, *y = st->y + i * t->nq, *power = to->power + 2 * (k * s + i);
     for (Int j = 0; j < n; j++)
       for (Int l = 0; l < s; l++)
         v[st->free_at[j]] += h * st->A[i * s + l] * st->da[l * n + j];
-    power[0] = 0.0, power[1] = dissipation(t, v);
+    if (t->dampers) {
+      retract(t, st, m->y, move + i * nv, y);
+      if (st->prescribed) write_motors(st, st->position + i * motors, y);
+    }
+    power[0] = 0.0;
+    pinflex_losses(t, memory, 1, y, v, power + 1);
     for (Int j = 0; j < motors; j++) power[0] += torque[i * motors + j] * v[st->motor_v[j]];
   }
 }

@@ -107,7 +107,7 @@ EXPORT int pinflex_correct_steps(const Tables *t, char *memory, const March *run
       m->iterations++;
     }
     m->steps.coarseness[k] = x->coarseness[k], m->steps.rate[k] = x->rate[k];
-    keep(t, m, h);
+    keep(t, memory, m, h);
     turned(t, m);
     m->count = k;
     advance(t, m);

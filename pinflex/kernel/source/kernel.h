@@ -81,11 +81,12 @@ void inward(const Tables *t, Work *w);
 /* friction.c */
 void add_friction(const Tables *t, const Lane *v, Lane *r);
 void friction_tangent(const Tables *t, const Lane *v, double *C);
-double dissipation(const Tables *t, const double *v); /* power of dampers and friction, W */
+double dissipation(const Tables *t, const double *v); /* power of damping and friction of joints, W */
 
 /* closures.c, loads.c */
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
+Lane damper_power(const Tables *t, Work *w); /* of dampers between frames, W */
 
 /* closure_motion.c: closures of a group in motion, their first and second time derivatives */
 void closure_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second);
@@ -100,6 +101,8 @@ void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, cons
 EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const double *Y,
                               const double *V, const double *A, const double *lam,
                               const double *scale, double *R, double *C);
+EXPORT void pinflex_losses(const Tables *t, char *memory, Int count, const double *Y,
+                           const double *V, double *power);
 EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
                             const double *a, const double *lam, const double *scale, double *M,
                             double *C, double *K, double *J);

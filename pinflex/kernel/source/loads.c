@@ -34,6 +34,23 @@ static void point_of(const Tables *t, const Node *n, const double *local, Lane *
   turn(n->R, own, v);
 }
 
+/* Length of a spring, and its rate where it has a damper; d: from end to end. */
+static Lane stretch(const Tables *t, Work *w, Int k, Lane *d, Lane *rate) {
+  Lane a[3], b[3], v_a[3], v_b[3], length;
+  point_of(t, node_at(w, t->spring_a[k]), t->spring_place_a + 3 * k, a, v_a);
+  point_of(t, node_at(w, t->spring_b[k]), t->spring_place_b + 3 * k, b, v_b);
+  for (int i = 0; i < 3; i++) d[i] = b[i] - a[i];
+  length = dot(d, d);
+  for (int l = 0; l < LANES; l++) length[l] = fmax(sqrt(length[l]), 1e-300);
+  if (t->spring_law[3 * k + 1] == 0.0) {
+    *rate = lane(0);
+    return length;
+  }
+  for (int i = 0; i < 3; i++) v_b[i] -= v_a[i];
+  *rate = dot(d, v_b) / length;
+  return length;
+}
+
 static void pull(Node *n, const double *local, const Lane *force, double sign) {
   Lane own[3], arm[3], at[3] = {lane(local[0]), lane(local[1]), lane(local[2])};
   turn_back(n->R, force, own);
@@ -45,22 +62,21 @@ static void apply_springs(const Tables *t, Work *w) {
   for (Int k = 0; k < t->springs; k++) {
     Node *A = node_at(w, t->spring_a[k]), *B = node_at(w, t->spring_b[k]);
     const double *law = t->spring_law + 3 * k;
-    const double *at_a = t->spring_place_a + 3 * k, *at_b = t->spring_place_b + 3 * k;
-    Lane a[3], b[3], v_a[3], v_b[3], d[3], length, tension;
-    point_of(t, A, at_a, a, v_a);
-    point_of(t, B, at_b, b, v_b);
-    for (int i = 0; i < 3; i++) d[i] = b[i] - a[i];
-    length = dot(d, d);
-    for (int l = 0; l < LANES; l++) length[l] = fmax(sqrt(length[l]), 1e-300);
-    tension = law[0] * (length - law[2]);
-    if (law[1] != 0.0) {
-      for (int i = 0; i < 3; i++) v_b[i] -= v_a[i];
-      tension += law[1] * dot(d, v_b) / length;
-    }
+    Lane d[3], rate, length = stretch(t, w, k, d, &rate);
+    Lane tension = law[0] * (length - law[2]) + law[1] * rate;
     for (int i = 0; i < 3; i++) d[i] *= tension / length;
-    pull(A, at_a, d, -1.0);
-    pull(B, at_b, d, 1.0);
+    pull(A, t->spring_place_a + 3 * k, d, -1.0);
+    pull(B, t->spring_place_b + 3 * k, d, 1.0);
   }
+}
+
+Lane damper_power(const Tables *t, Work *w) {
+  Lane d[3], rate, power = lane(0);
+  for (Int k = 0; k < t->springs; k++) {
+    stretch(t, w, k, d, &rate);
+    power += t->spring_law[3 * k + 1] * rate * rate;
+  }
+  return power;
 }
 
 void apply_loads(const Tables *t, Work *w, const Lane *scale) {

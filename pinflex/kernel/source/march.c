@@ -45,11 +45,11 @@ void advance(const Tables *t, March *m) {
 }
 
 /* Keep a step with the point that it goes on from, and go there; whether a stop is met. */
-static int accept(const Tables *t, March *m, double size, double factor, double scale) {
+static int accept(const Tables *t, char *memory, March *m, double size, double factor, double scale) {
   Steps *x = &m->steps;
   Int k = m->count + 1;
   double coarseness = x->coarseness[k], h = m->h;
-  keep(t, m, size);
+  keep(t, memory, m, size);
   x->next[k] = m->h, x->ceiling[k] = m->ceiling, x->before[k] = m->before;
   x->refused[k] = m->refused, x->scale[k] = scale, x->number[k] = m->number;
   x->stop[k] = m->stop, x->follows[k] = m->follows;
@@ -94,7 +94,7 @@ static int once(const Tables *t, char *memory, March *m) {
     }
     m->unresolved++, factor = 1.0;
   }
-  int met = accept(t, m, size, factor, scale);
+  int met = accept(t, memory, m, size, factor, scale);
   return met && (m->inputs->pieces == 0 || !begin(t, memory, m)) ? START : -1;
 }
 

@@ -74,7 +74,7 @@ int pinflex_factor(const Tables *t, const Stages *st);
 int attempt(const Tables *t, char *memory, March *m, double h);
 void take_inputs(const Tables *t, March *m, double h);
 int factor(const Tables *t, March *m, double h);
-void keep(const Tables *t, March *m, double h);
+void keep(const Tables *t, char *memory, March *m, double h);
 
 /* march.c: the state after the step that is kept as number `count` */
 void advance(const Tables *t, March *m);

@@ -78,6 +78,25 @@ EXPORT void pinflex_residuals(const Tables *t, char *memory, Int count, const do
   }
 }
 
+/* Power that damping, friction and dampers between frames take in `count` states, W. */
+EXPORT void pinflex_losses(const Tables *t, char *memory, Int count, const double *Y,
+                           const double *V, double *power) {
+  Work w;
+  Group g;
+  for (Int k = 0; k < count; k++) power[k] = dissipation(t, V + k * t->nv);
+  if (!t->dampers) return;
+  lay_out(t, memory, &w, &g);
+  for (Int i = 0; i < t->nv; i++) g.a[i] = lane(0);
+  for (Int first = 0; first < count; first += LANES) {
+    gather(Y, count, t->nq, first, g.y);
+    gather(V, count, t->nv, first, g.v);
+    expand(t, &w, g.y, g.v, g.a);
+    outward(t, &w, 1);
+    Lane taken = damper_power(t, &w);
+    for (int l = 0; l < LANES && first + l < count; l++) power[first + l] += taken[l];
+  }
+}
+
 /* Closures of `count` states in motion, (count, closures), and their first and second time
    derivatives. */
 EXPORT void pinflex_closure_motion(const Tables *t, char *memory, Int count, const double *Y,
