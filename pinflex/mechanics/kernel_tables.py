@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.curvature import Curvature
+from pinflex.bodies.family import Family
+from pinflex.bodies.superelement import Node, Superelement
+from pinflex.description.external import FrameForce, FrameSpring
 from pinflex.kernel.tables import Tables
-from pinflex.mechanics.closure import Closures
-from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.added_mass import AddedMasses
+from pinflex.mechanics.closure import Closures, CoupledRows
+from pinflex.mechanics.expanded import (
+    Attachment,
+    Block,
+    ElasticDrive,
+    Expansion,
+    Interface,
+    Slot,
+)
 from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.system import Springs, System
@@ -36,35 +49,41 @@ _ALONG = {
     "PrismaticUnaligned": SLIDE,
 }
 _PREFIX = "JointModel"
-# What the tables are made of. A field beyond these may be a term that the kernel lacks.
+# What the tables are made of, and what is beside it in the same records. A field beyond these, or
+# another record, may be a term that the kernel lacks.
 KNOWN: dict[type, frozenset[str]] = {
-    System: frozenset(
-        (
-            *("rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held"),
-            "friction",
-            "added",
-        )
-    ),
-    Springs: frozenset(("v_at", "q_at", "paired", "stiffness", "rest")),
-    Loads: frozenset(("forces", "springs")),
-    DryFriction: frozenset(("rows", "coulomb", "excess", "stribeck", "speed")),
-    # Gears that give way are joints and rows of the map like those of links.
-    Expansion: frozenset(("model", "q_at", "v_at", "blocks", "frames", "slots", "n_eta", "drives")),
-    Closures: frozenset(
-        (
-            *("names", "kinds", "labels", "loop_of", "bodies", "local", "point_rows"),
-            *("point_axes", "dot_rows", "dot_a", "dot_b", "distance_rows", "lengths"),
-            *("support_a", "support_b", "row_mask", "contacts", "coupled"),
-        )
-    ),
-}
+    record: frozenset(names.split())
+    for record, names in (
+        (System, "rigid expansion closed K D springs motors loads held friction added"),
+        (Springs, "v_at q_at paired stiffness rest"),
+        (Loads, "forces springs"),
+        (FrameForce, "name frame force moment follower start until ramp"),
+        (FrameSpring, "name frame_a frame_b stiffness damper length"),
+        (DryFriction, "rows coulomb excess stribeck speed"),
+        (AddedMasses, "joints inertia"),
+        # Gears that give way are joints and rows of the map like those of links.
+        (Expansion, "model q_at v_at blocks frames slots n_eta drives"),
+        (ElasticDrive, "joint eta row"),
+        (Block, "rows q_rows Phi G eta"),
+        (Attachment, "joint placement"),
+        (Interface, "x attachment force_rows"),
+        (Slot, "link offset body eta root stations twists interfaces"),
+        (FlexibleBody, "n length families slices labels second_order x mass Phi G xt It Phi_t G_t "
+         "rotary inertia Phi_r G_r K M D root_moves solid curvature"),
+        (Family, "n names length breaks gauss function shear"),
+        (Curvature, "bend slope weight"),  # its forces are added to those of the kernel
+        (Superelement, "points nodes held inertia_error held_frequencies x Phi G outer "
+         "outer_moment corners triangles shapes stress"),
+        (Node, "name place Phi G"),
+        (Closures, "names kinds labels loop_of bodies local point_rows point_axes dot_rows dot_a "
+         "dot_b distance_rows lengths support_a support_b row_mask contacts coupled"),
+        (CoupledRows, "rows J at A offset"),
+    )
+}  # fmt: skip
 
 
 def uncovered(system: System) -> str | None:
     """What of a system the kernel does not cover; None: it covers the system."""
-    for record, known in KNOWN.items():
-        if new := {field.name for field in fields(record)} - known:
-            return f"{record.__name__}.{min(new)}"
     if system.added.joints:
         return "mass that differs with the direction"
     if system.closed.contacts:
@@ -81,7 +100,27 @@ def uncovered(system: System) -> str | None:
     for block in system.expansion.blocks:
         if not np.array_equal(block.G, block.G.swapaxes(2, 3)):
             return "map with second-order rows that are not symmetric"
-    return None
+    return _unknown(system, set())
+
+
+def _unknown(value: object, seen: set[int]) -> str | None:
+    """A record, or a field of one, that is not in `KNOWN`, of all that a value is made of."""
+    if id(value) in seen:
+        return None
+    seen.add(id(value))
+    parts: Iterable[object] = ()
+    if is_dataclass(value):
+        names = [field.name for field in fields(value)]
+        known = KNOWN.get(type(value))
+        if known is None or not known.issuperset(names):
+            new = sorted(set(names) - (known or set()))
+            return f"{type(value).__name__}.{new[0]}" if known is not None else type(value).__name__
+        parts = (getattr(value, name) for name in names)
+    elif isinstance(value, Mapping):
+        parts = value.values()
+    elif isinstance(value, tuple | list):
+        parts = value
+    return next((found for part in parts if (found := _unknown(part, seen))), None)
 
 
 def node_of_joints(system: System) -> IntArray:

@@ -16,6 +16,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.family import Family
 from pinflex.description.couplings import Coupling
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import PinflexError
@@ -27,7 +29,7 @@ from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.closure_motion import closure_motion
 from pinflex.mechanics.compiled import Compiled, evaluated_by, on_kernel
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.expanded import Expansion
+from pinflex.mechanics.expanded import Attachment, Expansion, Slot
 from pinflex.mechanics.frames import Frame, frame_poses
 from pinflex.mechanics.kernel_tables import KNOWN, uncovered
 from pinflex.mechanics.loads import Loads
@@ -288,6 +290,13 @@ def test_what_the_kernel_does_not_know_it_does_not_do(monkeypatch: pytest.Monkey
     """A new field of these records may be a new term: teach it to the kernel, then to KNOWN."""
     for record, known in KNOWN.items():
         assert {field.name for field in dataclasses.fields(record)} == known, record
+    for record, name in ((Slot, "offset"), (FlexibleBody, "K"), (Attachment, "placement")):
+        with monkeypatch.context() as patch:
+            patch.setitem(KNOWN, record, KNOWN[record] - {name})
+            assert uncovered(pf.load("3rrr").flexible) == f"{record.__name__}.{name}"
+    with monkeypatch.context() as patch:
+        patch.delitem(KNOWN, Family)
+        assert uncovered(pf.load("3rrr").flexible) == "Family"
     with monkeypatch.context() as patch:
         patch.setitem(KNOWN, Loads, KNOWN[Loads] - {"springs"})
         assert uncovered(pf.load("3rrr").flexible) == "Loads.springs"
