@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.actuation.motors import joint_path, motor_axes
+from pinflex.actuation.reach import in_line
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
-from pinflex.errors import DescriptionError, MotionError, SceneError
+from pinflex.errors import DescriptionError, MotionError, SceneError, SingularityError
 from pinflex.mechanics import assembly
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
@@ -283,7 +284,23 @@ class Path:
         # At a fold the smallest singular value falls with the square root of the time left, so
         # after 24 halvings of one sample it is far below this.
         if assembly.singular_ratio(self.scaled(J)) < 1e-2:
-            raise self._singular(J, which, good)
+            singular = self._singular(J, which, good)
+            raise (self._out_of_reach(pose, J, singular) if self.platform else None) or singular
+
+    def _out_of_reach(self, pose: Array, J: Array, singular: SceneError) -> SceneError | None:
+        """The error of a platform led to where links are in line, if they are there."""
+        motion = np.zeros(self.dynamics.system.nv)
+        motion[self.unknown] = np.linalg.svd(self.scaled(J))[2][-1]
+        found = in_line(self.mechanism, self.dynamics, pose, motion)
+        if found is None:
+            return None
+        names, stretched = found
+        return SingularityError(
+            f"{self.mechanism.name}: t = {singular.data['time']:.6g} s: out of reach: "
+            f"{', '.join(names[:-1])} and {names[-1]} are {'stretched' if stretched else 'folded'} "
+            "there, in one line. Keep the path inside the workspace.",
+            **{**singular.data, "motion": ", ".join(names)},
+        )
 
 
 def _solve(A: Array, b: Array) -> Array:
