@@ -19,6 +19,7 @@ import numpy as np
 
 from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
+from pinflex.advice.finer import finer_model
 from pinflex.advice.probe import Probe
 from pinflex.advice.proposal import Advice, error_bar
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut
@@ -233,7 +234,7 @@ class _Study:
         """The advice with the error of its whole model in its bars, and segments if they help."""
         level = found.level if found.level in ("rigid", "quasistatic") else "coupled"
         try:
-            finer = self._look(error_bars.finer_model(self.rich)[0], "coupled")
+            finer = self._look(finer_model(self.rich)[0], "coupled")
             model = load(mechanism.description.with_overrides(list(found.overrides)))
             apart = error_bars.differences(self._look(model, level), finer)
             self._tell(4, _LOOKS)

@@ -1,23 +1,28 @@
 """What the model of a run leaves out: measured against a richer one by a cheap look at both.
 
-The richer model has every plane, stretch and twist, second-order terms and one more segment in each
-link (one more mode where segments would be too many). Both models are looked at along the whole
-motion by linear vibration that is twice corrected for what is not linear (pinflex.advice.probe), on
+The richer model has every plane, stretch and twist, second-order terms, shear and rotary inertia
+and one more segment in each link (`pinflex.advice.finer`). Both models are looked at along the
+whole motion by linear vibration, twice corrected for what is not linear (pinflex.advice.probe), on
 the same instants, so that what the look itself misses is missed twice and cancels; what a shifted
-frequency makes of a long vibration is in it. The error bar is twice the difference. Nothing is paid
+frequency makes of a long vibration is in it. Where no cheap look describes the motion, the richer
+model is run (`pinflex.advice.second_run`). The error bar is twice the difference. Nothing is paid
 before it is asked for.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
+from pinflex.advice.finer import finer_model
 from pinflex.advice.probe import Deviation, Probe
-from pinflex.advice.reduced_models import LARGEST, PLANES, SAFETY, Errors, beams
+from pinflex.advice.reduced_models import SAFETY, Errors
+from pinflex.advice.second_run import links_apart, platform_acceleration, run_apart, shared
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError, PinflexError
@@ -25,8 +30,7 @@ from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, STILL, between, platform_poses, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
-from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.mechanics.parts import resolve
+from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.recover import result_of
 from pinflex.recovery.sections import deflections
 from pinflex.results.error_bars import NOT_MEASURED, ErrorBars, time_error
@@ -36,92 +40,80 @@ from pinflex.threads import one_blas_thread
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation
-_TOLD = ("torque", "deflection", "stress", "platform position", "platform rotation")
+_TOLD = (
+    *("torque", "deflection", "stress", "section forces", "platform position"),
+    *("platform rotation", "platform acceleration"),
+)
+_PERIODS = 40.0  # of the first mode in a run: a look at more resolves none of them well
 _GIVEN = ("run", "state")  # starts that the undeformed mechanism, or equilibrium, tells nothing of
 _QUASISTATIC = 1e-6  # tolerance of the equilibria that a quasistatic run is judged by
 
 
-def error_bars(result: Result, mechanism: Mechanism, motion: Motion) -> ErrorBars:
+def error_bars(
+    result: Result, mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
+) -> ErrorBars:
     """Both errors of a result of `solve`.
 
     Args:
-        result: The run. mechanism, motion: Of it.
+        result: The run. mechanism, motion: Of it. options: Of `solve`, as it was asked for.
     """
     settings = result.meta.get("settings", {})
     time, how = time_error(settings, result.level)
-    start = settings.get("start", mechanism.description.solve.start)
-    if start in _GIVEN:
-        return ErrorBars(time, {}, how, f"{NOT_MEASURED}: the run starts from a given state")
-    end, static = float(result.t[-1]), in_equilibrium(mechanism, start)[0]
-    static |= result.level == "quasistatic"
-    model, note = model_error(mechanism, motion, end, static, result.level)
-    return ErrorBars(time, model, how, note)
+    why = _not_measured(result, mechanism)
+    model: Errors = {}
+    if not why:
+        try:
+            model, note = _model_error(result, mechanism, motion, options)
+            return ErrorBars(time, model, how, note)
+        except (PinflexError, np.linalg.LinAlgError) as failed:
+            why = str(failed)
+    return ErrorBars(time, {}, how, f"{NOT_MEASURED}: {why}")
 
 
-def model_error(
-    mechanism: Mechanism, motion: Motion, end: float, static: bool, level: str = "coupled"
-) -> tuple[Errors, str]:
-    """What a level of a scene leaves out by output, relative; and against what, or why not.
-
-    Args:
-        mechanism: Mechanism.
-        motion: What it is to do.
-        end: Last time [s].
-        static: Whether it starts in equilibrium.
-        level: Level whose error is asked for.
-    """
-    why = not_probed(mechanism)
-    if why:
-        return {}, f"{NOT_MEASURED}: {why}"
-    try:
-        finer, what = finer_model(mechanism)
-        found = _apart(mechanism, finer, motion, end, static, level)
-    except (PinflexError, np.linalg.LinAlgError) as failed:
-        return {}, f"{NOT_MEASURED}: a cheap look does not describe this motion ({failed})"
-    return {key: max(SAFETY * e, ROUND_OFF) for key, e in found.items()}, f"against {what}"
-
-
-def not_probed(mechanism: Mechanism) -> str:
-    """Why a scene cannot be looked at cheaply, "" if it can."""
+def _not_measured(result: Result, mechanism: Mechanism) -> str:
+    """Why nothing tells what a model leaves out, "" if something does."""
     if not mechanism.parts:
         return "no link is flexible"
-    if mechanism.description.solve.drive == "torque":
-        return "the motors push (drive: torque)"
-    if mechanism.description.control is not None:
-        return "a control feeds vibration back"
-    if mechanism.report.mobility != len(mechanism.rigid.motors):
-        return "the motors do not determine the motion"
+    if result.meta.get("status") == "stopped":
+        return "the run stopped"
+    if result.meta.get("settings", {}).get("start") in _GIVEN:
+        return "the run starts from a given state"
     if any(mechanism.description.system_damping):
         return "damping.scope: system is known to ked only"
     return ""
 
 
-def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
-    """The scene with all deformations, second order and more segments; and what that is.
+def _model_error(
+    result: Result, mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
+) -> tuple[Errors, str]:
+    """What the model of a run leaves out by output, relative; and against what that is."""
+    settings, end = result.meta.get("settings", {}), float(result.t[-1])
+    start = settings.get("start", mechanism.description.solve.start)
+    static = in_equilibrium(mechanism, start)[0] or result.level == "quasistatic"
+    finer, what = finer_model(mechanism)
+    found: Errors | None = None
+    if not _only_by_a_run(mechanism, settings, options):
+        with contextlib.suppress(PinflexError, np.linalg.LinAlgError):
+            found = _apart(mechanism, finer, motion, end, static, result.level)
+    if found is None:
+        what = f"a run with {what}"
+        found = run_apart(result, finer, motion, options, static)
+    return {key: max(SAFETY * e, ROUND_OFF) for key, e in found.items()}, f"against {what}"
 
-    Raises:
-        DescriptionError: There is no such model.
-    """
-    for more in (1, 0):  # shapes that move at the root, under a sleeve, take one segment only
-        changes = []
-        for part in beams(mechanism):
-            at = f"flexible.{part.link}"
-            changes += [f"{at}.{key}=true" for key, _ in PLANES.values()]
-            changes += [f"{at}.second_order=true", f"{at}.segments={part.spec.segments + more}"]
-            if not more and part.spec.basis.kind == "craig_bampton":
-                changes.append(f"{at}.basis.internal={part.spec.basis.internal + 1}")
-        try:
-            description = mechanism.description.with_overrides(changes)
-            parts = resolve(description, mechanism.links)
-            n = sum(body.n for part in parts.values() for body in part.bodies)
-            if n <= LARGEST or not more:
-                finer = load(description)
-                break
-        except PinflexError:
-            if not more:
-                raise
-    words = "one more segment" if more else "one more mode"
-    return finer, f"{words}, second order, stretch and twist: {n} coordinates"
+
+def _only_by_a_run(
+    mechanism: Mechanism, settings: Mapping[str, Any], options: Mapping[str, Any]
+) -> bool:
+    """Whether a scene cannot be looked at cheaply."""
+    spec, control = mechanism.description.solve, options.get("control")
+    acting = control if control is not None else mechanism.description.control
+    return bool(
+        settings.get("drive", spec.drive) == "torque"
+        or acting
+        or options.get("start_speeds")
+        or spec.start_speeds
+        or mechanism.report.mobility != len(mechanism.rigid.motors)
+    )
 
 
 def covering(error: Errors, apart: Errors) -> Errors:
@@ -162,12 +154,10 @@ class Seen:
         return platform_poses(self.probe.mechanism, self.probe.dynamics, y)
 
     @cached_property
-    def stresses(self) -> dict[str, Array]:
-        """By link: largest von Mises stress of all sections, (n,)."""
-        probe = self.probe
-        path = partial(probe.path.at, self.some)
-        result = result_of(probe.mechanism, self.run, path, "probe", {}, "")
-        return {x: np.asarray(result.link(x).von_mises.max(axis=1)) for x in result.links}
+    def result(self) -> Result:
+        """All outputs of the run."""
+        path = partial(self.probe.path.at, self.some)
+        return result_of(self.probe.mechanism, self.run, path, "probe", {}, "")
 
 
 def look(probe: Probe, motion: Motion, level: str = "coupled") -> Seen:
@@ -187,13 +177,14 @@ def _apart(
 ) -> Errors:
     """Largest differences of a level of one model from all of another, by output."""
     with one_blas_thread():
-        small = look(Probe(mechanism, motion, end, static), motion, level)
+        probe = Probe(mechanism, motion, end, static)
+        if probe.first * end > _PERIODS:
+            raise ConvergenceError("it is long beside its first natural period")
+        small = look(probe, motion, level)
         probe = Probe(finer, motion, end, static, small.probe.steps - 1, like=small.probe)
         large = look(probe, motion)
-        found = differences(small, large)
-        scale, far = _largest(small.stresses, large.stresses)
-        if scale > 0:
-            found["stress"] = far / scale
+        found = links_apart(small.result, large.result) | differences(small, large)
+        found |= platform_acceleration(small.result, large.result)
         return {key: found[key] for key in _TOLD if key in found}
 
 
@@ -237,7 +228,7 @@ def differences(a: Seen, b: Seen) -> Errors:
         mine[link], theirs[link] = 0.0 * moved, moved
         if link in a.deflections:
             x, own = a.deflections[link]
-            same, near = _shared(x, at)
+            same, near = shared(x, at)
             mine[link], theirs[link] = own[:, same], moved[:, near]
     scale, far = _largest(mine, theirs)
     if scale > 0:
@@ -250,13 +241,6 @@ def _largest(a: Mapping[str, Array], b: Mapping[str, Array]) -> tuple[float, flo
     scale = max((float(np.max(np.abs(y), initial=0.0)) for y in b.values()), default=0.0)
     pairs = ((a.get(link, 0.0 * y), y) for link, y in b.items())
     return scale, max((float(np.max(np.abs(x - y), initial=0.0)) for x, y in pairs), default=0.0)
-
-
-def _shared(x: Array, at: Array) -> tuple[list[int], list[int]]:
-    """Numbers of the sections x (n,) that are among others, and which of those they are."""
-    near = np.argmin(np.abs(at[:, None] - x), axis=0)
-    same = np.flatnonzero(np.abs(at[near] - x) < 1e-6 * at[-1])
-    return same.tolist(), near[same].tolist()
 
 
 def _platform(a: Seen, b: Seen) -> Errors:

@@ -103,9 +103,9 @@ class Probe:
                 in common is taken from there.
         """
         self.mechanism, self.system, self.static = mechanism, mechanism.flexible, static
-        self.end, self.third, self._like = end, 0.0, like
+        self.end, self.third, self.first, self._like = end, 0.0, 0.0, like
         if steps is None:
-            steps, self.third = _steps(mechanism, end)
+            steps, self.third, self.first = _steps(mechanism, end)
             self.path = self._nominal(motion, _instants(end, steps))
             if _jumps(self.path.a):
                 self.path = self._nominal(motion, _instants(end, _MOST))
@@ -270,9 +270,10 @@ def _jumps(a: Array) -> bool:
     return bool(off > _JUMP * np.max(np.abs(a), initial=0.0))
 
 
-def _steps(mechanism: Mechanism, end: float) -> tuple[int, float]:
-    """Steps of a march, a twentieth of the third mode's period each, and that mode in Hz."""
+def _steps(mechanism: Mechanism, end: float) -> tuple[int, float, float]:
+    """Steps of a march, a twentieth of the third mode's period each; it and the first, in Hz."""
     found = modes(mechanism, count=9, preload="none").frequencies
     alive = found[found > 0]
     third = float(alive[min(2, len(alive) - 1)]) if len(alive) else 0.0
-    return int(np.clip(np.ceil(_PERIOD * third * end), 4 * _PARTS, _MOST)), third
+    first = float(alive[0]) if len(alive) else 0.0
+    return int(np.clip(np.ceil(_PERIOD * third * end), 4 * _PARTS, _MOST)), third, first

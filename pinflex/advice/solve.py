@@ -109,7 +109,7 @@ def solve(
         if level == "auto":
             return _solve_advised(mechanism, motion, progress=tell, **given)
         moved = motion if motion is not None else default_motion(mechanism)
-        look = partial(_look, mechanism, moved)
+        look = partial(_look, mechanism, moved, given)
         try:
             found = solve_level(mechanism, motion, level, progress=tell, resume=resume, **given)
         except (ConvergenceError, MotionError, RunInterrupted) as error:
@@ -138,11 +138,13 @@ def _solve_advised(
         mechanism = replace(mechanism, description=mechanism.description.replace(solve=spec))
     result = solve_level(mechanism, motion, found.level, **options)
     moved = motion if motion is not None else default_motion(mechanism)
-    result = replace(result, look=partial(_look, mechanism, moved))
+    result = replace(result, look=partial(_look, mechanism, moved, options))
     return replace(result, meta={**result.meta, "advice": plain(asdict(found))})
 
 
-def _look(mechanism: Mechanism, motion: Motion, result: Result) -> ErrorBars:
+def _look(
+    mechanism: Mechanism, motion: Motion, given: Mapping[str, Any], result: Result
+) -> ErrorBars:
     from pinflex.advice.error_bars import error_bars
 
-    return error_bars(result, mechanism, motion)
+    return error_bars(result, mechanism, motion, given)

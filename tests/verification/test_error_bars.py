@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.advice.second_run import outputs_apart
 from pinflex.results.error_bars import NOT_MEASURED
 
 RODS = """<robot name="two">
@@ -81,6 +82,16 @@ motion: {kind: nonic, joints: {j1: 1.2, j2: 0.8}, duration: 0.6}
 FORCES = {"stress", "section forces", "platform acceleration"}
 
 
+def arm_in_space(folder: Path) -> None:
+    """Two beams on an upright and a level pin, and a tool of 0.3 kg."""
+    tool = """<link name="tool"><inertial><mass value="0.3"/><inertia ixx="1e-4" iyy="1e-4"
+      izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="end" type="fixed">
+      <parent link="b"/><child link="tool"/><origin xyz="0.6 0 0"/></joint></robot>"""
+    urdf = RODS.replace("</robot>", tool).replace("0 1 0", "0 0 1", 1).replace("1 0 0", "0.8 0 0")
+    (folder / "arm.urdf").write_text(urdf)
+    (folder / "arm.yaml").write_text(SPATIAL)
+
+
 def forces_of(run: pf.Result) -> dict[str, list[np.ndarray]]:
     """Stress, section forces and moments of all links, and the acceleration of the tool."""
     cut = np.concatenate([run.link(k).resultant for k in "ab"], axis=1)
@@ -95,12 +106,7 @@ def test_forces_inside_long_steps_keep_the_tolerance_and_their_bar(
     tmp_path: Path, drive: str
 ) -> None:
     """An undamped arm in space, sampled six times a step; Newmark, dt 1e-4, is good to 3e-6."""
-    tool = """<link name="tool"><inertial><mass value="0.3"/><inertia ixx="1e-4" iyy="1e-4"
-      izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="end" type="fixed">
-      <parent link="b"/><child link="tool"/><origin xyz="0.6 0 0"/></joint></robot>"""
-    urdf = RODS.replace("</robot>", tool).replace("0 1 0", "0 0 1", 1).replace("1 0 0", "0.8 0 0")
-    (tmp_path / "arm.urdf").write_text(urdf)
-    (tmp_path / "arm.yaml").write_text(SPATIAL)
+    arm_in_space(tmp_path)
     gains = ["solve.drive=torque", "solve.kp=2000", "solve.kd=50"] if drive == "torque" else []
     robot = pf.load(tmp_path / "arm.yaml", ["gravity=[0,0,0]", "solve.start=straight", *gains])
     keys = {"level": "coupled", "samples": 101, "until": 0.6}
@@ -168,6 +174,36 @@ def test_the_bar_is_of_the_run_that_was_made(tmp_path: Path) -> None:
     assert other.errors.model == {} and "a given state" in other.errors.model_note
 
 
+MESH = """b: {basis: {kind: mesh, modes: 4, rod: {diameters: [0.06], lengths: [0.6]}},
+  material: aluminium}"""
+RICH = [f"flexible.*.{key}=true" for key in ("second_order", "shear", "rotary_inertia", "axial")]
+
+
+@pytest.mark.parametrize(
+    ("what", "changes", "richer", "until"),
+    [
+        ("motors push", ["solve.drive=torque", "solve.kp=500", "solve.kd=20"], [], 0.6),
+        ("nothing drives", ["actuated=[]", "motion=null", "gravity=[0, 0, -9.81]"], [], 0.4),
+        ("long", [], [], 12.0),
+        ("solid", [f"flexible={{{MESH}}}"], ["b.basis.modes=14", "b.basis.size=0.03"], 0.3),
+    ],
+)
+def test_every_motion_has_a_bar(
+    tmp_path: Path, what: str, changes: list[str], richer: list[str], until: float
+) -> None:
+    """They had none, or one far too narrow; stress at the worst section of all is in it."""
+    arm_in_space(tmp_path)
+    plane = ["gravity=[0,0,0]", "solve.start=straight", "damping={modal: 0.01}"]
+    keys = {"level": "coupled", "samples": 101, "until": until, "tol": 1e-3}
+    run = pf.solve(pf.load(tmp_path / "arm.yaml", [*plane, *changes]), **keys)
+    more = [f"flexible.{x}" for x in richer] or [*RICH, "flexible.*.segments=4"]
+    true = pf.solve(pf.load(tmp_path / "arm.yaml", [*plane, *changes, *more]), **keys)
+    apart = outputs_apart(run, true)
+    told = run.errors.model
+    for key in ("deflection", "stress"):
+        assert 0.5 * apart[key] < told[key] < 10 * apart[key]
+
+
 def test_a_model_error_above_the_tolerance_is_in_the_first_line() -> None:
     run = pf.solve(pf.load("cantilever"), level="coupled", tol=1e-3, until=0.3, samples=31)
     assert "THE MODEL" not in run.summary()  # nobody has looked
@@ -184,9 +220,9 @@ def test_a_saved_result_keeps_its_errors(tmp_path: Path) -> None:
 def test_what_cannot_be_measured_is_said() -> None:
     run = pf.solve(pf.load("race_r2"), level="rigid", until=0.02, samples=11)
     assert "every instant" in run.errors.time_note
-    robot = pf.load("race_r1", ["solve.drive=torque"])
-    run = pf.solve(robot, level="coupled", dt=1e-4, until=2e-3, samples=11)
-    assert run.errors.model == {} and "the motors push" in run.errors.model_note
+    rigid = pf.load("race_r1", ["flexible=null"])
+    run = pf.solve(rigid, level="coupled", dt=1e-4, until=2e-3, samples=11)
+    assert run.errors.model == {} and "no link is flexible" in run.errors.model_note
 
 
 def test_what_rings_and_holds_a_run_up_is_said_and_damping_lets_it_die() -> None:

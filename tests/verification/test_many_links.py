@@ -86,15 +86,17 @@ def test_without_the_kernel_a_long_chain_is_refused_and_says_why(
 
 
 @compiled
-def test_the_error_bars_of_the_delta_cover_eight_segments() -> None:
+def test_the_error_bars_of_the_delta_cover_six_segments_with_shear() -> None:
     """72 elements with every deformation, on the first part of the pick: 600 coordinates."""
     m = pf.load("delta")
     keys = {"level": "coupled", "until": 0.06, "samples": 31}
     run = pf.solve(m, tol=1e-3, **keys)
-    full = truth(m)
+    thick = ["flexible.*.shear=true", "flexible.*.rotary_inertia=true", "flexible.*.segments=6"]
+    full = pf.load(truth(m).description.with_overrides(thick))
     assert full.flexible.expansion.model.nv > 1000
     exact = pf.solve(full, tol=1e-3, **keys)
     rigid = pf.solve(m, level="rigid", until=0.06, samples=31)
     errors = measured(run, exact, rigid, ("torque", "deflection", "platform"))
     for key, error in errors.items():
-        assert 0 < error <= run.errors.time[key] + run.errors.model[key] < 0.05
+        # Shear of the arms is 1 to 3 %; twice what one segment more changes is aimed at.
+        assert 0 < error <= run.errors.time[key] + run.errors.model[key] < 5 * error

@@ -1,0 +1,84 @@
+"""The scene with more in it than it has: what the error of a model is measured against."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pinflex.advice.reduced_models import LARGEST, PLANES, beams
+from pinflex.description import solid_keys
+from pinflex.errors import DescriptionError, PinflexError
+from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.mechanics.parts import FlexiblePart, resolve
+
+_THICK = ("shear", "rotary_inertia")
+_CELLS = 0.6  # of their length: two thirds of an error of second order go, for 5 times the cells
+_MORE_MODES = 6  # of a solid: the next six tell what all others leave, to a third
+
+
+def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
+    """The scene with all deformations, second order and more segments; and what that is.
+
+    Of solids with more modes, and with shorter cells where pinflex makes the mesh.
+
+    Raises:
+        DescriptionError: There is no such model.
+    """
+    failed: PinflexError | None = None
+    for changes, words in _richer(mechanism):
+        try:
+            description = mechanism.description.with_overrides(changes)
+            parts = resolve(description, mechanism.links)
+            n = sum(body.n for part in parts.values() for body in part.bodies)
+            if n <= LARGEST:
+                return load(description), f"{words}: {n} coordinates"
+        except PinflexError as error:
+            failed = error
+    raise failed or DescriptionError("a richer model is too large")
+
+
+def _richer(mechanism: Mechanism) -> Iterator[tuple[list[str], str]]:
+    """Changes of the YAML and what they are: from the richest on to what most scenes can take."""
+    cut, solid = beams(mechanism), solids(mechanism)
+    own, words = _of_solids(solid)
+    if not cut:
+        yield own, words
+        return
+    full = "second order, stretch and twist"
+    # Shapes that move at the root, under a sleeve, take one segment only.
+    for more, thick in ((1, True), (1, False), (0, True), (0, False)):
+        changes = list(own)
+        for part in cut:
+            at = f"flexible.{part.link}"
+            changes += [f"{at}.{key}=true" for key, _ in PLANES.values()]
+            changes += [f"{at}.second_order=true", f"{at}.segments={part.spec.segments + more}"]
+            changes += [f"{at}.{key}=true" for key in _THICK] if thick else []
+            if not more and part.spec.basis.kind == "craig_bampton":
+                changes.append(f"{at}.basis.internal={part.spec.basis.internal + 1}")
+        said = [words] if words else []
+        said += ["one more segment" if more else "one more mode", full]
+        yield changes, ", ".join([*said, *(["shear and rotary inertia"] if thick else [])])
+
+
+def solids(mechanism: Mechanism) -> list[FlexiblePart]:
+    """The links of meshes and matrices."""
+    return [p for p in mechanism.parts.values() if p.spec.basis.kind in solid_keys.KINDS]
+
+
+def _of_solids(found: list[FlexiblePart]) -> tuple[list[str], str]:
+    """Changes that refine solids, and what they are."""
+    changes, meshed = [], []
+    for part in found:
+        basis, at = part.spec.basis, f"flexible.{part.link}.basis"
+        changes.append(f"{at}.modes={basis.modes + _MORE_MODES}")
+        if basis.rod:
+            size = basis.size or min(d for d, _ in basis.rod)
+            changes.append(f"{at}.size={_CELLS * size!r}")
+            meshed.append(part.link)
+    if not found:
+        return changes, ""
+    if len(meshed) == len(found):
+        return (
+            changes,
+            f"cells of {_CELLS:g} of the length and {_MORE_MODES} more modes of each solid",
+        )
+    return changes, f"{_MORE_MODES} more modes of each solid (meshes of a file as they are)"
