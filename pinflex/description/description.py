@@ -328,15 +328,10 @@ def _beside_motors(
                 f"{schema.at(where, name)}.drive: this joint has no motor. List it in `actuated`, "
                 "or write `spring` and `damper` for a joint that gives way."
             )
-        if not extra.spring or extra.parallel_spring == (name in actuated):
-            continue
-        place = schema.at(where, name)
-        if extra.parallel_spring:
+        if extra.spring and not extra.parallel_spring and name in actuated:
             raise DescriptionError(
-                f"{place}.parallel_spring: this joint has no motor to act beside. Write `spring`."
+                f"{schema.at(where, name)}.spring: this joint has a motor, and the spring would "
+                "act beside it, not between motor and link. For an elastic gear write drive: "
+                "{gear: ..., motor_inertia: ..., stiffness: ...}. A spring that does act beside "
+                "the motor is `parallel_spring`."
             )
-        raise DescriptionError(
-            f"{place}.spring: this joint has a motor, and the spring would act beside it, not "
-            "between motor and link. For an elastic gear write drive: {gear: ..., motor_inertia: "
-            "..., stiffness: ...}. A spring that does act beside the motor is `parallel_spring`."
-        )

@@ -31,7 +31,7 @@ class JointExtra:
         axes: The two unit axes of a universal joint in the joint frame; None: x, then y.
         rotor_inertia: Inertia of the motor, seen at the joint [kg m^2 | kg].
         spring: Stiffness [N m/rad | N/m].
-        parallel_spring: Whether it acts beside a motor.
+        parallel_spring: Whether it acts from link to link, beside a motor if there is one.
         rest: Position where the spring is slack [rad | m].
         damper: Viscous damping [N m s/rad | N s/m].
         drive: Motor and gear. friction: Of the joint, or in its drive.

@@ -1,72 +1,28 @@
-"""Reading an MJCF (MuJoCo): bodies, joints, springs, equalities and motors.
+"""Reading an MJCF as MuJoCo compiles it: bodies, joints, springs, equalities and motors.
 
 Joint positions are MuJoCo's: a `ref` is the position at which the file draws the joint, and `home`
 starts there. Equalities hold exactly here, where MuJoCo has stiff springs (solref, solimp).
 
-Source: MuJoCo documentation, XML reference.
+Source: MuJoCo documentation, XML reference and mjModel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description import mjcf_values, urdf
-from pinflex.description.mjcf_values import Values
+from pinflex.description import mjcf_notes, urdf
+from pinflex.description.mjcf_model import BALL, FREE, HINGE, Robot, compiled
 from pinflex.description.source import Source
-from pinflex.description.tree_text import Inertia, Joint, Tree, Visual, pose
-from pinflex.description.xml_lines import Element, numbers
+from pinflex.description.tree_text import Inertia, Joint, Visual, inverse, pose
 from pinflex.errors import DescriptionError
 
-_TYPES = {"hinge": "revolute", "slide": "prismatic", "ball": "fixed", "free": "floating"}
+_TYPES = ("floating", "fixed", "prismatic", "continuous")
 _GROUPS = 3  # geoms of the groups 0 to 2 are drawn, as in MuJoCo
-_BODY = ("body", "frame", "inertial", "joint", "freejoint", "geom", "site", "camera", "light")
-
-
-@dataclass
-class Robot:
-    """An MJCF on its way into a tree.
-
-    Attributes:
-        values: What its attributes mean.
-        tree: Links and joints.
-        poses: Pose of each body in the world as the file draws it.
-        joints: Element, position at that pose and body of every joint.
-        blocks: What a URDF cannot say.
-        loops: Closures.
-    """
-
-    values: Values
-    tree: Tree
-    poses: dict[str, Array] = field(default_factory=dict)
-    joints: dict[str, JointData] = field(default_factory=dict)
-    sites: dict[str, tuple[str, Array]] = field(default_factory=dict)
-    blocks: dict[str, Any] = field(default_factory=dict)
-    loops: dict[str, Any] = field(default_factory=dict)
-
-    def note(self, element: Element, text: str) -> None:
-        """Say what is not taken over.
-
-        Args:
-            element: Whose line is named.
-            text: A sentence.
-        """
-        self.values.notes.append(f"{element.place}: {text}")
-
-
-@dataclass(frozen=True)
-class JointData:
-    """A joint of the file: its attributes with defaults, its type, and its `ref` [rad | m]."""
-
-    element: Element
-    given: dict[str, str]
-    type: str
-    ref: float
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
@@ -75,196 +31,273 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     Args:
         text: The XML. file: Its name. package_dirs: The first one is its folder.
     """
-    from pinflex.description import mjcf_extras
-
-    folder = Path(package_dirs[0]) if package_dirs else Path()
-    root = mjcf_values.read_root(text, file, folder)
-    robot = Robot(Values(root, folder), Tree(root.get("model") or Path(file).stem))
-    worlds = list(root.all("worldbody"))
-    bodies = [body for world in worlds for body in world.all("body")]
-    if not bodies:
+    robot = compiled(text, file, Path(package_dirs[0]) if package_dirs else Path())
+    model = robot.model
+    if model.nbody < 2:
         raise DescriptionError(f"{file}: no <body>. A robot has at least one.")
-    free = len(bodies) == 1 and _free(bodies[0]) and len(list(worlds[0].all("frame"))) == 0
+    top = np.flatnonzero(model.body_parentid[1:] == 0) + 1
+    free = len(top) == 1 and model.njnt > 0 and model.jnt_type[0] == FREE
     if free:
-        _free_root(robot, bodies[0])
+        _free_root(robot)
     else:
-        robot.tree.root("world")
-        robot.poses["world"] = np.eye(4)
-        for world in worlds:
-            _children(robot, world, "world", np.eye(4), "main")
-    for world in worlds:
-        if next(world.all("geom"), None) is not None:
-            robot.note(next(world.all("geom")), "<geom> of the world is not taken over.")
-        for site in world.all("site"):
-            placed = robot.values.pose(site, robot.values.of(site, "main"))
-            robot.sites[site.get("name", "")] = ("world", placed)
-    mjcf_extras.joints(robot)
-    mjcf_extras.motors(robot)
-    mjcf_extras.equalities(robot)
-    if free:
-        _say_shift(robot, bodies[0])
-    mjcf_extras.rest(robot)
+        robot.tree.root(robot.links[0])
+    for k in range(2 if free else 1, model.nbody):
+        _body(robot, k)
+    for k in range(1, model.nbody):
+        _mass_and_shapes(robot, k)
+    _joints(robot)
+    _motors(robot)
+    _equalities(robot)
+    _gravity(robot)
     checked = urdf.check(robot.tree.text(), file, package_dirs)
-    notes = tuple(robot.values.notes)
+    notes = mjcf_notes.left_out(robot)
     return replace(checked, loops=robot.loops, blocks=robot.blocks, notes=notes)
 
 
-def _free(body: Element) -> bool:
-    return body.child("freejoint") is not None or any(
-        joint.get("type") == "free" for joint in body.all("joint")
-    )
+# Bodies --------------------------------------------------------------------------------------
 
 
-def _free_root(robot: Robot, body: Element) -> None:
-    """One free body in the world is a free base."""
-    name = body.get("name") or "body_1"
-    matrix = robot.values.pose(body, dict(body.attrib))
-    robot.tree.root(name, matrix)
-    robot.poses[name] = matrix
+def _free_root(robot: Robot) -> None:
+    """One free body in the world is a free base, which starts where the file draws it."""
+    matrix = robot.body(1)
+    robot.tree.root(robot.links[1], matrix)
     robot.blocks["base"] = "free_flyer"
-    if not np.allclose(matrix[:3, :3], np.eye(3), atol=1e-12):
-        robot.blocks["home"] = {"root_joint": base_pose(matrix)}
-    _fill(robot, body, name, matrix, body.get("childclass") or "main")
+    if not np.array_equal(matrix, np.eye(4)):
+        place = [float(x) for x in matrix[:3, 3]]
+        w, x, y, z = (float(q) for q in robot.drawn.xquat[1])
+        robot.blocks["home"] = {"root_joint": [*place, x, y, z, w]}
 
 
-def _say_shift(robot: Robot, body: Element) -> None:
-    """A free base starts at the origin, unless its pose in the file has a meaning."""
-    name = body.get("name") or "body_1"
-    if robot.poses[name][:3, 3].any() and "root_joint" not in robot.blocks.get("home", {}):
-        robot.note(body, f"the pos of {name} is not taken over: it starts at the origin, unless "
-                   "home.root_joint says more.")  # fmt: skip
-
-
-def base_pose(matrix: Array) -> list[float]:
-    """A pose as `home.root_joint` takes it: place and quaternion x y z w."""
-    return [*_plain(matrix[:3, 3]), *_plain(_quaternion(matrix[:3, :3]))]
-
-
-def _children(robot: Robot, element: Element, parent: str, matrix: Array, kind: str) -> None:
-    """The bodies of a body, through frames between them."""
-    for child in element.all():
-        inside = child.get("childclass") or kind
-        if child.tag == "frame":
-            step = robot.values.pose(child, dict(child.attrib))
-            _children(robot, child, parent, matrix @ step, inside)
-        elif child.tag == "body":
-            _body(robot, child, parent, matrix, inside)
-
-
-def _body(robot: Robot, body: Element, parent: str, above: Array, kind: str) -> None:
+def _body(robot: Robot, k: int) -> None:
     """A body, with one link for each of its joints."""
-    name = body.get("name") or f"body_{len(robot.poses)}"
-    matrix = above @ robot.values.pose(body, dict(body.attrib))
-    robot.poses[name] = matrix
-    joints = list(_joints(robot, body, name, kind))
-    link = parent
-    for k, (label, data) in enumerate(joints):
-        own = name if k == len(joints) - 1 else f"{name}.{k + 1}"
-        robot.joints[label] = data
-        at = numbers(data.given.get("pos", "0 0 0"), data.element, "pos", 3)
-        if data.type == "free":
-            at = np.zeros(3)
-        robot.tree.add(own, link, _carrier(robot, label, data), matrix @ pose(shift=at))
+    model, name, matrix = robot.model, robot.links[k], robot.body(k)
+    link = robot.links[model.body_parentid[k]]
+    first, count = int(model.body_jntadr[k]), int(model.body_jntnum[k])
+    for j in range(first, first + count):
+        own = name if j == first + count - 1 else f"{name}.{j - first + 1}"
+        robot.tree.add(own, link, _carrier(robot, j), matrix @ pose(shift=model.jnt_pos[j]))
         link = own
-    if not joints:
-        robot.tree.add(name, parent, Joint(f"{name}_mount"), matrix)
-    _fill(robot, body, name, matrix, kind)
+    if not count:
+        robot.tree.add(name, link, Joint(f"{name}_mount"), matrix)
 
 
-def _joints(robot: Robot, body: Element, name: str, kind: str) -> Iterator[tuple[str, JointData]]:
-    """Joints of a body by name, in the file's order."""
-    found = [e for e in body.all() if e.tag in ("joint", "freejoint")]
-    for k, element in enumerate(found):
-        given = robot.values.of(element, kind) if element.tag == "joint" else {"type": "free"}
-        word = given.get("type", "hinge")
-        if word not in _TYPES:
-            raise DescriptionError(
-                f'{element.place}: no such type of joint: "{word}". Allowed: {", ".join(_TYPES)}.'
+def _carrier(robot: Robot, j: int) -> Joint:
+    model, kind, name = robot.model, int(robot.model.jnt_type[j]), robot.joints[j]
+    if kind in (FREE, BALL):
+        return Joint(name, _TYPES[kind])
+    limits = None
+    if model.jnt_limited[j]:
+        limits = float(model.jnt_range[j, 0]), float(model.jnt_range[j, 1])
+    word = "revolute" if kind == HINGE and limits is not None else _TYPES[kind]
+    return Joint(name, word, model.jnt_axis[j], limits, offset=_drawn(robot, j))
+
+
+def _drawn(robot: Robot, j: int) -> float:
+    """Position of a joint of one freedom as the file draws it [rad | m]."""
+    return float(robot.model.qpos0[robot.model.jnt_qposadr[j]])
+
+
+def _mass_and_shapes(robot: Robot, k: int) -> None:
+    model, drawn, name = robot.model, robot.drawn, robot.links[k]
+    inertia = Inertia(float(model.body_mass[k]), about=np.diag(model.body_inertia[k]))
+    frame = pose(drawn.ximat[k].reshape(3, 3), drawn.xipos[k])
+    robot.tree.load(name, inertia, (), frame)
+    first = int(model.body_geomadr[k])
+    geoms = range(first, first + int(model.body_geomnum[k]))
+    shapes = (_shape(robot, g) for g in geoms if model.geom_group[g] < _GROUPS)
+    visuals = tuple(shape for shape in shapes if shape is not None)
+    robot.tree.load(name, Inertia(), visuals, np.eye(4))
+
+
+def _shape(robot: Robot, g: int) -> Visual | None:
+    """What a geom looks like, in the world as drawn; None for one that is not drawn."""
+    model, code = robot.model, robot.code
+    matrix = pose(robot.drawn.geom_xmat[g].reshape(3, 3), robot.drawn.geom_xpos[g])
+    kind, size = int(model.geom_type[g]), [float(x) for x in model.geom_size[g]]
+    if kind == code("Geom.BOX"):
+        return Visual("box", matrix, {"size": " ".join(repr(2 * x) for x in size)})
+    if kind in (code("Geom.CAPSULE"), code("Geom.CYLINDER")):
+        length = 2 * (size[1] + (size[0] if kind == code("Geom.CAPSULE") else 0.0))
+        return Visual("cylinder", matrix, {"radius": repr(size[0]), "length": repr(length)})
+    if kind in (code("Geom.SPHERE"), code("Geom.ELLIPSOID")):
+        mean = size[0] if kind == code("Geom.SPHERE") else float(np.prod(size) ** (1 / 3))
+        return Visual("sphere", matrix, {"radius": repr(mean)})
+    mesh = int(model.geom_dataid[g])
+    if kind != code("Geom.MESH") or mesh < 0 or model.mesh_pathadr[mesh] < 0:
+        return None
+    # MuJoCo moves a mesh to its principal axes
+    own = pose(_turned(robot, model.mesh_quat[mesh]), model.mesh_pos[mesh])
+    file = model.paths[model.mesh_pathadr[mesh] :].split(b"\0")[0].decode()
+    scale = " ".join(repr(float(x)) for x in model.mesh_scale[mesh])
+    return Visual("mesh", matrix @ inverse(own), {"filename": file, "scale": scale})
+
+
+def _turned(robot: Robot, quaternion: Array) -> Array:
+    """Rotation matrix of a quaternion w x y z."""
+    flat = np.zeros(9)
+    robot.mujoco.mju_quat2Mat(flat, np.asarray(quaternion, float))
+    return flat.reshape(3, 3)
+
+
+# Joints --------------------------------------------------------------------------------------
+
+
+def _joints(robot: Robot) -> None:
+    """Springs, dampers, friction and rotor inertias; positions at which joints are drawn."""
+    model = robot.model
+    armature, damping = model.dof_armature.copy(), model.dof_damping.copy()
+    for a, j in robot.drives:  # MuJoCo 4 has both in an actuator too, at its side of the gear
+        row, gear = model.jnt_dofadr[j], model.actuator_gear[a, 0]
+        for total, key in ((armature, "actuator_armature"), (damping, "actuator_damping")):
+            total[row] += gear**2 * getattr(model, key, np.zeros(model.nu))[a]
+    for j, name in enumerate(robot.joints):
+        kind, row = int(model.jnt_type[j]), int(model.jnt_dofadr[j])
+        if kind == FREE:
+            continue
+        extra: dict[str, Any] = {"type": "spherical"} if kind == BALL else {}
+        values = {"rotor_inertia": armature[row]}
+        if robot.enabled("DAMPER"):
+            values["damper"] = damping[row]
+        if kind != BALL and robot.enabled("SPRING"):
+            values["parallel_spring"] = model.jnt_stiffness[j]
+        extra |= {key: float(value) for key, value in values.items() if value}
+        rest = float(model.qpos_spring[model.jnt_qposadr[j]]) if kind != BALL else 0.0
+        at = _drawn(robot, j) if kind != BALL else 0.0
+        if "parallel_spring" in extra and (rest or at):
+            extra["rest"] = rest
+        rubs = float(model.dof_frictionloss[row]) if robot.enabled("FRICTIONLOSS") else 0.0
+        if kind != BALL and rubs:
+            extra["friction"] = {"coulomb": rubs}
+        if extra:
+            robot.blocks.setdefault("joints", {})[name] = extra
+        if at or extra.get("rest", 0.0):  # an elastic joint would start at its rest
+            robot.blocks.setdefault("home", {})[name] = at
+
+
+def _motors(robot: Robot) -> None:
+    """Joints that actuators drive, in the order of the actuators."""
+    model, driven = robot.model, dict(robot.drives)
+    for a in range(model.nu):
+        name = robot.label("actuators", a)
+        first = _first_of(robot, a)
+        if first is not None:
+            driven[a] = first
+            robot.refuse(
+                "the tendons that the actuators {} pull, taken for motors of their first joints",
+                name,
             )
-        label = element.get("name") or f"{name}_joint" + (f"_{k + 1}" if k else "")
-        ref = float(numbers(given.get("ref", "0"), element, "ref", 1, "position")[0])
-        ref = float(robot.values.angle(ref)) if word == "hinge" else ref
-        yield label, JointData(element, given, word, ref if word in ("hinge", "slide") else 0.0)
+        elif a not in driven:
+            robot.refuse("the actuators {}, which drive no joint of one freedom", name)
+    joints = (robot.joints[driven[a]] for a in sorted(driven))
+    robot.blocks["actuated"] = list(dict.fromkeys(joints))
 
 
-def _carrier(robot: Robot, name: str, data: JointData) -> Joint:
-    given, element = data.given, data.element
-    if data.type in ("ball", "free"):
-        return Joint(name, _TYPES[data.type])
-    axis = mjcf_values.unit(
-        numbers(given.get("axis", "0 0 1"), element, "axis", 3), element, "axis"
-    )
-    word, limits = _TYPES[data.type], _limits(robot, data)
-    if data.type == "hinge" and limits is None:
-        word = "continuous"
-    return Joint(name, word, axis, limits, offset=data.ref)
-
-
-def _limits(robot: Robot, data: JointData) -> tuple[float, float] | None:
-    given = data.given
-    limited = given.get("limited", "auto")
-    if "range" not in given or limited == "false":
+def _first_of(robot: Robot, a: int) -> int | None:
+    """The first joint of a fixed tendon that an actuator pulls."""
+    model, tendon = robot.model, int(robot.model.actuator_trnid[a, 0])
+    if model.actuator_trntype[a] != robot.code("Trn.TENDON"):
         return None
-    if limited == "auto" and robot.values.compiler.get("autolimits", "true") == "false":
-        return None
-    pair = numbers(given["range"], data.element, "range", 2, "position")
-    low, high = robot.values.angle(pair) if data.type == "hinge" else pair
-    return float(low), float(high)
+    wrap = int(model.tendon_adr[tendon])
+    joint = int(model.wrap_objid[wrap])
+    fixed = model.wrap_type[wrap] == robot.code("Wrap.JOINT")
+    return joint if fixed and model.jnt_type[joint] > BALL else None
 
 
-def _fill(robot: Robot, body: Element, name: str, matrix: Array, kind: str) -> None:
-    """Mass, shapes and sites of a body, then the bodies on it."""
-    values = robot.values
-    total, visuals = _mass_and_shapes(robot, body, kind)
-    robot.tree.load(name, total, visuals, matrix)
-    for site, shift, own in _inside(robot, body, "site", np.eye(4), kind):
-        if site.get("name"):
-            placed = matrix @ shift @ values.pose(site, values.of(site, own))
-            robot.sites[site.get("name", "")] = (name, placed)
-    for element in body.all():
-        if element.tag not in _BODY:
-            robot.note(element, f"<{element.tag}> in the body {name} is not taken over.")
-    _children(robot, body, name, matrix, kind)
+# Equalities ----------------------------------------------------------------------------------
 
 
-def _mass_and_shapes(robot: Robot, body: Element, kind: str) -> tuple[Inertia, tuple[Visual, ...]]:
-    """Of one body in its own frame; the inertia of its geoms where it is not written."""
-    values, given = robot.values, body.child("inertial")
-    mode = values.compiler.get("inertiafromgeom", "auto")
-    by_geoms = mode == "true" or (mode == "auto" and given is None)
-    total = Inertia()
-    if given is not None and not by_geoms:
-        total = mjcf_values.inertial(values, given)
-    visuals: list[Visual] = []
-    for geom, shift, own in _inside(robot, body, "geom", np.eye(4), kind):
-        attributes = values.of(geom, own)
-        inertia, visual = mjcf_values.geom(values, geom, attributes)
-        if by_geoms and visual is not None and visual.kind == "mesh":
-            inertia = mjcf_values.mesh_inertia(values, geom, attributes)
-        if by_geoms:
-            total = total + inertia.moved(shift)
-        if visual is not None and int(attributes.get("group", "0")) < _GROUPS:
-            visuals.append(Visual(visual.kind, shift @ visual.matrix, visual.values))
-    return total, tuple(visuals)
+def _equalities(robot: Robot) -> None:
+    """Loops of <connect> and <weld>; couplings of <joint>."""
+    model = robot.model
+    joint, connect, weld = (robot.code(f"Eq.{word}") for word in ("JOINT", "CONNECT", "WELD"))
+    for k in range(model.neq):
+        kind = int(model.eq_type[k])
+        word = robot.mujoco.mjtEq(kind).name.rpartition("_")[2].lower()
+        name = model.equality(k).name or f"{word}_{k + 1}"
+        if not (model.eq_active0[k] and robot.enabled("EQUALITY")):
+            robot.refuse("the equalities {}, which are not active", name)
+        elif kind in (connect, weld):
+            _loop(robot, k, name, kind == weld)
+        elif kind == joint:
+            _coupling(robot, k, name)
+        else:
+            robot.refuse("the equalities {} of tendons or deformable bodies", name)
 
 
-def _inside(
-    robot: Robot, element: Element, tag: str, matrix: Array, kind: str
-) -> Iterator[tuple[Element, Array, str]]:
-    """Elements of a body, through frames: element, pose of the frame, class."""
-    for child in element.all():
-        if child.tag == tag:
-            yield child, matrix, kind
-        elif child.tag == "frame":
-            step = matrix @ robot.values.pose(child, dict(child.attrib))
-            yield from _inside(robot, child, tag, step, child.get("childclass") or kind)
+def _loop(robot: Robot, k: int, name: str, weld: bool) -> None:
+    """A loop between two bodies, or between one and the ground under a free base."""
+    model, data = robot.model, robot.model.eq_data[k]
+    a, b = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    if model.eq_objtype[k] == robot.code("Obj.SITE"):
+        ends = [
+            pose(robot.drawn.site_xmat[s].reshape(3, 3), robot.drawn.site_xpos[s]) for s in (a, b)
+        ]
+        a, b = int(model.site_bodyid[a]), int(model.site_bodyid[b])
+    elif weld:  # data: anchor in the second body, then its pose in the first
+        ends = [pose(_turned(robot, data[6:10]), data[3:6]), pose(shift=data[:3])]
+        ends = [robot.body(a) @ ends[0], robot.body(b) @ ends[1]]
+    else:  # data: the point in each body
+        ends = [robot.body(a) @ pose(shift=data[:3]), robot.body(b) @ pose(shift=data[3:6])]
+    kind = "weld" if weld else "spherical"
+    if 0 in (a, b) and robot.links[0] not in robot.tree.links:
+        body, own, ground = (a, ends[0], ends[1]) if b == 0 else (b, ends[1], ends[0])
+        if weld:  # at the body, where MuJoCo may have it at the origin
+            own, ground = robot.body(body), ground @ inverse(own) @ robot.body(body)
+        if weld and not np.allclose(own[:3, :3], ground[:3, :3], atol=1e-9):
+            robot.refuse(
+                "the welds {}, which turn a body against the file's drawing (a loop to the ground "
+                "keeps the direction of home)",
+                name,
+            )
+            return
+        frame = robot.tree.mark(f"{name}_a", robot.links[body], own)
+        at = [float(x) for x in ground[:3, 3]]
+        robot.loops[name] = {"kind": kind, "between": [frame, "world"], "at": at}
+        return
+    marks = [
+        robot.tree.mark(f"{name}_{end}", robot.links[body], frame)
+        for end, body, frame in (("a", a, ends[0]), ("b", b, ends[1]))
+    ]
+    robot.loops[name] = {"kind": kind, "between": marks}
 
 
-def _quaternion(rotation: Array) -> Array:
-    from scipy.spatial.transform import Rotation
+def _coupling(robot: Robot, k: int, name: str) -> None:
+    """y - y0 = a0 + a1 (x - x0), with the positions x0, y0 as the file draws them."""
+    model = robot.model
+    c, one, other = model.eq_data[k], int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    first, driven = robot.joints[one], robot.blocks["actuated"]
+    if other < 0:  # held: it follows a joint that does not move
+        frame = robot.tree.mark(f"{name}_held", next(iter(robot.tree.links)), np.eye(4))
+        robot.tree.follow(first, f"{frame}_mount", 0.0, _drawn(robot, one) + float(c[0]))
+        if first in driven:
+            driven.remove(first)
+        return
+    second = robot.joints[other]
+    if c[2:5].any():
+        robot.refuse("the equalities {}, whose joints follow a curve", name)
+        return
+    ratio = float(c[1])
+    offset = _drawn(robot, one) + float(c[0]) - ratio * _drawn(robot, other)
+    if first in driven and second in driven:
+        driven.remove(first)
+        robot.refuse("the motors of {}, which follow others: torques add up there", first)
+    elif first in driven and ratio:  # the one with the motor leads
+        first, second, ratio, offset = second, first, 1 / ratio, -offset / ratio
+    robot.tree.follow(first, second, ratio, offset)
 
-    return np.asarray(Rotation.from_matrix(rotation).as_quat())  # x y z w
+
+# Gravity -------------------------------------------------------------------------------------
 
 
-def _plain(values: Array) -> list[float]:
-    return [float(x) for x in values]
+def _gravity(robot: Robot) -> None:
+    """Gravity; and what holds bodies against it, as forces at their centres of mass."""
+    model = robot.model
+    vector = model.opt.gravity if robot.enabled("GRAVITY") else np.zeros(3)
+    robot.blocks["gravity"] = [float(x) for x in vector]
+    for k in np.flatnonzero(model.body_gravcomp * model.body_mass):
+        force = -model.body_gravcomp[k] * model.body_mass[k] * vector
+        if force.any():
+            name = f"{robot.links[k]}_gravcomp"
+            frame = robot.tree.mark(name, robot.links[k], pose(shift=robot.drawn.xipos[k]))
+            forces = robot.blocks.setdefault("forces", {})
+            forces[name] = {"at": frame, "force": [float(x) for x in force]}

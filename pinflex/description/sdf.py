@@ -70,7 +70,7 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     Args:
         text: The XML. file: Its name. package_dirs: Folders of the meshes.
     """
-    root = parse(text, file, "sdf", "an SDF")
+    root = parse(text, file, ("sdf",), "an SDF")
     holders = [root, *root.all("world")]
     models = [model for holder in holders for model in holder.all("model")]
     if len(models) != 1:
@@ -239,9 +239,13 @@ def _extras(reading: Reading, name: str, joint: Element) -> None:
         extra["spring"] = values["spring_stiffness"]
         if values["spring_reference"]:
             extra["rest"] = values["spring_reference"]
-    if values.get("friction"):
+    rubs = values.get("friction", 0.0)
+    if rubs and kind in ("revolute", "continuous", "prismatic"):
+        extra["friction"] = {"coulomb": rubs}
+    elif rubs:
         reading.notes.append(
-            f"{joint.place}: friction {values['friction']:g} of the joint {name} is not taken over."
+            f"{joint.place}: friction {rubs:g} of the joint {name} is not taken over: it has "
+            "several freedoms or none."
         )
     if extra:
         reading.blocks.setdefault("joints", {}).setdefault(name, {}).update(extra)

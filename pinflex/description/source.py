@@ -20,6 +20,8 @@ HOME_SIZES: dict[str, tuple[int, ...]] = {
     "floating": (6, 7),  # position and rotation vector, or position and quaternion x y z w
 }
 
+_SPRINGS = ("spring", "parallel_spring")
+
 
 @dataclass(frozen=True)
 class SourceJoint:
@@ -87,6 +89,8 @@ def _over(below: Any, above: Any) -> Any:
     """Two blocks as one; `above` wins, and an entry that is empty there is left out."""
     if not (isinstance(below, Mapping) and isinstance(above, Mapping)):
         return above
+    if any(key in above for key in _SPRINGS):  # two words for one spring
+        below = {k: v for k, v in below.items() if k not in _SPRINGS or k in above}
     both = {k: _over(v, above[k]) if k in above else v for k, v in below.items()}
     both |= {k: v for k, v in above.items() if k not in below}
     return {k: v for k, v in both.items() if v is not None}

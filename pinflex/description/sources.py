@@ -36,7 +36,7 @@ _MJCF, _SDF, _GEPETTO = _late("mjcf"), _late("sdf"), _late("gepetto")
 
 def _by_root(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     """A .xml by its root element."""
-    for tag, reader in (("mujoco", _MJCF), ("sdf", _SDF)):
+    for tag, reader in (("mujoco(?:include)?", _MJCF), ("sdf", _SDF)):
         if re.search(rf"<{tag}[\s>]", text) and "<robot" not in text:
             return reader(text, file, package_dirs)
     return urdf.check(text, file, package_dirs)

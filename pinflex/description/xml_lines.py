@@ -65,13 +65,13 @@ def malformed(file: str, line: int, error: Exception) -> DescriptionError:
     )
 
 
-def parse(text: str, file: str, tag: str, what: str) -> Element:
+def parse(text: str, file: str, tags: tuple[str, ...], what: str) -> Element:
     """The root element of an XML text.
 
     Args:
         text: The XML.
         file: Its name, for messages.
-        tag: Name that the root must have.
+        tags: Names that the root may have; none: any.
         what: The format with its article, for messages.
     """
     refuse_doctype(text, file, what)
@@ -96,8 +96,8 @@ def parse(text: str, file: str, tag: str, what: str) -> Element:
         raise DescriptionError(f"{file}: malformed XML: {error}. Correct it.") from None
     root = builder.close()
     assert isinstance(root, Element)
-    if root.tag != tag:
-        raise DescriptionError(f"{file}: the root element is <{root.tag}>, not <{tag}>.")
+    if tags and root.tag not in tags:
+        raise DescriptionError(f"{file}: the root element is <{root.tag}>, not <{tags[0]}>.")
     return root
 
 

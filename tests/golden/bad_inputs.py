@@ -20,7 +20,6 @@ FILE = Path(__file__).with_name("messages.txt")
 JOINTS = """\
 cross: {spring: 1}
 tip: {damper: 1}
-elbow: {parallel_spring: 1}
 motor: {spring: 2}
 motor: {spring: 1, parallel_spring: 2}
 motor: {rotor_inertia: 1e20}

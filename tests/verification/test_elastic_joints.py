@@ -147,8 +147,6 @@ def test_a_spring_on_a_motor_says_what_to_write(tmp_path: Path) -> None:
     gear = "arm_joint: {spring: 400.0}"
     with pytest.raises(pf.DescriptionError, match="this joint has a motor.*`parallel_spring`"):
         load(tmp_path, GEARED, beside % ("spring", gear))
-    with pytest.raises(pf.DescriptionError, match="no motor to act beside. Write `spring`"):
-        load(tmp_path, GEARED, beside % ("parallel_spring", "arm_joint: {parallel_spring: 1}"))
     with pytest.raises(pf.DescriptionError, match="beside `spring`"):
         load(tmp_path, GEARED, yaml().replace("spring:", "parallel_spring: 1, spring:"))
     # In an open chain that lists no motors every joint has one.
@@ -159,6 +157,11 @@ def test_a_spring_on_a_motor_says_what_to_write(tmp_path: Path) -> None:
     m = load(tmp_path, GEARED, beside % ("parallel_spring", gear))
     extra = pf.static_equilibrium(m).r[0] - pf.static_equilibrium(plain).r[0]
     assert extra == pytest.approx(50.0 * (0.0 - 0.1), rel=1e-12)
+    # In a joint without a motor there is nothing that it could be taken for but `spring`.
+    other = load(tmp_path, GEARED, yaml().replace("spring:", "parallel_spring:"))
+    np.testing.assert_array_equal(
+        pf.modes(other, count=2).frequencies, pf.modes(plain, count=2).frequencies
+    )
 
 
 def test_a_rigid_robot_is_warned_of_its_effort_limits_too(tmp_path: Path) -> None:
