@@ -15,12 +15,16 @@ move. What is idle is held where home has it: the spin of a rod by one row that 
 across it perpendicular to one of its neighbour, as a universal joint does in place of a ball. That
 row stays regular however far the rod swings about the direction in the neighbour, which is the one
 that it swings about most. Anything else idle keeps coordinates.
+
+A CAD's axes that should meet often miss each other by its decimals; then the spin of a rod moves
+its neighbours by a thousandth of it. Where such spins are all that motors leave undetermined, they
+are held too, and said to be nearly idle, with that share.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -35,6 +39,8 @@ from pinflex.mechanics.poses import as_matrices, skew, support
 
 INDEPENDENT = 1e-8  # of the largest: as closure rows that count
 _STILL = 1e-7  # of the mechanism's size, for a motion of size one: closed loops leave 1e-12
+_NEARLY = 2e-3  # the same where axes that should meet miss each other, by the decimals of a CAD
+_PART = 0.1  # of a spin of size one, for a body that takes part in it
 _SLENDER = 0.1  # of the distance between supports: a centre of mass nearer to the axis is idle
 _MASSLESS = 1e-12  # of the heaviest body
 _NONE = np.zeros(0, dtype=np.intp)
@@ -100,11 +106,12 @@ class Freedoms:
         spread = np.array([point for *_, ends in self._hinges for point in ends])
         self._size = max(float(np.max(np.ptp(spread, axis=0))), 1e-9) if len(spread) else 1.0
         self._mass = max(float(i.mass) for i in model.inertias)
+        self._still = _STILL
 
     def idle(
         self, J: Array, locked: IntArray, placed: Sequence[Attachment], still: Attachment | None
     ) -> Idle:
-        """The idle freedoms.
+        """The idle freedoms; where others are left, spins that are nearly idle are among them.
 
         Args:
             J: Independent closure rows, shape (rows, nv).
@@ -112,19 +119,49 @@ class Freedoms:
             placed: Frames that may not leave their places. still: The platform, may not turn.
         """
         N = allowed(J, locked)
+        exact, _ = self._idle(N, J, placed, still)
+        if N.shape[1] == len(exact.spins) + len(exact.rows):
+            return exact
+        self._still = _NEARLY
+        nearly, rows = self._idle(N, J, placed, still)
+        self._still = _STILL
+        if nearly.rows.size or len(nearly.spins) != N.shape[1]:
+            return exact
+        known = {loop.name for loop in exact.spins}
+        turns = np.linalg.inv(np.array(rows) @ N)  # each spin by 1, the others by none
+        names = tuple(
+            loop.name
+            if loop.name in known
+            else f"{loop.name} (nearly: other bodies move by {self._beside(N @ turn):.1e} of it)"
+            for loop, turn in zip(nearly.spins, turns.T, strict=True)
+        )
+        return replace(nearly, names=names)
+
+    def _beside(self, motion: Array) -> float:
+        """How far a motion moves bodies that it is not a motion of [rad, or of the size]."""
+        scale = np.array([self._size] * 3 + [1.0] * 3)
+        N = motion[:, None]
+        twists = [self._twists(joint, N)[:, 0] / scale for joint in range(len(self._poses))]
+        sizes = [float(np.abs(twist).max()) for twist in twists]
+        return max(size for size in sizes if size < _PART)
+
+    def _idle(
+        self, N: Array, J: Array, placed: Sequence[Attachment], still: Attachment | None
+    ) -> tuple[Idle, list[Array]]:
+        """The idle freedoms among the motions N (nv, k), and the rows of the spins among them."""
         if not N.shape[1]:
-            return Idle()
+            return Idle(), []
         pieces = self._pieces(N)
         N = N @ self._kept(N, pieces, placed, still)
         N = N @ null_space(self._centres(N, pieces), _STILL, 1.0)
         if not N.shape[1]:
-            return Idle()
+            return Idle(), []
         spins, rows = self._spins(J, N, pieces)
         rest = N @ null_space(np.array(rows).reshape(-1, len(N)) @ N, INDEPENDENT, 1.0)
         held = np.sort(independent_rows(rest, INDEPENDENT, 1.0)) if rest.shape[1] else _NONE
         names = (*(loop.name for loop in spins), *(self._named(int(k)) for k in held))
         heavy = self._inertia_of_rows[held] > _MASSLESS * float(np.max(self._inertia_of_rows))
-        return Idle(tuple(spins), held, held[heavy], _NONE, names)
+        return Idle(tuple(spins), held, held[heavy], _NONE, names), rows
 
     # What moves ------------------------------------------------------------------------------
 
@@ -154,12 +191,12 @@ class Freedoms:
         scale = np.array([self._size] * 3 + [1.0] * 3)[:, None]
         one = list(range(len(twists)))
         for a, b, _ in self._hinges:
-            if np.max(np.abs((twists[a] - twists[b]) / scale)) < _STILL:
+            if np.max(np.abs((twists[a] - twists[b]) / scale)) < self._still:
                 one = [one[a] if x == one[b] else x for x in one]
         pieces = []
         for number in dict.fromkeys(one):
             joints = tuple(k for k, x in enumerate(one) if x == number)
-            if np.max(np.abs(twists[joints[0]] / scale)) < _STILL:
+            if np.max(np.abs(twists[joints[0]] / scale)) < self._still:
                 continue
             points = tuple(
                 end
@@ -191,7 +228,7 @@ class Freedoms:
         if still is not None:
             twist = self._twists(still.joint, N)
             rows += [twist[:3] / self._size, twist[3:]]
-        return null_space(np.vstack(rows), _STILL, 1.0)
+        return null_space(np.vstack(rows), self._still, 1.0)
 
     def _centres(self, N: Array, pieces: Sequence[_Piece]) -> Array:
         """Velocities of the centres of mass that may not move, shape (rows, k)."""
@@ -199,7 +236,7 @@ class Freedoms:
         moving = [
             piece
             for piece in pieces
-            if np.max(np.abs(self._twists(piece.joints[0], N)[3:]), initial=0.0) > _STILL
+            if np.max(np.abs(self._twists(piece.joints[0], N)[3:]), initial=0.0) > self._still
         ]
         for piece, supports in zip(moving, self._supports(moving), strict=True):
             masses = [float(self._model.inertias[k].mass) for k in piece.joints]

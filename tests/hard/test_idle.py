@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -348,3 +350,35 @@ def test_frequencies_list_what_is_elastic_and_count_what_is_not(tmp_path: Path) 
     found = check(m)
     assert min(found.frequencies) > 1.0
     assert found.frequency_note.endswith("1 rigid-body mode at 0 Hz")
+
+
+def missed(by: float) -> tuple[Body, ...]:
+    """The four-bar with a ball of three hinges whose last one misses the others."""
+    return tuple(
+        replace(body, xyz=(by, by, by)) if body.name == "rod" else body
+        for body in four_bar("hinges", spin=1e-5)
+    )
+
+
+def test_a_spin_whose_hinges_miss_by_a_cad_s_decimals_is_held_and_said(tmp_path: Path) -> None:
+    """0.2 mm in a rod of 0.5 m; by 20 mm it is a freedom, and level rigid refuses."""
+    text = f"""
+actuated: [crank_joint]
+loops: {{tip: {{kind: spherical, between: [rod_end, rocker_end]}}}}
+platform: rocker_end
+{LINKS}
+"""
+    exact, near, far = (load(tmp_path, missed(by), text) for by in (0.0, 2e-4, 2e-2))
+    assert (exact.idle.names, near.report.mobility) == (("spin of rod",), 1)
+    (name,) = near.idle.names
+    said = re.fullmatch(r"spin of rod \(nearly: other bodies move by (\S+) of it\)", name)
+    # The hinges turn the rod about a line beside the one that they meet on: the rest, of second
+    # order, moves by the square of 0.2 mm over a link, or less.
+    assert said is not None and float(said[1]) < (2e-4 / CRANK) ** 2
+    assert name in write(check(near))
+    for level in ("rigid", "quasistatic"):
+        one, other = (pf.solve(m, MOVE, level=level, samples=11).torque for m in (exact, near))
+        # the linkage itself is another: by 0.2 mm of the crank's 0.1 m, 2e-3
+        np.testing.assert_allclose(other, one, atol=2 * 2e-3 * np.abs(one).max())
+    with pytest.raises(pf.MotionError, match="do not determine the motion of"):
+        pf.solve(far, MOVE, level="rigid")
