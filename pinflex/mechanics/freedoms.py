@@ -153,7 +153,7 @@ class Freedoms:
             return Idle(), []
         pieces = self._pieces(N)
         N = N @ self._kept(N, pieces, placed, still)
-        N = N @ null_space(self._centres(N, pieces), _STILL, 1.0)
+        N = N @ null_space(self._centres(N, pieces), self._still, 1.0)
         if not N.shape[1]:
             return Idle(), []
         spins, rows = self._spins(J, N, pieces)
