@@ -17,7 +17,7 @@ from typing import Any
 from pinflex import boundary
 from pinflex.cli import process
 from pinflex.cli.parser import Layout, Parser
-from pinflex.errors import PinflexError, quoted
+from pinflex.errors import KernelWarning, PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
     *("check", "modes", "advise", "command", "shapers", "frf", "solve", "compare"),
@@ -85,6 +85,8 @@ def _run(arguments: list[str]) -> int:
     else:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")
+        warnings.simplefilter("default", KernelWarning)
+        warnings.showwarning = process.show_warning
     if getattr(args, "limit", None) is not None and hasattr(args, "set"):
         args.set.append(f"limit={args.limit!r}")
     module = getattr(args, "module", args.command)

@@ -72,6 +72,10 @@ class RunInterrupted(KeyboardInterrupt):
         self.result = result
 
 
+class KernelWarning(UserWarning):
+    """Runs go without the compiled kernel, although nobody switched it off."""
+
+
 def quoted(text: str) -> str:
     """Text of somebody else's on one line of bounded length, with nothing that acts on a screen."""
     if not text.isprintable():

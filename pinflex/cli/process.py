@@ -47,6 +47,11 @@ def ending() -> Iterator[Ending]:
             signal.signal(number, handler)
 
 
+def show_warning(message: Warning | str, *unused: object, **also_unused: object) -> None:
+    """Write a warning as the command writes its errors: one line, without the place in the code."""
+    sys.stderr.write(f"pinflex: {message}\n")
+
+
 @contextmanager
 def settled() -> Iterator[None]:
     """What is loaded by now is left out of garbage collections until the block ends.

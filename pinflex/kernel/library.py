@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import os
+import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from pinflex.errors import KernelWarning
 from pinflex.kernel import build
 
 _FOLDER = Path(__file__).parent
@@ -53,6 +55,19 @@ def kernel() -> Library:
     if os.environ.get("PINFLEX_KERNEL", "") == "0":
         return Library(None, "switched off by PINFLEX_KERNEL=0")
     return _load()
+
+
+@cache
+def warn_if_missing() -> None:
+    """Warn, once a process, where there is no library although nobody switched it off."""
+    library = kernel()
+    if library.functions is None and os.environ.get("PINFLEX_KERNEL") != "0":
+        warnings.warn(
+            f"the compiled kernel does not run ({library.said}): results are the same, but runs "
+            "with flexible links take several times as long.",
+            KernelWarning,
+            stacklevel=2,
+        )
 
 
 @cache

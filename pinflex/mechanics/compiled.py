@@ -31,10 +31,10 @@ def serves(system: System) -> bool:
 def evaluated_by(system: System) -> str:
     """Which equations serve a system: the build of the kernel, or why it is not used."""
     library = kernel()
-    if library.functions is None:
-        return f"numpy and Pinocchio (kernel: {library.said})"
     if _stiff(system):
         return "Pinocchio (nothing gives way)"
+    if library.functions is None:
+        return f"numpy and Pinocchio (kernel: {library.said})"
     if system.uncovered is not None:
         return f"numpy and Pinocchio (the kernel has no {system.uncovered})"
     return f"kernel ({library.said})"

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
+from pinflex.mechanics.compiled import evaluated_by
 from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import drives, grades, validity
@@ -79,6 +80,7 @@ def describe(
         "resume": None if run.s is None else run.s[-1].tolist(),
         "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "units": _units(mechanism),
+        "evaluated_by": evaluated_by(run.system),
         "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
         "drawing": urdf_parts(description.urdf_text),
         "sources": dict(description.sources),

@@ -27,6 +27,7 @@ _META: dict[str, Any] = {
     "level": str,
     "status": str,
     "message": str,
+    "evaluated_by": str,
     "joints": [str],
     "coordinates": [str],
     "actuated": [str],

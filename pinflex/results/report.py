@@ -54,6 +54,8 @@ def summary(result: Result) -> str:
         each = f" ({cost['newton'] / cost['steps']:.2f} a step)" if cost.get("steps") else ""
         rows.append(("Newton iterations", f"{cost['newton']}{each}"))
     rows += [("wall time", f"{cost['seconds']:.3g} s")] if "seconds" in cost else []
+    by = str(result.meta.get("evaluated_by", ""))
+    rows += [("equations", by)] if by.startswith("numpy") else []  # not by the compiled kernel
     time, how = time_error(result.meta.get("settings", {}), result.level)
     errors = result.known_errors or ErrorBars(time, {}, how, "not looked at (run.errors does)")
     for line in errors.lines():

@@ -27,6 +27,7 @@ from pinflex.errors import (
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
+from pinflex.kernel.library import warn_if_missing
 from pinflex.levels.excited import default_motion as default_motion
 from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
@@ -75,6 +76,7 @@ def solve_level(
         DescriptionError: An unknown level or option.
         MotionError, SingularityError, ConvergenceError: The scene cannot be solved.
     """
+    warn_if_missing()
     tolerance = options.pop("tolerance", None)
     given = {"level": level, "until": until, "dt": dt, "samples": samples}
     spec = _spec(mechanism, {**given, **options})

@@ -17,6 +17,7 @@ from typing import Any
 
 from pinflex import registered
 from pinflex.errors import DescriptionError, PinflexError
+from pinflex.kernel.library import warn_if_missing
 from pinflex.studies.forks import KILLED, Lost, Work, alone, can_fork, forked
 
 _WATCH = 0.5  # [s]
@@ -37,6 +38,7 @@ def answers(
     Raises:
         DescriptionError: No scheduler at that address, or Dask is not installed.
     """
+    warn_if_missing()  # here: where the work is done, warnings are ignored
     if scheduler is not None:
         return _cluster(work, items, scheduler)
     if jobs == 1:

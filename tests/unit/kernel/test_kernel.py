@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,13 +16,14 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
+from pinflex.__main__ import main
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.family import Family
 from pinflex.description.couplings import Coupling
 from pinflex.description.loops import LOOP_KINDS, Loop
-from pinflex.errors import PinflexError
-from pinflex.kernel import build
+from pinflex.errors import KernelWarning, PinflexError
+from pinflex.kernel import build, library
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
 from pinflex.kernel.tables import Tables
@@ -317,6 +319,48 @@ def test_the_kernel_is_switched_off_by_the_environment(monkeypatch: pytest.Monke
     assert m.evaluated_by == "numpy and Pinocchio (kernel: switched off by PINFLEX_KERNEL=0)"
     with pytest.raises(PinflexError, match="switched off"):
         Evaluator(m.flexible.tables)
+
+
+def test_a_run_says_by_which_equations_it_was_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = pf.load("3rrr")
+    run = pf.solve(robot, level="coupled", dt=1e-3, until=2e-3, samples=2)
+    assert run.meta["evaluated_by"] == robot.evaluated_by
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    plain = pf.solve(robot, level="coupled", dt=1e-3, until=2e-3, samples=2)
+    by = "numpy and Pinocchio (kernel: switched off by PINFLEX_KERNEL=0)"
+    assert plain.meta["evaluated_by"] == by and by in plain.summary()
+    rigid = pf.solve(robot, level="rigid", until=2e-3, samples=2)
+    assert "equations" not in rigid.summary()  # there the kernel would not serve either
+
+
+def test_a_missing_kernel_is_warned_of_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Switched off by PINFLEX_KERNEL=0 it is not missing."""
+    robot = pf.load("3rrr")
+    monkeypatch.setattr(library, "_load", lambda: library.Library(None, "not built: build it"))
+    library.warn_if_missing.cache_clear()
+    with pytest.warns(KernelWarning, match=r"does not run \(not built: build it\)"):
+        run = pf.solve(robot, level="quasistatic", until=1e-3, samples=2)
+    assert run.meta["evaluated_by"] == "numpy and Pinocchio (kernel: not built: build it)"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", KernelWarning)
+        pf.solve(robot, level="quasistatic", until=1e-3, samples=2)
+        library.warn_if_missing.cache_clear()
+        monkeypatch.setenv("PINFLEX_KERNEL", "0")
+        pf.solve(robot, level="quasistatic", until=1e-3, samples=2)
+    library.warn_if_missing.cache_clear()
+
+
+def test_the_command_says_in_one_line_that_the_kernel_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(library, "_load", lambda: library.Library(None, "not built: build it"))
+    for command in ("solve 3rrr --level rigid --until 0.001 --samples 2", "check 3rrr"):
+        library.warn_if_missing.cache_clear()
+        assert main(command.split()) == 0
+        said = capsys.readouterr().err
+        assert said.count("\n") == (command[:5] == "solve"), said
+        assert ("pinflex: the compiled kernel does not run (not built" in said) == bool(said)
+    library.warn_if_missing.cache_clear()
 
 
 @needs_kernel
