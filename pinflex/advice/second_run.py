@@ -52,20 +52,30 @@ def run_apart(
 
     keys = {**given, "start": "static" if static else "straight", "until": until, "tol": tol}
     other = solve_level(finer, motion, "coupled", samples=len(result.t), progress=watch, **keys)
-    return outputs_apart(result, other)
+    return outputs_apart(result, other, free(finer))
 
 
-def outputs_apart(a: Result, b: Result) -> dict[str, float]:
+def free(mechanism: Mechanism) -> bool:
+    """Whether joints move that motors do not determine: there is no rigid motion to deviate from.
+
+    Args:
+        mechanism: Mechanism.
+    """
+    return mechanism.report.mobility != len(mechanism.rigid.motors)
+
+
+def outputs_apart(a: Result, b: Result, free: bool = False) -> dict[str, float]:
     """Largest differences of all outputs of two runs at the same instants, relative.
 
     Args:
         a: Judged. b: By this one.
+        free: Whether the platform's pose is relative to its way from the first one.
     """
     found: dict[str, float | None] = {}
     if a.torque.shape[1]:
         found["torque"] = _ratio([a.torque], [b.torque])
     found |= links_apart(a, b)
-    found |= _platform(a, b)
+    found |= _platform(a, b, free)
     if not found or not any(found.values()):
         q = "joint/v"
         found["joint speeds"] = _ratio([a.array(q)], [b.array(q)])
@@ -120,12 +130,13 @@ def platform_acceleration(a: Result, b: Result) -> dict[str, float]:
     return {} if e is None else {"platform acceleration": e}
 
 
-def _platform(a: Result, b: Result) -> dict[str, float]:
+def _platform(a: Result, b: Result, free: bool) -> dict[str, float]:
     """Pose of the platform, relative to its largest deviation from rigid, and its acceleration."""
     name = b.meta.get("platform")
     if not name:
         return {}
-    rigid = b.array(f"body/{name}/pose_rigid") if name in b.meta["bodies"] else None
+    known = not free and name in b.meta["bodies"]
+    rigid = b.array(f"body/{name}/pose_rigid") if known else None
     (p, R), (p_b, R_b) = (
         (run.array(f"frame/{name}/position"), run.array(f"frame/{name}/rotation")) for run in (a, b)
     )
