@@ -98,7 +98,7 @@ def main() -> None:
         return
     sys.stdout = io.StringIO()
     try:
-        text = xacro.process_file(first["file"]).toxml()
+        text = xacro.process_file(first["file"], mappings=first["arguments"]).toxml()
     except BaseException as error:  # whatever its expressions raise, SystemExit among it
         _ask({"failed": (str(error).strip() or type(error).__name__)[:2000]})
         return

@@ -51,7 +51,18 @@ __all__ = ["Basis", "Description", "EndMass", "FlexibleLink", "JointExtra", "Loo
 __all__ += ["Section", "SolveSpec", "model_names", "read"]
 
 KEYS = (
-    *("urdf", "gravity", "base", "joints", "actuated", "share", "loops", "idle", "home"),
+    *(
+        "urdf",
+        "xacro_args",
+        "gravity",
+        "base",
+        "joints",
+        "actuated",
+        "share",
+        "loops",
+        "idle",
+        "home",
+    ),
     *("platform", "frames", "flexible", "damping", "forces", "springs", "added_masses", "control"),
     *("motion", "solve", "limit", "allow", "use_urdf_dynamics"),
 )
@@ -193,13 +204,13 @@ class Description:
             place = f"{self.name}.yaml: flexible"
             links = link_groups.groups(schema.mapping(raw["flexible"], place), place, tree)
             raw["flexible"] = link_groups.expand(raw["flexible"], place, tree)
-        before = raw.get("urdf")
+        before = _robot(raw)
         for assignment in changes:
             yaml_text.set_path(raw, assignment)
-        if links and raw.get("urdf") == before and isinstance(raw.get("flexible"), dict):
+        if links and _robot(raw) == before and isinstance(raw.get("flexible"), dict):
             raw["flexible"] = link_groups.gathered(raw["flexible"], links)
         return _describe(
-            _dumped(raw), self.name, self.path, tree if raw.get("urdf") == before else None
+            _dumped(raw), self.name, self.path, tree if _robot(raw) == before else None
         )
 
 
@@ -232,7 +243,12 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
     block = schema.mapping(yaml_text.load(text, file), file, KEYS, ("urdf",))
     folder = Path() if path is None else path.parent
     if tree is None:
-        tree = sources.find(schema.text(block["urdf"], place["urdf"]), folder, place["urdf"])
+        named, args = schema.text(block["urdf"], place["urdf"]), place["xacro_args"]
+        arguments = {
+            name: _argument(value, schema.at(args, name))
+            for name, value in schema.mapping(block.get("xacro_args", {}), args).items()
+        }
+        tree = sources.find(named, folder, place["urdf"], arguments)
     block, tree, text = _written_out(block, text, file, tree)
     values = fields.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
@@ -276,6 +292,18 @@ def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> D
         notes=tree.notes,
         **values,
     )
+
+
+def _robot(raw: Mapping[str, Any]) -> str:
+    """What says which robot it is."""
+    return f"{raw.get('urdf')} {raw.get('xacro_args')}"
+
+
+def _argument(value: object, where: str) -> str:
+    """An argument of a xacro as the text that a command line would give."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value) if isinstance(value, int | float) else schema.text(value, where)
 
 
 def _written_out(

@@ -41,6 +41,7 @@ def json_schema() -> Form:
     """The schema of a whole YAML file, as plain data."""
     top = _of_record(Description) | {
         "urdf": _TEXT,
+        "xacro_args": _named({"type": ["string", "number", "boolean"]}),
         "joints": _named(_joint()),
         "actuated": _NAMES,
         "loops": _named(_block(_of_record(loops.Loop) | {

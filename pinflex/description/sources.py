@@ -6,8 +6,9 @@ The readers of formats other than URDF are imported when a file asks for one.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -72,15 +73,25 @@ def register(suffix: str, reader: Reader) -> None:
     registered.note(register, suffix, suffix, reader)
 
 
-def read(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
+def read(
+    text: str,
+    file: str,
+    package_dirs: tuple[str, ...] = (),
+    arguments: Mapping[str, str] | None = None,
+) -> Source:
     """The contents of a robot's file by the reader of its suffix; of any other suffix as URDF.
 
     Args:
         text: Of the file.
         file: Its name, with the suffix.
         package_dirs: Folders in which `package://` files are looked up.
+        arguments: Of a xacro, by name.
     """
     reader = READERS.get(Path(file).suffix.lower(), urdf.check)
+    if arguments:
+        if Path(file).suffix.lower() != ".xacro":
+            raise DescriptionError(f"xacro_args: {file} is no xacro. Remove the key.")
+        reader = partial(import_module("pinflex.description.xacro_files").read, arguments=arguments)
     source = reader(text, file, package_dirs)
     # The name says what the text is now, so that it can be read again.
     return source if reader is urdf.check else replace(source, file=f"{file}.urdf")
@@ -95,17 +106,20 @@ def is_robot(path: Path) -> bool:
     return bool(_GEPETTO_KEYS.search(text)) and not re.search(r"^urdf\s*:", text, re.M)
 
 
-def find(source: str, folder: Path, where: str) -> Source:
+def find(
+    source: str, folder: Path, where: str, arguments: Mapping[str, str] | None = None
+) -> Source:
     """Read and check the file of the key `urdf`.
 
     Args:
         source: A file, relative to `folder`, or "example-robot-data:NAME".
         folder: Folder of the YAML.
         where: Place of the key, for messages.
+        arguments: Of a xacro, by name.
     """
     if source.startswith(_ROBOT_DATA):
         path, packages = _robot_data(source[len(_ROBOT_DATA) :].strip(), where)
-        return read(read_text(path, where), path.name, packages)
+        return read(read_text(path, where), path.name, packages, arguments)
     path = folder / source
     if not nameable(path) or not path.is_file():
         found = [p.name for p in sorted(folder.glob("*.urdf"))]
@@ -114,7 +128,7 @@ def find(source: str, folder: Path, where: str) -> Source:
             f"path relative to the YAML, or {_ROBOT_DATA}NAME."
         )
     packages = tuple(dict.fromkeys((str(path.parent.resolve()), str(folder.resolve()))))
-    return read(read_text(path, where), path.name, packages)
+    return read(read_text(path, where), path.name, packages, arguments)
 
 
 def read_text(path: Path, where: str) -> str:

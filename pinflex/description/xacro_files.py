@@ -9,10 +9,11 @@ from __future__ import annotations
 import glob
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,20 +21,24 @@ from pathlib import Path
 from pinflex.description import confined, urdf
 from pinflex.description.files import require_regular
 from pinflex.description.source import Source
-from pinflex.errors import DescriptionError
+from pinflex.errors import DescriptionError, nearest
 
 TRUST = "PINFLEX_TRUST_XACRO"
 _READ = (".xacro", ".urdf", ".xml", ".yaml", ".yml")  # files that a xacro may include or load
 _WAIT = 20.0  # [s] for all of it, where the process only waits
 _MOST = 20_000_000  # [characters] of one answer or file
 _FEW = 1000  # files that it may ask for
+_ARGUMENT = re.compile(r"""<xacro:arg\s[^>]*?name\s*=\s*["']([^"']*)""")
 
 
-def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
+def read(
+    text: str, file: str, package_dirs: tuple[str, ...], arguments: Mapping[str, str] | None = None
+) -> Source:
     """Expand a xacro and check the URDF that comes out.
 
     Args:
         text: The xacro. file: Its name. package_dirs: The first one is its folder.
+        arguments: Values of its <xacro:arg>, by name.
     """
     if find_spec("xacro") is None:
         raise DescriptionError(
@@ -41,15 +46,30 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
             f"or expand it: `xacro {file} > x.urdf`."
         )
     folder = Path(package_dirs[0] if package_dirs else "").resolve()
-    expanded = _Expansion(text, file, folder, package_dirs).run()
+    expansion = _Expansion(text, file, folder, package_dirs, dict(arguments or {}))
+    expanded = expansion.run()
+    for name in arguments or {}:
+        if name not in expansion.known:
+            raise DescriptionError(
+                f'{file}: no such <xacro:arg>: "{name}".{nearest(name, sorted(expansion.known))}'
+            )
     return replace(urdf.check(expanded, file, package_dirs), file=file)
 
 
 class _Expansion:
     """One xacro and the process that expands it."""
 
-    def __init__(self, text: str, file: str, folder: Path, packages: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        text: str,
+        file: str,
+        folder: Path,
+        packages: tuple[str, ...],
+        arguments: dict[str, str],
+    ) -> None:
         self._text, self._file, self._folder, self._packages = text, file, folder, packages
+        self._arguments = arguments
+        self.known = {*_ARGUMENT.findall(text)}  # arguments of all files that it reads
         self._answers: dict[str, Callable[[str], object]] = {
             "read": self._read, "match": self._match, "package": self._package,
         }  # fmt: skip
@@ -75,7 +95,8 @@ class _Expansion:
         assert process.stdin is not None
         assert process.stdout is not None
         first = {"file": str(self._folder / self._file), "folder": str(self._folder),
-                 "path": sys.path, "trusted": os.environ.get(TRUST) == "1"}  # fmt: skip
+                 "arguments": self._arguments, "path": sys.path,
+                 "trusted": os.environ.get(TRUST) == "1"}  # fmt: skip
         answer: dict[str, object] = first
         for _ in range(_FEW):
             try:
@@ -120,7 +141,9 @@ class _Expansion:
         if not path.is_file():
             raise ValueError("no such file")
         require_regular(path, _MOST, path.name)
-        return path.read_text("utf-8-sig")
+        text = path.read_text("utf-8-sig")
+        self.known |= {*_ARGUMENT.findall(text)}
+        return text
 
     def _match(self, pattern: str) -> list[str]:
         found = glob.glob(os.path.join(self._folder, pattern))

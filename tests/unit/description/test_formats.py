@@ -436,6 +436,32 @@ def test_a_leaf_spring_of_an_sdf_swings_as_by_hand(tmp_path: Path) -> None:
     )
 
 
+# A hand on a frame of an arm, all angles in degrees; its axis is written in that frame.
+HAND = """<sdf version="1.9"><model name="reach">
+  <link name="arm"><pose degrees="true">0 0 1 0 0 90</pose></link>
+  <frame name="tool" attached_to="arm"><pose degrees="true">0.3 0 0 0 0 90</pose></frame>
+  <link name="hand"><pose relative_to="tool" degrees="true">0.1 0 0 0 0 90</pose>
+    <inertial><pose>0.2 0 0 0 0 0</pose><mass>2</mass></inertial></link>
+  <joint name="ground" type="fixed"><parent>world</parent><child>arm</child></joint>
+  <joint name="wrist" type="revolute"><parent>arm</parent><child>hand</child>
+    <axis><xyz expressed_in="tool">1 0 0</xyz></axis></joint>
+</model></sdf>
+"""
+
+
+def test_frames_degrees_and_axes_of_other_frames_of_an_sdf(tmp_path: Path) -> None:
+    """By hand: the arm looks along y, the tool along -x, the hand along -y."""
+    m = pf.load(sdf(tmp_path, HAND), ["frames=[hand]"])
+    model, data = m.rigid.rigid, m.rigid.rigid.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    hand = data.oMf[model.getFrameId("hand")]
+    np.testing.assert_allclose(hand.translation, [-0.1, 0.3, 1.0], atol=1e-15)
+    np.testing.assert_allclose(hand.rotation[:, 0], [0, -1, 0], atol=1e-15)
+    # 2 kg at (0, -0.2, 0) from a wrist that turns about -x: gravity pulls the hand back
+    held = pf.solve(m, pf.hold(duration=0.1), level="rigid", samples=2)
+    assert held.torque[0, 0] == pytest.approx(2 * 9.81 * 0.2, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

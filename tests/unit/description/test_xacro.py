@@ -48,6 +48,29 @@ def test_what_xacro_computes_is_taken(tmp_path: Path) -> None:
     assert 'mass value="3.0"' in read(path).urdf_text
 
 
+def test_arguments_are_those_of_the_yaml(tmp_path: Path) -> None:
+    (tmp_path / "n.xacro").write_text(HEAD + '<xacro:arg name="heavy" default="false"/></robot>')
+    more = '<xacro:arg default="1" name="m"/><xacro:include filename="n.xacro"/>'
+    robot(tmp_path, "float('$(arg m)') * (2 if '$(arg heavy)' == 'true' else 1)", more)
+    scene = tmp_path / "scene.yaml"
+    for given, mass in (("{}", 1.0), ("{m: 1.5}", 1.5), ("{m: '1.5', heavy: true}", 3.0)):
+        scene.write_text(f"urdf: arm.xacro\nxacro_args: {given}\n")
+        assert f'mass value="{mass}"' in read(scene).urdf_text
+    lighter = read(scene).with_overrides(["xacro_args.m=0.25"])
+    assert 'mass value="0.5"' in lighter.urdf_text
+    for given, words in (
+        ("{heavi: true}", 'no such <xacro:arg>: "heavi". Did you mean "heavy"'),
+        ("{m: [1]}", r"scene.yaml: xacro_args.m: \[1\] is not a text"),
+    ):
+        scene.write_text(f"urdf: arm.xacro\nxacro_args: {given}\n")
+        with pytest.raises(DescriptionError, match=words):
+            read(scene)
+    (tmp_path / "arm.urdf").write_text(lighter.urdf_text)
+    scene.write_text("urdf: arm.urdf\nxacro_args: {m: 1}\n")
+    with pytest.raises(DescriptionError, match="xacro_args: arm.urdf is no xacro"):
+        read(scene)
+
+
 @pytest.mark.parametrize(
     "expression",
     [
