@@ -264,6 +264,8 @@ _MODULE = {name: f"pinflex.{module}" for module, names in _HOME.items() for name
 
 def __getattr__(name: str) -> Any:
     """A public name, imported when it is first used (PEP 562)."""
+    if name == "__version__":
+        return import_module("pinflex.recovery.meta").version()
     if name not in _MODULE:
         said = f"module 'pinflex' has no attribute {name!r}.{_nearest(name)}"
         raise AttributeError(said, name=name, obj=None)  # else Python adds a guess of its own
@@ -282,4 +284,4 @@ def _nearest(name: str) -> str:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, "__version__"])

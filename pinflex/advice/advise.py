@@ -31,7 +31,7 @@ from pinflex.integrators.run import Run
 from pinflex.levels.outputs import STILL, Outputs
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
-from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.mechanics.mechanism import Mechanism, load, takes_model
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.residual import BAND
 from pinflex.results.verdict import TOL, platform_allowed
@@ -53,6 +53,7 @@ _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a gue
 
 
 @public
+@takes_model
 @barred
 def advise(
     mechanism: Mechanism,

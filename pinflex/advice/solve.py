@@ -14,7 +14,7 @@ from pinflex.description.control import Control
 from pinflex.description.motion import Motion
 from pinflex.description.solve import ASKED, LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, RunInterrupted
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.progress import Progress, shown
 from pinflex.results.error_bars import ErrorBars
 from pinflex.results.result import Result
@@ -25,6 +25,7 @@ __all__ = ["LEVELS", "solve"]
 
 
 @public
+@takes_model
 def solve(
     mechanism: Mechanism,
     motion: Motion | None = None,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
-from pinflex.description import link_groups
+from pinflex.description import link_groups, ranges
 from pinflex.description.description import Description
 from pinflex.description.material import from_spec
 from pinflex.description.overrides import assignments
@@ -60,7 +60,7 @@ def parameters(
     named_materials, found = list[str](), dict[str, Parameter]()
     for pattern in patterns:
         segments = [part.strip() for part in str(pattern).split(".")]
-        matches = list(_matches(raw, segments, groups))
+        matches = [(*at, _si(x)) for *at, x in _matches(raw, segments, groups)]
         numbers = [match for match in matches if isinstance(match[2], (int, float))
                    and not isinstance(match[2], bool)]  # fmt: skip
         if not numbers:
@@ -114,6 +114,14 @@ def _within(
                 value, rest, f"{key}.{name}" if key else str(name),
                 tuple(f"{path}.{name}" if path else str(name) for path in paths),
             )  # fmt: skip
+
+
+def _si(value: Any) -> Any:
+    """The number that a text with a unit means; any other value as it is."""
+    for quantity in ranges.UNITS if isinstance(value, str) else ():
+        if not isinstance(number := ranges.measured(value, quantity), str):
+            return number
+    return value
 
 
 def _numbers(material: Any) -> Any:

@@ -276,6 +276,31 @@ class March:
         torque = r[motors] if drive is None else drive.torque(k, path, self.axes, y, v)
         return Step(y.copy(), v.copy(), a, s, lam, torque)
 
+    def bent(self, now: Step, k: int) -> Step:
+        """The state at step k, where motor accelerations bend: s goes on along the new slope.
+
+        a is that of the equations already. Made anew from y and v, as at a start, the slope of s
+        would take the vibrations that no step resolves, and raise them from bend to bend; only
+        what the motors change is added.
+
+        Args:
+            now: State at the step, on its way.
+            k: Its number.
+        """
+        if self.drive is not None or not 0 < k < len(self.path.t) - 1:
+            return self.first(now.y, now.v, k)
+        before, here, after = self.path.acceleration[k - 1 : k + 2]
+        t, scheme = float(self.path.t[k]), self.scheme
+        self.control(k, now.y, now.v)
+        straight, bent = (
+            consistent_acceleration(
+                self.dynamics, now.y, now.v, self.motors, a, None, t, self.control_force
+            )[0]
+            for a in (here, here + (after - 2 * here + before))
+        )
+        s = now.s + (scheme.alpha_m - scheme.alpha_f) * (bent - straight)
+        return Step(now.y, now.v, now.a, s, now.lam, now.torque)
+
     def set_scale(self, now: Step, k: int) -> None:
         """Acceleration scale of a run at step k, before it moves: what static forces could do.
 

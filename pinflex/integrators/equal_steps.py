@@ -16,6 +16,7 @@ from pinflex.integrators.newton import Step
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.expanded import gear_name
 from pinflex.mechanics.mechanism import Mechanism
 
 _TOGETHER = 64  # steps between calls of `progress`, and of the kernel
@@ -65,7 +66,7 @@ def integrate(
         while k < steps:
             if k in fresh:
                 if k > 0:
-                    now = march.first(now.y, now.v, k)
+                    now = march.bent(now, k)
                 now = last = march.quiet_start(now, k)
             begun = k
             if compiled is not None:
@@ -140,9 +141,10 @@ class _Record:
 def _diverged(
     mechanism: Mechanism, march: March, time: float, k: int, r: Array, run: Run
 ) -> ConvergenceError:
-    slots = march.dynamics.system.expansion.slots
+    expansion = march.dynamics.system.expansion
     names = list(mechanism.coordinates)
-    names += [f"{slot.link} {label}" for slot in slots for label in slot.body.labels]
+    names += [f"{slot.link} {label}" for slot in expansion.slots for label in slot.body.labels]
+    names += [gear_name(drive.joint) for drive in expansion.drives]
     known = len(r) == len(march.newton.free) and bool(np.all(np.isfinite(r)))
     how = "its numbers grew past all bounds"
     if known:

@@ -26,7 +26,7 @@ from pinflex.inversion.limits import require_within_curves, require_within_limit
 from pinflex.inversion.on_grid import on_grid
 from pinflex.inversion.target import target
 from pinflex.mechanics.joints import sliding
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.recovery.drives import drives
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
@@ -160,6 +160,7 @@ def _follow(curve: Callable[..., Array], end: float, t: Array) -> Kinematics:
 
 
 @public
+@takes_model
 @one_blas_thread()
 def command(
     mechanism: Mechanism,

@@ -29,12 +29,14 @@ from pinflex.levels.quasistatic import rest
 from pinflex.linalg import null_space
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_jacobian
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.threads import one_blas_thread
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 RATES = ("", "velocity", "acceleration")
 INPUTS = ("torque", "acceleration")
+
+_RIGID = 1e-6  # of the highest frequency: below it a mode is one of the rigid body
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,7 +60,8 @@ class LinearModel:
     frequencies: Array
 
     def __repr__(self) -> str:
-        first = ", ".join(f"{f:.4g}" for f in self.frequencies[:4])
+        rigid = float(np.max(self.frequencies, initial=0.0)) * _RIGID
+        first = ", ".join(f"{f:.4g}" for f in self.frequencies[self.frequencies > rigid][:4])
         sizes = f"{len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs"
         return f"<LinearModel {sizes}; modes {first} ... Hz>"
 
@@ -117,6 +120,7 @@ class LinearModel:
 
 
 @public
+@takes_model
 @one_blas_thread()
 def linearise(
     mechanism: Mechanism,

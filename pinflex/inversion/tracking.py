@@ -12,12 +12,13 @@ from pinflex.boundary import public
 from pinflex.description.control import Control, Effort, Travel
 from pinflex.description.digital import digital_pid
 from pinflex.inversion.command import Command
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 
 Gains = float | Sequence[float]
 
 
 @public
+@takes_model
 def track(
     mechanism: Mechanism,
     found: Command,

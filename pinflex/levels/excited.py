@@ -16,7 +16,7 @@ from pinflex.description.shaping import read as read_shaper
 from pinflex.errors import DescriptionError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief
 
 _INSTANTS = 9
@@ -48,6 +48,7 @@ class Ringing:
 
 
 @public
+@takes_model
 def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
     """The vibrations that a motion excites: of largest elastic energy under its inertia forces.
 

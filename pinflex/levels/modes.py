@@ -23,8 +23,8 @@ from pinflex.levels.moving_modes import At, Moving, state_at, whirl
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import null_space
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
-from pinflex.text import brief
+from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.text import brief, table
 from pinflex.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 _LOW = 1e-8  # omega^2 below this share of the highest: half its digits are round-off
 _STIFF = 1e-6  # least pivot of K with unit diagonal at which nothing is free to move
+
+_SHOWN = 0.005  # of a mode's energy: half a per cent, what is not shown as 0 %
 
 
 @dataclass(frozen=True)
@@ -82,24 +84,32 @@ class Modes:
             return door("viewer.plot_modes", "plot_frequencies")(self, ax)
         return door("studies.mode_shapes", "plot_shape")(self, mode, ax)
 
+    def __str__(self) -> str:
+        rows = [[str(k), f, what] for k, f, what in self._rows()]
+        return table(self._heading(), "mode|frequency [Hz]|deforms", rows, (6,), last_is_text=True)
+
     def _repr_html_(self) -> str:
-        rows = [
-            [k, f"{f:.4g}", self._most(k - 1)] for k, f in enumerate(self.frequencies.tolist(), 1)
-        ]
+        return card(self._heading(), grid(("mode", "frequency [Hz]", "deforms"), self._rows()))
+
+    def _rows(self) -> list[tuple[int, str, str]]:
+        each = enumerate(self.frequencies.tolist())
+        return [(k + 1, f"{f:.4g}", self._most(k)) for k, f in each]
+
+    def _heading(self) -> str:
         state = "under gravity" if self.preload == "gravity" else "undeformed"
         motors = "free" if self.free_motors else "locked"
-        heading = f"modes, {state}, motors {motors}"
-        return card(heading, grid(("mode", "frequency [Hz]", "deforms"), rows))
+        return f"modes, {state}, motors {motors}"
 
     def _most(self, k: int) -> str:
         """What holds most of the elastic energy of a mode, largest first."""
         if not self.share.size:
             return ""
-        largest = np.argsort(-self.share[k])[:3]
+        largest = [i for i in np.argsort(-self.share[k])[:3] if self.share[k, i] >= _SHOWN]
         return ", ".join(f"{self.links[i]} {100 * self.share[k, i]:.0f} %" for i in largest)
 
 
 @public
+@takes_model
 @one_blas_thread()
 def modes(
     mechanism: Mechanism,

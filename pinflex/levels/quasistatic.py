@@ -19,7 +19,7 @@ from pinflex.linalg import negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import CLOSED
 from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 
@@ -175,6 +175,7 @@ class _Newton:
 
 
 @public
+@takes_model
 @one_blas_thread()
 def static_equilibrium(
     mechanism: Mechanism, q: Array | None = None, free_motors: bool = False
@@ -268,6 +269,7 @@ def _snapped(
 
 
 @public
+@takes_model
 def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
     """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness.
 

@@ -12,12 +12,13 @@ from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.geometry import spans
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 
 _RIGID = 1e-6  # of the least compliance of the others: of a motor without a stiffness beside them
 
 
 @public
+@takes_model
 def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     """Rigid torques of a loop-free robot along a motion: one Pinocchio call an instant.
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, wraps
 from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -42,6 +44,8 @@ from pinflex.text import short
 
 # Elastic coordinates above which `auto` is decided with a coarse model: it need not be exact.
 _LOOK = 100
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -213,6 +217,25 @@ def load(
     if not damping:
         return found
     return replace(found, flexible=with_damping(found.flexible, found.name, damping))
+
+
+def takes_model(
+    function: Callable[Concatenate[Mechanism, P], R],
+) -> Callable[Concatenate[Mechanism | Description | str | Path, P], R]:
+    """A function of a mechanism that also takes what `load` takes: a name, a path."""
+    name = next(iter(inspect.signature(function).parameters))
+
+    @wraps(function)
+    def called(*args: Any, **kwargs: Any) -> R:
+        given = args[0] if args else kwargs.get(name)
+        if isinstance(given, str | Path | Description):
+            if args:
+                args = (load(given), *args[1:])
+            else:
+                kwargs[name] = load(given)
+        return function(*args, **kwargs)
+
+    return called
 
 
 class _Loading:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,14 @@ UNITS = {
 }
 
 
+# What people write for an attribute of a run, and what is meant.
+_MEANT = {
+    **{"time": "t", "times": "t", "tau": "torque", "torques": "torque", "q": 'array("joint/q")'},
+    **{"warnings": 'meta["warnings"]', "stress": 'link("NAME").von_mises'},
+}
+_OF_FRAMES = ("platform", "position", "pose", "tool", "tip", "end_effector")
+
+
 @dataclass(frozen=True)
 class Result(Shown):
     """One run at one level of fidelity.
@@ -80,6 +89,17 @@ class Result(Shown):
             object.__setattr__(self, "arrays", {k: timed(k, x, t) for k, x in self.arrays.items()})
         if not isinstance(self.meta, Late):
             object.__setattr__(self, "meta", plain_meta(self.meta))
+
+    def __getattr__(self, name: str) -> Any:
+        """Only for what there is not: the attribute that a guess means."""
+        said = f"result: no attribute {name!r}."
+        if not name.startswith("_") and name not in self.__dataclass_fields__:
+            platform = self.meta.get("platform")
+            of_it = f"frame({platform!r})" if platform else "frames"
+            meant = _MEANT.get(name, of_it if name in _OF_FRAMES else None)
+            close = get_close_matches(name, dir(self), 1, 0.7)
+            said += "".join(f" Did you mean run.{one}?" for one in ([meant] if meant else close))
+        raise AttributeError(said, name=name, obj=None)  # else Python adds a guess of its own
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle with every array evaluated."""

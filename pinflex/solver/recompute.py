@@ -8,7 +8,7 @@ import numpy as np
 
 from pinflex.boundary import public
 from pinflex.description.motion import Motion
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.recovery.recover import recover
 from pinflex.recovery.samples import run_of
 from pinflex.results.result import Result
@@ -17,6 +17,7 @@ from pinflex.threads import one_blas_thread
 
 
 @public
+@takes_model
 @one_blas_thread()
 def recompute(mechanism: Mechanism, result: Result, motion: Motion | None = None) -> Result:
     """Fields of links and bodies to the last digits, which a compact file keeps to 5e-7.

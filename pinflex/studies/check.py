@@ -18,7 +18,7 @@ from pinflex.levels.modes import Modes, base_state, modes
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.joints import sliding
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.studies import check_urdf, check_warnings
 from pinflex.studies.check_parts import (
     DriveCheck,
@@ -101,6 +101,7 @@ class Check(Worded):
 
 
 @public
+@takes_model
 @one_blas_thread()
 def check(mechanism: Mechanism, count: int = 6) -> Check:
     """Look at a model before anything is solved.

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.boundary import public
 from pinflex.description.motion_keys import table
 from pinflex.errors import DescriptionError, nearest
 from pinflex.inversion.internal import zeros as internal_zeros
 from pinflex.inversion.linear_model import LinearModel, linearise
 from pinflex.levels.modes import modes
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -93,6 +94,8 @@ class FrequencyResponse:
         return drawing(self).axes(panel, ax)
 
 
+@public
+@takes_model
 def frequency_response(
     mechanism: Mechanism,
     q: Array | None = None,

@@ -10,7 +10,7 @@ from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.modes import allowed_motions, linearised
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_jacobian
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 
 _LOOSE = 1e-13  # smallest over largest eigenvalue of a stiffness scaled to a unit diagonal
 _HELD = 1e-13  # of the largest entry of a Jacobian: round-off of a product
@@ -18,6 +18,7 @@ _RIGID = 1e-9  # of the stiffest member's own compliance: what gives way less is
 
 
 @public
+@takes_model
 def platform_compliance(
     mechanism: Mechanism, q: Array | None = None, *, preload: str = "gravity"
 ) -> Array:

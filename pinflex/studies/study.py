@@ -15,7 +15,7 @@ from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.description.solve import LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.progress import Callback, Progress, Stages
 from pinflex.results import archive
 from pinflex.results.comparison import Comparison, comparison
@@ -117,6 +117,7 @@ class Study:
 
 
 @public
+@takes_model
 def compare(
     mechanism: Mechanism,
     motion: Motion | None = None,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -296,3 +298,34 @@ def _environment() -> dict[str, str]:
     import os
 
     return dict(os.environ)
+
+
+def test_functions_of_a_mechanism_take_a_name_or_a_path() -> None:
+    by_name, by_path = pf.solve("cantilever", level="rigid"), pf.solve(mechanism="cantilever")
+    assert by_name.meta["name"] == by_path.meta["name"] == "cantilever"
+    path = Path(__file__).parents[2] / "models" / "cantilever"
+    assert pf.modes(path).frequencies == pytest.approx(pf.modes("cantilever").frequencies)
+    assert pf.check("cantilever").name == "cantilever"
+    with pytest.raises(DescriptionError, match='Did you mean "cantilever"'):
+        pf.modes("cantilevr")
+
+
+def test_the_version_and_public_names_alone() -> None:
+    assert pf.__version__
+    assert {*dir(pf)} == {*pf.__all__, "__version__"}
+
+
+@pytest.mark.parametrize(
+    "guess, meant",
+    [("time", "run.t"), ("platform", "run.frame('platform')"), ("torqe", "run.torque")],
+)
+def test_a_guessed_attribute_of_a_run_is_answered(run: pf.Result, guess: str, meant: str) -> None:
+    with pytest.raises(AttributeError, match=re.escape(f"Did you mean {meant}?")):
+        getattr(run, guess)
+    assert not hasattr(run, "_repr_png_")  # what a notebook asks for has no hint and is not there
+
+
+def test_modes_print_their_frequencies() -> None:
+    text = str(pf.modes("3rrr", count=2))
+    assert "103.4" in text
+    assert " 0 %" not in text

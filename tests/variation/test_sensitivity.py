@@ -163,3 +163,12 @@ def test_the_command_prints_a_table_and_draws_it(tmp_path, capsys):
     assert len(found["sensitivities"]) == 4 and found["units"]["mass"] == "kg"
     assert main(["sensitivity", "ur5", "--of", "frequenzy.1"]) == 2
     assert 'Did you mean "frequency.1"' in capsys.readouterr().err
+
+
+def test_numbers_with_units_are_parameters():
+    sizes = ["flexible.beam.section.width=20 mm", "flexible.beam.section.thickness=2 mm"]
+    robot = pf.load("cantilever", sizes)
+    found, plain = (pf.sensitivities(r, of=["mass"]) for r in (robot, pf.load("cantilever")))
+    np.testing.assert_array_equal(found.table, plain.table)
+    _, (width,) = parameters(robot.description, ["flexible.*.section.width"])
+    assert width.value == 0.02

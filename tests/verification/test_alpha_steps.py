@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.integrators.equal_steps import _diverged
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.solve import default_motion
@@ -72,3 +74,38 @@ def test_who_names_no_integrator_gets_radau_and_a_control_keeps_equal_steps(
     assert plain.meta["settings"]["integrator"] == "radau"
     assert controlled.meta["settings"]["integrator"] == "generalized_alpha"
     assert "rejected" not in controlled.meta["cost"]
+
+
+GEARED = [
+    "damping={modal: 0.01}",
+    *(
+        f"joints.{joint}.drive={{gear: 101, motor_inertia: 2.0e-4, stiffness: 2.0e4, damping: 20}}"
+        for joint in ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")
+    ),
+]
+
+
+def test_a_motion_that_bends_seventeen_times_runs_in_default_steps() -> None:
+    # Gears and links with modes of 300 Hz and more, which steps of 1.4 ms do not resolve: they grew
+    # from bend to bend of the shaped motion.
+    robot = pf.load("ur5", GEARED)
+    move = pf.quintic(joints={"shoulder_pan_joint": 0.8, "shoulder_lift_joint": 0.3}, duration=0.8)
+    shaped = move.shaped("zvd", modes=[7.83, 10.44])
+    runs = [
+        pf.solve(robot, shaped, "coupled", until=1.6, dt=dt, samples=101) for dt in (1.4e-3, 3.5e-4)
+    ]
+    largest = np.max(np.abs(runs[1].torque))
+    # Second order of the longer step, 1e-3 of the motion's time, in a motion of 0.8 s
+    assert np.max(np.abs(runs[0].torque - runs[1].torque)) < 1e-3 * largest
+
+
+def test_a_run_that_diverges_with_elastic_drives_names_what_grew() -> None:
+    robot = pf.load("ur5", GEARED)
+    march = SimpleNamespace(
+        dynamics=SimpleNamespace(system=robot.flexible), h=1e-3,
+        newton=SimpleNamespace(free=robot.flexible.free),
+    )  # fmt: skip
+    r = np.zeros(len(robot.flexible.free))
+    r[-1] = 1.0  # the last of all coordinates is a gear's
+    error = _diverged(robot, march, 0.1, 7, r, None)
+    assert "largest in gear of elbow_joint" in str(error)
