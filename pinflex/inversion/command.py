@@ -16,7 +16,7 @@ from pinflex.cards import card, grid, pairs
 from pinflex.description.laws import Kinematics
 from pinflex.description.motion import Motion
 from pinflex.doors import door
-from pinflex.errors import DescriptionError, MotionError, nearest
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
 from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
 from pinflex.inversion.grid import instants_over
@@ -38,9 +38,12 @@ if TYPE_CHECKING:
 LEVELS = ("rigid", "quasistatic", "exact")
 _INSTANTS = 150  # in the time of the motion
 _LEAST, _MOST = 120, 4000  # instants in all
+_FEWEST = 30  # that are asked for: differences of eighth order take nine
+_NO_BETTER = 0.5  # of the last error: an order of four and more leaves 0.15, round-off more
 _REFINED = 1.6  # instants of a finer grid over those of the last
 _MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
 _STILL = 1e-3  # of its top speed, below which a motor rests
+_AT_REST = 1e-3  # of the largest speed: samples of a motion end at rest to about that
 _TAIL = 8  # instants beyond the end, where differences have no neighbours: solved, and cut off
 
 
@@ -208,22 +211,56 @@ def command(
             f"{mechanism.name}: command: nothing deforms, so the rigid inverse kinematics is the "
             "answer. Describe flexible links or elastic joints."
         )
+    _require_numbers(mechanism.name, level, tol, before, after, instants)
     motion = motion if motion is not None else default_motion(mechanism)
     _require_smooth(mechanism, motion)
     ahead, behind = _rests(mechanism, before, after)
     span = ahead + motion.duration + behind
     over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
     n = instants or int(np.clip(over * span / motion.duration, _LEAST, _MOST))
+    best = np.inf
     while True:
         found, rigid = _on_grid(mechanism, motion, level, coordinates, ahead, behind, n)
         missed = float(np.max(found.error / np.maximum(rigid, 1e-300)))
-        if tol is None or missed <= tol or level != "exact" or n >= _MOST:
+        if tol is None or missed <= tol:
             break
-        n = min(int(_REFINED * n), _MOST)
+        if missed > _NO_BETTER * best or n >= _MOST:  # the last grid said so at 1.6 times the cost
+            floor = min(best, missed)
+            raise ConvergenceError(
+                f"{mechanism.name}: command: tol = {tol:g} is out of reach: the best grid, of "
+                f"{n if missed < best else int(n / _REFINED)} instants, misses {floor:.2g} of what "
+                f"the rigid command does. Ask for {2 * floor:.1g} or more, or leave tol out.",
+                floor=floor,
+            )
+        best, n = missed, min(int(_REFINED * n), _MOST)
     if limited:
         require_within_limits(mechanism, found)
         require_within_curves(mechanism, found)
     return found
+
+
+def _require_numbers(
+    name: str,
+    level: str,
+    tol: float | None,
+    before: float | None,
+    after: float | None,
+    instants: int | None,
+) -> None:
+    """Refuse numbers that make no command."""
+    if tol is not None and (level != "exact" or not 0.0 < tol < np.inf):
+        raise DescriptionError(
+            f"{name}: command: tol = {tol:g}. Give a number above 0, at level exact: the others "
+            "have one grid."
+        )
+    if instants is not None and not (isinstance(instants, int) and _FEWEST <= instants <= 10**6):
+        raise DescriptionError(
+            f"{name}: command: instants = {instants!r}. Give a whole number from {_FEWEST} on; "
+            f"{_LEAST} and more are usual."
+        )
+    for key, time in (("before", before), ("after", after)):
+        if time is not None and not 0.0 <= time < np.inf:
+            raise DescriptionError(f"{name}: command: {key} = {time!r}. Give seconds, 0 or more.")
 
 
 def _rests(mechanism: Mechanism, before: float | None, after: float | None) -> tuple[float, float]:
@@ -306,14 +343,25 @@ def _units(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:
-    """Refuse a motion whose acceleration jumps: no motor motion makes a platform do that."""
+    """Refuse a motion whose acceleration jumps, or its speed where it begins or ends.
+
+    No motor motion makes a platform do that.
+    """
     t = np.linspace(0.0, motion.duration, 2001)
-    a = motion.evaluate(t)[2]
+    _, v, a = motion.evaluate(t)
     if not a.shape[1]:
         raise MotionError(
             f"{mechanism.name}: command: the motion moves nothing. Give a motion of the platform "
             "or of the joints."
         )
+    fastest, edge = np.max(np.abs(v), axis=0), np.maximum(np.abs(v[0]), np.abs(v[-1]))
+    for name, most, end in zip(motion.names, fastest, edge, strict=True):
+        if end > _AT_REST * most:
+            raise MotionError(
+                f"{mechanism.name}: command: the speed of {name} jumps where a {motion.kind} "
+                f"motion begins or ends ({end:.3g} of at most {most:.3g}, SI). Take a motion from "
+                "rest to rest: cycloid, quintic or nonic, or samples of one."
+            )
     size = np.max(np.abs(a), axis=0)
     jump = np.max(np.abs(np.diff(a, axis=0)), axis=0)
     edge = np.maximum(np.abs(a[0]), np.abs(a[-1]))

@@ -67,15 +67,15 @@ def in_equilibrium(mechanism: Mechanism, start: str, y: Array | None = None) -> 
     system = mechanism.flexible
     if not (system.n_eta or len(system.springs.v_at) or system.loads.springs):
         return False, ""
-    if not _acted_on(lasting(system), mechanism.undeformed() if y is None else y):
+    if not acted_on(lasting(system), mechanism.undeformed() if y is None else y):
         return False, ""
     if mechanism.report.mobility > len(system.motors):
         return False, "the motors do not hold every freedom"
     return True, ""
 
 
-def _acted_on(system: System, y: Array) -> bool:
-    """Whether anything pushes a free coordinate of the system at rest at y."""
+def acted_on(system: System, y: Array) -> bool:
+    """Whether anything pushes a free coordinate of the system at rest at y, at t = 0."""
     dynamics, still = Equations(system, often=False), np.zeros(system.nv)
     r, _ = dynamics.residual(y, still, still, np.zeros(system.closed.n), 0.0)
     free = system.free

@@ -11,6 +11,7 @@ from pinflex.arrays import Array
 from pinflex.errors import SceneError
 from pinflex.levels.quasistatic import Equilibrium, linear_statics, rest, unstable_text
 from pinflex.levels.rigid import multipliers
+from pinflex.levels.start import acted_on
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.mechanism import Mechanism
@@ -59,8 +60,8 @@ def statics(mechanism: Mechanism) -> Statics:
     if not mechanism.compliant:
         why = "no flexible link and no elastic joint"
         return Statics(None, None, rigid, None, None, why, why)
-    if not any(mechanism.description.gravity):
-        why = "no gravity"
+    if not acted_on(system, mechanism.undeformed()):
+        why = "nothing acts on it at rest"
         return Statics(None, None, rigid, None, None, why, why)
     linear, linear_reason = _try(lambda: linear_statics(mechanism))
     full, full_reason = _try(lambda: rest(mechanism))

@@ -6,6 +6,7 @@ gives: that run knows nothing of how they were found.
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -248,8 +249,31 @@ def test_what_cannot_be_commanded_is_refused_by_name(planar: pf.Mechanism) -> No
         pf.command(planar, pf.trapezoid(platform={"x": 0.01}, duration=0.1, ramp=0.02))
     with pytest.raises(pf.DescriptionError, match="level: exakt.*exact"):
         pf.command(planar, nonic_motion(0.1, x=0.01, y=0.0, rz=0.0), "exakt")
+    move = nonic_motion(0.1, x=0.01, y=0.0, rz=0.0)
+    for options, what in (
+        ({"tol": -1.0}, "tol = -1"),
+        ({"tol": 1e-3, "level": "quasistatic"}, "the others have one grid"),
+        ({"instants": -3}, "instants = -3. Give a whole number from 30"),
+        ({"instants": 10}, "instants = 10"),
+        ({"before": -0.1}, "before = -0.1. Give seconds"),
+    ):  # fmt: skip
+        with pytest.raises(pf.DescriptionError, match=what):
+            pf.command(planar, move, **options)
+    with pytest.raises(pf.MotionError, match="the speed of x jumps where a harmonic motion begins"):
+        pf.command(planar, pf.harmonic(platform={"x": 0.002}, frequency=2.0, duration=1.0))
     with pytest.raises(pf.DescriptionError, match="nothing deforms"):
         pf.command(pf.load("ur5", ["flexible=null", "damping=null"]))
+
+
+def test_a_tolerance_out_of_reach_is_refused_with_its_floor(planar: pf.Mechanism) -> None:
+    move = nonic_motion(0.1, x=0.01, y=0.0, rz=0.0)
+    begun = time.process_time()
+    with pytest.raises(pf.ConvergenceError, match="tol = 1e-11 is out of reach") as refused:
+        pf.command(planar, move, tol=1e-11)
+    floor = refused.value.data["floor"]
+    assert 1e-11 < floor < 1e-4
+    assert pf.command(planar, move, tol=2 * floor).error.max() < 2 * floor * 0.01  # it can be had
+    assert time.process_time() - begun < 60  # it was 63 s for the first alone
 
 
 def test_the_command_is_written_for_a_controller(planar: pf.Mechanism, tmp_path: Path) -> None:

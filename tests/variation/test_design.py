@@ -168,6 +168,14 @@ def test_more_starts_are_never_worse_where_a_peak_has_kinks(tmp_path):
     assert peaks[0] > 2 * peaks[1]  # the first descent ends in another low
 
 
+def test_sag_is_that_under_loads_too():
+    load_ = "forces={push: {at: tip, force: [0, 0, -0.1]}}"
+    robot = pf.load("cantilever", ["gravity=[0, 0, 0]", load_])
+    EI = 2.1e11 * 0.02 * 0.002**3 / 12
+    # F L^3 / 3 EI, less what a bend of 3 mrad shortens: its square
+    assert measure(robot, ["sag"])["sag"] == pytest.approx(0.1 * 0.5**3 / (3 * EI), rel=2e-5)
+
+
 def test_a_first_design_that_cannot_be_solved_says_why():
     robot = pf.load("cantilever")
     weightless = robot.description.with_overrides(["gravity=[0, 0, 0]"])
