@@ -128,8 +128,12 @@ def _arc(spec: object, where: str) -> Array:
 
 
 def _pieces(spec: Mapping[str, Any], names: Sequence[str], end: str) -> dict[str, Any]:
-    """The block of each piece; a mass at the tip is on the last one."""
-    common = {key: copy.deepcopy(v) for key, v in spec.items() if key not in (*KEYS, "tip")}
+    """The block of each piece; a mass at the tip is on the last one.
+
+    A piece is shorter than the beam, so that `auto` would call it short: shear is as written.
+    """
+    written = {key: copy.deepcopy(v) for key, v in spec.items() if key not in (*KEYS, "tip")}
+    common = {"shear": False, "rotary_inertia": False} | written
     found = {
         name: {**copy.deepcopy(common), "inertia": "beam", "end": after}
         for name, after in zip(names, [*names[1:], end], strict=True)

@@ -36,6 +36,9 @@ class FrozenLinks:
     Motors move as they do in the rigid motion, and the closures of the pose at hold determine the
     passive joints. Where these cannot meet all rows (redundant ones that compliance takes up),
     links and elastic joints give way with the least elastic energy.
+
+    With a sleeve on a bent beam rates stay those of the rigid motion: there v^2 times the curvature
+    enters, which jumps between elements.
     """
 
     def __init__(self, dynamics: Equations, passive: IntArray, free: IntArray) -> None:
@@ -90,7 +93,8 @@ class FrozenLinks:
         return np.asarray((C @ dV.T + M @ dA.T) / _MOVE)
 
     def _moving(self, v: Array, a: Array) -> bool:
-        return self._dynamics.system.closed.n > 0 and bool(v.any() or a.any())
+        closed = self._dynamics.system.closed
+        return closed.n > 0 and not closed.contacts and bool(v.any() or a.any())
 
     def _moved(self, inverse: Array, opening: Array) -> Array:
         """Rates of the free rows that close what opens, shape (n, nv)."""
