@@ -91,23 +91,22 @@ def poses(model: Element) -> dict[str, Array]:
     }  # names are unique among them
     found: dict[str, Array] = {"": np.eye(4), "__model__": np.eye(4), "world": np.eye(4)}
 
-    def at(name: str, way: tuple[str, ...] = ()) -> Array:
-        if name in found:
-            return found[name]
-        if name in way:
-            raise DescriptionError(f"{elements[way[-1]].place}: the poses of {name} go round.")
-        known(name, elements, elements[way[-1]] if way else model, "frame")
-        element = elements[name]
-        frame, matrix = pose_of(element)
-        if element.tag == "joint":
-            frame = frame or text_of(element, "child")
-        elif element.tag == "frame":
-            frame = frame or element.get("attached_to") or ""
-        found[name] = at(frame, (*way, name)) @ matrix
-        return found[name]
-
-    for name in elements:
-        at(name)
+    for start in elements:
+        name, way = start, dict[str, Array]()  # from a frame to one whose pose is known
+        while name not in found:
+            asking = elements[next(reversed(way))] if way else model
+            if name in way:
+                raise DescriptionError(f"{asking.place}: the poses of {name} go round.")
+            element = elements[known(name, elements, asking, "frame")]
+            frame, way[name] = pose_of(element)
+            if element.tag == "joint":
+                frame = frame or text_of(element, "child")
+            elif element.tag == "frame":
+                frame = frame or element.get("attached_to") or ""
+            name = frame
+        for one in reversed(way):
+            found[one] = found[name] @ way[one]
+            name = one
     return found
 
 

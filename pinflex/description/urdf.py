@@ -10,7 +10,7 @@ import numpy as np
 
 from pinflex.description import ranges
 from pinflex.description.source import HOME_SIZES, Source, SourceJoint
-from pinflex.description.xml_lines import malformed, refuse_doctype
+from pinflex.description.xml_lines import malformed, refuse_doctype, require_shallow
 from pinflex.errors import DescriptionError, nearest
 
 _URDF_TYPES = tuple(t for t in HOME_SIZES if t not in ("universal", "spherical"))
@@ -34,6 +34,7 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
         raise malformed(file, line, error) from None
     except ValueError as error:
         raise DescriptionError(f"{file}: malformed XML: {error}. Correct it.") from None
+    require_shallow(root, file)
     if root.tag != "robot":
         raise DescriptionError(f"{file}: the root element is <{root.tag}>. A URDF has <robot>.")
     if any("xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):

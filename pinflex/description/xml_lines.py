@@ -13,6 +13,7 @@ from pinflex.arrays import Array
 from pinflex.description import ranges
 from pinflex.errors import DescriptionError, nearest
 
+_DEEPEST = 500  # MuJoCo's limit too
 _DOCTYPE = re.compile("<!(DOCTYPE|ENTITY)", re.I)
 
 
@@ -65,6 +66,22 @@ def malformed(file: str, line: int, error: Exception) -> DescriptionError:
     )
 
 
+def require_shallow(root: ET.Element, file: str) -> None:
+    """Refuse elements in elements without end, which no robot has.
+
+    Args:
+        root: Of the file. file: Its name, for the message.
+    """
+    level = [root]
+    for _ in range(_DEEPEST):
+        level = [child for element in level for child in element]
+        if not level:
+            return
+    raise DescriptionError(
+        f"{file}: elements go more than {_DEEPEST} deep. Remove what is no part of a robot."
+    )
+
+
 def parse(text: str, file: str, tags: tuple[str, ...], what: str) -> Element:
     """The root element of an XML text.
 
@@ -96,6 +113,7 @@ def parse(text: str, file: str, tags: tuple[str, ...], what: str) -> Element:
         raise DescriptionError(f"{file}: malformed XML: {error}. Correct it.") from None
     root = builder.close()
     assert isinstance(root, Element)
+    require_shallow(root, file)
     if tags and root.tag not in tags:
         raise DescriptionError(f"{file}: the root element is <{root.tag}>, not <{tags[0]}>.")
     return root

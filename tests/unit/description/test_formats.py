@@ -481,6 +481,38 @@ def test_a_wrong_sdf_is_refused_by_line(tmp_path: Path, old: str, new: str, word
         read(sdf(tmp_path, text))
 
 
+def test_deep_files_end_in_a_sentence(tmp_path: Path) -> None:
+    """Elements in elements, and poses of poses: no RecursionError."""
+    deep = "<a>" * 5000 + "</a>" * 5000
+    yaml, inside = gepetto(tmp_path), '<link name="base">'
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(GEPETTO.replace('<link name="base"/>', f"{inside}{deep}</link>"), "utf-8")
+    bottomless = SDF.replace('<link name="base"/>', f"{inside}{deep}</link>")
+    for path in (yaml, urdf, sdf(tmp_path, bottomless)):
+        with pytest.raises(DescriptionError, match="elements go more than 500 deep"):
+            read(path)
+    frames = "".join(
+        f'<frame name="f{k}"><pose relative_to="f{k + 1}">0 0 0.001 0 0 0</pose></frame>'
+        for k in range(2000)
+    )
+    last = (
+        '<frame name="f2000"/><link name="arm"><pose relative_to="f0">0 0 -1 0 0 90</pose></link>'
+    )
+    text = re.sub(r'<link name="arm">.*</link>', frames + last, HAND, count=1)
+    model = pin.buildModelFromXML(read(sdf(tmp_path, text)).urdf_text)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    arm = data.oMf[model.getFrameId("arm")].translation
+    np.testing.assert_allclose(arm, [0, 0, 1.0], atol=1e-12)  # 2000 roundings
+    with pytest.raises(DescriptionError, match="the poses of f1999 go round"):
+        read(
+            sdf(
+                tmp_path,
+                text.replace('<frame name="f2000"/>', '<frame name="f2000" attached_to="f1999"/>'),
+            )
+        )
+
+
 # Xacro, units ----------------------------------------------------------------------------------
 
 
