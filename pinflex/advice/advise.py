@@ -1,7 +1,7 @@
 """What a scene needs: level, links, planes, modes, segments and tolerance, with error bars.
 
 Everything is measured on the motion itself by cheap runs of a model richer than the scene's
-(`reduced_models`): every plane, stretch and twist, second order, one more mode. Rigid torques, the
+(`reduced_models`): every plane, stretch, twist, term, one more mode. Rigid torques, the
 balance of every instant, the linear vibration and smaller models are held against its linear
 vibration, twice corrected for what is not linear (`probe`); a short coupled run holds that to the
 full equations. At the end the model that is proposed is held against one of all that and one more
@@ -14,6 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -37,10 +38,13 @@ from pinflex.results.residual import BAND
 from pinflex.results.verdict import TOL, platform_allowed
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
+from pinflex.solver.step_length import default_step
+from pinflex.solver.tolerance import solve_to_tolerance
 from pinflex.text import percent
 from pinflex.threads import one_blas_thread
 
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing
+_WITHIN = 0.1  # of the tolerance: that of the runs that the probes are held against
 _WINDOW = 8  # the coupled run that verifies covers this part of the time
 _STILL = 0.03  # of the tolerance: that of a quasistatic run, which hardly costs more for it
 # Modes beyond the last one tried, together: 9/16 + 9/25 + ... of what the third brings where their
@@ -48,6 +52,9 @@ _STILL = 0.03  # of the tolerance: that of a quasistatic run, which hardly costs
 _TAIL = 3.0
 _MENDED = 0.35  # of what one more segment mends is left: bodies are right to second order
 _WORTH = 0.7  # of the error bar: segments that leave more do not pay
+_NEXT_TO_NOTHING = 0.02  # of what is allowed: the model that is left is as good as the richer one
+_RUN = 0.125  # of the tolerance: that of the run that is proposed, whose bar is twice as much
+_DOUBT = 0.25  # of the tolerance: where the estimate is off by more, whole runs are taken
 _LOOKS = 5  # stages that are told
 _STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
 
@@ -88,8 +95,8 @@ def advise(
     asked = _checked(tuple(asked) or spec.asked or _judged(mechanism), tol)
     stepless = ("solve.dt=null",) if spec.dt is not None else ()  # beside tol it is refused
     n = mechanism.flexible.n_eta
-    plain = Advice(mechanism.name, tol, asked, band=band, run_tol=tol / 4, coordinates=(n, n, n),
-                   error=dict.fromkeys(asked, tol / 2))  # fmt: skip
+    plain = Advice(mechanism.name, tol, asked, band=band, run_tol=_RUN * tol, coordinates=(n, n, n),
+                   error=dict.fromkeys(asked, 2 * _RUN * tol))  # fmt: skip
     if any(mechanism.description.system_damping):
         why = "damping.scope: system is known to ked only; no error bar can be had"
         unknown = dict.fromkeys(asked, np.inf)
@@ -165,6 +172,9 @@ class _Study:
         )
         self.notes = self._doubts()
         self.fast: Errors = {}  # what a coupled run of the first part shows beyond the probes
+        self.by_runs = False  # where the probes miss too much
+        self.tail: Errors = {}  # of the modes beyond the last one tried
+        self.doubts: Errors = {}  # where that is more than expected
 
     def advice(self, mechanism: Mechanism, fixed: bool) -> Advice:
         """The level first; then, where links bend at all, what they can do without."""
@@ -185,57 +195,96 @@ class _Study:
             found = replace(found, run_tol=None)
         if level == "quasistatic":
             found = replace(found, run_tol=tol * _STILL)
-        if level != "rigid" and not fixed:
-            left = 1.0 - self.plain.used(error)
-            room = left if left > 0.0 else 0.5
-            second = self._second_order(mechanism, once, room)
-            self._tell(2, _LOOKS)
-            used = self.plain.used
-            small = fewer.smaller(self.rich, self.probe, self.outputs, once, room, used)
-            for part, factor in ((small.error, SAFETY), (small.unsettled, _TAIL)):
-                error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
-            if small.unsettled:
-                far = percent(_worst(small.unsettled))
-                self.notes.append(
-                    f"the last mode tried still changes an output by {far}, which is in the error "
-                    "bars: more modes may be needed"
-                )
-            tried = small.tried if second is None else (second, *small.tried)
-            on = fewer.second_order(mechanism) if second is not None and not second.out else ()
-            found = replace(
-                found, error=error, left_out=tried,
-                overrides=(*fewer.overrides(mechanism, small.parts), *on),
-                coordinates=(*n, small.coordinates),
-            )  # fmt: skip
-        self._tell(3, _LOOKS)
-        found = self._segmented(mechanism, found)
+        if level == "rigid" or fixed:
+            found = self._segmented(mechanism, found)
+        else:
+            left = 1.0 - found.used(error)
+            found = self._smaller(mechanism, found, once, left if left > 0.0 else 0.5)
         return replace(found, notes=tuple(self.notes))
 
-    def _second_order(self, mechanism: Mechanism, whole: Run, room: float) -> LeftOut | None:
-        """What it costs to leave out second order where the scene has it off; None: nowhere."""
-        links = [p.link for p in fewer.beams(mechanism) if not p.spec.second_order]
-        if not links or self.rich is mechanism:
-            return None
-        off = [f"flexible.{link}.second_order=false" for link in links]
+    def _smaller(self, mechanism: Mechanism, whole: Advice, once: Run, room: float) -> Advice:
+        """The advice with less in its model, as far as errors stay within what is allowed.
+
+        Where the smaller model as a whole does not keep them there, only what costs next to
+        nothing goes; where that does not either, no level of the table does.
+        """
+        found = self._segmented(mechanism, self._reduced(mechanism, whole, once, room))
+        if found.used(found.error) <= 1.0:
+            return found
+        more = self._segmented(mechanism, self._reduced(mechanism, whole, once, _NEXT_TO_NOTHING))
+        if more.used(more.error) < _WORTH * found.used(found.error) or more.used(more.error) <= 1.0:
+            found = more
+        return replace(found, levels=self._with_model(found.levels))
+
+    def _reduced(self, mechanism: Mechanism, whole: Advice, once: Run, room: float) -> Advice:
+        """Links, planes and modes left out that cost no more than `room` of what is allowed."""
+        error, levels = whole.error, whole.levels
+        terms, on = self._terms(mechanism, once, room)
+        self._tell(2, _LOOKS)
+        small = fewer.smaller(
+            self.rich, self.probe, self.outputs, once, room, whole.used, mechanism
+        )
+        tail = {k: _TAIL * e for k, e in small.unsettled.items()}
+        for part, factor in ((small.error, SAFETY), (tail, 1.0)):
+            error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
+        if tail and not self.tail:
+            self.notes.append(
+                f"the last mode tried still changes an output by {percent(_worst(small.unsettled))}"
+                ", which is in the error bars: more modes may be needed"
+            )
+        self.tail = tail
+        found = replace(
+            whole, error=error, levels=levels, left_out=(*terms, *small.tried),
+            overrides=(*fewer.overrides(mechanism, small.parts), *on),
+            coordinates=(*whole.coordinates[:2], small.coordinates),
+        )  # fmt: skip
+        self._tell(3, _LOOKS)
+        return found
+
+    def _with_model(self, levels: dict[str, Errors]) -> dict[str, Errors]:
+        """Error bars of levels with what the richer model itself leaves out."""
         try:
-            linear = load(self.rich.description.with_overrides(off))
-            probe = Probe(
-                linear, self.motion, self.probe.end, self.probe.static, self.probe.steps - 1,
-                self.probe,
-            )  # fmt: skip
+            apart = error_bars.differences(self._look(self.rich, "coupled"), self._finer)
+        except (PinflexError, np.linalg.LinAlgError):
+            apart = {}
+        return {
+            name: error_bars.covering({k: x + self.tail.get(k, 0.0) for k, x in e.items()}, apart)
+            for name, e in levels.items()
+        }
+
+    def _terms(
+        self, mechanism: Mechanism, whole: Run, room: float
+    ) -> tuple[list[LeftOut], tuple[str, ...]]:
+        """What it costs to leave out terms that the scene has not; changes that add the others."""
+        tried: list[LeftOut] = []
+        changes: tuple[str, ...] = ()
+        for keys in fewer.TERMS if self.rich is not mechanism else ():
+            terms = fewer.without(mechanism, self.rich, keys)
+            if terms:
+                tried.append(self._left_out(terms, whole, room))
+                changes += () if tried[-1].out else fewer.added(mechanism, terms)
+        return tried, changes
+
+    def _left_out(self, terms: list[tuple[str, str]], whole: Run, room: float) -> LeftOut:
+        """The cost of leaving out terms of links."""
+        links, keys = (dict.fromkeys(x) for x in zip(*terms, strict=True))
+        what = " and ".join(key.replace("_", " ") for key in keys)
+        try:
+            off = [f"flexible.{link}.{key}=false" for link, key in terms]
+            less, like = load(self.rich.description.with_overrides(off)), self.probe
+            probe = Probe(less, self.motion, like.end, like.static, like.steps - 1, like)
             run = probe.nonlinear(probe.marched(1)[1])
         except (PinflexError, np.linalg.LinAlgError):
-            return LeftOut("second order: without it the motion runs away", {}, False)
-        error = Outputs(linear, self.motion, probe.t, self.plain.asked).differences(run, whole)
-        return LeftOut(
-            f"second order of {', '.join(links)}", error, SAFETY * self.plain.used(error) <= room
-        )
+            return LeftOut(f"{what}: without it the motion runs away", {}, False)
+        error = Outputs(less, self.motion, probe.t, self.plain.asked).differences(run, whole)
+        out = SAFETY * self.plain.used(error) <= room
+        return LeftOut(f"{what} of {', '.join(links)}", error, out)
 
     def _segmented(self, mechanism: Mechanism, found: Advice) -> Advice:
         """The advice with the error of its whole model in its bars, and segments if they help."""
         level = found.level if found.level in ("rigid", "quasistatic") else "coupled"
         try:
-            finer = self._look(finer_model(self.rich)[0], "coupled")
+            finer = self._finer
             model = load(mechanism.description.with_overrides(list(found.overrides)))
             apart = error_bars.differences(self._look(model, level), finer)
             self._tell(4, _LOOKS)
@@ -263,18 +312,28 @@ class _Study:
             self.notes.append(f"more segments were not tried, and are not in the bars: {failed}")
             return found
 
+    @cached_property
+    def _finer(self) -> error_bars.Seen:
+        """All of the richer model and one more segment in each link."""
+        return self._look(finer_model(self.rich)[0], "coupled")
+
     def _look(self, model: Mechanism, level: str) -> error_bars.Seen:
-        """A model at a level, on the instants of the probe."""
+        """A model at a level, on the instants of the probe; by a run where looks miss too much."""
         like = self.probe
         probe = Probe(model, self.motion, like.end, like.static, like.steps - 1, like)
-        return error_bars.look(probe, self.motion, level)
+        if level != "coupled" or not self.by_runs:
+            return error_bars.look(probe, self.motion, level)
+        some = error_bars.compared(probe)
+        scene = Scene(model, self.motion, replace(model.description.solve, level=level))
+        run = solve_to_tolerance(scene, probe.t[some], _WITHIN * self.tol)
+        return error_bars.Seen(probe, run, some)
 
     def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
         """The motion corrected once, error bars by level, and seconds a run would take."""
         probe, differ = self.probe, self.outputs.differences
         linear, corrected, twice = probe.marched(2)
-        once, best = probe.nonlinear(corrected), probe.nonlinear(twice)
-        first, second = differ(probe.linear(linear), best), differ(once, best)
+        once, best, ked = probe.nonlinear(corrected), probe.nonlinear(twice), probe.linear(linear)
+        first, second = differ(ked, best), differ(once, best)
         ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
         rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf
         if not np.isfinite(rest):
@@ -284,6 +343,11 @@ class _Study:
             )
         left = {k: e * rest if e else 0.0 for k, e in second.items()}
         seconds = {"coupled": self._verify(best, left)}
+        runs = self._runs() if self.doubts else None
+        if runs is not None:
+            best, ked = runs
+            first = differ(ked, best)
+            left, self.fast, self.by_runs = dict.fromkeys(first, _WITHIN * self.tol), {}, True
 
         def bars(error: Errors) -> Errors:
             return {k: SAFETY * e + left[k] for k, e in error.items()}
@@ -305,8 +369,27 @@ class _Study:
         levels["ked"] = bars(first)
         # Twice the tolerance of its run, and what is too fast for the looks by which models are
         # compared: in that two models may differ wholly.
-        levels["coupled"] = {k: self.tol / 2 + self.fast.get(k, 0.0) for k in left}
+        levels["coupled"] = {k: 2 * _RUN * self.tol + self.fast.get(k, 0.0) for k in left}
         return once, levels, seconds
+
+    def _runs(self) -> tuple[Run, Run] | None:
+        """Levels coupled and ked of the whole motion, where the estimate is not to be believed.
+
+        The doubts become notes: about bars that have them where a run stops.
+        """
+        spec, t = self.rich.description.solve, self.probe.t
+        scenes = (Scene(self.rich, self.motion, replace(spec, level=x)) for x in ("coupled", "ked"))
+        coupled, linear = scenes
+        apart = ", ".join(f"{key} by {percent(e)}" for key, e in self.doubts.items())
+        about = f"a coupled run of the first part differs from the estimate ({apart})"
+        try:
+            best = solve_to_tolerance(coupled, t, _WITHIN * self.tol)
+            ked = linear.stepped(t, default_step(self.rich, self.probe.end))
+        except SceneError as failed:
+            self.notes.append(f"{about}, which is in the error bars; a whole run stops: {failed}")
+            return None
+        self.notes.append(f"{about}: levels were judged by whole runs")
+        return best, ked
 
     def _allow(self, best: Run) -> None:
         """Let the pose of the platform be off by what the band is of its largest deviation."""
@@ -321,13 +404,14 @@ class _Study:
     def _verify(self, best: Run, left: Errors) -> float:
         """Hold the corrected motion against the coupled one; seconds that all of that would take.
 
-        Where they differ by more than expected, the difference goes into `left`.
+        Where they differ by more than `left`, that is the difference; much more is a doubt.
         """
         probe, upto = self.probe, slice(0, (self.probe.steps - 1) // _WINDOW + 1)
         spec = replace(self.rich.description.solve, level="coupled")
         began = time.perf_counter()
         try:
-            run = Scene(self.rich, self.motion, spec).resolved(probe.t[upto], self.tol)
+            scene = Scene(self.rich, self.motion, spec)
+            run = scene.resolved(probe.t[upto], _WITHIN * self.tol)
         except SceneError as failed:
             self.notes.append(f"a coupled run of the first part stopped: {failed}")
             return np.inf
@@ -337,14 +421,11 @@ class _Study:
         found = self.outputs.differences(replace(best, y=y, v=v, torque=torque), best)
         self.fast = found
         for key, apart in found.items():
-            if apart > left[key] + self.tol / 2:
-                left[key] = apart
-                self.notes.append(
-                    f"{key}: a coupled run of the first part differs from the estimate by "
-                    f"{apart:.2g}, which is in the error bars"
-                )
-        # A run within a tolerance corrects every step, which costs some six tenths of the run.
-        return 1.6 * _WINDOW * seconds
+            if apart > left[key] + _DOUBT * self.tol:
+                self.doubts[key] = apart
+            left[key] = max(left[key], apart)
+        # A run within a tolerance corrects every step, which costs what these finer ones do.
+        return _WINDOW * seconds
 
     def _choose(self, levels: dict[str, Errors], seconds: dict[str, float]) -> tuple[str, str]:
         """The cheapest level whose error bars fit, and why."""

@@ -168,8 +168,13 @@ def look(probe: Probe, motion: Motion, level: str = "coupled") -> Seen:
     Raises:
         ConvergenceError: Linear vibration does not describe the motion.
     """
-    some = slice(None, None, max(1, (probe.steps - 1) // (_INSTANTS - 1)))
+    some = compared(probe)
     return Seen(probe, _at_level(probe, motion, level).at(some), some)
+
+
+def compared(probe: Probe) -> slice:
+    """The instants of a probe at which models are compared."""
+    return slice(None, None, max(1, (probe.steps - 1) // (_INSTANTS - 1)))
 
 
 def _apart(

@@ -24,6 +24,7 @@ from pinflex.integrators.run import Run
 from pinflex.levels.linear_march import Marched, Room, forces_along
 from pinflex.levels.linearised import LinearPath, full_path
 from pinflex.levels.modes import modes
+from pinflex.levels.start import lasting
 from pinflex.mechanics.closure_motion import closure_motion
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
@@ -162,16 +163,37 @@ class Probe:
         every = [Deviation.empty(self.steps, self.system) for _ in range(times + 1)]
         going = [within.begin() for _ in every]
         for s in within.windows():
-            found = self._bounded(within.go(going[0], s, self._load[s]), s)
+            rest = self._at_rest(self._none(1), s)
+            found = self._bounded(within.go(going[0], s, self._load[s], rest), s)
             every[0].put(s, found)
             for one, history in zip(going[1:], every[1:], strict=True):
                 if self.dynamics.looped:
                     gaps = closure_motion(self.dynamics, *self._state(found, s)[:3])
                     found = found.moved(*within.closing(gaps, s, self._straight))
                 left = self.dynamics.residual(*self._state(found, s), self.t[s]).r
-                found = found.plus(self._bounded(within.go(one, s, left), s))
+                rest = self._at_rest(found, s)
+                found = found.plus(self._bounded(within.go(one, s, left, rest), s))
                 history.put(s, found)
         return every
+
+    def _at_rest(self, found: Deviation, s: slice) -> Array | None:
+        """What a deviation leaves of the forces before the motion begins, shape (nv,).
+
+        A motion from rest may begin with an acceleration, which the start knows nothing of.
+        """
+        if not self.static or s.start > 0:
+            return None
+        y, v, a, lam = (x[:1] for x in self._state(found, slice(0, 1)))
+        moving = 1.0 if np.any(self.v0[0]) else 0.0
+        return np.asarray(self._before.residual(y, v * moving, a * moving, lam, self.t[:1]).r[0])
+
+    @cached_property
+    def _before(self) -> Equations:
+        """With the loads that a start in equilibrium knows."""
+        system = self.system
+        if self.mechanism.description.solve.start == "auto":
+            system = lasting(system)
+        return self.dynamics if system is self.system else Equations(system)
 
     @cached_property
     def _load(self) -> Array:
@@ -199,7 +221,7 @@ class Probe:
         return self._subspace(np.eye(self.system.nv)[:, self.system.free])
 
     def _subspace(self, B: Array) -> Subspace:
-        return Subspace(self.full.grid, self._parts, B, self.h, self.static, self._room)
+        return Subspace(self.full.grid, self._parts, B, self.h, self._room)
 
     def _bounded(self, found: Marched, s: slice) -> Deviation:
         """What a march found in a window; raises a ConvergenceError where it has no bound."""
@@ -250,10 +272,13 @@ class Probe:
 
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""
-        none = np.zeros((self.steps, self.system.nv))
-        still = Deviation(none, none, none, np.zeros((self.steps, self.system.closed.n)))
+        still = self._none(self.steps)
         torque = self._parts[3].picked(self.system.motors)
         return self._run(still, torque.along(self.full.grid))
+
+    def _none(self, steps: int) -> Deviation:
+        none = np.zeros((steps, self.system.nv))
+        return Deviation(none, none, none, np.zeros((steps, self.system.closed.n)))
 
     def _run(self, found: Deviation, torque: Array) -> Run:
         v, a = self.v0 + found.v, self.a0 + found.a

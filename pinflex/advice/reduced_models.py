@@ -32,6 +32,7 @@ PLANES = {
     "w": ("bending_z", "bending out of the joint's plane (bending_z)"),
     "v": ("bending_y", "bending in the joint's plane (bending_y)"),
 }
+TERMS: tuple[tuple[str, ...], ...] = (("second_order",), ("shear", "rotary_inertia"))
 _MODES = {"craig_bampton": ("internal", 0), "assumed": ("modes", 1)}  # key, least number
 
 
@@ -62,22 +63,25 @@ class Smaller:
 
 
 def richer(mechanism: Mechanism) -> tuple[Mechanism, str]:
-    """The scene with every plane, stretch, twist, second order, a mode more; or itself, and why."""
-    changes = []
+    """The scene with every plane, stretch, twist, term and a mode more; or itself, and why."""
+    changes: list[str] = []
     for part in beams(mechanism):
         changes += [f"flexible.{part.link}.{key}=true" for key, _ in PLANES.values()]
-        changes.append(f"flexible.{part.link}.second_order=true")
         if (size := _size(part)) is not None:
             changes.append(f"flexible.{part.link}.basis.{size[0]}={size[1] + 1}")
-    try:
-        description = mechanism.description.with_overrides(changes)
-        parts = resolve(description, mechanism.links)
-        n = sum(body.n for part in parts.values() for body in part.bodies)
-        if n > LARGEST:
-            return mechanism, f"planes and modes were not tried: that model has {n} coordinates"
-        return load(description), ""
-    except PinflexError as failed:
-        return mechanism, f"planes and modes were not tried: {failed}"
+    said = ""
+    for terms in (TERMS, TERMS[:1]):  # not every basis takes shear
+        more = [f"flexible.{p.link}.{key}=true" for p in beams(mechanism) for key in sum(terms, ())]
+        try:
+            description = mechanism.description.with_overrides([*changes, *more])
+            parts = resolve(description, mechanism.links)
+            n = sum(body.n for part in parts.values() for body in part.bodies)
+            if n <= LARGEST:
+                return load(description), ""
+            said = f"that model has {n} coordinates"
+        except PinflexError as failed:
+            said = str(failed)
+    return mechanism, f"planes and modes were not tried: {said}"
 
 
 def smaller(
@@ -87,6 +91,7 @@ def smaller(
     whole: Run,
     room: float,
     used: Callable[[Errors], float],
+    loaded: Mechanism,
 ) -> Smaller:
     """Leave out whatever keeps the error bar of all that is left out within `room`.
 
@@ -94,11 +99,12 @@ def smaller(
         rich: The model with everything. probe: Its probe. outputs: What errors are of.
         whole: Its motion, corrected once as those of the smaller ones are.
         room: Largest error bar, as a share of what is allowed. used: That share of errors.
+        loaded: The scene's own model: what it leaves out by itself goes first.
     """
     kept = Smaller(dict(rich.parts), probe.system.n_eta, {}, (), {})
     before, tried, unsettled, needed = whole, [], {}, False
     accepted: Changes = {}
-    for what, more, mode in _candidates(rich):
+    for what, more, mode in _candidates(rich, loaded):
         if mode is not None and mode > 0 and needed:
             continue  # where three modes are needed, two will not do
         changes = _together(accepted, more)
@@ -172,11 +178,15 @@ def _together(before: Changes, more: Changes) -> Changes:
     }
 
 
-def _candidates(rich: Mechanism) -> Iterator[tuple[str, Changes, int | None]]:
+def _candidates(rich: Mechanism, loaded: Mechanism) -> Iterator[tuple[str, Changes, int | None]]:
     """Words, changes of links, and for modes the how manyth this is: likeliest first."""
     links_of = beams(rich)
     for d, (key, words) in PLANES.items():
-        yield words, {p.link: {key: False} for p in links_of if d in p.planes}, None
+        having = [p.link for p in links_of if d in p.planes]
+        added = [link for link in having if d not in loaded.parts[link].planes]
+        if added and added != having:
+            yield f"{words} of {', '.join(added)}", {link: {key: False} for link in added}, None
+        yield words, {link: {key: False} for link in having}, None
     sizes = [(p.link, size, _MODES[p.spec.basis.kind][1]) for p in links_of if (size := _size(p))]
     most = max((size[1] for _, size, _ in sizes), default=0)
     for place, count in enumerate(range(most - 1, -1, -1)):
@@ -221,12 +231,33 @@ def overrides(mechanism: Mechanism, parts: Mapping[str, FlexiblePart]) -> tuple[
     return tuple(said)
 
 
-def second_order(mechanism: Mechanism) -> tuple[str, ...]:
-    """Changes of the YAML that give second-order terms to every link without them."""
-    off = [p.link for p in beams(mechanism) if not p.spec.second_order]
-    if len(off) == len(mechanism.parts):
-        return ("flexible.*.second_order=true",)
-    return tuple(f"flexible.{link}.second_order=true" for link in off)
+def without(mechanism: Mechanism, rich: Mechanism, keys: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Links and terms of beams that the richer model has and the scene's own has not.
+
+    Args:
+        mechanism, rich: The models. keys: Terms that are tried together.
+    """
+    specs = [(p.link, p.spec, rich.parts[p.link].spec) for p in beams(mechanism)]
+    every = ((link, key, own, more) for link, own, more in specs for key in keys)
+    return [
+        (link, key)
+        for link, key, own, more in every
+        if getattr(more, key) and not getattr(own, key)
+    ]
+
+
+def added(mechanism: Mechanism, terms: list[tuple[str, str]]) -> tuple[str, ...]:
+    """Changes of the YAML that give terms to links, by a glob where to all.
+
+    Args:
+        mechanism: Of the scene. terms: Links and terms.
+    """
+    changes: list[str] = []
+    for key in dict.fromkeys(key for _, key in terms):
+        links = [link for link, own in terms if own == key]
+        every = len(links) == len(mechanism.parts)
+        changes += [f"flexible.{link}.{key}=true" for link in (["*"] if every else links)]
+    return tuple(changes)
 
 
 def segmented(mechanism: Mechanism) -> tuple[str, ...]:

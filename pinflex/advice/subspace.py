@@ -35,7 +35,6 @@ class Subspace:
         parts: Sequence[Varying],
         B: Array,
         h: float,
-        static: bool,
         room: Room,
     ) -> None:
         """Matrices in the columns of B.
@@ -45,10 +44,9 @@ class Subspace:
             parts: M, C, K (nv, nv), r (nv,) and J (rows, nv) there.
             B: Shape (nv, k).
             h: Step [s].
-            static: Whether it starts in equilibrium.
             room: For marches.
         """
-        self.B, self._grid, self._static = B, grid, static
+        self.B, self._grid = B, grid
         self._row, self._still = _picked(B), np.zeros(B.shape[1])
         J = _in_columns(parts[4], B, False)
         self.rows = np.sort(independent_rows(J.still, 1e-9))
@@ -66,21 +64,26 @@ class Subspace:
         """Steps that are taken at a time."""
         return self._march.windows()
 
-    def go(self, one: Going, s: slice, load: Array) -> Marched:
+    def go(self, one: Going, s: slice, load: Array, rest: Array | None = None) -> Marched:
         """What a march finds in a window, in all coordinates and rows of J.
 
         Args:
             one: From `begin`. s: The window. load: Of all coordinates there, shape (steps, nv).
+            rest: Load that the first deviation balances, shape (nv,); None: it is zero.
         """
-        own, start = load @ self.B if self._row is None else load[:, self._row], self._still
-        if self._static and s.start == 0:
+        start = self._still
+        if rest is not None and s.start == 0:
             now = self._march.first
-            start, _ = saddle(now.K, now.J, now.J, -own[0], np.zeros(len(now.J)))
-        one.go(s, own, start)
+            start, _ = saddle(now.K, now.J, now.J, -self._narrow(rest), np.zeros(len(now.J)))
+        one.go(s, self._narrow(load), start)
         d, v, a, lam = (x[s] for x in one.found)
         every = np.zeros((len(lam), self._J.shape[0]))
         every[:, self.rows] = lam
         return Marched(self._wide(d), self._wide(v), self._wide(a), every)
+
+    def _narrow(self, load: Array) -> Array:
+        """In the columns of B, shape (..., k)."""
+        return np.asarray(load @ self.B if self._row is None else load[..., self._row])
 
     def _wide(self, x: Array) -> Array:
         """In all coordinates, shape (..., nv)."""

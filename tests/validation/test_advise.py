@@ -14,6 +14,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.advice.advise import advise
+from pinflex.advice.finer import finer_model
 from pinflex.advice.reduced_models import richer
 from tests.cli.small import call
 from tests.scenes import published
@@ -90,9 +91,9 @@ def truth(mechanism: pf.Mechanism) -> pf.Mechanism:
     if mechanism.name == "race_r2":  # eight segments would be 240 coordinates
         return richer(mechanism)[0]
     changes = ["flexible.*.segments=8", "flexible.*.basis.internal=0"]
-    keys = ("axial", "torsion", "bending_y", "bending_z", "second_order")
-    if mechanism.name not in ("ur5", "delta"):  # in a plane
-        keys = ("axial", "second_order")
+    keys = ("axial", "second_order", "shear", "rotary_inertia")
+    if mechanism.name in ("ur5", "delta"):  # not in a plane
+        keys += ("torsion", "bending_y", "bending_z")
     changes += [f"flexible.*.{key}=true" for key in keys]
     return pf.load(mechanism.description.with_overrides(changes))
 
@@ -176,3 +177,39 @@ def test_progress_is_told_up_to_the_last_look() -> None:
     told: list[tuple[int, int]] = []
     advise(pf.load("race_r2"), progress=lambda step, steps: told.append((step, steps)))
     assert [step for step, _ in told] == [1, 2, 3, 4] and {steps for _, steps in told} == {5}
+
+
+TRAPEZOID = ("motion.kind=trapezoid", "motion.ramp=0.1")
+
+
+@pytest.mark.parametrize("model", ["ur5", "delta"])
+def test_accelerations_that_jump_make_no_level_worse_than_it_is(model: str) -> None:
+    """Bars of ked and rigid between their error against a fine run and three times that.
+
+    What the steps of a look make of a vibration that a jump starts was in all bars before: 41 %
+    for ked and for coupled itself, of which 4.6 % are true.
+    """
+    robot = pf.load(model, list(TRAPEZOID))
+    found = advise(robot, tol=0.05, band=0.0)
+    fine = pf.solve(robot, level="coupled", samples=401, tol=1e-4)
+    runs = {level: pf.solve(robot, level=level, samples=401) for level in ("rigid", "ked")}
+    for level, run in runs.items():
+        true = measured(run, fine, runs["rigid"], ("torque",))["torque"]
+        assert 0.5 * true < found.levels[level]["torque"] < 3.0 * true, level
+    assert found.used(found.error) <= 1.0 and found.level == "coupled"
+    followed = pf.load(robot.description, list(found.overrides))
+    run = pf.solve(followed, level="coupled", samples=401, tol=found.run_tol)
+    full = pf.solve(finer_model(robot)[0], level="coupled", samples=401, tol=1e-3)
+    errors = measured(run, full, runs["rigid"], ("torque", "platform"))
+    assert errors == {k: e for k, e in errors.items() if e <= found.error[k]}
+
+
+@pytest.mark.parametrize("changes", [(), TRAPEZOID])
+def test_a_proposal_keeps_its_tolerance_and_adds_nothing_that_costs_nothing(changes) -> None:
+    """1 %: proposals of ur5 and delta missed it by runs that they cut too short of modes."""
+    for model in ("ur5", "delta"):
+        found = advise(pf.load(model, list(changes)), tol=0.01)
+        rows = {x: found.used(e) for x, e in found.levels.items()}
+        assert found.used(found.error) <= 1.0 or min(rows.values()) > 1.0, (model, rows)
+        if model == "delta":  # `check` puts stretch of arms and twist of rods below 1e-4
+            assert not any(".axial=true" in x or ".torsion=true" in x for x in found.overrides)
