@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -30,8 +30,8 @@ def public(function: Callable[P, R]) -> Callable[P, R]:
             if os.environ.get(VARIABLE) == "full":
                 raise
             raise _shortened(error)  # noqa: B904
-        except TypeError:
-            wrong = _unknown(function, kwargs)
+        except (TypeError, ValueError, AttributeError):
+            wrong = _unknown(function, kwargs) or _mistyped(function, args, kwargs)
             if wrong is None:
                 raise
             raise wrong from None
@@ -45,6 +45,16 @@ def _shortened(error: BaseException) -> BaseException:
     error.__cause__, error.__context__ = None, cause
     error.__suppress_context__ = True
     return error.with_traceback(None)
+
+
+def _mistyped(
+    function: Callable[..., object], args: Iterable[object], kwargs: Mapping[str, object]
+) -> DescriptionError | None:
+    """Error for an argument of another kind than the annotation says; None where all fit."""
+    from pinflex.arguments import mistyped  # late: only a call that has failed asks
+
+    said = mistyped(function, args, kwargs)
+    return None if said is None else DescriptionError(said)
 
 
 def _unknown(

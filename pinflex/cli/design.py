@@ -51,8 +51,6 @@ def run(args: argparse.Namespace) -> int:
         writable(path)
     vary = dict(_bounds(text) for text in args.vary)
     choose = dict(_choice(text) for text in args.choose)
-    if not vary and not choose:
-        raise DescriptionError("design: nothing varies. Give --vary KEY=LOW:HIGH, or --choose.")
     robot = load_model(args)
     with Bar("design") as bar:
         options = {

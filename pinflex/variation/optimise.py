@@ -84,6 +84,11 @@ def design(
     given = limits(keep)
     wanted = check_names([minimise, *(limit.output for limit in given), *report], robot)
     catalogue = _catalogue(choose or {})
+    if not vary and not catalogue:
+        raise DescriptionError(
+            "design: nothing varies. Give (low, high) by key path in `vary` (--vary KEY=LOW:HIGH), "
+            "or `choose` (--choose)."
+        )
     hull = {key: _hull(rows, key) for rows in catalogue for key in rows[0]}
     designs = variants(robot, [*vary, *hull])
     bounds = _bounds(robot, designs, dict(vary) | hull)

@@ -6,7 +6,7 @@ import pickle
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.boundary import VARIABLE
+from pinflex.boundary import VARIABLE, public
 from pinflex.description.fields import names_of
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, PinflexError
@@ -243,6 +243,47 @@ def test_solve_names_its_options(robot: pf.Mechanism) -> None:
         pf.solve(robot, tolerence=1e-3)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="missing 1 required positional"):
         pf.solve()  # type: ignore[call-arg]
+
+
+_THICK = "flexible.*.section.thickness"
+
+
+@pytest.mark.parametrize(
+    "call, said",
+    [
+        ("sweep(robot, 5)", "sweep: parameters: 5 does not fit. Give {text: anything};"),
+        ("sweep(robot, {THICK: [1e-3]}, outputs=None)", "outputs: None does not fit. Give [text,"),
+        ("design(robot, 'mass', ())", "design: nothing varies. Give (low, high) by key path"),
+        ("design(robot, 'mass', {})", "design: nothing varies. Give (low, high) by key path"),
+        ("design(robot, 'mass', True)", "vary: True does not fit. Give {text: (number, number)};"),
+        ("design(robot, 'mass', 1e-3)", "vary: 0.001 does not fit. Give {text: (number, number)}"),
+        ("design(robot, 'mass', {THICK: 3.0})", f"vary['{_THICK}']: 3.0 does not fit. Give (num"),
+        ("design(robot, 'mass', {THICK: (1,)})", f"vary['{_THICK}']: (1,) does not fit. Give ("),
+        ("design(robot, 'mass', {}, choose={THICK: 5})", "5 does not fit. Give [{text: number} or"),
+        ("fit(robot, {'frequency': [1.0]}, {THICK: 'ab'})", "'ab' does not fit. Give (number, num"),
+        ("fit(robot, {'frequency': [1.0]}, {THICK: 5})", "Give (number, number) or None; help(pin"),
+        ("sensitivities(robot, by=5)", "by: 5 does not fit. Give [text, ...]; help(pinflex.sensi"),
+        ("frequency_response(robot, outputs=0)", "outputs: 0 does not fit. Give [text, ...]; hel"),
+        ("frequency_response(robot, span=(1,))", "span: (1,) does not fit. Give (number or None,"),
+    ],
+)
+def test_an_argument_of_a_wrong_kind_is_told_the_right_one(
+    robot: pf.Mechanism, call: str, said: str
+) -> None:
+    with pytest.raises(DescriptionError, match=re.escape(said)):
+        eval(f"pf.{call}", {"pf": pf, "robot": robot, "THICK": _THICK})
+
+
+def test_a_fault_of_the_code_is_not_laid_on_arguments_that_fit() -> None:
+    @public
+    def broken(x: float, some: Sequence[str] = (), more: Mapping[str, int] | None = None) -> None:
+        raise AttributeError("a fault inside")
+
+    for fits in ((1, "a"), (np.float64(1.0), iter("a"), {"b": np.int64(2)}), (2.0, ["c"], None)):
+        with pytest.raises(AttributeError, match="a fault inside"):
+            broken(*fits)
+    with pytest.raises(DescriptionError, match=re.escape("more['b']: 0.5 does not fit")):
+        broken(1.0, (), {"b": 0.5})  # type: ignore[dict-item]
 
 
 SLIP = """
