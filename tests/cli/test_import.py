@@ -141,7 +141,7 @@ def test_what_is_not_taken_over_is_in_check(
     path.write_text(BARS, "utf-8")
     assert main(["check", str(path)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "the tendon both (<fixed>) is not taken over" in said
+    assert "bars.xml: not taken over: the tendons both." in said
 
 
 # The schema ----------------------------------------------------------------------------------
