@@ -161,7 +161,7 @@ class Description:
     @property
     def loaded(self) -> tuple[str, ...]:
         """Frames that forces, springs and added masses act on, once each."""
-        springs = (f for x in self.springs for f in (x.frame_a, x.frame_b))
+        springs = (f for x in self.springs for f in x.frames)
         return tuple(dict.fromkeys([*(x.frame for x in self.forces + self.added_masses), *springs]))
 
     def flexible_blocks(self) -> dict[str, Any]:

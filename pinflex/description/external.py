@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pinflex.description import schema
-from pinflex.description.frames import frame, frames
+from pinflex.description.frames import WORLD, ends, frame
 from pinflex.description.schema import Vec3
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
@@ -70,6 +70,7 @@ class FrameSpring:
         name: Name for reports.
         frame_a, frame_b: Its ends.
         stiffness: [N/m]. damper: [N s/m]. length: Unloaded [m].
+        at: Point of the ground [m] where an end is `WORLD`.
     """
 
     name: str
@@ -78,6 +79,13 @@ class FrameSpring:
     stiffness: float
     damper: float = 0.0
     length: float = 0.0
+    at: Vec3 | None = None
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Its ends on the robot."""
+        pair = (self.frame_a, self.frame_b)
+        return pair if self.at is None else tuple(name for name in pair if name != WORLD)
 
 
 @dataclass(frozen=True)
@@ -158,13 +166,21 @@ def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, 
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
-        block = schema.mapping(item, here, ("between", *SPRING_KEYS), ("between", "stiffness"))
-        schema.items(block["between"], schema.at(here, "between"), 2)
-        a, b = frames(block["between"], schema.at(here, "between"), urdf)
+        keys = ("between", *SPRING_KEYS, "at")
+        block = schema.mapping(item, here, keys, ("between", "stiffness"))
+        pair = schema.items(block["between"], schema.at(here, "between"), 2)
+        grounded = WORLD not in urdf.links and WORLD in pair
+        if grounded != ("at" in block):
+            raise DescriptionError(
+                f"{here}.at: the point of the ground [m] of a spring between a frame and {WORLD}. "
+                f"{'Give it.' if grounded else f'Neither end is {WORLD}: remove it.'}"
+            )
+        a, b = ends(pair, schema.at(here, "between"), urdf, grounded)
         values = {
             key: schema.number(block[key], schema.at(here, key), low=0, of=quantity)
             for key, quantity in SPRING_KEYS.items()
             if key in block
         }
-        found.append(FrameSpring(name, a, b, **values))
+        at = schema.vector(block["at"], schema.at(here, "at"), of="place") if grounded else None
+        found.append(FrameSpring(name, a, b, **values, at=at))
     return tuple(found)

@@ -9,6 +9,8 @@ from pinflex.description import schema
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
 
+WORLD = "world"  # the ground as a frame of a loop or a spring
+
 
 def frame(value: object, where: str, urdf: Source) -> str:
     """Link of a frame; the name of a joint means its child link, unless a link has that name too.
@@ -40,6 +42,25 @@ def frames(value: object, where: str, urdf: Source) -> tuple[str, ...]:
             )
         found.append(name)
     return tuple(found)
+
+
+def ends(pair: list[Any], where: str, urdf: Source, grounded: bool) -> tuple[str, str]:
+    """Two frames of which one may be the ground.
+
+    Args:
+        pair: Their names.
+        where: Place of the pair.
+        urdf: Links and joints there are.
+        grounded: Whether `WORLD` is the ground.
+    """
+    if not grounded or WORLD not in pair:
+        a, b = frames(pair, where, urdf)
+        return a, b
+    number = pair.index(WORLD)
+    if pair.count(WORLD) > 1:
+        raise DescriptionError(f"{where}: the ground cannot be held to itself. Name a frame.")
+    other = frame(pair[1 - number], f"{where}[{1 - number}]", urdf)
+    return (WORLD, other) if number == 0 else (other, WORLD)
 
 
 def by_joint(block: Mapping[str, Any], urdf: Source) -> dict[str, str]:

@@ -54,7 +54,8 @@ def json_schema() -> Form:
         "damping": _damping(("rayleigh", "modal", "scope")),
         "forces": _named(_block(_any(external.FORCE_KEYS) | {"at": _TEXT}, ["at"])),
         "springs": _named(_block(
-            {key: _measure(of) for key, of in external.SPRING_KEYS.items()} | {"between": _PAIR},
+            {key: _measure(of) for key, of in external.SPRING_KEYS.items()}
+            | {"between": _PAIR, "at": _place()},
             ["between", "stiffness"])),
         "added_masses": _named(_block(_any(external.ADDED_KEYS) | {"at": _TEXT}, ["at"])),
         "control": _control(),

@@ -8,7 +8,7 @@ from typing import Any
 
 from pinflex import registered
 from pinflex.description import fields, schema
-from pinflex.description.frames import frame, frames
+from pinflex.description.frames import WORLD, ends
 from pinflex.description.schema import Vec3
 from pinflex.description.source import Source
 from pinflex.errors import DescriptionError
@@ -17,7 +17,6 @@ from pinflex.text import brief
 Pairs = tuple[tuple[int, int], ...]
 ALONG: Pairs = ((0, 2), (1, 2))  # axis z of b along axis z of a
 TURNED: Pairs = ((0, 1), (1, 2), (2, 0))  # b turned as a
-WORLD = "world"  # the ground as a frame of a loop
 _NO_TURN: tuple[Pairs, ...] = (ALONG, TURNED)
 
 
@@ -149,7 +148,7 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
     kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
     pair = schema.items(block["between"], place["between"], 2)
     grounded = "at" in block or (WORLD not in urdf.links and WORLD in pair)
-    a, b = _ends(pair, place["between"], urdf, grounded)
+    a, b = ends(pair, place["between"], urdf, grounded)
     at = _at(block, place["at"], (a, b), kind)
     for key in fields.names_of(Loop):
         if key in block and key not in LOOP_KINDS[kind].keys:
@@ -169,18 +168,6 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
             f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."
         )
     return loop
-
-
-def _ends(pair: list[Any], where: str, urdf: Source, grounded: bool) -> tuple[str, str]:
-    """Both frames; one of them may be the ground."""
-    if not grounded or WORLD not in pair:
-        a, b = frames(pair, where, urdf)
-        return a, b
-    number = pair.index(WORLD)
-    if pair.count(WORLD) > 1:
-        raise DescriptionError(f"{where}: the ground cannot be held to itself. Name a frame.")
-    other = frame(pair[1 - number], f"{where}[{1 - number}]", urdf)
-    return (WORLD, other) if number == 0 else (other, WORLD)
 
 
 def _at(block: Mapping[str, Any], where: str, ends: tuple[str, str], kind: str) -> Vec3 | None:

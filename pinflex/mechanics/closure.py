@@ -29,7 +29,8 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.couplings import Coupling
-from pinflex.description.loops import WORLD, Loop, loop_kind
+from pinflex.description.frames import WORLD
+from pinflex.description.loops import Loop, loop_kind
 from pinflex.mechanics.expanded import Attachment, gear_name
 from pinflex.mechanics.poses import support
 from pinflex.mechanics.slider import Contact, Sleeve

@@ -58,7 +58,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (Springs, "v_at q_at paired stiffness rest"),
         (Loads, "forces springs"),
         (FrameForce, "name frame force moment follower start until ramp"),
-        (FrameSpring, "name frame_a frame_b stiffness damper length"),
+        (FrameSpring, "name frame_a frame_b stiffness damper length at"),
         (DryFriction, "rows coulomb excess stribeck speed"),
         (AddedMasses, "joints inertia"),
         # Gears that give way are joints and rows of the map like those of links.

@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.external import FrameForce, FrameSpring
+from pinflex.description.frames import WORLD
 from pinflex.errors import AssemblyError
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.poses import skew, support
@@ -57,8 +58,15 @@ def loads(
     """
     return Loads(
         tuple((f, frames[f.frame]) for f in forces),
-        tuple((s, frames[s.frame_a], frames[s.frame_b]) for s in springs),
+        tuple((s, _end(s, s.frame_a, frames), _end(s, s.frame_b, frames)) for s in springs),
     )
+
+
+def _end(spring: FrameSpring, name: str, frames: Mapping[str, Attachment]) -> Attachment:
+    """Where a spring is held: a frame, or a point of the ground."""
+    if spring.at is None or name != WORLD:
+        return frames[name]
+    return Attachment(0, pin.SE3(np.eye(3), np.array(spring.at)))
 
 
 def require_apart(given: Loads, model: pin.Model, home: Array, where: str) -> None:

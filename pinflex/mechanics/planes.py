@@ -167,8 +167,9 @@ def _loads(
         F, M = turn @ np.array(force.force), turn @ np.array(force.moment)
         yield _Acting(f"load {force.name}", places, (F,), (M,))
     for spring in description.springs:
-        ends = (at(spring.frame_a).translation, at(spring.frame_b).translation)
-        yield _Acting(f"spring {spring.name}", ends)
+        ends = [at(frame).translation for frame in spring.frames]
+        ends += [] if spring.at is None else [np.array(spring.at)]
+        yield _Acting(f"spring {spring.name}", tuple(ends))
     for added in description.added_masses:
         pose = at(added.frame)
         places = (pose.translation,) if any(added.mass) else ()

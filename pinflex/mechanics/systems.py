@@ -11,7 +11,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
 from pinflex.description.drives import elastic
-from pinflex.description.loops import WORLD
+from pinflex.description.frames import WORLD
 from pinflex.errors import DescriptionError, SingularityError
 from pinflex.mechanics import assembly, workspace
 from pinflex.mechanics.added_mass import added_masses

@@ -204,8 +204,11 @@ class Result(Shown):
 
     @public
     def joint(self, name: str) -> JointView:
-        """Coordinates, motor torque and reaction of one joint."""
-        return JointView(self, _known("joint", name, self.meta.get("joints", ())))
+        """Coordinates, motor torque and reaction of one joint, a universal one as a whole too."""
+        names = self.meta.get("joints", ())
+        if f"{name}.2" in names and name not in names:
+            return JointView(self, name)
+        return JointView(self, _known("joint", name, names))
 
     @public
     def frame(self, name: str) -> FrameView:

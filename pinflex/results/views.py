@@ -85,7 +85,7 @@ class JointView(View):
         q = self.position
         if q.ndim == 1:
             return q
-        if q.shape[1] != 2:
+        if q.shape[1] != 2 or len(self._parts) > 1:
             raise DescriptionError(
                 f"joint {self.name!r}: it has {q.shape[1]} coordinates and no one angle. "
                 "Take `position`."
@@ -112,14 +112,24 @@ class JointView(View):
     @property
     def reaction(self) -> Array:
         """Wrench [N; N m] of the parent on the child, in the child's joint frame, (nt, 6)."""
-        return self.result.array(f"reaction/{self.name}")
+        return self.result.array(f"reaction/{self._parts[-1]}")
 
     @property
     def reaction_world(self) -> Array:
         """Wrench [N; N m] of the parent on the child, in world axes at the joint, (nt, 6)."""
-        return self.result.fresh(f"reaction_world/{self.name}")
+        return self.result.fresh(f"reaction_world/{self._parts[-1]}")
+
+    @property
+    def _parts(self) -> tuple[str, ...]:
+        """Its names in the result: a universal joint is two hinges, NAME.1 and NAME.2."""
+        both = tuple(f"{self.name}.{k}" for k in (1, 2))
+        names = self.result.meta["joints"]
+        return both if self.name not in names and both[1] in names else (self.name,)
 
     def _columns(self, key: str) -> Array:
+        if len(self._parts) > 1:
+            each = [JointView(self.result, name)._columns(key) for name in self._parts]
+            return np.stack(each, axis=1)
         values, names = self.result.array(key), self.result.meta["joints"]
         index = self.result.meta.get("joint_index", {}).get(self.name)  # [iq, nq, iv, nv]
         if index is not None:

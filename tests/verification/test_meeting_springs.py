@@ -54,3 +54,49 @@ def test_a_pendulum_falls_into_its_spring_and_keeps_its_energy(
 def test_a_line_without_direction_is_refused(tmp_path: Path, key: str) -> None:
     with pytest.raises(pf.AssemblyError, match=f"springs.s: .* meet .* so its {key.split(':')[0]}"):
         scenes.load(tmp_path, ARM, YAML % f", {key}")
+
+
+def test_the_ground_is_an_end_as_a_frame_of_the_base_is(tmp_path: Path) -> None:
+    """A spring with damper to a point of the ground, and to a massless frame there."""
+    law = "stiffness: 800, damper: 5, length: 0.3"
+    at = [L + 0.2, 0.1, 0.3]
+    bodies = [*ARM[:2], Body("nail", "base", xyz=at)]
+    runs = []
+    for k, between in enumerate((f"[tip, world], at: {at}", "[nail, tip]")):
+        (folder := tmp_path / str(k)).mkdir()
+        yaml = (
+            f"actuated: []\nsprings: {{s: {{between: {between}, {law}}}}}\nsolve: {{until: 0.4}}\n"
+        )
+        robot = scenes.load(folder, bodies, yaml)
+        runs.append(pf.solve(robot, level="coupled", dt=1e-3, start="straight"))
+    one, other = (run.joint("arm_joint").angle for run in runs)
+    assert np.ptp(one) > 0.05
+    assert np.max(np.abs(one - other)) < 1e-12  # the same sums, with the ends exchanged
+
+
+@pytest.mark.parametrize(
+    ("between", "words"),
+    [
+        ("[tip, world]", r"springs.s.at: the point of the ground .* Give it"),
+        ("[tip, nail], at: [0, 0, 0]", r"springs.s.at: .* Neither end is world: remove it"),
+        ("[world, world], at: [0, 0, 0]", "cannot be held to itself"),
+    ],
+)
+def test_the_point_of_the_ground_is_asked_for(tmp_path: Path, between: str, words: str) -> None:
+    with pytest.raises(pf.DescriptionError, match=words):
+        scenes.load(
+            tmp_path, ARM, f"actuated: []\nsprings: {{s: {{between: {between}, stiffness: 1}}}}\n"
+        )
+
+
+def test_a_run_knows_a_universal_joint_by_its_name(tmp_path: Path) -> None:
+    bodies = (ARM[0], Body("hand", "arm", xyz=(L, 0, 0), mass=0.5, inertia=(0.01, 0.02, 0.015)))
+    yaml = "actuated: []\njoints: {hand_joint: {type: universal}}\nhome: {hand_joint: [0.1, 0.2]}\n"
+    run = pf.solve(scenes.load(tmp_path, bodies, yaml + "solve: {until: 0.1}\n"), dt=1e-3)
+    whole, parts = run.joint("hand_joint"), [run.joint(f"hand_joint.{k}") for k in (1, 2)]
+    assert whole.position.shape == (len(run.t), 2)
+    assert np.array_equal(whole.position, np.stack([p.position for p in parts], 1))
+    assert np.array_equal(whole.velocity[:, 1], parts[1].velocity)
+    assert np.array_equal(whole.reaction, parts[1].reaction)  # on the link it carries
+    with pytest.raises(pf.DescriptionError, match="no one angle"):
+        _ = whole.angle
