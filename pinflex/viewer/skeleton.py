@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ class Skeleton:
         surface: What the URDF draws of it, in the same frame.
         frame: It only marks a place on a flexible link.
         rails: Ends of the straight ways on which sliding links move along it, each (2, 3).
+        stems: Where sliding links start on it [m], in the same frame, and their names.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Skeleton:
     surface: Surface | None = None
     frame: bool = False
     rails: tuple[Array, ...] = ()
+    stems: tuple[tuple[Array, str], ...] = ()
 
 
 def skeletons(
@@ -62,8 +64,22 @@ def skeletons(
     for head, links in _groups(names, {j.child: j.parent for j in fixed}).items():
         points, surface = _shape(result, head, links, surfaces)
         if len(points) or surface is not None:
-            bodies.append(_skeleton(result, head, links, points, surface, joints, moving))
+            body = _skeleton(result, head, links, points, surface, joints, moving)
+            bodies.append(replace(body, stems=_stems(result, locator, head, links)))
     return bodies
+
+
+def _stems(
+    result: Result, locator: FrameLocator, head: str, links: Sequence[str]
+) -> tuple[tuple[Array, str], ...]:
+    """Origins of the sliding joints on a body, in the frame of its head, and what they carry."""
+    found = []
+    for joint in locator.joints.values():
+        if joint.kind == "prismatic" and joint.parent in links:
+            of_head, own = (result.arrays[f"body/{n}/pose"][0] for n in (head, joint.parent))
+            place = own[:, :3] @ joint.origin + own[:, 3]
+            found.append((of_head[:, :3].T @ (place - of_head[:, 3]), joint.child))
+    return tuple(found)
 
 
 def _groups(names: Sequence[str], above: Mapping[str, str]) -> dict[str, list[str]]:
@@ -154,6 +170,7 @@ def body_shapes(body: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "rods": rods,
         "plate": plate,
         "mesh": mesh,
+        "stems": [] if body.root else [[start.tolist(), name] for start, name in body.stems],
         "rails": [rail.tolist() for rail in body.rails] if body.root else [],
         "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
         "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),

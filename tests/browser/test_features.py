@@ -180,3 +180,34 @@ def test_a_sliding_link_has_rails_as_long_as_its_way() -> None:
     assert ends.shape == (2, 2, 3)
     assert np.ptp(ends[:, :, 2], axis=1) == pytest.approx([0.3, 0.3])  # 0.3 t^2 over 1 s
     assert sorted(ends[:, 0, 0]) == pytest.approx([0.0, 0.18])
+
+
+@pytest.fixture(scope="module")
+def hexapod() -> Result:
+    return pf.solve(pf.load("hexapod"), level="quasistatic", samples=3)
+
+
+def test_what_slides_out_of_a_leg_has_a_line_to_where_it_started(hexapod: Result) -> None:
+    """Its start and its end lie on the axis of the slider, as far apart as the motor has moved."""
+    bodies = {b["name"]: b for b in build_scene(hexapod)["bodies"]}
+    for k in range(1, 7):
+        ((start, child),) = bodies[f"cylinder_{k}"]["stems"]
+        assert child == f"rod_{k}"
+        pose = hexapod.arrays[f"body/cylinder_{k}/pose"]
+        way = hexapod.link(child).centreline[:, 0] - (pose[:, :, :3] @ start + pose[:, :, 3])
+        out = hexapod.joint(f"slide_{k}").position[:, None] * pose[:, :, 2]  # along its z
+        assert way == pytest.approx(out, abs=1e-12)  # [m], lengths of 1 m rounded
+    assert all(not b["stems"] for name, b in bodies.items() if not name.startswith("cylinder"))
+
+
+def test_the_page_draws_that_line_as_the_leg_moves(
+    browser: Browser, hexapod: Result, tmp_path: Path
+) -> None:
+    browser.open(write_html(hexapod, tmp_path / "hexapod.html"), "mag=1")
+    for k, t in enumerate(hexapod.t):
+        browser.run("pinflex.seek(arguments[0])", float(t))
+        lines = np.array(browser.run("return pinflex.stems")).reshape(6, 2, 3)
+        roots = [hexapod.link(f"rod_{n}").centreline[k, 0] for n in range(1, 7)]
+        assert lines[:, 1] == pytest.approx(np.array(roots), abs=1e-6)  # 32 bits of 1 m
+        moved = [abs(hexapod.joint(f"slide_{n}").position[k]) for n in range(1, 7)]
+        assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) == pytest.approx(moved, abs=1e-6)

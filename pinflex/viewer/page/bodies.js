@@ -60,11 +60,23 @@ function linkBalls(run, robot, paint) {
   }
 }
 
+/* Thin lines from where legs slide out to what slides: no gap opens between the two. */
+function makeStems(run, robot, paint) {
+  return run.bodies.flatMap((b, index) => b.stems.flatMap(([start, name]) => {
+    const body = robot.bodies.find((o) => o.data.name === name), link = robot.links.find((k) => k.data.name === name);
+    if (!body && !link) return [];
+    const sweep = new Sweep(circle(0.004 * run.size, 8), 2, paint("joint"));
+    robot.root.add(sweep.mesh);
+    return [{sweep, c: new Float32Array(6), start: V(...start), on: robot.bodies[index], body, link}];
+  }));
+}
+
 /* A robot as drawn; `besides` is what a ghost shows only beside the other, since it hardly moves. */
 function makeRobot(run, links, paint) {
   const robot = {run, root: new THREE.Group(), besides: [], balls: [], notes: [], meet: meetings(run)};
   robot.links = makeLinks(run, robot.root, links, robot.notes);
   robot.bodies = makeBodies(run, robot, paint);
   linkBalls(run, robot, paint);
+  robot.stems = makeStems(run, robot, paint);
   return robot;
 }

@@ -62,6 +62,11 @@ function moveRobot(robot, at, mag) {
     if (b.link) { const i = b.end ? 3 * (b.link.m - 1) : 0; b.ball.position.set(b.link.c[i], b.link.c[i + 1], b.link.c[i + 2]); }
     else b.ball.position.copy(b.p).applyMatrix4(robot.bodies[b.body].matrix);
   }
+  for (const s of robot.stems) {
+    V().copy(s.start).applyMatrix4(s.on.matrix).toArray(s.c);
+    if (s.link) s.c.set(s.link.c.subarray(0, 3), 3); else V().setFromMatrixPosition(s.body.matrix).toArray(s.c, 3);
+    s.sweep.set(s.c, across(s.c));
+  }
 }
 const STILL = {k: 0, w: 0};
 

@@ -118,6 +118,7 @@ function handle() {
     describe: (name, i) => describe(link(name), i, 0),
     point: (body, i) => { const b = scene.bodies.find((x) => x.data.name === body); return V(...b.data.points[i]).applyMatrix4(b.matrix).toArray(); },
     pixel: (name, i) => { const b = link(name); return project(b.c[3 * i], b.c[3 * i + 1], b.c[3 * i + 2]).slice(0, 2); },
+    get stems() { return scene.robot.stems.map((s) => Array.from(s.c)); },
     frame: () => { viewer.render(); return true; },
   };
 }
