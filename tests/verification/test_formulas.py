@@ -16,9 +16,11 @@ from pinflex.description.external import FrameForce
 from pinflex.description.section import from_spec
 from pinflex.description.shaping import shaper
 from pinflex.recovery.load_work import load_work
+from pinflex.recovery.reactions import shaking
 from pinflex.recovery.stress import stresses
+from pinflex.results.strength import point_stress
 from tests.finite import slope
-from tests.scenes import load
+from tests.scenes import Body, load
 from tests.verification.test_beams import BEAM, scene
 
 
@@ -33,6 +35,81 @@ def test_a_shaft_under_bending_and_torsion() -> None:
     assert bending * 0.991 <= of["bending"].item() <= bending * (1 + 1e-12)
     expected = math.sqrt(of["bending"].item() ** 2 + 3 * shear**2)
     assert of["von_mises"].item() == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("axial", [-500.0, 500.0])
+def test_bending_adds_to_the_axial_stress_whatever_their_signs(axial: float) -> None:
+    """|N| / A + 6 M / (b h^2) at the worst fibre, of a strut as of a tie."""
+    width, height, M = 0.02, 0.01, 3.0
+    strip = from_spec({"shape": "rectangle", "width": width, "thickness": height}, "section")
+    flat = min((0, 1), key=lambda k: (strip.Iy, strip.Iz)[k])  # bent about its weaker axis
+    for turn in (-M, M):
+        forces = np.zeros((1, 1, 6))
+        forces[0, 0, 0], forces[0, 0, 4 + flat] = axial, turn
+        expected = abs(axial) / (width * height) + 6 * M / (width * height**2)
+        assert stresses(strip, forces)["normal"].item() == pytest.approx(expected, rel=1e-12)
+
+
+ROD, DIAMETER = 0.8, 0.01  # [m], of steel
+SHAFT = f"""
+  shaft:
+    material: {{E: 2.1e11, nu: 0.3, rho: 7800}}
+    section: {{shape: circle, diameter: {DIAMETER}}}
+    end: tip
+    bending_y: true
+    bending_z: true
+    torsion: true
+    axial: true
+"""
+
+
+def shaft(folder: Path, head: str) -> pf.Mechanism:
+    """A round bar on a motor that turns it about its own axis."""
+    bodies = (
+        Body("shaft", "base", "revolute", axis=(1, 0, 0)),
+        Body("tip", "shaft", xyz=(ROD, 0, 0)),
+    )
+    acts = f"gravity: [0, 0, 0]\nactuated: [shaft_joint]\n{head}\nflexible:"
+    return load(folder, bodies, acts + SHAFT)
+
+
+def test_the_second_theory_knows_poissons_ratio(tmp_path: Path) -> None:
+    """Pure torsion: s1 = -s3 = t = 16 T / pi d^3 on the rim, and s1 - nu s3 = (1 + nu) t."""
+    robot = shaft(tmp_path, "forces: {turn: {at: tip, moment: [2.0, 0, 0]}}")
+    run = pf.solve(robot, pf.hold(duration=1.0), "quasistatic", samples=2)
+    found = point_stress(run, "shaft", 0.0, DIAMETER / 2)
+    tau = 16 * 2.0 / (math.pi * DIAMETER**3)
+    # 1e-6: equilibrium to Newton's tolerance
+    np.testing.assert_allclose(found.tau[-1], tau, rtol=1e-6)
+    np.testing.assert_allclose(found.equivalent("second")[-1], 1.3 * tau, rtol=1e-6)
+
+
+def test_a_shaft_that_spins_up_is_twisted_by_its_own_inertia(tmp_path: Path) -> None:
+    """T(x) = -rho Ip a (L - x) from its outer part, a the acceleration; the motor has -T(0)."""
+    robot = shaft(tmp_path, "")
+    spin = pf.formula(joints={"shaft_joint": "5 * t^2"}, duration=1.0)
+    run = pf.solve(robot, spin, "quasistatic", samples=3)
+    of, polar = run.link("shaft"), math.pi * DIAMETER**4 / 32
+    expected = -7800 * polar * 10.0 * (ROD - of.x)
+    # 1e-6 of the largest: equilibrium to Newton's tolerance, and differences of the motion
+    np.testing.assert_allclose(of.resultant[1, :, 3], expected, atol=1e-6 * abs(expected[0]))
+    assert run.torque[1, 0] == pytest.approx(-expected[0], rel=1e-6)
+
+
+def test_the_frame_bears_what_is_laid_on_the_robot(tmp_path: Path) -> None:
+    """At rest: weight and load, and their moments about the origin (Varignon)."""
+    bodies = (
+        Body("arm", "base", "revolute", xyz=(0, 0, 0.4), axis=(0, 1, 0), mass=2.0,
+             com=(0.3, 0.1, 0), inertia=(0.01, 0.02, 0.02)),
+        Body("tip", "arm", xyz=(0.7, 0, 0.1)),
+    )  # fmt: skip
+    push, turn = np.array([4.0, -3.0, 6.0]), np.array([0.5, 0.2, -0.7])
+    load_text = f"forces: {{push: {{at: tip, force: {push.tolist()}, moment: {turn.tolist()}}}}}"
+    robot = load(tmp_path, bodies, f"gravity: [0, 0, -10]\nactuated: [arm_joint]\n{load_text}\n")
+    found = shaking(robot, pf.solve(robot, pf.hold(duration=1.0), "rigid", samples=2))[-1]
+    weight = np.array([0, 0, -20.0])
+    moment = np.cross([0.3, 0.1, 0.4], weight) + np.cross([0.7, 0, 0.5], push) + turn
+    np.testing.assert_allclose(found, [*(weight + push), *moment], atol=1e-12)  # round-off
 
 
 def test_the_root_moment_has_the_arm_of_the_bent_beam(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from pinflex.description.material import Material
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.equations import Equations
+from pinflex.recovery import solids
 from tests.finite import by_configuration, close, random_state
 from tests.scenes import Body, load
 
@@ -199,6 +200,14 @@ def test_stress_of_a_pulled_and_bent_rod_is_that_of_strength_of_materials(
     tau = np.sqrt(twist[:, 3] ** 2 + twist[:, 4] ** 2 + twist[:, 5] ** 2)
     np.testing.assert_allclose(tau, 16 / (np.pi * D**3), rtol=5e-3)
 
+    # The same by von Mises, of a force and a torque that the tip needs: sqrt(s^2 + 3 t^2).
+    push, turn = np.zeros((1, 3)), np.zeros((1, 3))
+    push[0, 0], turn[0, 0] = -1e3, -5.0
+    found = solids.surface(solid, np.zeros((1, len(rod.mass), 3)), [(push, turn)])
+    expected = np.sqrt((1e3 / A) ** 2 + 3 * (16 * 5.0 / (np.pi * D**3)) ** 2)
+    # As the torsion alone
+    np.testing.assert_allclose(found["von_mises"][0, middle], expected, rtol=5e-3)
+
 
 SCENE = """
 gravity: [0, 0, -9.81]
@@ -258,7 +267,12 @@ def test_results_of_a_solid_have_section_forces_and_stress_on_the_mesh(tmp_path:
     root = np.abs(forces[0])
     # Weight of the rod and of the load, at small deflection.
     assert root[1] == pytest.approx(w + 0.5 * 9.81, rel=1e-4)
-    assert root[5] == pytest.approx(w * SPAN / 2 + 0.5 * 9.81 * (SPAN + 0.05), rel=1e-3)
+    bent = w * SPAN / 2 + 0.5 * 9.81 * (SPAN + 0.05)
+    assert root[5] == pytest.approx(bent, rel=1e-3)
+    aside = load(tmp_path, RODS, (SCENE % MESH).replace("0, 0, -9.81", "0, -9.81, 0"))
+    other = pf.solve(aside, pf.hold(duration=0.1), level="quasistatic", samples=3)
+    # The other way too, of the same round rod.
+    assert np.abs(other.array("link/rod/resultant")[-1, 0, 4]) == pytest.approx(bent, rel=1e-3)
     nodes, mises = r.array("link/rod/mesh/nodes"), r.array("link/rod/mesh/von_mises")
     triangles = r.array("link/rod/mesh/triangles").astype(int)
     assert mises.shape == (3, len(nodes))

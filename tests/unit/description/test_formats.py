@@ -462,6 +462,48 @@ def test_frames_degrees_and_axes_of_other_frames_of_an_sdf(tmp_path: Path) -> No
     assert held.torque[0, 0] == pytest.approx(2 * 9.81 * 0.2, rel=1e-12)
 
 
+# Turned a quarter about z, with all axes of two kinds of joints, one in the tree and one in a loop.
+CARDAN = """<sdf version="1.9"><model name="cardan">
+  <link name="base"/>
+  <link name="fork"><pose degrees="true">0 0 0 0 0 90</pose></link>
+  <link name="shaft"><pose relative_to="fork">0.3 0 0 0 0 0</pose>
+    <inertial><mass>2</mass><inertia><ixx>0.01</ixx><iyy>0.02</iyy><izz>0.025</izz>
+      <ixy>1e-3</ixy><ixz>2e-3</ixz><iyz>3e-3</iyz></inertia></inertial></link>
+  <joint name="ground" type="fixed"><parent>world</parent><child>base</child></joint>
+  <joint name="cross" type="universal"><pose degrees="true">0 0 0 0 0 90</pose>
+    <parent>base</parent><child>fork</child>
+    <axis><xyz>1 0 0</xyz></axis><axis2><xyz>0 1 0</xyz></axis2></joint>
+  <joint name="screw" type="revolute"><parent>fork</parent><child>shaft</child>
+    <axis><xyz>1 0 0</xyz><dynamics><spring_stiffness>5</spring_stiffness>
+      <spring_reference>0.2</spring_reference></dynamics></axis></joint>
+  <joint name="back" type="universal"><parent>base</parent><child>shaft</child>
+    <axis><xyz expressed_in="__model__">1 0 0</xyz></axis>
+    <axis2><xyz expressed_in="__model__">0 0.6 0.8</xyz></axis2></joint>
+</model></sdf>
+"""
+
+
+def test_axes_products_of_inertia_and_rests_of_an_sdf(tmp_path: Path) -> None:
+    """By hand: fork and shaft look along y of the model, so its x is their -y, and its y their x.
+
+    Axes of a joint are in its own frame, which is turned once more by its pose in the fork.
+    """
+    sdf(tmp_path, CARDAN)
+    yaml = tmp_path / "scene.yaml"
+    yaml.write_text("urdf: leg.sdf\nactuated: []\n", "utf-8")
+    robot = read(yaml)
+    axes = robot.joints["cross"].axes
+    np.testing.assert_allclose(axes, [[0, 1, 0], [-1, 0, 0]], atol=1e-15)
+    (loop,) = robot.loops
+    assert loop.kind == "universal"
+    np.testing.assert_allclose([loop.axis, loop.axis_b], [[0, -1, 0], [0.6, 0, 0.8]], atol=1e-15)
+    assert robot.joints["screw"].rest == 0.2
+    model = pin.buildModelFromXML(robot.urdf_text)
+    tensor = model.inertias[model.getJointId("screw")].inertia
+    products = [tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+    np.testing.assert_allclose(products, [1e-3, 2e-3, 3e-3], rtol=EXACT)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -47,3 +47,11 @@ def test_one_that_may_leave_the_band_again_has_not_settled():
 
 def test_what_happens_before_the_stop_does_not_count():
     assert residual(T, ringing(), STOP, 1e-6, PLACE).amplitude < 1.001 * HEIGHT
+
+
+@pytest.mark.parametrize(("periods", "settled"), [(0.4, False), (0.6, True)])
+def test_half_a_period_within_the_band_is_what_it_takes_to_settle(periods, settled):
+    period, enters = 2 * np.pi / OMEGA, STOP + np.log(4) / RATE
+    seen = enters + periods * period > T
+    found = residual(T[seen], ringing()[seen], STOP, 50e-6, PLACE, period)
+    assert (found.settling is not None) == settled

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pinflex.errors import DescriptionError
-from pinflex.results.peaks import amplitudes, maxima
+from pinflex.results.peaks import amplitudes, highest, maxima
 from pinflex.results.result import Result, peak
 from pinflex.viewer import figures, plot
 from pinflex.viewer.images import write_png
@@ -102,6 +102,16 @@ def test_a_sine_peaks_at_its_frequency_with_its_amplitude():
     best = int(np.argmax(amplitude))
     assert frequency[best] == pytest.approx(37.3, abs=0.07)  # half a bin of 1 / (4 * 2 s)
     assert amplitude[best] == pytest.approx(0.3, rel=0.01)
+
+
+@pytest.mark.parametrize("f", [10.03, 10.17, 10.23, 10.31])
+def test_a_peak_between_the_bins_is_where_the_vibration_is(f):
+    t = np.linspace(0.0, 2.0, 401)
+    frequency, amplitude = amplitudes(t, 1.7 * np.sin(2 * np.pi * f * t + 0.3))
+    at, height = max(highest(frequency, amplitude, 3), key=lambda peak: peak[1])
+    # The logarithm of a Hann window's lobe is a parabola up to 1e-3 of a bin, which is 1 / 8 Hz.
+    assert at == pytest.approx(f, abs=1.25e-4)
+    assert height == pytest.approx(1.7, rel=2e-4)
 
 
 def test_two_close_sines_are_both_labelled_and_side_lobes_are_not(flexible):
