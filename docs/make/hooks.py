@@ -13,6 +13,7 @@ import commands
 import gallery
 import mathml
 import notebooks
+import output_keys
 import public_names
 import sources_of_formulas
 import yaml_keys
@@ -28,6 +29,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/yaml.md": yaml_keys.page,
     "reference/cli.md": commands.page,
     "reference/python.md": public_names.page,
+    "reference/outputs.md": output_keys.page,
     "reference/sources.md": sources_of_formulas.page,
     "evidence/claims.md": lambda: claims.page("tests/README.md"),
     "evidence/benchmarks.md": lambda: claims.page("tests/benchmarks/README.md"),

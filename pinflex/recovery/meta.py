@@ -19,7 +19,6 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery import drives, grades, validity
 from pinflex.recovery.sticking import sticking
 from pinflex.results.drawing import urdf_parts
-from pinflex.results.result import UNITS
 
 _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
     2: "cos, sin",
@@ -239,7 +238,7 @@ def _held(mechanism: Mechanism, run: Run) -> list[str]:
 
 
 def _units(mechanism: Mechanism) -> dict[str, str]:
-    units = {"t": "s", **UNITS}
+    units = {"t": "s"}
     for name, extra in mechanism.description.joints.items():
         if extra.drive is not None:
             units |= {f"drive/{name}/{key}": unit for key, unit in _DRIVE.items()}

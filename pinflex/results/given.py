@@ -26,6 +26,11 @@ def plain_meta(meta: Any) -> dict[str, Any]:
     return found
 
 
+def without_time(key: str) -> bool:
+    """Whether the array of a flat key belongs to no instants."""
+    return key.startswith("link/") and key.endswith(_WITHOUT_TIME)
+
+
 def timed(key: str, values: Any, t: Array) -> Array:
     """An array of a result, read-only, with a row for each instant.
 
@@ -34,8 +39,7 @@ def timed(key: str, values: Any, t: Array) -> Array:
         t: Instants [s].
     """
     array = read_only(values, key)
-    fixed = key.startswith("link/") and key.endswith(_WITHOUT_TIME)
-    if not fixed and array.shape[:1] != t.shape:
+    if not without_time(key) and array.shape[:1] != t.shape:
         raise DescriptionError(
             f"result: {key}: shape {array.shape} does not start with the "
             f"{len(t)} instants of t. Arrays are time first.",

@@ -11,15 +11,13 @@ import numpy as np
 from pinflex import registered
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
+from pinflex.results.keys import KEYS
 
 if TYPE_CHECKING:
     from pinflex.results.result import Result
 
 # Heads of the keys that every result has of itself.
-_OWN = (
-    *("t", "torque", "multiplier", "eta", "eta_v", "eta_a", "joint", "nominal", "frame", "body"),
-    *("energy", "loop", "reaction", "residual", "link", "drive", "control", "control_time"),
-)
+_OWN = {"t", *(one.key.partition("/")[0] for one in KEYS)}
 
 
 @dataclass(frozen=True)

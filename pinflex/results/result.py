@@ -19,6 +19,7 @@ from pinflex.results import archive, checked, report
 from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.results.given import plain_meta, read_only, timed
+from pinflex.results.keys import unit_of
 from pinflex.results.lazy import Late
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.shown import Shown
@@ -37,17 +38,6 @@ from pinflex.text import short
 from pinflex.writing import write_csv
 
 __all__ = ["Deviation", "Result", "peak", "rms", "same_grid"]
-
-UNITS = {
-    "torque": "N m",
-    "joint/q": "rad",
-    "joint/v": "rad/s",
-    "joint/a": "rad/s^2",
-    "frame": "m",
-    "link": "m",
-    "energy": "J",
-    "residual/closure": "m",
-}
 
 
 # What people write for an attribute of a run, and what is meant.
@@ -196,11 +186,11 @@ class Result(Shown):
         return 0.0 if closure is None else peak(closure)
 
     def unit(self, key: str) -> str:
-        """Unit of a key, from the longest prefix that meta["units"] (or the default) knows."""
-        added = {q.key: q.unit for q in QUANTITIES.values()}
-        units = {**UNITS, **added, **self.meta.get("units", {})}
-        known = [p for p in units if key == p or key.startswith(p + "/")]
-        return str(units[max(known, key=len)]) if known else ""
+        """Unit of a key: what meta["units"] says of it, else that of `keys.KEYS`."""
+        own = self.meta.get("units", {})
+        if key in own or key in QUANTITIES:
+            return str(own[key] if key in own else QUANTITIES[key].unit)
+        return unit_of(key) or ""
 
     @public
     def joint(self, name: str) -> JointView:

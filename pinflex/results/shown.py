@@ -35,7 +35,7 @@ class Shown:
 
         Args:
             quantity: "torque", "stress", "frame/NAME", "loop/NAME", "joint/NAME", "torque/MOTOR",
-                "link/NAME/v", ...; default: torque.
+                "link/NAME/v", ..., or the key of any array; default: torque.
             ax: Where to draw; default: axes of a new figure.
         """
         return door("viewer.axes", "plot_run")(self, quantity, ax)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from pinflex.doors import library
-from pinflex.results import report
+from pinflex.results import keys, report
 
 if TYPE_CHECKING:
     from pinflex.results.result import Result
@@ -18,11 +18,11 @@ _AXES = {  # dimensions behind time, by the last word of a key
     "wrench": ("component",),
 }
 _LABELS = {
-    "xyz": ["x", "y", "z"],
-    "twist": ["x", "y", "z", "rx", "ry", "rz"],
-    "component": ["Fx", "Fy", "Fz", "Mx", "My", "Mz"],
-    "displacement": ["u", "v", "w", "rx", "ry", "rz"],
-    "resultant": ["N", "Vy", "Vz", "T", "My", "Mz"],
+    "xyz": list(keys.XYZ),
+    "twist": list(keys.TWIST),
+    "component": list(keys.WRENCH),
+    "displacement": list(keys.BENT),
+    "resultant": list(keys.SECTION),
 }
 _FIELDS = {"deflection": ("displacement",), "resultant": ("resultant",)}
 _FIELDS |= dict.fromkeys(("centreline", "centreline_rigid", "section_y"), ("xyz",))

@@ -5,8 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
+from pinflex.results.given import without_time
+from pinflex.results.keys import key_of
+from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Deviation, Result, peak
 from pinflex.viewer import plot
 from pinflex.viewer.drawing import Drawing
@@ -24,8 +29,9 @@ def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None
 
     Args:
         result: Run.
-        quantity: "torque", "stress", "frame/NAME", "loop/NAME", "link/NAME", or as in
+        quantity: The key of any array, "stress", "frame/NAME", "loop/NAME", "link/NAME", or as in
             `plot.spectrum`; default: torque, or of a run without motors its first frame or joint.
+            Of fields along a link, the station where they are largest is drawn.
         ax: Where to draw; default: axes of a new figure.
     """
     quantity = quantity or _first(result)
@@ -33,7 +39,11 @@ def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None
     if quantity == "stress" or (kind == "link" and name in result.links):
         return _stress(result, None if quantity == "stress" else name, ax)
     curves, label = _curves(result, quantity)
-    return draw(result.t, curves, label, f"{result.meta.get('name', '')}, {result.level}", ax)
+    heading = f"{result.meta.get('name', '')}, {result.level}"
+    if without_time(quantity):
+        rows = np.arange(len(result.array(quantity)), dtype=float)
+        return draw(rows, curves, label, heading, ax, "row")
+    return draw(result.t, curves, label, heading, ax)
 
 
 def plot_spectrum(result: Result, quantity: str, ax: Axes | None = None, **options: Any) -> Any:
@@ -74,19 +84,26 @@ def plot_drive(result: Result, name: str, ax: Axes | None = None) -> Any:
     return Drawing(partial(torque_speed, result, [name]), each).axes(None, ax)
 
 
-def draw(t: Array, curves: dict[str, Array], label: str, heading: str, ax: Axes | None) -> Axes:
+def draw(
+    t: Array,
+    curves: dict[str, Array],
+    label: str,
+    heading: str,
+    ax: Axes | None,
+    along: str = "time [s]",
+) -> Axes:
     """Curves over time on one pair of axes.
 
     Args:
         t: Instants [s], shape (nt,). curves: By name, shape (nt,) each.
         label: Of the vertical axis, with its unit. heading: Above.
-        ax: Where; None: axes of a new figure.
+        ax: Where; None: axes of a new figure. along: Label of the horizontal axis.
     """
     own = ax is None
     on: Axes = shown_axes(lambda: panels(1, 1)[0]) if ax is None else styled(ax)
     for k, (name, values) in enumerate(curves.items()):
         on.plot(t, values, color=COLOURS[k % len(COLOURS)], lw=1.0, label=name)
-    on.set_xlabel("time [s]")
+    on.set_xlabel(along)
     on.set_ylabel(label)
     if own:
         title(on, heading)
@@ -111,6 +128,8 @@ def _curves(result: Result, quantity: str) -> tuple[dict[str, Array], str]:
         return dict(
             zip(result.motors, result.torque.T, strict=True)
         ), f"torque [{' | '.join(units)}]"
+    if quantity in result.arrays or quantity in QUANTITIES:
+        return _of_array(result, quantity)
     if kind == "frame" and (name in result.frames or name == "platform"):
         position = result.frame(name).position
         return dict(zip("xyz", position.T, strict=True)), f"position {name} [m]"
@@ -121,6 +140,32 @@ def _curves(result: Result, quantity: str) -> tuple[dict[str, Array], str]:
         return kept, f"force {name} [N]"
     values, label, unit = plot.signal(result, quantity)
     return {label: values}, f"{label} [{unit}]"
+
+
+def _of_array(result: Result, key: str) -> tuple[dict[str, Array], str]:
+    """Components of an array by name; of a field along a link, where it is largest."""
+    values, known = result.array(key), key_of(key)
+    label, names = key, known.columns if known is not None else ()
+    if key in QUANTITIES:
+        label = QUANTITIES[key].label
+    elif key.startswith("link/") and values.ndim > 1 and not without_time(key):
+        others = tuple(k for k in range(values.ndim) if k != 1)
+        place = int(np.abs(values).max(axis=others).argmax())
+        values = values[:, place]
+        at = f"node {place}" if "/mesh/" in key else f"x = {_station(result, key, place):.4g} mm"
+        label = f"{key} at {at}"
+    elif key.startswith(("joint/", "nominal/")):
+        names = tuple(result.joints)
+    flat = values.reshape(len(values), -1)
+    if len(names) != flat.shape[1]:
+        names = tuple(str(k) for k in range(flat.shape[1])) if flat.shape[1] > 1 else (key,)
+    unit = result.unit(key)
+    return dict(zip(names, flat.T, strict=True)), f"{label} [{unit}]" if unit else label
+
+
+def _station(result: Result, key: str, place: int) -> float:
+    """Place of a station on its link [mm]."""
+    return 1e3 * float(result.link(key.split("/")[1]).x[place])
 
 
 def _stress(result: Result, link: str | None, ax: Axes | None) -> Any:

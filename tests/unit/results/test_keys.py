@@ -1,0 +1,86 @@
+"""Every array of a result stands in the table of keys, as it is there, and is drawn by its key."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.results.keys import KEYS, key_of
+from pinflex.results.result import Result
+
+ROOT = Path(pf.__file__).parents[1]
+SHORT = {"until": 2e-3, "samples": 3}
+SIZES = {"nt": 3, "nx": 21}  # sections of a link of one body
+# Runs that hold all kinds of arrays between them, but those of `ELSEWHERE`.
+RUNS = {
+    "ked": lambda: pf.solve("3rrr", level="ked", **SHORT),
+    "geared": lambda: pf.solve(ROOT / "models/ur5/geared.yaml", level="coupled", dt=1e-3, **SHORT),
+}
+ELSEWHERE = {"control/NAME", "measured", "rigid/torque", "energy/loads"}
+ELSEWHERE |= {f"link/NAME/mesh/{what}" for what in ("nodes", "triangles", "von_mises")}
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, Result]:
+    return {name: make() for name, make in RUNS.items()}
+
+
+def test_every_array_is_in_the_table_as_it_is_there(runs: dict[str, Result]) -> None:
+    seen = set()
+    for run in runs.values():
+        for key in (*run.arrays, "shaking", f"reaction_world/{run.joints[0]}"):
+            known, shape = key_of(key), run[key].shape
+            assert known is not None, key
+            wanted = re.findall(r"\w+", known.shape)
+            assert len(shape) == len(wanted), key
+            for size, word in zip(shape, wanted, strict=True):
+                fixed = int(word) if word.isdigit() else SIZES.get(word, size)
+                assert size == fixed, key
+            one = shape[2:] if key.startswith("link/") else shape[1:]
+            assert len(known.columns) in (0, int(np.prod(one))), key
+            seen.add(known.key)
+    assert {one.key for one in KEYS} - seen == ELSEWHERE
+
+
+def test_every_array_is_drawn_by_its_key(runs: dict[str, Result], plt: Any) -> None:
+    for run in runs.values():
+        for key in (*run.arrays, "shaking"):
+            ax, values = run.plot(key), run[key]
+            if key.startswith("link/") and values.ndim > 1:
+                place = np.abs(values).max(axis=(0, *range(2, values.ndim))).argmax()
+                values = values[:, place]
+            drawn = [line.get_ydata() for line in ax.lines]
+            assert np.reshape(drawn, (-1, len(values))) == pytest.approx(
+                values.reshape(len(values), -1).T
+            ), key
+            unit = run.unit(key)
+            assert not unit or "torque" in key or ax.get_ylabel().endswith(f"[{unit}]"), key
+            plt.close("all")
+
+
+def test_units_are_those_of_the_quantity(runs: dict[str, Result]) -> None:
+    """Of a pressure, a force, a rotation, a speed; and of one joint what its kind asks for."""
+    run = runs["ked"]
+    units = {"link/distal_1/stress/von_mises": "Pa", "link/distal_1/resultant": "N, N m"}
+    units |= {"frame/platform/rotation": "", "frame/platform/velocity": "m/s, rad/s"}
+    units |= {"torque": "N m", "torque/motor_1": "N m", "joint/q/motor_1": "rad", "t": "s"}
+    assert {key: run.unit(key) for key in units} == units
+    hexapod = pf.solve("hexapod", level="rigid", **SHORT)
+    assert hexapod.unit("torque/slide_1") == "N" and hexapod.unit("joint/v/slide_1") == "m/s"
+
+
+def test_the_page_has_every_key_once() -> None:
+    sys.path.insert(0, str(ROOT / "docs/make"))
+    try:
+        import output_keys  # type: ignore[import-not-found]
+    finally:
+        sys.path.pop(0)
+    rows = re.findall(r"^\| `([^`]+)` \|", output_keys.page(), re.M)
+    assert rows == [one.key for one in KEYS]
+    assert {line.count("|") for line in output_keys.page().splitlines() if line[:1] == "|"} == {6}
