@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
@@ -20,7 +21,11 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise what argparse prints with the usage."""
-        raise DescriptionError(f"{message}. See `{self.prog} --help`.")
+        typed = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+        choices = typed[2].replace("'", "").split(", ") if typed else []
+        close = difflib.get_close_matches(typed[1], choices, 1) if typed else []
+        hint = f' Did you mean "{close[0]}"?' if close else ""
+        raise DescriptionError(f"{message}.{hint} See `{self.prog} --help`.")
 
     def refuse(self, rest: Sequence[str]) -> NoReturn:
         """Raise what arguments the command does not know, with the closest option."""

@@ -9,6 +9,8 @@ from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json, working
 from pinflex.text import number, paragraph, table
 
+_ROUND_OFF = 1e-12  # of a vibration: a sum of impulses that cancels leaves 6e-17
+
 
 def add(commands: parser.Commands) -> None:
     """Add the command."""
@@ -57,6 +59,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _left(share: float) -> str:
+    """Per cent; what is round-off of a sum of impulses is nothing."""
+    return f"{100 * share:.2g}" if share > _ROUND_OFF else "0"
+
+
 def _text(data: dict[str, Any]) -> str:
     modes = [
         [str(k), number(m["frequency"]), f"{m['low']:.4g} to {m['high']:.4g}", number(m["damping"])]
@@ -64,8 +71,8 @@ def _text(data: dict[str, Any]) -> str:
     ]
     shown = [f"{100 * e:+.0f} %" if e else "0" for e in data["errors"]]
     rows = [
-        [kind.upper(), number(x["time"]), *(f"{100 * r:.2g}" for r in x["residual"]),
-         f"{100 * x['along']:.2g}", f"{100 * x['width']:.0f}"]
+        [kind.upper(), number(x["time"]), *(_left(r) for r in x["residual"]),
+         _left(x["along"]), f"{100 * x['width']:.0f}"]
         for kind, x in data["shapers"].items()
     ]  # fmt: skip
     heads = "shaper|longer by [s]|" + "|".join(shown) + "|along the motion|width at 5 % [%]"

@@ -54,6 +54,12 @@ def mapping(
         if not isinstance(key, str):
             raise DescriptionError(f"{where}: the key {shown(key)} is not text. Put it in quotes.")
         if keys is not None and key not in keys:
+            name, colon, rest = key.partition(":")
+            if colon and name in keys and value[key] is None:  # {kind:zvd} is one key of no value
+                raise DescriptionError(
+                    f"{at(where, name)}: {key} has no blank after its colon. "
+                    f"Write `{name}: {rest}`."
+                )
             raise DescriptionError(f"{at(where, key)}: no such key.{nearest(key, keys)}")
     written = {key: item for key, item in value.items() if item is not None}
     for key in required:

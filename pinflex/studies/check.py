@@ -254,7 +254,8 @@ def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     names = ", ".join(motion.names)
     moved = f" of the {motion.target} ({names})" if names else ""
     end = description.solve.until or motion.duration
-    words = f"{motion.kind}{moved}, {end:g} s"
+    words = f"{motion.kind}{moved}, {motion.duration:g} s"
+    words += f", run to {end:g} s" if end != motion.duration else ""
     if mechanism.report.mobility > len(mechanism.motors):
         return words, []
     try:

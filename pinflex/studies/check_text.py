@@ -160,7 +160,7 @@ def _link_table(c: Check) -> str:
         rows[-1] += [percent(d, sign="+") for d in off]
     return table(
         "Flexible links (beam and what rides on it, against the URDF)",
-        "link|section|material|L [mm]|eta|kg|URDF [kg]|mass|inertia",
+        "link|section|material|L [mm]|coordinates|kg|URDF [kg]|mass|inertia",
         rows,
         (16, 24, 14),
     )
@@ -181,7 +181,10 @@ def _inertia(c: Check) -> str:
 def _carried(link: LinkCheck) -> str:
     text = f"the beam carries {100 * link.mass / link.urdf_mass:.3g} % of the link's mass"
     if link.share is not None and link.share < 1 - 1e-6:
-        text += f" ({100 * link.share:.3g} % of its density: more does not fit into the inertia)"
+        density = f"{100 * link.share:.3g} % of its density"
+        text += (
+            f" ({density}: a heavier beam would exceed the link's moment of inertia in the URDF)"
+        )
     riders = [(x, kg) for x, kg in link.riders if kg > 1e-6 * link.urdf_mass]
     if not riders:
         return text

@@ -115,3 +115,16 @@ def test_verify_says_each_case_as_it_ends(tmp_path: Path):
         alive = process.poll() is None
         rest = process.stdout.read()
     assert first.strip() and alive and "quantities passed" in rest
+
+
+def test_what_is_mistyped_leads_to_what_was_meant(arm, capsys):
+    assert 'Did you mean "compare"?' in call(capsys, "compaer", "delta").err
+    said = call(capsys, "solve", arm, "--set", "motion.shaper={kind:zvd,modes: 2}")
+    assert "motion.shaper.kind: kind:zvd has no blank after its colon" in said.err
+    assert "Write `kind: zvd`." in said.err
+
+
+def test_check_tells_the_motion_and_the_end_of_the_run_apart(arm, capsys):
+    long = call(capsys, "check", arm, "--set", "solve.until=9").out
+    assert ", run to 9 s" in long and "9 s" not in long.split(", run to 9 s")[0]
+    assert "run to" not in call(capsys, "check", arm).out
