@@ -9,6 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 import pinflex as pf
+from pinflex.mechanics.equations import Equations
+from tests.finite import by_configuration, by_speed, close, random_state
 from tests.scenes import Body, load
 
 E, SIDE, RHO, LENGTH = 2.0e11, 0.01, 7800.0, 1.0
@@ -143,6 +145,23 @@ solve: {level: coupled, start_speeds: {root_joint: [2, 0.5, 0.3, 0.1, 0.2, -0.1]
     energy = 0.5 * (mass * v[:, :3] ** 2).sum(axis=1) + 0.5 * (turning * v[:, 3:] ** 2).sum(axis=1)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-6)
     assert np.abs(v[:, 3:] - v[0, 3:]).max() > 1.0  # Munk's moment turned it
+
+
+def test_tangents_are_differences_of_the_equations(tmp_path: Path) -> None:
+    """By rates and by pose, on a bent arm that rides on a free body."""
+    bodies = (
+        Body("hull", "base", mass=1.0, inertia=(0.1, 0.2, 0.3)),
+        Body("rod", "hull", "revolute", axis=(0, 0.6, 0.8), rpy=(0.3, 0.2, 0.1)),
+        ARM[1],
+    )
+    water = "added_masses: {water: {at: tip, mass: [0.2, 3.0, 1.5], inertia: [0.3, 0.1, 0.2]}}"
+    m = load(tmp_path, bodies, f"base: free_flyer\n{water}{YAML.split('motion:')[0]}")
+    d = Equations(m.flexible)
+    y, v, a, lam = random_state(m.flexible, m.undeformed(), 5)
+    _, C, K, _ = d.tangent(y, v, a, lam, 0.0)
+    # Differences are good to 1e-11 of forces; stiffness makes them a thousand times larger.
+    close(C, by_speed(lambda x: d.residual(y, x, a, lam, 0.0).r, v), 1e-7)
+    close(K, by_configuration(d, lambda x: d.residual(x, v, a, lam, 0.0).r, y), 1e-6)
 
 
 def test_a_mass_that_is_none_is_refused(tmp_path: Path) -> None:

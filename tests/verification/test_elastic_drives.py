@@ -19,7 +19,7 @@ from pinflex.viewer.torque_speed import torque_speed
 from tests.finite import slope
 from tests.scenes import Body, load
 
-# Stiffness, damping, gear and motor inertia of the three large drives of ../shared/robots.md, 4.
+# Stiffness, damping, gear and motor inertia of three large drives.
 DRIVES = {"shoulder_pan_joint": 1e4, "shoulder_lift_joint": 1e4, "elbow_joint": 0.7e4}
 HOME = {"shoulder_lift_joint": -1.2, "elbow_joint": 1.5,
         "wrist_1_joint": -1.8707963267948966, "wrist_2_joint": -1.5707963267948966}  # fmt: skip
@@ -223,6 +223,8 @@ def test_power_in_at_the_motors_is_stored_or_lost(level: str, tmp_path: Path) ->
     if level == "coupled":
         spring = -(400 * d.deflection + 0.3 * rate)
         np.testing.assert_allclose(d.torque, spring, atol=1e-5 * np.abs(spring).max())
+        link = (J_C + M_L * L**2) / 2 * d.speed**2 + run.array("energy/gravity")
+        assert simpson(d.power, x=run.t) == pytest.approx(link[-1] - link[0], abs=1e-6 * abs(work))
 
 
 def test_the_motor_torque_at_constant_speed_is_the_closed_form(tmp_path: Path) -> None:
@@ -430,8 +432,9 @@ def test_the_yaml_comes_before_the_urdf(tmp_path: Path) -> None:
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="j" type="continuous"><parent link="base"/><child link="l"/><axis xyz="0 0 1"/>
 <dynamics damping="0.5" friction="0.7"/></joint>
-<transmission name="t"><joint name="j"/><actuator name="m">
-<mechanicalReduction>80</mechanicalReduction></actuator></transmission></robot>"""
+<transmission name="t"><joint name="j"><mechanicalReduction>7</mechanicalReduction></joint>
+<actuator name="m"><mechanicalReduction>80</mechanicalReduction></actuator></transmission>
+</robot>"""
     (tmp_path / "a.urdf").write_text(urdf)
     said = {}
     for key, joints in {
@@ -445,7 +448,7 @@ def test_the_yaml_comes_before_the_urdf(tmp_path: Path) -> None:
     plain, friction = said["plain"], said["plain"].friction
     assert (plain.damper, friction and friction.coulomb) == (0.5, 0.7)
     assert said["damper"].damper == 0.0
-    assert said["drive"].armature == pytest.approx(80**2 * 1e-4)
+    assert said["drive"].armature == pytest.approx(80**2 * 1e-4)  # ROS has it at the actuator
     assert said["drive"].friction == friction
     own = said["own"]
     assert own.drive is not None and own.friction is not None

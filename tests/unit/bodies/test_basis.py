@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pinflex.arrays import Array
 from pinflex.bodies import beam_modes
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.beam import second_order
 from pinflex.description.flexible import Basis
 from pinflex.description.link_mass import EndMass
 from pinflex.description.section import Section
@@ -149,6 +152,57 @@ def test_shear_and_rotary_inertia_give_a_timoshenko_beam(h_over_L: float) -> Non
     exact = L**3 / (3 * steel.E * bar.Iz) + L / (5 / 6 * steel.G * bar.A)
     assert compliance == pytest.approx(exact, rel=1e-9)
     assert set(b.fields(b.x)) == {"deflection", "curvature_v", "shear_v"}
+
+
+def rod(b: FlexibleBody, eta: Array, size: float, count: int = 200) -> Array:
+    """Rows (u, v, w, rz, ry, rx) at the tip of a rod with the linear strains of size * eta.
+
+    R' = R kappa^, r' = R (1 + u', gv, gw) by Runge and Kutta's rule of fourth order.
+    """
+    x = np.linspace(0.0, b.length, 2 * count + 1)
+    F = {d: family.evaluate(x) for d, family in b.families.items()}
+
+    def field(d: str, name: str) -> Array:
+        return np.asarray(size * getattr(F[d], name) @ eta[b.slices[d]])
+
+    curved = np.stack([field("p", "df"), -field("w", "curv"), field("v", "curv")], axis=1)
+    sheared = [field(d, "df") - field(d, "rot") for d in "vw"]
+    strained = np.stack([1.0 + field("u", "df"), *sheared], axis=1)
+
+    def slope_at(k: int, T: Array) -> Array:
+        x, y, z = curved[k]
+        turn = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        return np.column_stack([T[:, :3] @ turn, T[:, :3] @ strained[k]])
+
+    T, h = np.eye(3, 4), b.length / count
+    for k in range(0, 2 * count, 2):
+        one = slope_at(k, T)
+        two = slope_at(k + 1, T + h / 2 * one)
+        three = slope_at(k + 1, T + h / 2 * two)
+        T = T + h / 6 * (one + 2 * two + 2 * three + slope_at(k + 2, T + h * three))
+    R, r = T[:, :3], T[:, 3] - [b.length, 0, 0]
+    turns = [np.arctan2(R[1, 0], R[0, 0]), -np.arcsin(R[2, 0]), np.arctan2(R[2, 1], R[2, 2])]
+    return np.array([*r, *turns])
+
+
+@pytest.mark.parametrize("shear", [False, True])
+def test_second_order_is_that_of_a_rod_with_linear_strains(shear: bool) -> None:
+    """Shortening, drift and turning of stretch, both bendings and twist together."""
+    b = body("uvwp", CB, shear=shear, free_shear=shear)
+    rng = np.random.default_rng(7)
+    G = second_order(b.families, b.slices, np.array([b.length]), range(6))[0]
+    for _ in range(3):
+        eta = rng.normal(size=b.n)
+        for d, at in b.slices.items():  # rotations, stretch and shear of size one each
+            F = b.families[d].evaluate(np.array([0.3, 0.7, 1.0]) * b.length)
+            eta[at] /= np.max(np.abs((F.df if d == "u" else F.rot if d in "vw" else F.f) @ eta[at]))
+        twice = [
+            (rod(b, eta, h) + rod(b, eta, -h) - 2 * rod(b, eta, 0.0)) / h**2 for h in (0.04, 0.02)
+        ]
+        expected = (4 * twice[1] - twice[0]) / 3
+        found = np.einsum("i,rij,j->r", eta, G, eta)
+        # Fourth powers are extrapolated away; the sixth leave 0.04^4 of the strains' shapes.
+        np.testing.assert_allclose(found, expected, atol=1e-4 * np.max(np.abs(expected)))
 
 
 def test_without_second_order_there_are_no_second_order_rows() -> None:

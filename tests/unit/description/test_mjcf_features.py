@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -414,3 +415,21 @@ def test_springs_follow_the_motors_that_the_yaml_lists(tmp_path: Path) -> None:
     scene.write_text("urdf: one.xml\nactuated: []\njoints: {p: {spring: 5}}\n", "utf-8")
     own = read(scene).joints["p"]
     assert (own.spring, own.parallel_spring, own.rest) == (5.0, False, np.radians(40))
+
+
+def test_a_mesh_is_drawn_where_the_file_puts_it(tmp_path: Path) -> None:
+    """MuJoCo moves a mesh to its centre and principal axes; its file is drawn as it is written."""
+    (tmp_path / "tetra.obj").write_text(
+        "v 0 0 0\nv 0.2 0 0\nv 0 0.1 0\nv 0 0 0.3\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    )
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><asset><mesh name="m" file="tetra.obj"/></asset><worldbody><body name="a">'
+        '<joint name="p"/><geom type="mesh" mesh="m" pos="0.3 -0.1 0.2" euler="0 0 90"/></body>'
+        "</worldbody></mujoco>"
+    )
+    visual = ET.fromstring(read(path).urdf_text).find(".//visual/origin")
+    assert visual is not None
+    xyz, rpy = ([float(x) for x in visual.get(key, "").split()] for key in ("xyz", "rpy"))
+    # The axes of an OBJ's vertices are of single precision there.
+    np.testing.assert_allclose([xyz, rpy], [[0.3, -0.1, 0.2], [0, 0, np.pi / 2]], atol=1e-6)
