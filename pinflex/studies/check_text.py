@@ -159,8 +159,8 @@ def _link_table(c: Check) -> str:
         rows[-1] += [number(x.mass + x.end_masses), number(x.urdf_mass)]
         rows[-1] += [percent(d, sign="+") for d in off]
     return table(
-        "Flexible links (beam and what rides on it, against the URDF)",
-        "link|section|material|L [mm]|coordinates|kg|URDF [kg]|mass|inertia",
+        "Flexible links: elastic coordinates; beam and what rides on it, against the URDF",
+        "link|section|material|L [mm]|elastic|kg|URDF [kg]|mass|inertia",
         rows,
         (16, 24, 14),
     )
