@@ -15,7 +15,6 @@ from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.excited import default_motion
 from pinflex.levels.modes import Modes, base_state, modes
-from pinflex.levels.start import acted_on
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.joints import sliding
@@ -151,8 +150,14 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
 
 
 def is_loaded(mechanism: Mechanism) -> bool:
-    """Whether gravity, a load or a stretched spring acts on the mechanism at rest at home."""
-    return acted_on(mechanism.flexible, mechanism.undeformed())
+    """True if gravity, a spring, a load or a frame spring acts on the mechanism at rest.
+
+    One that pushes no free coordinate counts too: thrust along a beam changes its frequencies.
+    """
+    description = mechanism.description
+    acting = any(force.scale(0.0) for force in description.forces)
+    springs = len(mechanism.flexible.springs.v_at) > 0 or len(description.springs) > 0
+    return any(description.gravity) or springs or acting
 
 
 def _summaries(mechanism: Mechanism) -> tuple[str, ...]:
