@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import pinflex as pf
@@ -171,3 +172,20 @@ def test_a_rigid_robot_is_warned_of_its_effort_limits_too(tmp_path: Path) -> Non
     m = pf.load(tmp_path / "one.yaml")
     assert not m.compliant
     assert any("holding needs 9.81, more than the URDF's effort" in w for w in check(m).warnings)
+
+
+def test_springs_share_the_energy_of_a_mode_by_stiffness_and_square(tmp_path: Path) -> None:
+    """Two sliders on each other: shares k_i x_i^2 / sum of the eigenvectors by hand."""
+    k, masses = (300.0, 50.0), (1.0, 2.0)
+    bodies = [
+        Body("one", "base", "prismatic", axis=(1, 0, 0), mass=masses[0]),
+        Body("two", "one", "prismatic", axis=(1, 0, 0), mass=masses[1]),
+    ]
+    m = load(tmp_path, bodies, "gravity: [0, 0, 0]\nactuated: []\njoints: {one_joint: "
+             f"{{spring: {k[0]}}}, two_joint: {{spring: {k[1]}}}}}\n")  # fmt: skip
+    _, x = eigh(np.diag(k), np.array([[sum(masses), masses[1]], [masses[1]] * 2]))
+    energy = np.array(k) * x.T**2
+    found = pf.modes(m)
+    assert found.links == ("one_joint", "two_joint")
+    expected = energy / energy.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(found.share, expected, rtol=1e-9)

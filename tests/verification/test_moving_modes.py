@@ -10,6 +10,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
+from pinflex.levels.moving_modes import _quadratic
 from tests.scenes import Body, load
 
 SHAFT = """
@@ -100,3 +101,10 @@ def test_a_pose_and_a_motion_exclude_each_other(tmp_path: Path) -> None:
     robot = shaft(tmp_path)
     with pytest.raises(pf.DescriptionError, match="a pose or a motion"):
         pf.modes(robot, robot.home, at=0.0)
+
+
+def test_of_a_growing_pair_one_is_kept_and_decaying_ones_are() -> None:
+    """s^2 = 4 has s = 2 and its twin -2; s^2 + 4 s + 3 = 0 has s = -1 and -3; s^2 = -25 has 5i."""
+    C, K = np.diag([0.0, 4.0, 0.0]), np.diag([-4.0, 3.0, 25.0])
+    s, _ = _quadratic(np.eye(3), C, K)
+    np.testing.assert_allclose(s, [-1, 2, -3, 5j], atol=1e-12)

@@ -66,6 +66,17 @@ def errors(march: March, scene: Callable[[float], At], counts: tuple[int, ...]) 
     return np.array(found).T
 
 
+def test_the_last_acceleration_of_central_differences_is_of_second_order_too() -> None:
+    """There nothing lies ahead, and differences look back."""
+    (x, v), gaps, counts = (f.item() for f in exact(np.array([1.0]))), [], (64, 128, 256)
+    a = 5 * np.cos(DRIVE) - 2 * ZETA * OMEGA * v - OMEGA**2 * x
+    for n in counts:
+        *_, last = central_difference(oscillator(1 / n), n + 1, 1 / n, np.array([1.0]))
+        gaps.append(abs(last.a.item() - a))
+    assert slope([1 / n for n in counts], gaps) == pytest.approx(2.0, abs=0.1)
+    assert gaps[-1] < 0.01 * abs(a)
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_is_of_second_order_on_an_oscillator(name: str) -> None:
     counts = (64, 128, 256)

@@ -108,3 +108,18 @@ def test_a_column_under_a_plane_arm_bends_and_twists(tmp_path: Path) -> None:
     words = f"gravity: [0, 0, 0]\nactuated: [arm_joint]\nplatform: arm\nflexible:\n  column:{bar}"
     planes = load(tmp_path, bodies, words).parts["column"].planes
     assert {"v", "w", "p"} <= set(planes)
+
+
+def test_an_oblique_section_leaves_the_plane_and_a_round_one_does_not(tmp_path: Path) -> None:
+    """Bent in the plane, principal axes across it bend it out of it, and what bends so twists."""
+    m = arm(tmp_path).description
+    oblique = "flexible.arm.up=[0, 1, 2]"
+    assert pf.load(m, [oblique]).parts["arm"].planes == ("u", "v", "w", "p")
+    round_one = f"flexible.arm.section.Iz={IY}"
+    assert "p" not in pf.load(m, [oblique, round_one]).parts["arm"].planes
+
+
+def test_who_takes_a_bending_away_has_made_the_scene_plane(tmp_path: Path) -> None:
+    m = arm(tmp_path, "forces: {f: {at: tip, force: [3, 5, 5]}}").description
+    for value, planes in (("false", ("u", "v")), ("true", ("u", "v", "w", "p"))):
+        assert pf.load(m, [f"flexible.arm.bending_z={value}"]).parts["arm"].planes == planes
