@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
+from pinflex.mechanics.relevance import shares
 from tests.scenes import Body, load
 
 E, IY, IZ, J = 7.0e10, 2.5e-9, 8.0e-10, 2.0e-9
@@ -123,3 +124,14 @@ def test_who_takes_a_bending_away_has_made_the_scene_plane(tmp_path: Path) -> No
     m = arm(tmp_path, "forces: {f: {at: tip, force: [3, 5, 5]}}").description
     for value, planes in (("false", ("u", "v")), ("true", ("u", "v", "w", "p"))):
         assert pf.load(m, [f"flexible.arm.bending_z={value}"]).parts["arm"].planes == planes
+
+
+def test_a_following_load_that_comes_later_pulls_along_its_frame(tmp_path: Path) -> None:
+    """Along the bar, however the robot stands: all of its energy is stretch."""
+    pull = "forces: {f: {at: tip, force: [7, 0, 0], follower: true, start: 0.05}}"
+    m = arm(tmp_path, pull, TILTED)
+    every = [f"flexible.arm.{key}=true" for key in ("axial", "bending_y", "bending_z", "torsion")]
+    m = pf.load(m.description, every)
+    found = shares(m.description, m.links, m.parts, m.flexible, m.home)["load f"]
+    assert found["arm", "u"] == pytest.approx(1.0, rel=1e-9)
+    assert max(abs(found["arm", d]) for d in "vwp") < 1e-9
