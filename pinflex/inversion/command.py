@@ -21,7 +21,7 @@ from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
 from pinflex.inversion.grid import instants_over
 from pinflex.inversion.instant import Balanced, Instant
-from pinflex.inversion.internal import rest_needed
+from pinflex.inversion.internal import actuated_at_rest, rest_needed, zeros
 from pinflex.inversion.limits import require_within_curves, require_within_limits
 from pinflex.inversion.on_grid import on_grid
 from pinflex.inversion.target import target
@@ -214,7 +214,7 @@ def command(
     _require_numbers(mechanism.name, level, tol, before, after, instants)
     motion = motion if motion is not None else default_motion(mechanism)
     _require_smooth(mechanism, motion)
-    ahead, behind = _rests(mechanism, before, after)
+    ahead, behind = _rests(mechanism, level, before, after)
     span = ahead + motion.duration + behind
     over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
     n = instants or int(np.clip(over * span / motion.duration, _LEAST, _MOST))
@@ -263,12 +263,26 @@ def _require_numbers(
             raise DescriptionError(f"{name}: command: {key} = {time!r}. Give seconds, 0 or more.")
 
 
-def _rests(mechanism: Mechanism, before: float | None, after: float | None) -> tuple[float, float]:
-    """Rest ahead of the motion and after it [s]: as asked, else from the internal dynamics."""
-    if before is not None and after is not None:
-        return before, after
-    ahead, behind = rest_needed(mechanism)
-    return ahead if before is None else before, behind if after is None else after
+def _rests(
+    mechanism: Mechanism, level: str, before: float | None, after: float | None
+) -> tuple[float, float]:
+    """Rest ahead of the motion and after it [s]: as asked, else from the internal dynamics.
+
+    Raises:
+        DescriptionError: What is asked for cuts off motion that an exact command needs ahead.
+    """
+    if before is None or after is None:
+        ahead, behind = rest_needed(mechanism)
+        before, after = ahead if before is None else before, behind if after is None else after
+    if level == "exact":
+        least, _ = actuated_at_rest(zeros(mechanism))
+        if before < 0.999 * least:
+            raise DescriptionError(
+                f"{mechanism.name}: command: before = {before:g} s cuts off what the motors must "
+                "do ahead of the motion (the platform is not minimum phase). Give at least "
+                f"{least:.3g} s, or leave it out."
+            )
+    return before, after
 
 
 def _on_grid(

@@ -54,9 +54,20 @@ def rest_needed(mechanism: Mechanism) -> tuple[float, float]:
     if not len(poles):
         return 0.0, 0.0
     period = _PERIODS * 2.0 * np.pi / float(np.abs(poles[0]))
-    ahead = [period]
+    ahead, behind = actuated_at_rest(poles)
+    return max(period, ahead), max(period, behind)
+
+
+def actuated_at_rest(poles: Array) -> tuple[float, float]:
+    """How long motors move before the motion begins and after its end [s], but for `_FORGOTTEN`.
+
+    Args:
+        poles: Of the internal dynamics [1/s]; what swings, not growing or fading fast, asks for no
+            motion at rest.
+    """
+    times = []
     for side in (1.0, -1.0):
         growing = side * poles.real
         fast = growing[growing > 0.1 * np.abs(poles)]
-        ahead.append(-np.log(_FORGOTTEN) / float(fast.min()) if len(fast) else 0.0)
-    return max(ahead[0], ahead[1]), max(ahead[0], ahead[2])
+        times.append(-np.log(_FORGOTTEN) / float(fast.min()) if len(fast) else 0.0)
+    return times[0], times[1]

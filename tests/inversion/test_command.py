@@ -207,6 +207,9 @@ flexible:
     robot = scenes.load(tmp_path, bodies, yaml)
     T, size = 1.0, 1e-4  # [s]; [m]: small, so that the linear beam is the truth
     motion = pf.nonic(platform={"y": size}, duration=T)
+    for share in (0.2, 0.5, 0.9):  # of the rest that the zeros ask for
+        with pytest.raises(pf.DescriptionError, match="before = .* s cuts off .* minimum phase"):
+            pf.command(robot, motion, before=share * pf.command(robot, motion).before, after=3.0)
     found = pf.command(robot, motion, before=3.0, after=3.0, instants=1401)
 
     t = found.t
