@@ -13,7 +13,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between, nominal
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
@@ -27,6 +27,9 @@ _NODES = 8  # intervals between the nodes of a piece to begin with
 _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
 _LARGEST = 2e7  # numbers that the nodes may hold (160 MB)
+_KINDS = "MCKrJ"  # of each choice of rows, in the order of `LinearStep.packed`
+_ROUND_OFF = 1e-5  # of what is natural for a matrix: smaller ones, round-off alone perhaps, are
+# followed to `close` of that, 1e-14 of what is natural
 
 
 class LinearPath:
@@ -179,8 +182,7 @@ def _interpolated(
 ) -> InterpolatedPath:
     """Polynomials through twice the nodes until they are `close`, or nodes are one in `steps`."""
     like = system(every, 0)
-    widths = np.array([x.size for x in like.packed()])
-    starts = (np.cumsum(widths) - widths)[widths > 0]
+    matrices = _Matrices([x.size for x in like.packed()])
 
     def packed(times: Array) -> Iterator[Array]:
         known = every.path
@@ -193,7 +195,7 @@ def _interpolated(
             yield pack(system(line, k))
 
     for whole in (False, True):
-        moving = _Moving(packed, pieces.nodes(n).ravel(), starts, whole)
+        moving = _Moving(packed, pieces.nodes(n).ravel(), matrices, whole)
         most = _LARGEST * moving.share
         values, missed = pieces.refined(moving, moving.relative, n, close, len(t) / steps, most)
         grid = Interpolation(pieces, values.shape[1] - 1, t)
@@ -202,6 +204,39 @@ def _interpolated(
             break
     flat = np.concatenate([values.reshape(grid.nodes, -1), corners])
     return InterpolatedPath(grid, moving.parts(flat, [x.shape for x in like.packed()]), missed)
+
+
+class _Matrices:
+    """Where the matrices of a packed system are, and how large each of them naturally is.
+
+    A matrix that cancels (C of a beam that turns in its plane) holds round-off, which no polynomial
+    follows: its size is not its largest entry, but what its terms are made of.
+
+    Attributes:
+        of: Number of the matrix of each column, shape (width,).
+    """
+
+    def __init__(self, widths: Sequence[int]) -> None:
+        """`widths`: Numbers in each matrix, those of `LinearStep.packed`."""
+        self.of = np.repeat(np.arange(len(widths)), widths)
+        self._kinds = [_KINDS[k % len(_KINDS)] for k in range(len(widths) - 1)] + ["r"]
+
+    def largest(self, x: Array) -> Array:
+        """Largest entry of each matrix over rows x (k, width), shape (matrices,)."""
+        found = np.zeros(len(self._kinds))
+        np.maximum.at(found, self.of, _ends(x))
+        return found
+
+    def natural(self, sizes: Array) -> Array:
+        """The natural size of each, from their largest entries, shape (matrices,).
+
+        It is that of the same matrix in all rows, of C that of critical damping, sqrt(M K).
+        """
+        of = dict.fromkeys(_KINDS, 0.0)
+        for kind, size in zip(self._kinds, sizes.tolist(), strict=True):
+            of[kind] = max(of[kind], size)
+        of["C"] = max(of["C"], float(np.sqrt(of["M"] * of["K"])))
+        return np.array([of[kind] for kind in self._kinds])
 
 
 class _Moving:
@@ -216,7 +251,7 @@ class _Moving:
         self,
         packed: Callable[[Array], Iterator[Array]],
         first: Array,
-        starts: IntArray,
+        matrices: _Matrices,
         whole: bool,
     ) -> None:
         """Find out what moves.
@@ -224,21 +259,19 @@ class _Moving:
         Args:
             packed: Systems at times (k,), a row each.
             first: The times that are asked for first: what stands still at all of them does.
-            starts: First columns of the matrices in a row.
+            matrices: Those in a row.
             whole: Take every entry for moving.
         """
-        self._packed, self._times, self._starts = packed, first, starts
+        self._packed, self._times = packed, first
         rows = np.array(list(packed(first)))
-        ends = [*starts[1:].tolist(), rows.shape[1]]
-        matrix = np.repeat(np.arange(len(starts)), np.array(ends) - starts)
-        self._sizes = np.array(
-            [np.max(np.abs(x), initial=0.0) for x in np.split(rows, starts[1:], 1)]
-        )
-        self._still, self._small = rows[0].copy(), (STILL * self._sizes)[matrix]
+        sizes = matrices.largest(rows)
+        natural = matrices.natural(sizes)
+        self._sizes = np.maximum(sizes, _ROUND_OFF * natural)
+        self._still, self._small = rows[0].copy(), (STILL * natural)[matrices.of]
         self._moves = (np.ptp(rows, axis=0) > self._small) | whole
         self._moves[:1] |= not np.any(self._moves)  # arrays without columns keep no shape
         self._rests = ~self._moves
-        self._rows, self._matrix = rows[:, self._moves], matrix[self._moves]
+        self._rows, self._matrix = rows[:, self._moves], matrices.of[self._moves]
         self.share, self.late = max(float(np.mean(self._moves)), 1e-3), False
 
     def __call__(self, times: Array) -> Array:

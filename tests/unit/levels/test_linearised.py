@@ -9,16 +9,18 @@ import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.levels.interpolated import InterpolatedPath
 from pinflex.levels.ked import march_of, solve_ked
-from pinflex.levels.linearised import LinearPath, _Moving, along
+from pinflex.levels.linearised import LinearPath, _Matrices, _Moving, along
 from pinflex.levels.varying import varying
 from pinflex.solver.solve import default_motion
 
 # A cycloid that ends in the middle of the run; acceleration that jumps at the corners of a
-# trapezoid, in space; gravity, and damping of the whole system.
+# trapezoid, in space; gravity, and damping of the whole system; gyroscopic terms that cancel in the
+# plane, so that C is round-off (nodes were doubled in vain there, and every step evaluated).
 SCENES = {
     "race_r1": ([], 0.2, 401),
     "3tpt": ([], 0.7, 701),
     "3rrs": (["damping.scope=system", "solve.until=1"], 1.0, 301),
+    "spinning_beam": ([], 20.0, 601),
 }
 
 
@@ -91,9 +93,10 @@ def test_what_moves_late_is_noticed():
         for t in times:
             yield np.array([1.0, 2.0 + t, t * (1.0 - t)])
 
-    moving = _Moving(packed, first, np.array([0]), whole=False)
+    matrices = _Matrices([0, 0, 0, 3, 0, 0])  # a load of three
+    moving = _Moving(packed, first, matrices, whole=False)
     assert moving(then).shape == (2, 1) and moving.late
-    every = _Moving(packed, first, np.array([0]), whole=True)
+    every = _Moving(packed, first, matrices, whole=True)
     found = varying(np.array(list(packed(then))))
     assert np.array_equal(every(then), np.array(list(packed(then)))) and not every.late
     assert found.entries.tolist() == [1, 2] and np.array_equal(found.whole(), every(then))
