@@ -33,6 +33,7 @@ from tests.benchmarks.race.scenes import RACES, Overrides, Peer, Race
 
 PEER = Path(__file__).with_name("peer.py")
 CASE = "tests.benchmarks.race.case"  # the module that makes one run of ours
+USER = "tests.benchmarks.race.user"  # what that run costs with all that is around it
 REPEATS = 3  # fresh processes of each
 PLAIN = " without the kernel"  # the same setting on numpy and Pinocchio
 RESOLUTIONS = tuple(0.1 * 10.0 ** (-k / 4) for k in range(25))  # 0.1 to 1e-7
@@ -52,6 +53,8 @@ class Entry:
         first: CPU seconds of pinflex's first call in a process, with the imports it needs.
         environment: Variables of its process.
         kernel: Share of its CPU time in the compiled kernel.
+        around: Of tol and the peer, CPU seconds of the whole process: imports, model, run, torques;
+            of tol also those of load, solve and every output in a process that has all imports.
     """
 
     label: str
@@ -63,6 +66,7 @@ class Entry:
     every: tuple[float, ...] = ()
     environment: tuple[tuple[str, str], ...] = ()
     kernel: float = float("nan")
+    around: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -281,12 +285,25 @@ def _process(
     return arrays, json.loads(done.stdout.splitlines()[-1])
 
 
+def _around(command: Sequence[str]) -> dict[str, float]:
+    """CPU seconds of what is around a run by tol, in a process that begins with no import."""
+    python, _, _, model, _, tol, *rest = command
+    done = subprocess.run([python, "-m", USER, model, tol, *rest], capture_output=True, check=True)
+    found: dict[str, float] = json.loads(done.stdout)
+    return found
+
+
 def _timed(entries: dict[str, Entry], out: Path) -> dict[str, Entry]:
     """Best of the fresh processes, the entries in turn."""
     costs: dict[str, list[dict[str, Any]]] = {key: [] for key in entries}
+    around: dict[str, list[dict[str, float]]] = {"tol": []} if "tol" in entries else {}
     for _ in range(REPEATS):
         for key, entry in entries.items():
             costs[key].append(_process(entry.command, out, entry.environment)[1])
+            if key in around:
+                around[key].append(_around(entry.command))
+    if "peer" in entries:
+        around["peer"] = [{"process": cost["process"]} for cost in costs["peer"]]
     nan = float("nan")
     return {
         key: replace(
@@ -296,6 +313,9 @@ def _timed(entries: dict[str, Entry], out: Path) -> dict[str, Entry]:
             wall=min(c["wall"] for c in costs[key]),
             first=min(c.get("first_cpu", nan) for c in costs[key]),
             kernel=min(c.get("kernel", nan) for c in costs[key]),
+            around={k: min(c[k] for c in around[key]) for k in around[key][0]}
+            if key in around
+            else {},
         )
         for key, entry in entries.items()
     }

@@ -1,7 +1,7 @@
 """Race scene R2 in Exudyn: every link a chain of modal floating-frame bodies.
 
-A body is clamped at its root, with two polynomial bending modes in each plane, one of stretch and
-one of twist. Its inertia is that of four mass points at each Gauss station.
+A body is clamped at its root, with two polynomial bending modes in each plane, one of twist and, if
+wanted, one of stretch. Its inertia is that of four mass points at each Gauss station.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def law(t: Any, travel: Any) -> Any:
     return travel * cycloid(t, DURATION, exu.symbolic.sin, exu.symbolic.min)
 
 
-def body(length: float) -> tuple[Any, list[int]]:
+def body(length: float, stretch: bool) -> tuple[Any, list[int]]:
     """A modal body along x, and the mesh nodes of its tip."""
     gauss, weights = np.polynomial.legendre.leggauss(6)
     x = np.append(0.5 * length * (gauss + 1), length)
@@ -41,10 +41,13 @@ def body(length: float) -> tuple[Any, list[int]]:
     corners = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(12)
     Y, Z = (corners * (WIDTH, THICK)).T
     shapes, stiff = [], []
-    for kind, rigidity, inertia in (
+    kinds = [
         ("w", E * SOFT, RHO * AREA), ("v", E * HARD, RHO * AREA),
         ("u", E * AREA, RHO * AREA), ("twist", G * TORSION, RHO * (SOFT + HARD)),
-    ):  # fmt: skip
+    ]  # fmt: skip
+    for kind, rigidity, inertia in kinds:
+        if kind == "u" and not stretch:
+            continue
         order = 2 if kind in "wv" else 1
         powers = (2, 3) if order == 2 else (1,)
         phi = [Polynomial(np.eye(4)[p], domain=[0, length], window=[0, 1]) for p in powers]
@@ -100,7 +103,7 @@ def run(settings: Settings) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     plate = mbs.AddObject(item.ObjectRigidBody(mass=MASS, inertia=INERTIA, nodeNumber=centre))
     whole = mbs.AddMarker(item.MarkerBodyMass(bodyNumber=plate))
     mbs.AddLoad(item.LoadMassProportional(markerNumber=whole, loadVector=DOWN))
-    link = _Links(mbs, settings.elements)
+    link = _Links(mbs, settings.elements, settings.stretch)
     torques = []
     for azimuth, travel in zip(np.deg2rad([90, 210, 330]), TRAVEL, strict=True):
         out = np.array([np.cos(azimuth), np.sin(azimuth), 0])
@@ -163,9 +166,9 @@ def _motor(
 class _Links:
     """Adds links of `count` equal bodies."""
 
-    def __init__(self, mbs: Any, count: int) -> None:
+    def __init__(self, mbs: Any, count: int, stretch: bool) -> None:
         self.mbs, self.count, self.length = mbs, count, LINK / count
-        self.modal, self.tip = body(self.length)
+        self.modal, self.tip = body(self.length, stretch)
 
     def chain(
         self, before: int, frame: np.ndarray, start: np.ndarray, held: list[int], ball: bool = False
