@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,6 +112,16 @@ class FlexibleBody:
         """Rows (u, v, w, rz, ry, rx) of the section at x (m): Phi (6, n) and G (6, n, n)."""
         if self.solid is not None:
             return self.solid.rows(x)
+        if x not in self._rows:
+            self._rows[x] = self._rows_at(x)
+        return self._rows[x]
+
+    @cached_property
+    def _rows(self) -> dict[float, tuple[Array, Array | None]]:
+        """Rows of sections asked for: equal links share their body, and loads ask again."""
+        return {}
+
+    def _rows_at(self, x: float) -> tuple[Array, Array | None]:
         at = np.array([float(x)])
         Phi = beam.first_order(self.families, self.slices, at)[0]
         if not self.second_order:
