@@ -24,6 +24,8 @@ _COMMANDS = (  # in the order of the help
     *("sweep", "map", "sensitivity", "design", "fit", "bench"),
     *("view", "verify", "importing", "schema", "completion"),
 )
+_ELSEWHERE = {"import": "importing", "new": "importing"}  # modules of another name
+_WHOLE = ("importing", "completion")  # no command, and one that describes all the others
 _ISSUES = "please report it with the model and the output of --debug"
 _TITLE = (
     "Rigid-flexible dynamics of robots: from a URDF and one YAML to torques, deviations, stress."
@@ -72,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    parser = build_parser()
+    parser = build_parser(next(iter(arguments), ""))
     if not arguments:
         parser.print_help()
         return 2
@@ -115,14 +117,20 @@ def _complain(text: str, code: int) -> int:
     return code
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+def build_parser(typed: str = "") -> argparse.ArgumentParser:
+    """The parser of all commands, or, sooner made, of the one that was typed.
+
+    Args:
+        typed: First argument; what is no command, or needs to know them all, gets all.
+    """
     parser = Parser(prog="pinflex", description=_TITLE, formatter_class=Layout, epilog=_EPILOG)
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", required=True, parser_class=Parser
     )
-    for name in _COMMANDS:
+    module = _ELSEWHERE.get(typed, typed)
+    known = module in _COMMANDS and typed not in _WHOLE
+    for name in (module,) if known else _COMMANDS:
         import_module(f"pinflex.cli.{name}").add(commands)
     return parser
 

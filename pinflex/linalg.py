@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from functools import cache
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, module_from_spec
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
@@ -9,6 +16,57 @@ from pinflex.arrays import Array, IntArray
 # Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
 _NEUTRAL = 1e-9
 _SPRINGS = 1e3  # of the closures, of a stiffness scaled to one
+
+
+@cache
+def lapack() -> Any:
+    """LAPACK as scipy wraps it: what `scipy.linalg.lapack` holds.
+
+    The wrappers are taken alone, in 3 ms: `scipy.linalg` as a whole takes 130, half of a small run.
+    Where scipy keeps them elsewhere, the whole is imported.
+    """
+    alone = _alone()
+    if alone is not None:
+        return alone
+    from scipy.linalg import lapack as whole
+
+    return whole
+
+
+def _alone() -> Any:
+    scipy, name = find_spec("scipy"), "scipy.linalg._flapack"
+    folders = None if scipy is None else scipy.submodule_search_locations
+    if not folders or "scipy.linalg" in sys.modules:
+        return None
+    spec = PathFinder.find_spec(name, [str(Path(folders[0], "linalg"))])
+    if spec is None or spec.loader is None:
+        return None
+    try:
+        found = module_from_spec(spec)
+        spec.loader.exec_module(found)
+    except ImportError:  # it needs what importing scipy sets up
+        return None
+    finally:
+        sys.modules.pop(name, None)  # `import scipy.linalg` finds it for itself
+    return found
+
+
+def eigh(K: Array, M: Array, vectors: bool = True) -> tuple[Array, Array]:
+    """Eigenvalues (n,), ascending, and vectors (n, n) of K x = lambda M x with x' M x = 1.
+
+    Args:
+        K: Symmetric, shape (n, n). M: Positive definite, shape (n, n).
+        vectors: Whether they are wanted.
+    Raises:
+        numpy.linalg.LinAlgError: M is not positive definite.
+    """
+    if not len(K):
+        return np.zeros(0), np.zeros((0, 0))
+    K, M = np.asarray_chkfinite(K), np.asarray_chkfinite(M)
+    values, x, info = lapack().dsygvd(K, M, uplo="L", jobz="V" if vectors else "N")
+    if info:
+        raise np.linalg.LinAlgError(f"dsygvd: info {info}, of {len(K)}")
+    return values, x
 
 
 def saddle_matrix(A: Array, J: Array, J_left: Array | None = None) -> Array:
@@ -62,14 +120,12 @@ def independent_rows(J: Array, small: float, scale: float | None = None) -> IntA
         J: Shape (rows, n).
         small: What is left of a dependent row is at most small * scale; None: of the largest row.
     """
-    from scipy.linalg import qr
-
     if not J.shape[0] or not J.shape[1]:
         return np.zeros(0, dtype=np.intp)
-    _, R, order = qr(J.T, mode="economic", pivoting=True)
+    R, order, *_ = lapack().dgeqp3(np.asarray_chkfinite(J.T))
     size = np.abs(np.diag(R))
     limit = small * (max(float(size[0]), 1e-300) if scale is None else scale)
-    return np.asarray(order[: int(np.sum(size > limit))], dtype=np.intp)
+    return np.asarray(order[: int(np.sum(size > limit))] - 1, dtype=np.intp)
 
 
 def negative_directions(K: Array, J: Array) -> int:

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
+from pinflex.linalg import lapack
+
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
@@ -18,7 +20,7 @@ def one_blas_thread() -> Iterator[None]:
 @cache
 def _controller() -> Any:
     """What holds the BLAS libraries: scipy's is one of its own, and has to be loaded by then."""
-    import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 
+    lapack()
     return ThreadpoolController()

@@ -12,6 +12,7 @@ import numpy as np
 
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.moments import CROSS
+from pinflex.linalg import eigh
 
 UNITS = {
     "mass": "kg",
@@ -36,8 +37,6 @@ def modal_data(body: FlexibleBody) -> dict[str, Any]:
         and effective_mass (n, 3), effective_inertia (n, 3) for x, y, z; coordinates, points,
         inertia_error.
     """
-    from scipy.linalg import eigh
-
     m, p = body.mass, body.points
     total = float(m.sum())
     centre = m @ p / total

@@ -61,9 +61,8 @@ otherwise.""",
 
 def run(args: argparse.Namespace) -> int:
     """Natural frequencies and mode shapes at a pose."""
-    from pinflex.levels.modes import base_state, modes
+    from pinflex.levels.modes import base_state, first_modes, modes
     from pinflex.studies.check import is_loaded, require_vibrating
-    from pinflex.studies.mode_shapes import first_modes
     from pinflex.studies.pose import pose
 
     mechanism = load_model(args)
@@ -164,7 +163,7 @@ def _json(name: str, modes: Modes, motors: Mapping[str, float]) -> dict[str, obj
 
 
 def _text(modes: Modes) -> str:
-    from pinflex.studies.mode_shapes import rigid_body
+    from pinflex.levels.modes import rigid_body
 
     rows = [
         [str(i), number(f), number(1 / f if f > 0 else None), _who(share, f)]

@@ -19,7 +19,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.schemes import AlphaScheme, newmark
-from pinflex.linalg import saddle
+from pinflex.linalg import eigh, lapack, null_space, saddle
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,7 @@ class _Factored:
     """`saddle` at instants in turn: one that stays the same object keeps its factors."""
 
     def __init__(self) -> None:
-        from scipy.linalg.lapack import dgetrf, dgetrs
-
-        self._factor, self._solve = dgetrf, dgetrs
+        self._factor, self._solve = lapack().dgetrf, lapack().dgetrs
         self._now: Instant | None = None
 
     def __call__(
@@ -191,16 +189,13 @@ def _last(d: list[Array], h: float) -> tuple[Array, Array, Array]:
 
 def stable_step(now: Instant) -> float:
     """2 / omega_max of the instant, s; zero when a coordinate has no mass."""
-    from scipy.linalg import eigh, null_space
-
-    Z = null_space(now.J, rcond=1e-10) if len(now.J) else np.eye(len(now.M))
+    Z = null_space(now.J)
     M, K = Z.T @ now.M @ Z, Z.T @ now.K @ Z
     try:
-        last = len(M) - 1
-        top = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), eigvals_only=True, subset_by_index=[last] * 2)
+        squares, _ = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), vectors=False)
     except np.linalg.LinAlgError:
         return 0.0
-    return float(2.0 / np.sqrt(max(top[0], 1e-300)))
+    return float(2.0 / np.sqrt(max(squares[-1], 1e-300)))
 
 
 def houbolt(at: At, count: int, h: float, d: Array) -> Iterator[State]:

@@ -22,6 +22,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.linear import At, Instant, State, with_multipliers
+from pinflex.linalg import lapack
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,10 @@ class _Choice:
     """z: coordinates that stay when the closures are solved for the others."""
 
     def __init__(self, at: At, count: int, h: float) -> None:
-        from scipy.linalg import qr
-
         self.at, self.count, self.h = at, count, h
         J = at(0).J
         rows, n = J.shape
-        order = qr(J, pivoting=True)[2] if rows else np.arange(n)
+        order = lapack().dgeqp3(J)[1] - 1 if rows else np.arange(n)
         self.solved: IntArray = np.sort(order[:rows])
         self.kept: IntArray = np.sort(order[rows:])
 

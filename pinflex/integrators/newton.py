@@ -11,6 +11,7 @@ from pinflex.actuation.drive import TorqueDrive
 from pinflex.actuation.feedback import FeedbackState
 from pinflex.arrays import Array
 from pinflex.integrators.schemes import AlphaScheme
+from pinflex.linalg import lapack
 from pinflex.mechanics.equations import Equations
 
 
@@ -37,9 +38,7 @@ class Newton:
         drive: TorqueDrive | None,
         feedback: FeedbackState | None,
     ):
-        from scipy.linalg.lapack import dgetrf, dgetrs
-
-        self._factor, self._solve = dgetrf, dgetrs
+        self._factor, self._solve = lapack().dgetrf, lapack().dgetrs
         system = dynamics.system
         self.dynamics, self.scheme, self.h, self.drive = dynamics, scheme, h, drive
         self.feedback = feedback

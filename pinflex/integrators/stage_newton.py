@@ -17,6 +17,7 @@ from pinflex.actuation.drive import TorqueDrive
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.compiled_stages import CompiledStages
+from pinflex.linalg import lapack
 from pinflex.mechanics.equations import Equations
 
 
@@ -99,9 +100,7 @@ class StageNewton:
         drive: TorqueDrive | None,
         compiled: CompiledStages | None = None,
     ) -> None:
-        from scipy.linalg import lapack  # slow to import: only runs pay for it
-
-        self._lapack, self._compiled = lapack, compiled
+        self._lapack, self._compiled = lapack(), compiled
         self._dynamics, self._drive = dynamics, drive
         mu, one = method.values, np.ones_like(method.values)
         self._weights, self._real = np.stack([mu * mu, mu, one, one], axis=1), abs(mu.imag) < 1e-9
@@ -140,15 +139,15 @@ class StageNewton:
                 raise np.linalg.LinAlgError("singular iteration matrix")
             self.factors, self.h = self.factors + 1, h
             return
-        size, lapack = len(self.free) + len(of.by_closures), self._lapack
+        size, wraps = len(self.free) + len(of.by_closures), self._lapack
         every = (self._weights * (1.0, h, h * h, 1.0)).dot(of.terms)
         if not np.isfinite(every).all():
             raise np.linalg.LinAlgError("iteration matrix without numbers")
         self._lu = []
         for S, real in zip(every, self._real, strict=True) if size else ():
-            getrf, getrs = lapack.zgetrf, lapack.zgetrs
+            getrf, getrs = wraps.zgetrf, wraps.zgetrs
             if real:
-                S, getrf, getrs = S.real.copy(), lapack.dgetrf, lapack.dgetrs
+                S, getrf, getrs = S.real.copy(), wraps.dgetrf, wraps.dgetrs
             # Of the transposed terms: column by column, as LAPACK reads.
             lu, pivots, info = getrf(S.reshape(size, size).T, overwrite_a=True)
             if info > 0:

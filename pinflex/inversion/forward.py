@@ -24,7 +24,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
 from pinflex.inversion.instant import Balanced, Instant
-from pinflex.linalg import saddle_matrix
+from pinflex.linalg import lapack, saddle_matrix
 from pinflex.mechanics.manifold import Manifold
 
 _NODES = 16  # intervals over the motion in which matrices are straight lines: the defect tells
@@ -113,8 +113,7 @@ class Forward:
 
     def _departure(self, forces: Array, gap: Array) -> tuple[Array, Array]:
         """d (nt, nv) and dlam (nt, rows) under open forces (nt, free) and gaps (nt, rows)."""
-        from scipy.linalg.lapack import dgetrs
-
+        dgetrs = lapack().dgetrs
         n, h, quarter = forces.shape[1], self._h, 0.25 * self._h**2
         out, lam = np.zeros((len(forces), self._instant.system.nv)), np.zeros_like(gap)
         d, v, a = np.zeros((3, n))
@@ -137,13 +136,11 @@ class Forward:
 
     def _factorised(self, node: int, part: float) -> tuple[Array, Array]:
         """LU factors of a step's saddle matrix; at rest all steps have one."""
-        from scipy.linalg.lapack import dgetrf
-
         if (node, part) not in self._factors:
             here, rise, h = self._from[node], self._rise[node], self._h
             M, C, K, J = (x + part * y for x, y in zip(here, rise, strict=True))
             S = saddle_matrix(M + 0.5 * h * C + 0.25 * h * h * K, J)
-            self._factors[node, part] = dgetrf(S)[:2]
+            self._factors[node, part] = lapack().dgetrf(S)[:2]
         return self._factors[node, part]
 
 

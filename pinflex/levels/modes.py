@@ -7,7 +7,7 @@ follow make K unsymmetric (`levels.circulatory`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from pinflex.errors import DescriptionError, SingularityError
 from pinflex.levels.circulatory import acts_without_potential, coupled
 from pinflex.levels.moving_modes import At, Moving, state_at, whirl
 from pinflex.levels.quasistatic import rest
-from pinflex.linalg import null_space
+from pinflex.linalg import eigh, lapack, null_space
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief, table
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 _LOW = 1e-8  # omega^2 below this share of the highest: half its digits are round-off
 _STIFF = 1e-6  # least pivot of K with unit diagonal at which nothing is free to move
+
+# Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
+_ROUND_OFF = 1e-7
 
 _SHOWN = 0.005  # of a mode's energy: half a per cent, what is not shown as 0 %
 
@@ -49,7 +52,7 @@ class Modes:
         links: Names for `share`.
         preload: "gravity", "none", or "motion". free_motors: Whether motors were free.
         rigid_body: Modes at 0 Hz that were left out: those of a free base, and what
-            `mode_shapes.first_modes` leaves out.
+            `first_modes` leaves out.
         growth: About a motion, with complex shapes, or where loads that follow make modes flutter:
             rate of growth of each mode, shape (k,), 1/s.
         about: The motion that was linearised about, "" where there is none.
@@ -259,8 +262,6 @@ def condensed(K: Array, M: Array) -> tuple[Array, Array, Array]:
         Modes x (n, k), the massless coordinates following statically; compliance (n, n) of the
         massless ones with the others held; omega^2 (k,).
     """
-    from scipy.linalg import eigh
-
     K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
     if not len(K):
         return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
@@ -295,8 +296,6 @@ def _lowest_again(K: Array, M: Array, omega2: Array, x: Array) -> tuple[Array, A
     Each way errs by round-off of its largest eigenvalue: omega^2 of the lowest is lost where the
     highest is 1e13 times larger (a payload of 1e10 times the beam), 1/omega^2 of the lowest is not.
     """
-    from scipy.linalg import solve_triangular
-
     highest = float(np.max(np.abs(omega2), initial=0.0))
     low = np.abs(omega2) < _LOW * highest
     if not np.any(low):
@@ -313,10 +312,11 @@ def _lowest_again(K: Array, M: Array, omega2: Array, x: Array) -> tuple[Array, A
         return shown, x
     if np.min(np.diag(L)) < _STIFF:  # something is free to move, or nearly so
         return shown, x
-    half = solve_triangular(L, M * scale * scale[:, None], lower=True)
-    flexibility, z = np.linalg.eigh(solve_triangular(L, half.T, lower=True))
+    trtrs = lapack().dtrtrs
+    half = trtrs(L, M * scale * scale[:, None], lower=True)[0]
+    flexibility, z = np.linalg.eigh(trtrs(L, half.T, lower=True)[0])
     again = slice(None, -int(np.sum(low)) - 1, -1)
-    found = solve_triangular(L.T, z[:, again]) * scale[:, None]
+    found = trtrs(L.T, z[:, again])[0] * scale[:, None]
     shown, x = shown.copy(), x.copy()
     shown[low] = 1.0 / flexibility[again]
     x[:, low] = found / np.sqrt(flexibility[again])
@@ -341,3 +341,32 @@ def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]
     energy[:, len(bent) :] = (stiffness[:, None] * np.abs(shapes[rows]) ** 2).T
     total = energy.sum(1, keepdims=True)
     return energy / np.where(total > 0, total, 1.0), links
+
+
+def first_modes(found: Modes, count: int, zeros: bool = False) -> Modes:
+    """The first of all modes that have a stiffness; those at 0 Hz are only counted, or `zeros`.
+
+    A frequency at the round-off of the highest one is zero.
+
+    Args:
+        found: All modes, slowest first.
+        count: How many.
+        zeros: Whether those at 0 Hz are among them.
+    """
+    f = found.frequencies
+    alive = np.abs(f) > _ROUND_OFF * np.max(np.abs(f), initial=0.0)
+    f, kept = np.where(alive, f, 0.0), np.flatnonzero(alive | zeros)[:count]
+    return replace(
+        found,
+        frequencies=f[kept],
+        shapes=found.shapes[:, kept],
+        share=found.share[kept],
+        growth=None if found.growth is None else found.growth[kept],
+        rigid_body=0 if zeros else found.rigid_body + int(np.sum(~alive)),
+    )
+
+
+def rigid_body(found: Modes) -> str:
+    """The modes at 0 Hz in words, "" where there are none."""
+    n = found.rigid_body
+    return f"{n} rigid-body mode{'s'[: n != 1]} at 0 Hz" if n else ""

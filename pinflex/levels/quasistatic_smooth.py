@@ -30,7 +30,7 @@ from pinflex.levels.quasistatic import (
     unstable_directions,
     unstable_text,
 )
-from pinflex.linalg import negative_directions, saddle_matrix
+from pinflex.linalg import lapack, negative_directions, saddle_matrix
 from pinflex.mechanics.closure_motion import FrozenLinks
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.manifold import Manifold
@@ -62,9 +62,7 @@ class Equilibria:
 
     def __init__(self, mechanism: Mechanism, motion: Motion, t: Array, close: float) -> None:
         """`close`: the forces and gaps that Newton may leave at nodes, of the largest ones."""
-        from scipy.linalg import lapack  # slow to import: only runs pay for it
-
-        self._lapack, self._mechanism, self._motion = lapack, mechanism, motion
+        self._lapack, self._mechanism, self._motion = lapack(), mechanism, motion
         self._system, self._close = mechanism.flexible, close
         self.dynamics = Equations(self._system)
         self._manifold = Manifold(self.dynamics)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -36,6 +35,8 @@ ASSESSED = ("energy_balance", "grades", "warnings", "limits", "monitors")  # key
 @cache
 def version() -> str:
     """Installed version of pinflex, or "0+checkout"."""
+    from importlib import metadata  # slow to import: of a run that is kept, or --version
+
     try:
         return metadata.version("pinflex")
     except metadata.PackageNotFoundError:

@@ -15,6 +15,7 @@ from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.urdf import limits
 from pinflex.integrators.run import Run
+from pinflex.linalg import eigh
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.joints import sliding
@@ -102,8 +103,6 @@ def monitors(
 
 def _fastest(run: Run, slot: Slot, M: Array) -> float:
     """Share of the fastest bending mode of a body in its elastic kinetic energy; M: all rows."""
-    from scipy.linalg import eigh
-
     start = int(run.system.rigid.nv) + slot.eta.start
     parts, totals = [0.0], np.zeros(len(run.t))
     for plane, inside in slot.body.slices.items():
@@ -135,10 +134,8 @@ def first_frequency(part: FlexiblePart) -> float:
 
 def _ridden_frequency(body: FlexibleBody) -> float:
     """The same of a body whose mass matrix has what rides on it, plane by plane."""
-    from scipy.linalg import eigh
-
     planes = [body.slices[d] for d in ("v", "w") if d in body.slices]
-    lowest = [eigh(body.K[p, p], body.M[p, p], eigvals_only=True)[0] for p in planes]
+    lowest = [eigh(body.K[p, p], body.M[p, p], vectors=False)[0][0] for p in planes]
     return float(np.sqrt(min(lowest, default=np.inf)))
 
 

@@ -14,7 +14,7 @@ from pinflex.cards import Worded
 from pinflex.description.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.excited import default_motion
-from pinflex.levels.modes import Modes, base_state, modes
+from pinflex.levels.modes import Modes, base_state, first_modes, modes, rigid_body
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.joints import sliding
@@ -30,7 +30,6 @@ from pinflex.studies.check_parts import (
     loop_checks,
 )
 from pinflex.studies.check_statics import Statics, statics
-from pinflex.studies.mode_shapes import first_modes, rigid_body
 from pinflex.text import brief
 from pinflex.threads import one_blas_thread
 

@@ -1,8 +1,7 @@
-"""The first modes, and their shapes as runs of one period, so that the player can show them."""
+"""Shapes of modes as runs of one period, so that the player can show them."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,37 +22,6 @@ if TYPE_CHECKING:
 
 _INSTANTS = 41  # of one period: smooth on the screen
 _SWING = 1e-3  # [rad | m] largest coordinate of the drawn motion: small, so shapes stay linear
-# Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
-_ROUND_OFF = 1e-7
-
-
-def first_modes(found: Modes, count: int, zeros: bool = False) -> Modes:
-    """The first of all modes that have a stiffness; those at 0 Hz are only counted, or `zeros`.
-
-    A frequency at the round-off of the highest one is zero.
-
-    Args:
-        found: All modes, slowest first.
-        count: How many.
-        zeros: Whether those at 0 Hz are among them.
-    """
-    f = found.frequencies
-    alive = np.abs(f) > _ROUND_OFF * np.max(np.abs(f), initial=0.0)
-    f, kept = np.where(alive, f, 0.0), np.flatnonzero(alive | zeros)[:count]
-    return replace(
-        found,
-        frequencies=f[kept],
-        shapes=found.shapes[:, kept],
-        share=found.share[kept],
-        growth=None if found.growth is None else found.growth[kept],
-        rigid_body=0 if zeros else found.rigid_body + int(np.sum(~alive)),
-    )
-
-
-def rigid_body(found: Modes) -> str:
-    """The modes at 0 Hz in words, "" where there are none."""
-    n = found.rigid_body
-    return f"{n} rigid-body mode{'s'[: n != 1]} at 0 Hz" if n else ""
 
 
 def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:

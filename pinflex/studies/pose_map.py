@@ -18,7 +18,7 @@ from pinflex.description.description import Description
 from pinflex.description.motion import Motion
 from pinflex.description.schema import shown
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import first_modes, modes
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism, load
@@ -27,7 +27,6 @@ from pinflex.results.pose_map import PoseMap
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.cases import Case, combined, listed
 from pinflex.studies.check import is_loaded, require_vibrating
-from pinflex.studies.mode_shapes import first_modes
 from pinflex.studies.pose import moved
 from pinflex.studies.stiffness import platform_compliance
 from pinflex.studies.sweep import described
