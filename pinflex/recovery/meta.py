@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import cache
 from typing import Any
@@ -49,8 +49,8 @@ def describe(
     level: str,
     cost: dict[str, float],
     stopped: str,
-) -> dict[str, Any]:
-    """The meta mapping of a Result (plain JSON types), but for what `assess` says.
+) -> dict[str, Callable[[], Any]]:
+    """The meta mapping of a Result, key by key, but for what `assess` says.
 
     Args:
         mechanism: Mechanism that was solved.
@@ -58,33 +58,39 @@ def describe(
         level: Fidelity.
         cost: Counts and seconds.
         stopped: Why it ended early; "" for complete.
+    Returns:
+        Functions that find the value of a key (plain JSON types): some take longer than a run.
     """
-    description = mechanism.description
+    description, model = mechanism.description, mechanism.rigid.rigid
     return {
-        "name": mechanism.name,
-        "level": level,
-        "status": "stopped" if stopped else "complete",
-        "message": stopped,
-        "joints": list(mechanism.rigid.rigid.names)[1:],
-        "joint_index": _joint_index(mechanism.rigid.rigid),
-        "coordinates": list(mechanism.coordinates),
-        "actuated": list(mechanism.motors),
-        "frames": list(description.reported),
-        "platform": description.platform,
-        "loops": _loops(mechanism, run),
-        "links": _links(mechanism) if run.system.n_eta else {},
-        "drives": drives.describe(mechanism),
-        "bodies": _bodies(mechanism),
-        "gravity": list(description.gravity),
-        "settings": _settings(run),
-        "resume": None if run.s is None else run.s[-1].tolist(),
-        "cost": {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
-        "units": _units(mechanism),
-        "evaluated_by": evaluated_by(run.system),
-        "versions": {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__},
-        "drawing": urdf_parts(description.urdf_text),
-        "sources": dict(description.sources),
+        "name": lambda: mechanism.name,
+        "level": lambda: level,
+        "status": lambda: "stopped" if stopped else "complete",
+        "message": lambda: stopped,
+        "joints": lambda: list(model.names)[1:],
+        "joint_index": lambda: _joint_index(model),
+        "coordinates": lambda: list(mechanism.coordinates),
+        "actuated": lambda: list(mechanism.motors),
+        "frames": lambda: list(description.reported),
+        "platform": lambda: description.platform,
+        "loops": lambda: _loops(mechanism, run),
+        "links": lambda: _links(mechanism) if run.system.n_eta else {},
+        "drives": lambda: drives.describe(mechanism),
+        "bodies": lambda: _bodies(mechanism),
+        "gravity": lambda: list(description.gravity),
+        "settings": lambda: _settings(run),
+        "resume": lambda: None if run.s is None else run.s[-1].tolist(),
+        "cost": lambda: {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
+        "units": lambda: _units(mechanism),
+        "evaluated_by": lambda: evaluated_by(run.system),
+        "versions": _versions,
+        "drawing": lambda: urdf_parts(description.urdf_text),
+        "sources": lambda: dict(description.sources),
     }
+
+
+def _versions() -> dict[str, str]:
+    return {"pinflex": version(), "pinocchio": pin.__version__, "numpy": np.__version__}
 
 
 def assess(

@@ -54,10 +54,13 @@ def result_of(
             found = assess(mechanism, samples.run, arrays, samples.kinematics.spins)
             return plain_meta(found | {"warnings": [*found["warnings"], *samples.said()]})
 
-    def described() -> dict[str, Any]:
-        return plain_meta(describe(mechanism, run, level, cost, stopped))
+    def told(key: str, find: Callable[[], Any]) -> Callable[[], dict[str, Any]]:
+        return lambda: plain_meta({key: find()})
 
-    return Result(run.t, arrays, Late({}, {ASSESSED: assessed, (): described}))
+    known = describe(mechanism, run, level, cost, stopped)
+    described: dict[tuple[str, ...], Callable[[], dict[str, Any]]]
+    described = {(key,): told(key, find) for key, find in known.items()}
+    return Result(run.t, arrays, Late({}, {ASSESSED: assessed, **described}))
 
 
 def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:

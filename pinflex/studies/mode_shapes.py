@@ -80,7 +80,8 @@ def _run(
     q = np.tile(found.y[: int(system.rigid.nq)], (len(t), 1))
     empty = np.zeros((len(t), int(system.rigid.nv)))
     arrays = recover(mechanism, run, Nominal(t, q, empty, empty))
-    meta = describe(mechanism, run, "coupled", {}, "")
+    known = describe(mechanism, run, "coupled", {}, "")
+    meta = {key: find() for key, find in known.items()}
     meta |= {"warnings": [], "limits": [], "monitors": {}, "energy_balance": None}
     drawn = {
         key: value
