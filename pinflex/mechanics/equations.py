@@ -43,8 +43,7 @@ class Equations(Geometry):
     """
 
     def __init__(self, system: System, often: bool = True) -> None:
-        """`often`: worth the millisecond or two that tables for the kernel take."""
-        super().__init__(system)
+        super().__init__(system, often)
         self.damped, self.rubbed = bool(np.any(system.D)), system.friction.present
         self.sprung, self.loaded = len(system.springs.v_at) > 0, system.loads.present
         self.strain = Strain(system)
@@ -52,7 +51,6 @@ class Equations(Geometry):
         added = system.added  # and the joints that it, closures and loads act on:
         self._acted = sorted({*system.closed.joints, *self._loads.support, *added.joints})
         self.added = AddedInertia(added, self.model, self.data) if added.joints else None
-        self._often = often
 
     @cached_property
     def compiled(self) -> Compiled | None:

@@ -21,10 +21,12 @@ from pinflex.mechanics.compiled import Compiled
 from pinflex.mechanics.contact import require_on_beam
 from pinflex.mechanics.coordinate_map import Configuration, CoordinateMap
 from pinflex.mechanics.evaluated import Closure
+from pinflex.mechanics.one_by_one import OneByOne
 from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.system import System
 from pinflex.mechanics.whole import Whole
 
+_DEAR = 1e6  # bytes of a workspace that a look does without
 _SIZES = 8  # numbers of states whose index tables are kept
 TOGETHER = 32  # states at a time: numpy's price for a call is spread, what is used stays in cache
 
@@ -56,8 +58,9 @@ class Geometry:
         vector_space: Whether y moves by plain addition. looped: Whether there are closures.
     """
 
-    def __init__(self, system: System) -> None:
-        self.system = system
+    def __init__(self, system: System, often: bool = True) -> None:
+        """`often`: worth a workspace, or the tables for the kernel."""
+        self.system, self._often = system, often
         self.model: pin.Model = system.expansion.model
         self.map = CoordinateMap(system.rigid, system.expansion)
         self.n_rigid, self.nq_rigid = self.map.n_rigid, self.map.nq_rigid
@@ -90,6 +93,12 @@ class Geometry:
         """Pinocchio on the model, in one piece or in parts."""
         parts = self.system.parts
         return Subtrees(self.model, parts) if parts else self._whole
+
+    @cached_property
+    def placing(self) -> OneByOne | Whole | Subtrees:
+        """What places joints: for a look at a model of size it needs no workspace."""
+        dear = workspace.size(self.model) > _DEAR
+        return self.pinocchio if self._often or not dear else OneByOne(self.model)
 
     @cached_property
     def _whole(self) -> Whole:
@@ -137,7 +146,7 @@ class Geometry:
         Y = np.atleast_2d(y)
         out = np.empty((len(Y), self._joints, 12))
         for s in spans(len(Y)):
-            out[s] = self.pinocchio.poses(self.map.at(Y[s], passing=True).Q)
+            out[s] = self.placing.poses(self.map.at(Y[s], passing=True).Q)
         return out
 
     def kinematics(self, y: Array, v: Array | None = None) -> Kinematics:
@@ -159,7 +168,9 @@ class Geometry:
 
     def _placed(self, here: Configuration, rates: bool = False) -> tuple[Array, Array, Array]:
         """Joint poses (n, joints, 12), world Jacobians (n, 6, nV) and, if asked, their rates."""
-        return self.pinocchio.jacobians(here.Q, here.V if rates else None)
+        if rates:
+            return self.pinocchio.jacobians(here.Q, here.V)
+        return self.placing.jacobians(here.Q)
 
     def _closed(self, poses: Array, here: Configuration, Y: Array) -> ClosureState:
         n = len(poses)

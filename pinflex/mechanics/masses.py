@@ -52,7 +52,9 @@ def require_mass(
     y = np.concatenate([home, np.zeros(flexible.n_eta)])
     poses = Geometry(rigid).joint_poses(home)
     said = of_scene(description, links, parts, given, rigid, flexible, poses)
-    made = of_model(flexible, poses if flexible is rigid else Geometry(flexible).joint_poses(y))
+    made = of_model(
+        flexible, poses if flexible is rigid else Geometry(flexible, often=False).joint_poses(y)
+    )
     rotors = _rotors(description, links), float(flexible.expansion.model.armature.sum())
     off = np.abs(made - said).max() / max(np.abs(said).max(), np.finfo(float).tiny)
     turns = abs(rotors[1] - rotors[0]) / max(abs(rotors[0]), np.finfo(float).tiny)

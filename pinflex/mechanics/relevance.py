@@ -211,7 +211,7 @@ class _Look:
     def falling(self) -> Array:
         """Generalised forces of a unit gravity along x, y and z, shape (nv, 3)."""
         here = self.dynamics.at(self.y)
-        return here.times_map(self.dynamics.pinocchio.falling(here.Q[0])).T
+        return here.times_map(self.dynamics.placing.falling(here.Q[0])).T
 
 
 def _frames(

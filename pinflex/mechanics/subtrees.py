@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics import workspace
+from pinflex.mechanics.one_by_one import falling
 from pinflex.mechanics.poses import JointPoses, columns
 from pinflex.mechanics.split import Rows, Subtree
 from pinflex.mechanics.whole import Whole, energies_of, rotor_energy_left_out
@@ -289,17 +290,9 @@ class Subtrees:
         return force, moment
 
     def falling(self, Q: Array) -> Array:
-        """As `Whole.falling`: of each row the mass beyond it, times how it moves its centre."""
+        """As `Whole.falling`."""
         poses, J = (x[0] for x in self.jacobians(Q[None])[:2])
-        mass, first = np.zeros(self._joints), np.zeros((self._joints, 3))
-        for j in range(self._joints - 1, 0, -1):
-            inertia, R = self.model.inertias[j], poses[j, :9].reshape(3, 3).T
-            mass[j] += inertia.mass
-            first[j] += inertia.mass * (R @ inertia.lever + poses[j, 9:])
-            mass[self.model.parents[j]] += mass[j]
-            first[self.model.parents[j]] += first[j]
-        of = np.repeat(np.arange(self._joints), np.array(self.model.nvs))
-        return np.asarray(mass[of] * J[:3] + np.cross(J[3:].T, first[of]).T)
+        return falling(self.model, poses, J)
 
 
 def _block(rows: Rows) -> tuple[Rows, Rows] | tuple[IntArray, ...]:

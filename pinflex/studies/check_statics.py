@@ -14,6 +14,7 @@ from pinflex.levels.rigid import multipliers
 from pinflex.levels.start import acted_on
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_jacobian, frame_pose
+from pinflex.mechanics.geometry import Geometry
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.rotations import rotation_vector
 from pinflex.text import brief
@@ -116,12 +117,12 @@ def _sag(
 ) -> Sag | None:
     if found is None or mechanism.description.platform is None:
         return None
-    flat = mechanism.undeformed()
+    flat, look = mechanism.undeformed(), Geometry(dynamics.system, often=False)
     here = mechanism.frame(mechanism.description.platform)
     if linear:  # the differential of the pose, without the second order of its turns
-        moved = frame_jacobian(dynamics, flat, here) @ dynamics.difference(flat, found.y)
+        moved = frame_jacobian(look, flat, here) @ dynamics.difference(flat, found.y)
         return Sag(_triple(moved[:3]), _triple(moved[3:]))
-    straight, bent = (frame_pose(dynamics, y, here) for y in (flat, found.y))
+    straight, bent = (frame_pose(look, y, here) for y in (flat, found.y))
     turned = rotation_vector((bent.rotation @ straight.rotation.T)[None])[0]
     return Sag(_triple(bent.translation - straight.translation), _triple(turned))
 

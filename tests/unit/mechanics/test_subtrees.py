@@ -10,6 +10,7 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.mechanics import split as splitting
+from pinflex.mechanics.one_by_one import OneByOne
 from pinflex.mechanics.split import Subtree, split
 from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.whole import Whole
@@ -99,6 +100,10 @@ def test_a_model_in_parts_answers_as_the_whole(
     _same(parted.energies(Q, V), whole.energies(Q, V))
     _same(parted.from_ground(Q[0], V[0], A[0]), whole.from_ground(Q[0], V[0], A[0]))
     _same([parted.falling(Q[0])], [whole.falling(Q[0])])
+    single = OneByOne(model)  # which keeps no workspace
+    _same([single.poses(Q)], [poses])
+    _same(single.jacobians(Q)[:2], whole.jacobians(Q)[:2])
+    _same([single.falling(Q[0])], [whole.falling(Q[0])])
     if not parted.cut:
         M, M_whole = parted.mass(Q[0]), whole.mass(Q[0])
         _same([np.triu(M)], [np.triu(M_whole)])
