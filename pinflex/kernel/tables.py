@@ -18,6 +18,7 @@ COUNTS = (
     *("nq", "nv", "nq_rigid", "nv_rigid", "nQ", "nV"),
     *("nodes", "points", "twists", "rows", "loops", "closures"),
     *("forces", "springs", "dampers", "joint_springs", "rubs", "legs"),
+    "couplings",
 )
 # Each array with its shape; "name+1" starts of rows, whose last entry counts what "*name" holds.
 INTEGERS = {
@@ -41,6 +42,9 @@ INTEGERS = {
     **dict.fromkeys(("node_a", "node_b"), ("loops",)),
     "loop_at": ("loops+1",),
     **dict.fromkeys(("row_kind", "row_number", "row_a", "row_b"), ("*loop_at",)),
+    "couple_row": ("couplings",),
+    "couple_at": ("couplings+1",),
+    **dict.fromkeys(("couple_q", "couple_v"), ("*couple_at",)),
     **dict.fromkeys(("force_node", "force_follows"), ("forces",)),
     **dict.fromkeys(("spring_a", "spring_b"), ("springs",)),
     **dict.fromkeys(
@@ -68,6 +72,8 @@ NUMBERS = {
     "g": ("*g_at",),
     **dict.fromkeys(("frame_a", "frame_b"), ("loops", 12)),
     "row_length": ("*loop_at",),
+    "couple_factor": ("*couple_at",),
+    "couple_offset": ("couplings",),
     "force_place": ("forces", 3),
     "force_load": ("forces", 6),
     **dict.fromkeys(("spring_place_a", "spring_place_b", "spring_law"), ("springs", 3)),
@@ -83,7 +89,8 @@ _INTO: dict[str, str | int] = {
     "point_node": "nodes", "point_q": "nQ", "point_v": "nV", "twist_node": "nodes",
     "twist_q": "nQ", "twist_v": "nV", "row_q": "nQ", "row_v": "nV", "phi_i": "n_eta",
     "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
-    "row_number": "closures", "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
+    "row_number": "closures", "couple_row": "closures", "couple_q": "nQ", "couple_v": "nV",
+    "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
     "col_first": "nv", "leg_of": "legs", "range_from": "nv", "range_last": "nv",
     "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,

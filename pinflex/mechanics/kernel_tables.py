@@ -88,10 +88,9 @@ def uncovered(system: System) -> str | None:
         return "mass that differs with the direction"
     if system.closed.contacts:
         return "sleeve on a flexible beam"
-    if len(system.closed.coupled.rows):
-        return "coupling of joints"
     closed = system.closed
-    if len(closed.point_rows) + len(closed.dot_rows) + len(closed.distance_rows) != closed.n:
+    known = closed.point_rows, closed.dot_rows, closed.distance_rows, closed.coupled.rows
+    if sum(map(len, known)) != closed.n:
         return "closure row of another sort"
     for joint in system.expansion.model.joints[1:]:
         name = joint.shortname().removeprefix(_PREFIX)
@@ -152,6 +151,7 @@ def tables(system: System) -> Tables:
         **_nodes(model, nodes, node_of), **_points(model, points, node_of),
         **_twists(model, twists, node_of), **_map(expansion), **_legs(expansion),
         **_loops(closed, node_of),
+        **_couplings(closed.coupled, model),
         **_loads(system.loads, node_of), **_joint_springs(system), **_friction(system.friction),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
@@ -163,7 +163,7 @@ def tables(system: System) -> Tables:
         "closures": closed.n, "forces": len(system.loads.forces),
         "springs": len(system.loads.springs), "dampers": dampers,
         "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
-        "legs": len(arrays["range_at"]) - 1,
+        "legs": len(arrays["range_at"]) - 1, "couplings": len(closed.coupled.rows),
     }  # fmt: skip
     return Tables(counts, arrays)
 
@@ -342,6 +342,18 @@ def _loops(closed: Closures, node_of: IntArray) -> dict[str, Any]:
         "frame_a": closed.local[:loops], "frame_b": closed.local[loops:],
         "loop_at": at, "row_kind": kind, "row_number": number, "row_a": a, "row_b": b,
         "row_length": length,
+    }  # fmt: skip
+
+
+def _couplings(coupled: CoupledRows, model: pin.Model) -> dict[str, Any]:
+    """Joints of each coupling, with their factors."""
+    v_of = {int(joint.idx_q): int(joint.idx_v) for joint in model.joints[1:]}
+    entries = _sparse(coupled.A, "couple")
+    at = coupled.at[entries["couple_j"]]
+    return {
+        "couple_row": coupled.rows, "couple_at": entries["couple_at"], "couple_q": at,
+        "couple_v": [v_of[int(q)] for q in at], "couple_factor": entries["couple"],
+        "couple_offset": coupled.offset,
     }  # fmt: skip
 
 

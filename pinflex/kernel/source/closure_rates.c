@@ -62,4 +62,5 @@ void closure_rates(const Tables *t, double *memory, double *out) {
         *c = (times(gap.dx, gap.dx, 3) + times(gap.x, gap.ddx, 3)) / t->row_length[at];
     }
   }
+  coupling_rates(t, &w, out);
 }

@@ -80,6 +80,7 @@ void close_jacobian(const Tables *t, Tangent *w, double *J) {
     loop_motion(t, w, k, &a, &b, on_A, on_B, D);
     loop_rows(t, k, &a, &b, 0, D, J, force, S_A, S_B);
   }
+  coupling_jacobian(t, w, J);
 }
 
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J) {
@@ -97,4 +98,5 @@ void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, doub
     add_product(nv, on_B, S_B, D, -1.0, pushed, K);
     add_product(nv, on_A, S_A, D, 1.0, pushed, K);
   }
+  coupling_jacobian(t, w, J);
 }

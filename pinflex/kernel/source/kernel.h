@@ -27,6 +27,7 @@ typedef struct {
   Int loops, closures;                    /* closures: their rows */
   Int forces, springs, dampers;           /* between frames */
   Int joint_springs, rubs, legs;          /* legs: children of the base */
+  Int couplings;                          /* joints that follow others */
   const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
   const Int *parent, *kind, *node_q, *node_v;              /* nodes */
   const Int *point_node, *point_q, *point_v;               /* mass points */
@@ -38,6 +39,7 @@ typedef struct {
   const Int *range_at, *range_from, *range_last;           /* legs: their columns in ranges */
   const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
   const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
+  const Int *couple_row, *couple_at, *couple_q, *couple_v; /* couplings of joints */
   const Int *force_node, *force_follows;                   /* loads */
   const Int *spring_a, *spring_b;                          /* springs between frames */
   const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
@@ -49,6 +51,7 @@ typedef struct {
   const double *twist_axis, *twist_inertia;
   const double *phi, *g;
   const double *frame_a, *frame_b, *row_length;            /* [R | p] of loops, (3, 4) */
+  const double *couple_factor, *couple_offset;
   const double *force_place, *force_load;                  /* place (3,), then R F, R M or F, M */
   const double *spring_place_a, *spring_place_b, *spring_law; /* stiffness, damper, length */
   const double *joint_spring_law;                          /* stiffness, rest */
@@ -87,6 +90,10 @@ double dissipation(const Tables *t, const double *v); /* power of damping and fr
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
 Lane damper_power(const Tables *t, Work *w); /* of dampers between frames, W */
+
+/* couplings.c: the same rows and derivatives of joints that follow others */
+void couple_joints(const Tables *t, Work *w, const Lane *lam, Lane *c);
+void coupling_motion(const Tables *t, const Work *w, Lane *value, Lane *rate, Lane *second);
 
 /* closure_motion.c: closures of a group in motion, their first and second time derivatives */
 void closure_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second);

@@ -36,6 +36,7 @@ void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *
   apply_loads(t, w, scale);
   inward(t, w);
   for (Int k = 0; k < t->nV; k++) w->V[k] += t->armature[k] * w->A[k];
+  couple_joints(t, w, lam, c);
 }
 
 void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
@@ -111,6 +112,7 @@ EXPORT void pinflex_closure_motion(const Tables *t, char *memory, Int count, con
     gather(V, count, t->nv, first, g.v);
     gather(A, count, t->nv, first, g.a);
     expand(t, &w, g.y, g.v, g.a);
+    coupling_motion(t, &w, g.open, g.lam, g.c);
     outward(t, &w, 1);
     closure_motion(t, &w, g.open, g.lam, g.c);
     scatter(g.open, count, t->closures, first, value);
@@ -132,6 +134,7 @@ EXPORT void pinflex_closures(const Tables *t, char *memory, Int count, const dou
   for (Int k = 0; k < count; k++) {
     gather(Y, k + 1, t->nq, k, g.y);
     expand(t, &w, g.y, g.v, g.a);
+    coupling_motion(t, &w, g.open, g.lam, g.c);
     outward(t, &w, 1);
     closure_motion(t, &w, g.open, g.lam, g.c);
     scatter(g.open, k + 1, t->closures, k, c);

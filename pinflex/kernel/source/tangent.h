@@ -44,6 +44,10 @@ void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, dou
 void close_jacobian(const Tables *t, Tangent *w, double *J);
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
 
+/* couplings.c */
+void coupling_jacobian(const Tables *t, const Tangent *w, double *J);
+void coupling_rates(const Tables *t, const Tangent *w, double *out);
+
 /* A frame of a node, [R | p] (3, 4) in its axes, in the world. */
 typedef struct { double R[9], p[3]; } Frame;
 

@@ -216,6 +216,25 @@ def test_and_is_rnea_on_random_trees_with_every_joint(seed: int) -> None:
 
 
 @needs_kernel
+@pytest.mark.parametrize("seed", range(8))
+def test_and_where_joints_follow_others_beside_loops(seed: int) -> None:
+    """Revolutes, slides and an elastic gear of random trees, some twice and one to the base."""
+    m, rng = tree(seed).build(), np.random.default_rng(seed)
+    on = m.flexible.expansion
+    a, b = rng.choice([link.name for link in m.links], 2, replace=False)
+    loops = [Loop("rope", "distance", a, b, length=0.7)]
+    joints = zip(on.model.names, on.model.joints, strict=True)
+    single = [name for name, joint in joints if joint.nq == 1 and name in m.coordinates]
+    pairs = rng.choice(single, (2, 2)) if len(single) > 1 else np.zeros((0, 2))
+    coupled = [Coupling(a, b, *rng.normal(size=2)) for a, b in pairs if a != b]
+    coupled += [Coupling(single[-1], None, 0.0, 0.3)] if single else []
+    closed = closures(loops, on.frames, on.model, couplings=coupled)
+    system = dataclasses.replace(m.flexible, closed=closed)
+    assert len(closed.coupled.rows) == len(coupled) and on_kernel(system) is not None
+    agrees(system, m.undeformed(), STATES, seed)
+
+
+@needs_kernel
 @pytest.mark.parametrize("seed", range(4))
 def test_and_frames_stand_where_pinocchio_has_them(seed: int) -> None:
     m = tree(seed).build()
@@ -302,11 +321,6 @@ def test_what_the_kernel_does_not_know_it_does_not_do(monkeypatch: pytest.Monkey
     with monkeypatch.context() as patch:
         patch.setitem(KNOWN, Loads, KNOWN[Loads] - {"springs"})
         assert uncovered(pf.load("3rrr").flexible) == "Loads.springs"
-    robot = pf.load("3rrr")
-    on = robot.flexible.expansion
-    follower, leader = robot.coordinates[1:3]
-    coupled = closures((), on.frames, on.model, couplings=(Coupling(follower, leader, 2.0, 0.0),))
-    assert uncovered(dataclasses.replace(robot.flexible, closed=coupled)) == "coupling of joints"
     model = pin.Model()
     model.addJoint(0, pin.JointModelHZ(), pin.SE3.Identity(), "screw")
     assert uncovered(bare(model)) == "joint of Pinocchio's kind HZ"

@@ -122,3 +122,22 @@ def test_a_spring_off_the_origin_of_a_link_turns_it_by_its_arm(tmp_path: Path) -
     y, still = np.tile(m.home, (2, 1)), np.zeros((2, 1))
     found, _ = Compiled(m.rigid).residual(y, still, still, np.zeros((2, 0)), np.zeros(2))
     np.testing.assert_allclose(found, -60.0, rtol=1e-12)
+
+
+def test_a_wheel_that_follows_is_felt_by_its_ratio_squared(tmp_path: Path) -> None:
+    """(I1 + n^2 I2) a + n k (n q) at the leader, with I2 and a spring k at the follower."""
+    bodies = (
+        Body("wheel", "base", "revolute", axis=(0, 0, 1), mass=1.0, inertia=(0.1, 0.1, 0.3)),
+        Body("pinion", "base", "revolute", axis=(0, 0, 1), mass=1.0, inertia=(0.1, 0.1, 0.02)),
+    )
+    follows = "joints: {pinion_joint: {follows: wheel_joint, ratio: -3, spring: 5}}"
+    m = load(tmp_path, bodies, f"gravity: [0, 0, 0]\nactuated: [wheel_joint]\n{follows}\n")
+    assert on_kernel(m.rigid) is not None
+    lead, follow = (m.coordinates.index(f"{name}_joint") for name in ("wheel", "pinion"))
+    q, a = np.zeros((2, 1, 2))
+    q[0, lead], q[0, follow], a[0, lead], a[0, follow] = 0.2, -0.6, 0.7, -2.1
+    lam = np.array([[0.02 * -2.1 + 5.0 * -0.6]])  # what the follower needs
+    r, c = Compiled(m.rigid).residual(q, 0 * q, a, lam, np.zeros(1))
+    expected = (0.3 + 9 * 0.02) * 0.7 + 9 * 5.0 * 0.2
+    np.testing.assert_allclose(r[0, [lead, follow]], [expected, 0.0], rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(c, 0.0, atol=1e-16)
