@@ -203,11 +203,13 @@ class TorqueDrive:
             y: Coordinates [q (rad | m); eta (m)], shape (nq,).
             v: Velocity, shape (nv,).
         """
-        position = path.position[k] - axes.read(y)
+        position = axes.behind(path.position[k], y)
         velocity = path.velocity[k] - v[axes.v_at]
         return np.asarray(self.feed_forward[k] + self.kp * position + self.kd * velocity)
 
-    def pull(self, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
+    def pull(
+        self, path: MotorPath, axes: MotorAxes, y: Array, v: Array, seen: Array | None = None
+    ) -> Array:
         """Motor torques at the times of a path in the states (y, v), shape (k, nm).
 
         Args:
@@ -215,9 +217,12 @@ class TorqueDrive:
             axes: Where their positions and velocities are in y and v.
             y: Coordinates [q (rad | m); eta (m)], shape (k, nq).
             v: Velocities, shape (k, nv).
+            seen: Times at which what is fed forward is taken, inside a step [s], shape (k,); None:
+                those of the path.
         """
-        error, rate = path.position - axes.read(y), path.velocity - v[:, axes.v_at]
-        return np.asarray(self.forward(path.t) + self.kp * error + self.kd * rate)
+        error, rate = axes.behind(path.position, y), path.velocity - v[:, axes.v_at]
+        forward = self.forward(path.t if seen is None else seen)
+        return np.asarray(forward + self.kp * error + self.kd * rate)
 
 
 def kinks(path: MotorPath) -> frozenset[int]:

@@ -63,6 +63,21 @@ class MotorAxes:
             angle[..., k] = np.arctan2(y[..., self.q_at[k] + 1], y[..., self.q_at[k]])
         return angle
 
+    def behind(self, position: Array, y: Array) -> Array:
+        """How far y (..., nq) is behind motor positions [rad | m], shape (..., nm).
+
+        Of a motor that turns without end, the shorter way round.
+
+        Args:
+            position: Motor positions [rad | m], shape (..., nm).
+            y: Coordinates, shape (..., nq).
+        """
+        error = position - self.read(y)
+        if len(self.paired):
+            whole = 2.0 * np.pi
+            error[..., self.paired] -= whole * np.round(error[..., self.paired] / whole)
+        return np.asarray(error)
+
 
 def motor_axes(mechanism: Mechanism) -> MotorAxes:
     """Locate the motors.

@@ -129,6 +129,8 @@ class March:
             if self._converged(iteration, size, now, r, c):
                 if self.drive is None:
                     now.torque = self._motor_forces(r, ds, dlam)
+                else:
+                    now.torque = self.drive.torque(k, self.path, self.axes, now.y, now.v)
                 self.slow = newton.rate > 0.1
                 self._follow(newton.size(now.a))
                 return now

@@ -25,13 +25,15 @@ class CompiledAlpha:
         given = Iteration(
             march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
         )
-        motors = path.position, path.velocity, path.acceleration, stages.compiled.scale(path.t)
+        drive, scale = march.drive, stages.compiled.scale(path.t)
+        feed = path.acceleration if drive is None else drive.feed_forward
+        motors = path.position, path.velocity, feed, scale
         self._kernel = AlphaKernel(stages.kernel, given, motors, found)
         self._at: Step | None = None  # where its own last step ended
 
     def __del__(self) -> None:
         if (stages := self.__dict__.get("_stages")) is not None:
-            self._march.dynamics.system.spares.release(stages.method.s, stages, stages.size)
+            self._march.dynamics.system.spares.release(stages.kind, stages, stages.size)
 
     def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
         """Steps from k on, as far as they go: the last one, and the states there and before.
@@ -60,16 +62,16 @@ class CompiledAlpha:
 
 
 def compiled_alpha(march: March, found: Sequence[Array]) -> CompiledAlpha | None:
-    """The steps of a march, compiled; None where motors are not prescribed or numpy serves.
+    """The steps of a march, compiled; None where a control acts or numpy serves.
 
     Args:
         march: March that they are of.
         found: As `CompiledAlpha` has them.
     """
-    if march.drive is not None or march.feedback is not None:
+    if march.feedback is not None:
         return None
-    dynamics = march.dynamics
-    stages = compiled_stages(dynamics, implicit_euler(), march.newton.free, march.axes)
+    free, drive = march.newton.free, march.drive
+    stages = compiled_stages(march.dynamics, implicit_euler(), free, march.axes, drive)
     if stages is None:
         return None
     return CompiledAlpha(march, stages, found)

@@ -13,7 +13,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath
+from pinflex.actuation.drive import MotorPath, TorqueDrive
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError, SceneError
 from pinflex.integrators.prescribed import tabulated
@@ -59,12 +59,13 @@ class CompiledSteps:
         self.tangents = tangents or self.kernel
 
     def inputs(self, t: Array, seen: Array | None = None) -> Array:
-        """Motors' position, velocity, acceleration and shares of loads at times (k,), (k, n).
+        """Motors' position, velocity, acceleration (or torque) and shares of loads, (k, n).
 
         Args:
             t: Times in s. seen: The same as loads see them, see `StageEquations.seen`.
         """
-        return _inputs(self.of.path(t), self._compiled.compiled.scale(t if seen is None else seen))
+        scale = self._compiled.compiled.scale(t if seen is None else seen)
+        return _inputs(self.of.path(t), scale, self.of.drive)
 
     def batch(self) -> Batch:
         """The steps of the last call."""
@@ -112,17 +113,18 @@ def steps_of(
     """The steps of a run from its start to its end (s), some of them ending at `stops` (s)."""
     assert stages.compiled is not None
     system, compiled, m = stages.dynamics.system, stages.compiled.compiled, stages.method
+    drive = stages.drive
     n, forces = len(system.motors), stages.compiled.kernel.counts["forces"]
 
     def inputs(t: Array) -> Array:
-        return _inputs(stages.path(t), compiled.scale(t))
+        return _inputs(stages.path(t), compiled.scale(t), drive)
 
     widths = np.cumsum([0, n, n, n, forces])
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
     made_of, table = stages.compiled.table
-    asked_for = (stages.motion, *ends, *stops)
+    asked_for = (stages.motion, drive and drive.forward, *ends, *stops)
     # A load that switches is another at the end of one step than at the start of the next.
     if not system.loads.timed and made_of != asked_for:
         table = None
@@ -132,8 +134,9 @@ def steps_of(
     return CompiledSteps(stages, marched, table, room)
 
 
-def _inputs(path: MotorPath, scale: Array) -> Array:
-    return np.concatenate([path.position, path.velocity, path.acceleration, scale], axis=1)
+def _inputs(path: MotorPath, scale: Array, drive: TorqueDrive | None) -> Array:
+    feed = path.acceleration if drive is None else drive.forward(path.t)
+    return np.concatenate([path.position, path.velocity, feed, scale], axis=1)
 
 
 class Batch(Sequence[Step]):

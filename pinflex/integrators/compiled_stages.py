@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pinflex.actuation.drive import TorqueDrive
 from pinflex.actuation.motors import MotorAxes
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
@@ -24,6 +25,7 @@ class CompiledStages:
     Attributes:
         kernel: The arrays of the step. compiled: Residual and tangent of the system.
         method: The scheme. table: What the last run prescribed, and of what its table was made.
+        kind: Of spare ones, which other runs of the system may take over.
     """
 
     def __init__(self, compiled: Compiled, method: Collocation, rows: Rows) -> None:
@@ -32,9 +34,11 @@ class CompiledStages:
         self._march: tuple[tuple[int, ...], MarchKernel] | None = None
         scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
         self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
-        self._prescribed, self._free = len(rows.motor_v) > 0, rows.free_at
+        self.kind, self._free = _kind(method, rows.prescribed), rows.free_at
 
-    def begin(self, start: Any, t: Array, path: Any, a: Array, lam: Array, turn: Array) -> None:
+    def begin(
+        self, start: Any, t: Array, path: Any, a: Array, lam: Array, turn: Array, feed: Array | None
+    ) -> None:
         """Take over a step: its start, the motors at the stages t (s), and a guess.
 
         Args:
@@ -44,11 +48,13 @@ class CompiledStages:
             a: Guess of the accelerations, shape (s, nv).
             lam: Guess of the multipliers, shape (s, rows).
             turn: Guess of the turns, shape (s, nv).
+            feed: Torques fed forward to driven motors, shape (s, nm); None: they follow the path.
         """
         k = self.kernel
         k.y0[...], k.v0[...] = start.y, start.v
-        if self._prescribed:
-            k.position[...], k.velocity[...] = path.position, path.velocity
+        k.position[...], k.velocity[...] = path.position, path.velocity
+        if feed is not None:
+            k.feed[...] = feed
         if k.scale.size:
             k.scale[...] = self.compiled.scale(t)
         k.a[...], k.lam[...], k.turn[...], k.change[...] = a, lam, turn, 0.0
@@ -86,18 +92,31 @@ class CompiledStages:
 
 
 def compiled_stages(
-    equations: Equations, method: Collocation, free: IntArray, axes: MotorAxes | None
+    equations: Equations,
+    method: Collocation,
+    free: IntArray,
+    axes: MotorAxes,
+    drive: TorqueDrive | None,
 ) -> CompiledStages | None:
     """The stages of a system on the kernel, spare ones or new; None: those of numpy serve.
 
     Args:
         equations: Of what moves. method: The scheme. free: Velocity rows that are solved for.
-        axes: Prescribed motors; None where motors give torques.
+        axes: Motors. drive: Their torques; None: they are prescribed.
     """
-    if axes is None or not equations.on_kernel:
+    if not equations.on_kernel:
         return None
+    found = _stages(equations, method, free, axes, drive is None)
+    if found is not None and drive is not None:
+        found.kernel.kp[...], found.kernel.kd[...] = drive.kp, drive.kd
+    return found
+
+
+def _stages(
+    equations: Equations, method: Collocation, free: IntArray, axes: MotorAxes, prescribed: bool
+) -> CompiledStages | None:
     system = equations.system
-    spare = system.spares.acquire(method.s)
+    spare = system.spares.acquire(_kind(method, prescribed))
     if spare is not None and spare.method is method:
         return spare  # type: ignore[no-any-return]
     compiled = equations.compiled
@@ -107,8 +126,13 @@ def compiled_stages(
     motors = system.motors
     paired = np.isin(np.arange(len(motors)), axes.paired)
     q_at = np.asarray(axes.q_at, dtype=np.intp)
-    rows = Rows(free, motors, q_at, paired.astype(np.intp), *sorts)
+    rows = Rows(prescribed, free, motors, q_at, paired.astype(np.intp), *sorts)
     return CompiledStages(compiled, method, rows)
+
+
+def _kind(method: Collocation, prescribed: bool) -> object:
+    """Of workspaces that fit each other."""
+    return method.s, prescribed
 
 
 def _sorts(system: System) -> tuple[IntArray, ...] | None:

@@ -74,6 +74,27 @@ def tabulated(
     return Table(_nodes(), _weights(), *rest)
 
 
+def read(table: Table, t: Array) -> Array:
+    """Values of a table at times, as the kernel reads them (source/inputs.c).
+
+    Args:
+        table: Table. t: Times [s], shape (k,).
+    Returns:
+        Columns, shape (k, n).
+    """
+    piece = np.minimum(np.searchsorted(table.end, t), len(table.end) - 1)
+    away = ((t - table.middle[piece]) / table.half[piece])[:, None] - table.node
+    hit = away == 0.0
+    W = np.where(hit.any(axis=1, keepdims=True), hit, table.weight / np.where(hit, 1.0, away))
+    W /= W.sum(axis=1, keepdims=True)
+    found = np.einsum("kn,knj->kj", W, table.value[piece])
+    if len(table.corner):
+        nearest = np.argmin(np.abs(t[:, None] - table.corner), axis=1)
+        at = np.abs(t - table.corner[nearest]) <= table.gap
+        found[at] = table.corner_value[nearest[at]]
+    return np.asarray(found)
+
+
 def _pieces(
     function: Callable[[Array], Array], middle: Array, half: Array, more: Array
 ) -> tuple[Array, Array, Array]:

@@ -138,13 +138,14 @@ class StageEquations:
         self.free = system.free if drive is None else system.unheld
         self._inside = _INSIDE * (1.0 - 2.0 * method.c)
         self._of_h = _Lengths(method, 1.0)
-        prescribed = None if drive is not None or sampler is not None else self.axes
-        self.compiled = compiled_stages(dynamics, method, self.free, prescribed)
+        self.compiled = None
+        if sampler is None:
+            self.compiled = compiled_stages(dynamics, method, self.free, self.axes, drive)
         self.newton = StageNewton(dynamics, method, self.free, drive, self.compiled)
 
     def __del__(self) -> None:
         if (compiled := self.__dict__.get("compiled")) is not None:
-            self.dynamics.system.spares.release(self.method.s, compiled, compiled.size)
+            self.dynamics.system.spares.release(compiled.kind, compiled, compiled.size)
 
     @cached_property
     def manifold(self) -> Manifold:
@@ -184,7 +185,8 @@ class StageEquations:
         seen = self.seen(t)
         x = Trial(start, h, seen, path, a, lam, np.zeros(a.shape) if turn is None else turn)
         if self.compiled is not None:
-            self.compiled.begin(start, seen, path, a, lam, x.turn)
+            feed = None if self.drive is None else self.drive.forward(seen)
+            self.compiled.begin(start, seen, path, a, lam, x.turn, feed)
             k = self.compiled.kernel  # its arrays from now on
             x.a, x.lam, x.turn, x.change, x.dlam = k.a, k.lam, k.turn, k.change, k.dlam
             x.y, x.v, x.move, x.da = k.y, k.v, k.move, k.da
@@ -229,13 +231,14 @@ class StageEquations:
         if self.compiled is not None:
             kernel = self.compiled.kernel
             kernel.residual()
-            x.torque, x.c = kernel.r[:, self.motors], kernel.open
+            x.torque = kernel.r[:, self.motors] if self.drive is None else kernel.torque
+            x.c = kernel.open
             kernel.correct()
             return
         r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t, self._control_force)
         x.torque = r.take(self.motors, axis=1)
         if self.drive is not None:
-            x.torque = self.drive.pull(x.path, self.axes, x.y, x.v)
+            x.torque = self.drive.pull(x.path, self.axes, x.y, x.v, x.t)
             r[:, self.motors] -= x.torque
         dz, x.dlam = self.newton.step(r.take(self.free, axis=1), x.c)
         # Displacements count: the accelerations of fast modes are noise.
@@ -252,9 +255,12 @@ class StageEquations:
             da = np.zeros_like(x.change)
             da[:, self.free] = x.da
         dv = x.h * self.method.A.dot(da)
+        x.v += dv
         if self.drive is None:
             torque = torque + tangent.motor_forces(da, dv, x.change, x.dlam)
-        x.v += dv
+        else:
+            y = self.places(x.start.y, x.move + x.change, x.path)
+            torque = self.drive.pull(x.path, self.axes, y, x.v, x.t)
         return Step(
             x.start, x.h, x.move + x.change, x.turn.copy(), x.a.copy(), x.lam.copy(), torque,
             self._power(x, torque), coarseness, x.path, tangent, rate,

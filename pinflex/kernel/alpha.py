@@ -39,7 +39,7 @@ class _Alpha(ctypes.Structure):
 
 class _Rows(ctypes.Structure):
     _fields_ = [
-        *((name, ctypes.c_void_p) for name in ("position", "velocity", "acceleration", "scale")),
+        *((name, ctypes.c_void_p) for name in ("position", "velocity", "feed", "scale")),
         *((name, ctypes.c_void_p) for name in ("y", "v", "a", "s", "lam", "torque", "power")),
     ]
 
@@ -79,8 +79,9 @@ class AlphaKernel:
         Args:
             stages: Of the system: its lists of joints and rows are used.
             given: The iteration.
-            path: Position, velocity and acceleration of the motors and shares of the loads at all
-                instants, shape (steps + 1, .) each.
+            path: Position, velocity and acceleration (of driven ones the torque that is fed
+                forward) of the motors and shares of the loads at all instants, shape
+                (steps + 1, .) each.
             found: y, v, a, s, lam, torque and power at these, which are written.
         """
         n = stages.counts

@@ -26,6 +26,7 @@ FUNCTIONS = {
     "pinflex_motion": (None, (_POINTER,) * 10),
     "pinflex_place": (None, (_POINTER,) * 2),
     "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
+    "pinflex_balance": (None, (_POINTER,) * 3),
     "pinflex_solve": (None, (_POINTER,) * 2),
     "pinflex_correct": (None, (_POINTER,) * 2),
     "pinflex_march": (ctypes.c_int, (_POINTER,) * 3),

@@ -19,10 +19,10 @@ _COUNTS = ("s", "values", "free", "motors", "prescribed", "plain", "circles", "b
 _ARRAYS = (
     *("free_at", "motor_v", "motor_q", "motor_paired"),
     *("plain_q", "plain_v", "circle_q", "circle_v", "ball_q", "ball_v"),
-    *("c", "A", "A2", "A2_inverse", "value", "forward", "back"),
+    *("c", "A", "A2", "A2_inverse", "value", "forward", "back", "kp", "kd"),
     *("M", "C", "K", "J", "lu", "part", "pivot"),
-    *("y0", "v0", "position", "velocity", "scale", "a", "lam", "turn"),
-    *("y", "v", "move", "r", "open", "da", "dlam", "change"),
+    *("y0", "v0", "position", "velocity", "feed", "scale", "a", "lam", "turn"),
+    *("y", "v", "move", "torque", "r", "open", "da", "dlam", "change"),
 )
 
 
@@ -52,13 +52,15 @@ class Rows:
     """Coordinates of a system by how they move.
 
     Attributes:
+        prescribed: Whether the motors follow their motion exactly; else torques drive them.
         free_at: Velocity rows that the steps solve for.
-        motor_v, motor_q, motor_paired: Prescribed motors: velocity row, coordinate, and whether
-            that is a cosine with its sine behind it; none where motors give torques.
+        motor_v, motor_q, motor_paired: Motors: velocity row, coordinate, and whether that is a
+            cosine with its sine behind it.
         plain_q, plain_v: Coordinates and rows of rigid joints that move by addition.
         circle_q, circle_v: Of joints that keep (cos, sin). ball_q, ball_v: Of balls.
     """
 
+    prescribed: bool
     free_at: IntArray
     motor_v: IntArray
     motor_q: IntArray
@@ -76,9 +78,11 @@ class StageKernel:
 
     Attributes:
         y0, v0: Start. position, velocity: Motors at the stages. scale: Of the loads there.
+        feed: Torques that are fed forward to driven motors there. kp, kd: Gains of these.
         a, lam, turn: Unknowns, shapes (s, nv), (s, rows), (s, nv).
         y, v, move: What follows from them, (s, nq), (s, nv), (s, nv).
         r, open: Residuals (s, nv) and closures (s, rows) that the last correction was for.
+        torque: Of driven motors, (s, motors), in these residuals.
         da, dlam, change: That correction: (s, free), (s, rows), and of the displacement (s, nv).
         counts: Sizes by name. functions: The C code. tables, work, address: Of the system, its
             workspace, and the C structure of the stages. size: Of all arrays in bytes.
@@ -90,7 +94,7 @@ class StageKernel:
         nq, nv, closures, forces = (n[name] for name in ("nq", "nv", "closures", "forces"))
         free, motors = len(rows.free_at), len(rows.motor_v)
         size = free + closures
-        names = (field.name for field in fields(Rows))
+        names = (field.name for field in fields(Rows) if field.name != "prescribed")
         integers = Block(
             {"pivot": ((values + 2) * size + 1,)}, {k: getattr(rows, k) for k in names}, np.int64
         )
@@ -98,7 +102,8 @@ class StageKernel:
             "M": (free, free), "C": (free, free), "K": (free, free), "J": (closures, free),
             "lu": (values, 2, size, size), "part": (2 * values * size + nv,), "y0": (nq,),
             "v0": (nv,),
-            "position": (s, motors), "velocity": (s, motors), "scale": (s, forces),
+            "position": (s, motors), "velocity": (s, motors), "feed": (s, motors),
+            "kp": (motors,), "kd": (motors,), "torque": (s, motors), "scale": (s, forces),
             "a": (s, nv), "lam": (s, closures), "turn": (s, nv), "y": (s, nq), "v": (s, nv),
             "move": (s, nv), "r": (s, nv), "open": (s, closures), "da": (s, free),
             "dlam": (s, closures), "change": (s, nv),
@@ -110,11 +115,14 @@ class StageKernel:
         self._arrays = arrays = numbers.arrays
         pointers = numbers.addresses | integers.addresses
         self._structure = _Stages(
-            s, values, free, motors, int(motors > 0), len(rows.plain_v), len(rows.circle_v),
+            s, values, free, motors, int(rows.prescribed), len(rows.plain_v), len(rows.circle_v),
             len(rows.ball_v), **pointers,
         )  # fmt: skip
         self.y0, self.v0, self.scale = arrays["y0"], arrays["v0"], arrays["scale"]
-        self.position, self.velocity = arrays["position"], arrays["velocity"]
+        self.position, self.velocity, self.feed = (
+            arrays[name] for name in ("position", "velocity", "feed")
+        )
+        self.kp, self.kd, self.torque = arrays["kp"], arrays["kd"], arrays["torque"]
         self.a, self.lam, self.turn = arrays["a"], arrays["lam"], arrays["turn"]
         self.y, self.v, self.move = arrays["y"], arrays["v"], arrays["move"]
         self.r, self.open, self.change = arrays["r"], arrays["open"], arrays["change"]
@@ -123,8 +131,7 @@ class StageKernel:
         self.functions, self.work = evaluator.functions, evaluator.work
         self.tables, self.address = evaluator.tables.address, ctypes.addressof(self._structure)
         self._c, self._both = self.functions, (self.tables, self.address)
-        states = (pointers[name] for name in ("y", "v", "a", "lam", "scale", "r", "open"))
-        self._states = (self.tables, self.work, s, *states)
+        self._all = (self.tables, self.work, self.address)
 
     def place(self, h: float) -> None:
         """y, v and move from a and turn, for a step h (s)."""
@@ -132,8 +139,8 @@ class StageKernel:
         self._c.pinflex_place(*self._both)
 
     def residual(self) -> None:
-        """r and open from y, v, a, lam and scale."""
-        self._c.pinflex_residuals(*self._states)
+        """r, open and torque from y, v, a, lam, scale and what the motors are told."""
+        self._c.pinflex_balance(*self._all)
 
     def factor(self, M: Array, C: Array, K: Array, J: Array, h: float) -> bool:
         """Factors of Newton's matrices; False where one is singular.

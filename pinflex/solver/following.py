@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from pinflex.actuation.drive import path_between
+from pinflex.actuation.drive import breaks, path_between
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
 from pinflex.description.control import Control, Effort, Travel
 from pinflex.description.digital import DigitalPid, is_system
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError, MotionError
+from pinflex.integrators.prescribed import read, tabulated
 from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism
 
-_INSTANTS = 401  # between which the torques of the rigid motion are interpolated
+_INSTANTS = 401  # between which torques of a rigid motion that is not smooth are interpolated
 
 
 def rigid_torques(
@@ -25,20 +27,30 @@ def rigid_torques(
 ) -> Callable[[Array], Array]:
     """Motor torques of the rigid mechanism at times in [start, end] s, (k,) to (k, nm).
 
-    Zero where its motors do not determine its motion.
+    Polynomials of pieces, exact to round-off; of sampled motions and the like, which have none, an
+    interpolant. Zero where its motors do not determine its motion.
 
     Args:
         mechanism: Mechanism. motion: Its motion. start, end: Of the run [s].
     """
+
+    def exact(t: Array) -> Array:
+        times, at = np.unique(t, return_inverse=True)
+        return solve_rigid(mechanism, motion, times).torque[at]
+
+    motors = len(mechanism.rigid.motors)
+    try:
+        corners = breaks(motion, mechanism.rigid.loads)
+        table = tabulated(exact, [slice(0, motors)], start, end, corners)
+    except MotionError:
+        return lambda t: np.zeros((len(t), motors))
+    if table is not None:
+        return partial(read, table)
     from scipy.interpolate import PchipInterpolator
 
     # On a grid of its own: how often a run is sampled must not change what drives it.
     t = np.linspace(start, end, _INSTANTS)
-    try:
-        torque = solve_rigid(mechanism, motion, t).torque
-    except MotionError:
-        torque = np.zeros((len(t), len(mechanism.rigid.motors)))
-    return PchipInterpolator(t, torque)  # type: ignore[no-any-return]
+    return PchipInterpolator(t, exact(t))  # type: ignore[no-any-return]
 
 
 def following(mechanism: Mechanism, motion: Motion, control: Control, end: float) -> Control:

@@ -30,7 +30,7 @@ typedef struct {
 
 /* What is prescribed at the steps to come, and where they are recorded, row by row. */
 typedef struct {
-  const double *position, *velocity, *acceleration, *scale;
+  const double *position, *velocity, *feed, *scale; /* feed: accelerations, or torques */
   double *y, *v, *a, *s, *lam, *torque, *power;
 } Rows;
 
@@ -60,6 +60,7 @@ static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale)
   double *M = m->tangent, *C = M + square, *K = C + square, *J = K + square, sum = 0.0;
   const State *x = &m->next;
   pinflex_tangent(t, memory, 0, x->y, x->v, x->a, x->lam, scale, M, C, K, J);
+  pull_tangent(t, st, C, K);
   for (Int i = 0; i < square; i++) M[i] = m->mass * M[i] + m->by_v * C[i] + m->by_y * K[i];
   for (Int j = 0; j < n; j++) {
     for (Int i = 0; i < n; i++) m->lu[j * size + i] = M[st->free_at[i] * nv + st->free_at[j]];
@@ -88,15 +89,15 @@ static void predict(const Tables *t, Alpha *m, const Rows *to) {
   const double *P = m->predict;
   for (Int i = 0; i < t->nv; i++) x->a[i] = 2.0 * now->a[i] - last->a[i];
   for (Int k = 0; k < t->closures; k++) x->lam[k] = 2.0 * now->lam[k] - last->lam[k];
-  for (Int k = 0; k < st->motors; k++) x->a[st->motor_v[k]] = to->acceleration[k];
+  for (Int k = 0; k < led(st); k++) x->a[st->motor_v[k]] = to->feed[k];
   for (Int i = 0; i < t->nv; i++) {
     double a = x->a[i], b = now->a[i], s = now->s[i], v = now->v[i];
     x->s[i] = P[0] * a + P[1] * b + P[2] * s + P[3] * v;
     x->v[i] = P[4] * a + P[5] * b + P[6] * s + P[7] * v;
     m->move[i] = P[8] * a + P[9] * b + P[10] * s + P[11] * v;
   }
-  for (Int k = 0; k < st->motors; k++) {
-    x->s[st->motor_v[k]] = to->acceleration[k];
+  for (Int k = 0; k < led(st); k++) {
+    x->s[st->motor_v[k]] = to->feed[k];
     x->v[st->motor_v[k]] = to->velocity[k];
   }
   retract(t, st, now->y, m->move, x->y);
@@ -167,11 +168,13 @@ static int converged(const Tables *t, Alpha *m, Int iteration, double size) {
 /* The next state; 0 where Newton does not get there. */
 static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   const State *x = &m->next;
+  const Told told = {to->position, to->velocity, to->feed};
   Int fresh = m->stale;
   predict(t, m, to);
   if (m->stale && !refresh(t, memory, m, to->scale)) return 0;
   for (Int i = 0; i < m->most; i++) {
     pinflex_residuals(t, memory, 1, x->y, x->v, x->a, x->lam, to->scale, m->r, m->open);
+    pull(m->joints, &told, x->y, x->v, to->torque, m->r);
     double size = solved(t, m);
     m->iterations++;
     if (!isfinite(size)) return 0;
@@ -197,13 +200,15 @@ static void go_there(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   State *x = &m->next, old = m->last;
   Int n = st->free, nv = t->nv, rows = t->closures;
   double power = 0.0;
-  for (Int k = 0; k < st->motors; k++) {
+  const Told told = {to->position, to->velocity, to->feed};
+  pull(st, &told, x->y, x->v, to->torque, NULL);
+  for (Int k = 0; k < led(st); k++) {
     double sum = m->r[st->motor_v[k]];
     for (Int j = 0; j < n; j++) sum += m->motor_rows[k * n + j] * m->x[j];
     for (Int j = 0; j < rows; j++) sum -= m->motor_J[j * st->motors + k] * m->x[n + j];
     to->torque[k] = sum;
-    power += sum * x->v[st->motor_v[k]];
   }
+  for (Int k = 0; k < st->motors; k++) power += to->torque[k] * x->v[st->motor_v[k]];
   to->power[0] = power;
   pinflex_losses(t, memory, 1, x->y, x->v, to->power + 1);
   copy(to->y, x->y, t->nq);
@@ -223,7 +228,7 @@ EXPORT Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, con
       return k;
     }
     go_there(t, memory, m, &to);
-    to.position += motors, to.velocity += motors, to.acceleration += motors, to.scale += t->forces;
+    to.position += motors, to.velocity += motors, to.feed += motors, to.scale += t->forces;
     to.y += t->nq, to.v += nv, to.a += nv, to.s += nv, to.lam += t->closures;
     to.torque += motors, to.power += 2;
   }

@@ -3,6 +3,7 @@
    displacement so far. The same as `Stages.step` in pinflex/integrators/radau.py, which says more. */
 #include "march.h"
 #include "newton.h"
+#include <stddef.h>
 
 /* Inputs at the stages, and where the step starts. */
 void take_inputs(const Tables *t, March *m, double h) {
@@ -12,9 +13,13 @@ void take_inputs(const Tables *t, March *m, double h) {
   copy(st->v0, m->v, t->nv);
   for (Int i = 0; i < st->s; i++) {
     double *x = m->input + i * n;
-    if (!m->given) prescribed(m->inputs, m->t + h * st->c[i], x);
+    double time = m->t + h * st->c[i];
+    /* A torque that jumps at the end of the step is what it is before. */
+    if (!m->given && !st->prescribed && i == st->s - 1) time -= 2.0 * m->inputs->gap;
+    if (!m->given) prescribed(m->inputs, time, x);
     copy(st->position + i * motors, x, motors);
     copy(st->velocity + i * motors, x + motors, motors);
+    copy(st->feed + i * motors, x + 2 * motors, motors);
     copy(st->scale + i * t->forces, x + 3 * motors, t->forces);
   }
 }
@@ -23,7 +28,7 @@ void take_inputs(const Tables *t, March *m, double h) {
    or from the start. */
 static void predict(const Tables *t, March *m, double h) {
   Stages *st = m->stages;
-  Int s = st->s, nv = t->nv, rows = t->closures, motors = st->motors, last = m->count;
+  Int s = st->s, nv = t->nv, rows = t->closures, last = m->count;
   const double *a = m->steps.a + last * s * nv, *lam = m->steps.lam + last * s * rows;
   for (Int i = 0; i < s; i++) {
     double *to_a = st->a + i * nv, *to_lam = st->lam + i * rows;
@@ -41,8 +46,7 @@ static void predict(const Tables *t, March *m, double h) {
         for (Int j = 0; j < rows; j++) to_lam[j] += w * lam[k * rows + j];
       }
     }
-    const double *given = m->input + i * m->inputs->columns + 2 * motors;
-    for (Int k = 0; k < motors; k++) to_a[st->motor_v[k]] = given[k];
+    for (Int k = 0; k < led(st); k++) to_a[st->motor_v[k]] = st->feed[i * st->motors + k];
   }
   for (Int j = 0; j < s * nv; j++) st->turn[j] = st->change[j] = 0.0;
 }
@@ -65,6 +69,7 @@ static void refresh(const Tables *t, char *memory, March *m) {
   double *M = m->tangent_at + m->tangent * tangent_width(t), *C = M + square, *K = C + square;
   pinflex_tangent(t, memory, 1, st->y + k * t->nq, st->v + k * nv, st->a + k * nv,
                   st->lam + k * t->closures, st->scale + k * t->forces, M, C, K, K + square);
+  pull_tangent(t, st, C, K);
   for (Int i = 0; m->by_mass && i < m->measured; i++)
     for (Int j = 0; j < m->measured; j++)
       m->weight[i * m->measured + j] = M[m->measured_at[i] * nv + m->measured_at[j]];
@@ -129,14 +134,14 @@ int attempt(const Tables *t, char *memory, March *m, double h) {
   return 1;
 }
 
-/* The forces in the rows of the motors with the last correction in them:
+/* The forces in the rows of prescribed motors with the last correction in them:
    r + M da + h C A da + K dz - J' dlam. */
 static void motor_forces(const Tables *t, const March *m, double *torque) {
   const Stages *st = m->stages;
   Int s = st->s, n = st->free, nv = t->nv, square = nv * nv, rows = t->closures;
   const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
   for (Int i = 0; i < s; i++)
-    for (Int k = 0; k < st->motors; k++) {
+    for (Int k = 0; k < led(st); k++) {
       Int row = st->motor_v[k];
       double sum = st->r[i * nv + row];
       for (Int j = 0; j < n; j++) {
@@ -176,10 +181,12 @@ void keep(const Tables *t, char *memory, March *m, double h) {
     for (Int j = 0; j < n; j++)
       for (Int l = 0; l < s; l++)
         v[st->free_at[j]] += h * st->A[i * s + l] * st->da[l * n + j];
-    if (t->dampers) {
+    if (t->dampers || !st->prescribed) {
       retract(t, st, m->y, move + i * nv, y);
-      if (st->prescribed) write_motors(st, st->position + i * motors, y);
+      write_motors(st, st->position + i * motors, y);
     }
+    Told told = told_at(st, i);
+    pull(st, &told, y, v, torque + i * motors, NULL);
     power[0] = 0.0;
     pinflex_losses(t, memory, 1, y, v, power + 1);
     for (Int j = 0; j < motors; j++) power[0] += torque[i * motors + j] * v[st->motor_v[j]];

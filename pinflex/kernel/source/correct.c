@@ -32,13 +32,12 @@ static void weighted(Int rows, Int s, Int n, const double *W, const double *x, d
 /* Stages from the polynomials of the step. */
 static void guess(const Tables *t, const March *run, March *m, Int k, const double *W) {
   Stages *st = m->stages;
-  Int s = run->stages->s, nv = t->nv, rows = t->closures, motors = st->motors;
+  Int s = run->stages->s, nv = t->nv, rows = t->closures;
   weighted(st->s, s, nv, W, run->steps.a + k * s * nv, st->a);
   weighted(st->s, s, nv, W, run->steps.turn + k * s * nv, st->turn);
   weighted(st->s, s, rows, W, run->steps.lam + k * s * rows, st->lam);
   for (Int i = 0; i < st->s; i++)
-    for (Int j = 0; j < motors; j++)
-      st->a[i * nv + st->motor_v[j]] = m->input[i * m->inputs->columns + 2 * motors + j];
+    for (Int j = 0; j < led(st); j++) st->a[i * nv + st->motor_v[j]] = st->feed[i * st->motors + j];
   for (Int i = 0; i < st->s * nv; i++) st->change[i] = 0.0;
 }
 
@@ -102,7 +101,7 @@ EXPORT int pinflex_correct_steps(const Tables *t, char *memory, const March *run
     if (end_a) follow(t, run, m, k);
     for (int again = x->rate[k] > m->slow; again >= 0; again--) {
       pinflex_place(t, st);
-      pinflex_residuals(t, memory, st->s, st->y, st->v, st->a, st->lam, st->scale, st->r, st->open);
+      pinflex_balance(t, memory, st);
       pinflex_correct(t, st);
       m->iterations++;
     }

@@ -52,7 +52,7 @@ int newton(const Tables *t, char *memory, const Stages *st, Newton *n) {
   for (; n->iteration < n->most; n->iteration++) {
     if (!n->placed) pinflex_place(t, st);
     n->placed = 0;
-    pinflex_residuals(t, memory, st->s, st->y, st->v, st->a, st->lam, st->scale, st->r, st->open);
+    pinflex_balance(t, memory, st);
     pinflex_correct(t, st);
     double size = norm(t, st, n, 1, 0);
     if (!isfinite(size)) return FAILED;

@@ -35,10 +35,10 @@ void advance(const Tables *t, March *m) {
   for (Int l = 0; l < s; l++)
     for (Int i = 0; i < nv; i++)
       m->v[i] += x->h[k] * st->A[(s - 1) * s + l] * x->a[(k * s + l) * nv + i];
-  for (Int i = 0; i < motors; i++) m->v[st->motor_v[i]] = x->velocity[end * motors + i];
+  for (Int i = 0; i < led(st); i++) m->v[st->motor_v[i]] = x->velocity[end * motors + i];
   m->t = x->t[k] + x->h[k];
   retract(t, st, x->y0 + k * t->nq, x->move + end * nv, m->y);
-  if (st->prescribed) write_motors(st, x->position + end * motors, m->y);
+  write_motors(st, x->position + end * motors, m->y);
   copy(m->a, x->a + end * nv, nv);
   copy(m->lam, x->lam + end * t->closures, t->closures);
   copy(m->torque, x->torque + end * motors, motors);

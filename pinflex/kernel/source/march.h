@@ -4,8 +4,9 @@
 
 #include "stages.h"
 
-/* Columns position | velocity | acceleration of the motors | shares of the loads: values at the
-   nodes of pieces of time, and by themselves at corners, where they may jump. */
+/* Columns position | velocity | acceleration of the motors (of driven ones the torque that is fed
+   forward) | shares of the loads: values at the nodes of pieces of time, and by themselves at
+   corners, where they may jump. */
 typedef struct {
   Int columns, pieces, nodes, corners;
   const double *node, *weight;         /* of every piece, on (-1, 1) */
@@ -56,6 +57,20 @@ typedef struct {
 
 /* inputs.c: all columns at a time */
 void prescribed(const Inputs *in, double time, double *out);
+
+/* What a motor is told at an instant: acceleration, or torque to begin with. */
+typedef struct { const double *position, *velocity, *feed; } Told;
+
+static inline Told told_at(const Stages *st, Int i) {
+  Int n = i * st->motors;
+  return (Told){st->position + n, st->velocity + n, st->feed + n};
+}
+
+/* pull.c, of driven motors: their torques at a state, r -= torque (where there is r), and what they
+   add to C and K */
+void pull(const Stages *st, const Told *told, const double *y, const double *v, double *torque,
+          double *r);
+void pull_tangent(const Tables *t, const Stages *st, double *C, double *K);
 
 /* place.c: y = y0 (+) move, and the move from y0 to y; prescribed motors where they are told to be */
 void retract(const Tables *t, const Stages *st, const double *y0, const double *move, double *y);

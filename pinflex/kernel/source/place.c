@@ -73,7 +73,7 @@ void displacement(const Tables *t, const Stages *st, const double *y0, const dou
 }
 
 void write_motors(const Stages *st, const double *position, double *y) {
-  for (Int k = 0; k < st->motors; k++) {
+  for (Int k = 0; k < led(st); k++) {
     double *q = y + st->motor_q[k];
     q[0] = position[k];
     if (st->motor_paired[k]) q[0] = cos(position[k]), q[1] = sin(position[k]);
@@ -100,8 +100,8 @@ EXPORT void pinflex_place(const Tables *t, const Stages *st) {
     }
   add_weighted(st, nv, nv, h, st->A, st->a, st->v);
   add_weighted(st, nv, nv, h * h, st->A2, st->a, st->move);
-  for (Int i = 0; st->prescribed && i < st->s; i++)
-    for (Int k = 0; k < st->motors; k++)
+  for (Int i = 0; i < st->s; i++)
+    for (Int k = 0; k < led(st); k++)
       st->v[i * nv + st->motor_v[k]] = st->velocity[i * st->motors + k];
   if (st->balls) {
     double *seen = st->change; /* free until the correction */
@@ -117,6 +117,6 @@ EXPORT void pinflex_place(const Tables *t, const Stages *st) {
   }
   for (Int i = 0; i < st->s; i++) {
     retract(t, st, st->y0, st->move + i * nv, st->y + i * t->nq);
-    if (st->prescribed) write_motors(st, st->position + i * st->motors, st->y + i * t->nq);
+    write_motors(st, st->position + i * st->motors, st->y + i * t->nq);
   }
 }

@@ -57,9 +57,9 @@ EXPORT void pinflex_samples(const Tables *t, const March *m, Int count, const do
     through(s, nv, W, x->a0 + k * nv, x->a + at * nv, a);
     through(s, rows, W, x->lam0 + k * rows, x->lam + at * rows, lam);
     through(s, motors, W, x->torque0 + k * motors, x->torque + at * motors, torque);
-    for (Int j = 0; j < motors; j++)
+    for (Int j = 0; j < led(st); j++)
       v[st->motor_v[j]] = input[motors + j], a[st->motor_v[j]] = input[2 * motors + j];
-    if (st->prescribed) write_motors(st, input, y);
+    write_motors(st, input, y);
     work[0] = work[1] = 0.0;
     add_stages(s, 2, h, B1, x->power + 2 * at, work);
     y += t->nq, v += nv, a += nv, lam += rows, torque += motors, work += 2;

@@ -9,24 +9,29 @@ enum { MOST_STAGES = 9 }; /* 7 of a run, and two corrections */
 /* Field by field that of pinflex/kernel/stages.py. Arrays of stages are row by row, (s, .). */
 typedef struct {
   Int s, values;                                     /* stages, eigenvalues of A^-1 kept */
-  Int free, motors, prescribed;                      /* free rows; whether motors are prescribed */
+  Int free, motors, prescribed;                      /* free rows; motors prescribed, or driven */
   Int plain, circles, balls;                         /* joints by how their coordinates move */
   const Int *free_at, *motor_v, *motor_q, *motor_paired;
   const Int *plain_q, *plain_v, *circle_q, *circle_v, *ball_q, *ball_v;
   const double *c, *A, *A2, *A2_inverse;             /* (s,), (s, s) */
   const double *value, *forward, *back;              /* complex: (values,), (values, s), (s, values) */
+  const double *kp, *kd;                             /* gains of motors that are driven */
   double *M, *C, *K, *J;                             /* free rows and columns, (n, n), (rows, n) */
   double *lu, *part;                                 /* complex factors and right side */
   Int *pivot;
-  double *y0, *v0, *position, *velocity, *scale; /* the start, the motors, the loads */
+  double *y0, *v0, *position, *velocity, *feed, *scale; /* the start, the motors, the loads */
   double *a, *lam, *turn;                            /* unknowns */
   double *y, *v, *move;                              /* what follows from them */
-  double *r, *open;                                  /* residuals and closures before ... */
+  double *torque, *r, *open;                         /* torques, residuals, closures before ... */
   double *da, *dlam, *change;                        /* ... the last correction */
   double h;
 } Stages;
 
+/* Motors whose motion is prescribed: all or none. */
+static inline Int led(const Stages *st) { return st->prescribed ? st->motors : 0; }
+
 void pinflex_place(const Tables *t, const Stages *st);
+void pinflex_balance(const Tables *t, char *memory, const Stages *st);
 void pinflex_correct(const Tables *t, const Stages *st);
 
 #endif

@@ -3,8 +3,8 @@
      [ M  J' ] [  a  ]     [ r   ]
      [ J  0  ] [ -lam] = - [ c'' ]
 
-   in the free rows, r and c'' those of a motion in which motors alone are accelerated. Rows and
-   columns are scaled by the roots of M's diagonal. */
+   in the free rows, r and c'' those of a motion in which prescribed motors alone are accelerated.
+   Rows and columns are scaled by the roots of M's diagonal. */
 #include "march.h"
 
 /* Pivots that differ by more show coordinates without mass: then the answer is not unique. */
@@ -39,8 +39,10 @@ int begin(const Tables *t, char *memory, March *m) {
   if (!m->given) prescribed(m->inputs, m->t, inputs);
   for (Int i = 0; i < nv; i++) m->a[i] = 0.0;
   for (Int k = 0; k < rows; k++) m->lam[k] = 0.0;
-  for (Int k = 0; k < motors; k++) m->a[st->motor_v[k]] = inputs[2 * motors + k];
+  Told told = {inputs, inputs + motors, inputs + 2 * motors};
+  for (Int k = 0; k < led(st); k++) m->a[st->motor_v[k]] = told.feed[k];
   pinflex_motion(t, memory, m->y, m->v, m->a, m->lam, inputs + 3 * motors, M, r, rates);
+  pull(st, &told, m->y, m->v, m->torque, r);
   scales(st, nv, rows, M, scale);
   for (Int i = 0; i < 2 * size * size; i++) re[i] = 0.0;
   for (Int i = 0; i < n; i++) {
@@ -56,6 +58,7 @@ int begin(const Tables *t, char *memory, March *m) {
   substitute(re, im, size, m->start_pivot, st->part, st->part + size);
   for (Int i = 0; i < n; i++) m->a[st->free_at[i]] = scale[i] * st->part[i];
   for (Int k = 0; k < rows; k++) m->lam[k] = -st->part[n + k];
+  if (!st->prescribed) return 1;
   pinflex_residuals(t, memory, 1, m->y, m->v, m->a, m->lam, inputs + 3 * motors, r, rates);
   for (Int k = 0; k < motors; k++) m->torque[k] = r[st->motor_v[k]];
   return 1;

@@ -18,7 +18,8 @@ from pinflex.solver.solve import default_motion
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason="no kernel")
 
-# Loops and circles; balls and gravity; a tree; a switched load and a spring; dry friction.
+# Loops and circles; balls and gravity; a tree; a switched load and a spring; torques of motors;
+# dry friction.
 SCENES: dict[str, tuple[str, list[str], float]] = {
     "race_r1": ("race_r1", [], 0.02),
     "race_r2": ("race_r2", [], 0.05),
@@ -28,6 +29,8 @@ SCENES: dict[str, tuple[str, list[str], float]] = {
         ["forces.push={at: tool0, force: [0, 0, 9], start: 0.01, until: 0.03}"],
         0.05,
     ),
+    "driven": ("race_r1", ["solve.drive=torque", "solve.kp=100", "solve.kd=5"], 0.02),
+    "driven tree": ("ur5", ["solve.drive=torque", "solve.kp=1000", "solve.kd=50"], 0.05),
     "rubbing": ("race_r1", ["joints.knee_1.friction={coulomb: 0.01, speed: 0.5}"], 0.02),
 }
 

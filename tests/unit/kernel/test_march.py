@@ -24,6 +24,7 @@ from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
 from pinflex.mechanics.closure import closures
 from pinflex.mechanics.equations import Equations
+from pinflex.solver.same_steps import SameSteps
 from pinflex.solver.scene import Scene
 from pinflex.solver.tolerance import solve_to_tolerance
 from tests.benchmarks.race.case import scene
@@ -35,6 +36,7 @@ COUNTS = ("steps", "newton", "tangents", "rejected", "unresolved", "repeated")
 # Of the largest value: poses as far as round-off goes. What Newton may leave (1e-5 of what moves)
 # shows where h^2 divides it: 3rrr and race_r3 ring. Seen: 3e-11, and 7e-6 of accelerations.
 SAME = {"y": 1e-9, "v": 1e-6, "a": 2e-5, "lam": 2e-6, "torque": 2e-6, "work": 1e-7}
+DRIVEN = ["solve.drive=torque", "solve.kp=1000", "solve.kd=50"]
 # Model and part of its motion; delta and 3rrr move by interpolated inverse kinematics.
 RUNS = {
     "race_r1": 0.3, "race_r2": 0.1, "race_r3": 0.03, "spinning_beam": 0.1, "3rrr": 0.1,
@@ -64,9 +66,32 @@ def test_the_steps_are_those_of_python(name: str, monkeypatch: pytest.MonkeyPatc
     same(*both(monkeypatch, lambda: given.resolved(t, 1e-3)), SAME)
 
 
-@pytest.mark.parametrize("name", ["race_r2", "spinning_beam"])
-def test_and_so_are_corrections(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    given = scene(pf.load(name), ("torque", "platform"))
+@pytest.mark.parametrize("name", ["ur5", "delta", "race_r1"])
+def test_and_so_are_those_of_motors_driven_by_torques(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = scene(pf.load(name, DRIVEN), ("torque", "platform"))
+    t = np.linspace(0.0, RUNS[name] * given.motion.duration, 21)
+    same(*both(monkeypatch, lambda: given.resolved(t, 1e-3)), SAME)
+
+
+def test_and_in_given_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = SameSteps(pf.load("ur5", DRIVEN), None)
+    found, expected = (
+        steps.run(pf.load("ur5", [*DRIVEN, "solve.kp=900"]), steps.look[::9])
+        for _ in (monkeypatch.setenv("PINFLEX_KERNEL", serves) for serves in ("1", "0"))
+    )
+    a, b = found.torque, expected.torque
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-7 * np.abs(b).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"), [("race_r2", []), ("spinning_beam", []), ("ur5", DRIVEN)]
+)
+def test_and_so_are_corrections(
+    name: str, changes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = scene(pf.load(name, changes), ("torque", "platform"))
     t = np.linspace(0.0, given.motion.duration, 41)
     found, expected = both(monkeypatch, lambda: solve_to_tolerance(given, t, 1e-2))
     same(found, expected, SAME)

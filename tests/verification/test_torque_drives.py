@@ -1,0 +1,85 @@
+"""Motors driven by torques, on the kernel and without it, against damped oscillators.
+
+A turntable beside a plane beam on a hinge of its own: they do not feel each other, and the beam
+makes a system with flexible links of the scene.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.arrays import Array
+from tests.scenes import UNIT_BEAM, Body, load
+
+J, KP, KD, SPEED = 0.5, 40.0, 1.5, 2.0  # kg m^2; N m/rad; N m s/rad; rad/s
+BODIES = (
+    Body("arm", "base", "continuous", mass=1.0, com=(0, 0, 0), inertia=(0.1, 0.1, J)),
+    Body("beam", "base", "revolute", mass=1.0, com=(0.5, 0, 0), inertia=(1e-3,) * 3),
+    Body("tip", "beam", xyz=(1, 0, 0)),
+)
+YAML = f"""gravity: [0, 0, 0]
+actuated: [arm_joint, beam_joint]
+frames: [tip]
+motion: {{kind: hold, duration: 2}}
+solve: {{level: coupled, drive: torque, kp: {KP}, kd: {KD}}}
+flexible:{UNIT_BEAM}"""
+WAYS = ({"tol": 1e-6}, {"dt": 2.5e-4})
+STARTS = {"arm_joint": SPEED, "beam_joint": 1.0}
+
+
+def angle(run: pf.Result) -> Array:
+    """Of the turntable [rad], past half a turn too."""
+    cos, sin = run.joint("arm_joint").position.T
+    return np.asarray(np.unwrap(np.arctan2(sin, cos)))
+
+
+def oscillator(t: Array) -> Array:
+    """q of J q'' + kd q' + kp q = 0 with q(0) = 0, q'(0) = SPEED."""
+    decay = KD / (2 * J)
+    turning = np.sqrt(KP / J - decay**2)
+    return np.asarray(SPEED / turning * np.exp(-decay * t) * np.sin(turning * t))
+
+
+@pytest.mark.parametrize("serves", ["1", "0"])
+@pytest.mark.parametrize("how", WAYS, ids=["tol", "dt"])
+def test_a_pd_on_a_joint_is_a_damped_oscillator(
+    how: dict[str, float], serves: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PINFLEX_KERNEL", serves)
+    robot = load(tmp_path, BODIES, YAML)
+    run = pf.solve(robot, samples=201, start_speeds=STARTS, **how)
+    exact, speed = oscillator(run.t), run.joint("arm_joint").velocity
+    size = np.abs(exact).max()
+    # the tolerance; of second order in dt: (9 rad/s * dt)^2 / 12 of a period, 2 s long
+    assert np.abs(angle(run) - exact).max() < (1e-6 if "tol" in how else 1e-5) * size
+    torque = -KP * angle(run) - KD * speed
+    np.testing.assert_allclose(run.torque[:, 0], torque, atol=1e-9 * KP * size)
+    assert run.meta["energy_balance"] < (1e-6 if "tol" in how else 1e-4)
+
+
+@pytest.mark.parametrize("kind", ["cycloid", "trapezoid"])
+def test_what_is_fed_forward_alone_moves_a_motor_as_its_motion_asks(
+    kind: str, tmp_path: Path
+) -> None:
+    """J q_d'' is all that the turntable needs, also where it jumps; 3 rad, so round the back."""
+    ramp = ", ramp: 0.2" if kind == "trapezoid" else ""
+    joints = "{arm_joint: 3.6, beam_joint: 0.1}"
+    motion = f"motion={{kind: {kind}, joints: {joints}, duration: 1.0{ramp}}}"
+    robot = load(tmp_path, BODIES, YAML, [motion, "solve.kp=0", "solve.kd=0"])
+    run = pf.solve(robot, samples=101, tol=1e-6, until=1.2)
+    wanted = pf.solve(robot, samples=101, tol=1e-6, until=1.2, drive="prescribed")
+    assert np.abs(angle(run) - angle(wanted)).max() < 3.6e-6
+    ours, theirs = (x.joint("arm_joint").velocity for x in (run, wanted))
+    assert np.abs(ours - theirs).max() < 1e-6 * np.abs(theirs).max()
+
+
+def test_a_motor_that_turns_without_end_is_pulled_the_shorter_way(tmp_path: Path) -> None:
+    """Past half a turn an angle read off (cos, sin) jumps; the torque of a motor does not."""
+    motion = "motion={kind: cycloid, joints: {arm_joint: 9.0, beam_joint: 0.1}, duration: 1.0}"
+    for way in WAYS:
+        run = pf.solve(load(tmp_path, BODIES, YAML, [motion]), samples=101, until=1.2, **way)
+        assert np.abs(run.torque[:, 0]).max() < 1.01 * J * 9.0 * 2 * np.pi  # J q_d'' of a cycloid
