@@ -1,6 +1,6 @@
 """Equal steps of the alpha family, compiled.
 
-The fields follow those of `Alpha`, `State` and `Rows` in source/alpha.c, which says what they hold.
+The fields are those of `Alpha`, `State` and `Rows` in source/alpha.c, which says what they hold.
 """
 
 from __future__ import annotations
@@ -13,35 +13,14 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import PinflexError
+from pinflex.kernel.header import names, structure
 from pinflex.kernel.memory import Block
 from pinflex.kernel.stages import StageKernel
 
-_STATE = ("y", "v", "a", "s", "lam")
+_Alpha, _State, _Rows = (structure(name) for name in ("Alpha", "State", "Rows"))
+_STATE = names("State", ctypes.c_void_p)
 _STATES = ("now", "last", "next")
 _ROOM = ("move", "r", "open", "x", "tangent", "lu", "weight", "motor_rows", "motor_J")
-
-
-class _State(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_void_p) for name in _STATE]
-
-
-class _Alpha(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in ("most", "stale", "iterations", "refreshed")),
-        *((name, ctypes.c_void_p) for name in ("joints", "predict")),
-        *((name, _State) for name in _STATES),
-        *((name, ctypes.c_void_p) for name in (*_ROOM, "pivot")),
-        *((name, ctypes.c_double) for name in ("mass", "by_v", "by_y", "tolerance", "farthest")),
-        *((name, ctypes.c_double) for name in ("reference", "peak", "noise", "rate")),
-        *((name, ctypes.c_double) for name in ("previous", "second", "usual")),
-    ]
-
-
-class _Rows(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_void_p) for name in ("position", "velocity", "feed", "scale")),
-        *((name, ctypes.c_void_p) for name in ("y", "v", "a", "s", "lam", "torque", "power")),
-    ]
 
 
 @dataclass(frozen=True)

@@ -10,32 +10,9 @@ from functools import cache
 from pathlib import Path
 
 from pinflex.errors import KernelWarning
-from pinflex.kernel import build
+from pinflex.kernel import build, header
 
 _FOLDER = Path(__file__).parent
-_POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
-# What the library has, with the types of answers and arguments.
-FUNCTIONS = {
-    "pinflex_work_size": (_INT, (_POINTER,)),
-    "pinflex_residuals": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 7)),
-    "pinflex_losses": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 3)),
-    "pinflex_poses": (None, (_POINTER, _POINTER, _INT, _POINTER, _INT, _POINTER)),
-    "pinflex_tangent": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 9)),
-    "pinflex_closure_motion": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 6)),
-    "pinflex_closures": (None, (_POINTER, _POINTER, _INT, *(_POINTER,) * 3)),
-    "pinflex_motion": (None, (_POINTER,) * 10),
-    "pinflex_place": (None, (_POINTER,) * 2),
-    "pinflex_factor": (ctypes.c_int, (_POINTER,) * 2),
-    "pinflex_balance": (None, (_POINTER,) * 3),
-    "pinflex_solve": (None, (_POINTER,) * 2),
-    "pinflex_correct": (None, (_POINTER,) * 2),
-    "pinflex_march": (ctypes.c_int, (_POINTER,) * 3),
-    "pinflex_begin": (ctypes.c_int, (_POINTER,) * 3),
-    "pinflex_correct_steps": (ctypes.c_int, (*(_POINTER,) * 4, _INT, *(_POINTER,) * 3)),
-    "pinflex_alpha": (_INT, (*(_POINTER,) * 3, _INT, _POINTER)),
-    "pinflex_linear_march": (_INT, (_POINTER,)),
-    "pinflex_samples": (None, (*(_POINTER,) * 2, _INT, *(_POINTER,) * 9)),
-}
 
 
 @dataclass(frozen=True)
@@ -112,9 +89,9 @@ def _declared(functions: ctypes.CDLL) -> ctypes.CDLL | None:
     functions.pinflex_fingerprint.restype = ctypes.c_char_p
     if functions.pinflex_fingerprint().decode() != build.fingerprint():
         return None
-    for name, (result, arguments) in FUNCTIONS.items():
+    for name, (answer, arguments) in header.functions().items():
         function = getattr(functions, name)
-        function.restype, function.argtypes = result, arguments
+        function.restype, function.argtypes = answer, arguments
     return functions
 
 

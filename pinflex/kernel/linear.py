@@ -1,6 +1,6 @@
 """A linear system on closures, marched by compiled code.
 
-The fields follow those of `Linear` in source/linear_march.c, which says what they hold.
+The fields are those of `Linear` in source/linear_march.c, which says what they hold.
 """
 
 from __future__ import annotations
@@ -12,23 +12,11 @@ import numpy as np
 
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.errors import PinflexError
+from pinflex.kernel.header import structure
 from pinflex.kernel.library import kernel
 
-_COUNTS = ("n", "rows", "count", "kept")
-_ARRAYS = (
-    *("col_at", "row", "J_col_at", "J_row", "S", "J", "C_at", "C_row", "K_at", "K_row", "C", "K"),
-    *("system", "value", "load"),
-    *("lu", "pivot", "holds", "state", "work", "d", "v", "a", "lam"),
-)
-_NUMBERS = ("h", "mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
-
-
-class _Linear(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in _COUNTS),
-        *((name, ctypes.c_void_p) for name in _ARRAYS),
-        *((name, ctypes.c_double) for name in _NUMBERS),
-    ]
+_Linear = structure("Linear")
+_OF_METHOD = ("mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
 
 
 @dataclass(frozen=True)
@@ -95,7 +83,7 @@ class LinearKernel:
         }  # fmt: skip
         self._structure = _Linear(
             n=self.n, rows=self.rows, kept=int(kept), h=h,
-            **dict(zip(_NUMBERS[1:], coefficients, strict=True)),
+            **dict(zip(_OF_METHOD, coefficients, strict=True)),
             **{name: array.ctypes.data for name, array in self._arrays.items()},
         )  # fmt: skip
 

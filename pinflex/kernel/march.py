@@ -1,6 +1,6 @@
 """The steps of a run, compiled: the arrays of a batch of steps and where the run is.
 
-The fields follow those of `March`, `Steps` and `Inputs` in source/march.h, which says what they
+The fields are those of `March`, `Steps` and `Inputs` in source/march.h, which says what they
 hold. Step 0 of the arrays is the last one before the batch.
 """
 
@@ -14,54 +14,21 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
+from pinflex.kernel.header import constant, structure
 from pinflex.kernel.memory import Block
 from pinflex.kernel.stages import StageKernel
 
-FULL, INPUTS, START, STUCK, PAUSED = range(5)
-MOST_STAGES = 9  # as in source/stages.h
+_March, _Steps, _Inputs = (structure(name) for name in ("March", "Steps", "Inputs"))
+FULL, INPUTS, START, STUCK, PAUSED = (
+    constant(name) for name in ("FULL", "INPUTS", "START", "STUCK", "PAUSED")
+)
+MOST_STAGES = constant("MOST_STAGES")
 _STATE = ("y", "v", "a", "lam", "torque")
 _STARTS = ("t", "y0", "v0", "a0", "lam0", "torque0")
 _STAGES = ("move", "turn", "a", "lam", "torque", "power", "position", "velocity")
 _POINTS = ("next", "ceiling", "before", "refused", "scale")
 _NUMBERS = (*_STARTS, "h", "coarseness", "rate", *_STAGES, *_POINTS)
 _INTEGERS = ("number", "stop", "follows", "tangent", "serial")
-
-
-class _Inputs(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in ("columns", "pieces", "nodes", "corners")),
-        *((name, ctypes.c_void_p) for name in ("node", "weight", "end", "middle", "half")),
-        *((name, ctypes.c_void_p) for name in ("value", "corner", "corner_value")),
-        ("gap", ctypes.c_double),
-    ]
-
-
-class _Steps(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_void_p) for name in (*_NUMBERS, *_INTEGERS)]
-
-
-class _March(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in ("capacity", "count", "tangents", "tangent")),
-        *((name, ctypes.c_int64) for name in ("stops", "stop", "follows")),
-        *((name, ctypes.c_int64) for name in ("stale", "number", "unjudged", "given")),
-        *((name, ctypes.c_int64) for name in ("most", "measured", "by_mass")),
-        *((name, ctypes.c_int64) for name in ("iterations", "refreshed", "factored")),
-        *((name, ctypes.c_int64) for name in ("rejected", "unresolved")),
-        *((name, ctypes.c_void_p) for name in ("stages", "inputs")),
-        ("steps", _Steps),
-        *((name, ctypes.c_void_p) for name in ("stop_at", "basis", "basis_0", "last")),
-        *((name, ctypes.c_void_p) for name in ("tangent_at", "measured_at", "weight", "input")),
-        *((name, ctypes.c_void_p) for name in ("start_lu", "start_x", "start_pivot")),
-        ("t", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in ("y", "v", "a", "lam", "torque")),
-        *((name, ctypes.c_double) for name in ("h", "ceiling", "before", "refused", "scale")),
-        *((name, ctypes.c_double) for name in ("factored_h", "size", "resolution", "least")),
-        *((name, ctypes.c_double) for name in ("round_off", "seen", "open")),
-        *((name, ctypes.c_double) for name in ("slow", "same_step")),
-        *((name, ctypes.c_double) for name in ("idle_from", "idle_to", "order")),
-        *((name, ctypes.c_double) for name in ("first", "shortest", "held", "growth", "patience")),
-    ]
 
 
 @dataclass(frozen=True)
@@ -271,7 +238,7 @@ def _check(stages: StageKernel, given: Marched, table: Table) -> None:
         raise PinflexError(f"kernel: {shapes} weights of {s} stages.")
 
 
-def _inputs(table: Table) -> tuple[Block, _Inputs]:
+def _inputs(table: Table) -> tuple[Block, ctypes.Structure]:
     names = ("node", "weight", "end", "middle", "half", "value", "corner", "corner_value")
     block = Block({}, {name: getattr(table, name) for name in names})
     pieces, nodes, columns = table.value.shape

@@ -1,6 +1,6 @@
 """Newton's iteration on the stages of a collocation step, compiled.
 
-The fields follow those of `Stages` in source/stages.h, which says what they hold. The arrays of a
+The fields are those of `Stages` in source/stages.h, which says what they hold. The arrays of a
 step are those of this object: they change with every call.
 """
 
@@ -13,25 +13,10 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.kernel.evaluate import Evaluator
+from pinflex.kernel.header import structure
 from pinflex.kernel.memory import Block
 
-_COUNTS = ("s", "values", "free", "motors", "prescribed", "plain", "circles", "balls")
-_ARRAYS = (
-    *("free_at", "motor_v", "motor_q", "motor_paired"),
-    *("plain_q", "plain_v", "circle_q", "circle_v", "ball_q", "ball_v"),
-    *("c", "A", "A2", "A2_inverse", "value", "forward", "back", "kp", "kd"),
-    *("M", "C", "K", "J", "lu", "part", "pivot"),
-    *("y0", "v0", "position", "velocity", "feed", "scale", "a", "lam", "turn"),
-    *("y", "v", "move", "torque", "r", "open", "da", "dlam", "change"),
-)
-
-
-class _Stages(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in _COUNTS),
-        *((name, ctypes.c_void_p) for name in _ARRAYS),
-        ("h", ctypes.c_double),
-    ]
+_Stages = structure("Stages")
 
 
 @dataclass(frozen=True)
@@ -115,8 +100,9 @@ class StageKernel:
         self._arrays = arrays = numbers.arrays
         pointers = numbers.addresses | integers.addresses
         self._structure = _Stages(
-            s, values, free, motors, int(rows.prescribed), len(rows.plain_v), len(rows.circle_v),
-            len(rows.ball_v), **pointers,
+            s=s, values=values, free=free, motors=motors, prescribed=int(rows.prescribed),
+            plain=len(rows.plain_v), circles=len(rows.circle_v), balls=len(rows.ball_v),
+            **pointers,
         )  # fmt: skip
         self.y0, self.v0, self.scale = arrays["y0"], arrays["v0"], arrays["scale"]
         self.position, self.velocity, self.feed = (

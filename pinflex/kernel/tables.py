@@ -1,6 +1,6 @@
 """Flat tables of one system, as the C code reads them: sizes and types checked here, once.
 
-The fields follow those of `Tables` in source/kernel.h, which says what they hold.
+The fields are those of `Tables` in source/kernel.h, which says what they hold.
 """
 
 from __future__ import annotations
@@ -13,13 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pinflex.errors import PinflexError
+from pinflex.kernel.header import names, structure
 
-COUNTS = (
-    *("nq", "nv", "nq_rigid", "nv_rigid", "nQ", "nV"),
-    *("nodes", "points", "twists", "rows", "loops", "closures"),
-    *("forces", "springs", "dampers", "joint_springs", "rubs", "legs"),
-    "couplings",
-)
+_Tables = structure("Tables")
+COUNTS = names("Tables", ctypes.c_int64)
 # Each array with its shape; "name+1" starts of rows, whose last entry counts what "*name" holds.
 INTEGERS = {
     "q_at": ("nq_rigid",),
@@ -100,13 +97,6 @@ _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node",
 _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
     "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)
 }  # fmt: skip
-
-
-class _Tables(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in COUNTS),
-        *((name, ctypes.c_void_p) for name in (*INTEGERS, *NUMBERS)),
-    ]
 
 
 class Tables:

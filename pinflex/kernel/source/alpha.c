@@ -12,7 +12,6 @@
 /* A state: y (nq,), v, a and s (nv,), lam (closures,). */
 typedef struct { double *y, *v, *a, *s, *lam; } State;
 
-/* Field by field that of pinflex/kernel/alpha.py. */
 typedef struct {
   Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
   Int iterations, refreshed;           /* counts */

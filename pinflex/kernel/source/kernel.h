@@ -20,7 +20,6 @@ enum { REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR };
 /* Kinds of closure rows. */
 enum { POINT, DIRECTION, DISTANCE };
 
-/* Field by field that of pinflex/kernel/tables.py. */
 typedef struct {
   Int nq, nv, nq_rigid, nv_rigid, nQ, nV; /* y, v, their rigid parts, the expanded Q and V */
   Int nodes, points, twists, rows;        /* of the tree; elastic rows of the map */

@@ -11,7 +11,6 @@
 #include "lu.h"
 #include <string.h>
 
-/* Field by field that of pinflex/kernel/linear.py. */
 typedef struct {
   Int n, rows, count, kept;          /* kept: whether there is room for the factors of all systems */
   const Int *col_at, *row;           /* moving entries of S, C and K: columns, and their rows */

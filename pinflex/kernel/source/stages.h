@@ -6,7 +6,7 @@
 
 enum { MOST_STAGES = 9 }; /* 7 of a run, and two corrections */
 
-/* Field by field that of pinflex/kernel/stages.py. Arrays of stages are row by row, (s, .). */
+/* Arrays of stages are row by row, (s, .). */
 typedef struct {
   Int s, values;                                     /* stages, eigenvalues of A^-1 kept */
   Int free, motors, prescribed;                      /* free rows; motors prescribed, or driven */

@@ -21,7 +21,8 @@ import numpy as np
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
-from pinflex.kernel.library import FUNCTIONS, kernel
+from pinflex.kernel import header
+from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import platform_poses
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
@@ -90,7 +91,7 @@ def _timed_kernel() -> Iterator[list[float]]:
     """CPU seconds of each call of the kernel, while it lasts."""
     spent: list[float] = []
     functions = kernel().functions
-    plain = {name: getattr(functions, name) for name in FUNCTIONS} if functions else {}
+    plain = {name: getattr(functions, name) for name in header.functions()} if functions else {}
 
     def timed(function: Callable[..., object]) -> Callable[..., object]:
         def call(*args: object) -> object:

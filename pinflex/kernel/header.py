@@ -1,0 +1,98 @@
+"""Structures, functions and constants of the kernel as its C sources declare them, once.
+
+The sources travel with the library (a library of others is not loaded), so that Python reads there
+what it hands over: nothing is listed twice, and nothing can differ.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from functools import cache
+from typing import Any
+
+from pinflex.kernel.build import SOURCE
+
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+_STRUCTURE = re.compile(r"typedef struct \{([^}]*)\} (\w+);")
+_ENUMERATION = re.compile(r"\benum \{([^}]*)\};")
+_FUNCTION = re.compile(r"^EXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]", re.MULTILINE)
+_SCALARS = {"Int": ctypes.c_int64, "int": ctypes.c_int, "double": ctypes.c_double}
+
+
+@cache
+def _text() -> str:
+    texts = (path.read_text("utf-8") for path in sorted(SOURCE.glob("*.[ch]")))
+    return _COMMENT.sub("", "\n".join(texts))
+
+
+@cache
+def _structures() -> dict[str, str]:
+    return {name: body for body, name in _STRUCTURE.findall(_text())}
+
+
+@cache
+def structure(name: str) -> type[ctypes.Structure]:
+    """The structure that the sources call so, with its fields in their order.
+
+    Args:
+        name: Such as Tables.
+    """
+    fields: list[tuple[str, Any]] = []
+    for declaration in _structures()[name].split(";")[:-1]:
+        kind, names = re.split(r"\s+", re.sub(r"\bconst ", "", declaration.strip()), maxsplit=1)
+        for each in names.split(","):
+            field = each.strip()
+            fields.append((field.lstrip("*"), ctypes.c_void_p if "*" in field else _value(kind)))
+    return type(name, (ctypes.Structure,), {"_fields_": fields})
+
+
+def names(of: str, kind: type) -> tuple[str, ...]:
+    """Names of the fields of a structure that are of one kind, such as `ctypes.c_void_p`.
+
+    Args:
+        of: The structure. kind: Type of the fields.
+    """
+    fields: list[tuple[str, Any]] = structure(of)._fields_  # type: ignore[assignment]
+    return tuple(name for name, type_ in fields if type_ is kind)
+
+
+@cache
+def functions() -> dict[str, tuple[Any, tuple[Any, ...]]]:
+    """Types of the answer and of the arguments of every function that the library has."""
+    found = {}
+    for answer, name, arguments in _FUNCTION.findall(_text()):
+        each = [] if arguments.strip() == "void" else arguments.split(",")
+        found[name] = (_type(answer), tuple(_type(argument) for argument in each))
+    return found
+
+
+@cache
+def constant(name: str) -> int:
+    """The number that an enumeration of the sources gives a name.
+
+    Args:
+        name: Such as MOST_STAGES.
+    """
+    for names in _ENUMERATION.findall(_text()):
+        number = 0
+        for each in names.split(","):
+            called, _, value = (part.strip() for part in each.partition("="))
+            number = int(value) if value else number
+            if called == name:
+                return number
+            number += 1
+    raise KeyError(name)
+
+
+def _type(declaration: str) -> Any:
+    """Of an answer or an argument."""
+    kind = re.sub(r"\bconst\b", "", declaration).split()[0]
+    if "*" in declaration:
+        return ctypes.c_char_p if kind == "char" and "const" in declaration else ctypes.c_void_p
+    return None if kind == "void" else _value(kind)
+
+
+def _value(kind: str) -> Any:
+    """A number, or a structure within another."""
+    return _SCALARS[kind] if kind in _SCALARS else structure(kind)
