@@ -121,7 +121,7 @@ def _stages(
         return spare  # type: ignore[no-any-return]
     compiled = equations.compiled
     sorts = _sorts(system)
-    if compiled is None or sorts is None or not compiled.complete:
+    if compiled is None or sorts is None:
         return None
     motors = system.motors
     paired = np.isin(np.arange(len(motors)), axes.paired)

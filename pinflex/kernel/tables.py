@@ -42,6 +42,9 @@ INTEGERS = {
     "couple_row": ("couplings",),
     "couple_at": ("couplings+1",),
     **dict.fromkeys(("couple_q", "couple_v"), ("*couple_at",)),
+    "added_node": ("added",),
+    **dict.fromkeys(("bent_first", "bent_n", "bent_directions"), ("bent",)),
+    **dict.fromkeys(("bent_at", "bent_point"), ("bent+1",)),
     **dict.fromkeys(("force_node", "force_follows"), ("forces",)),
     **dict.fromkeys(("spring_a", "spring_b"), ("springs",)),
     **dict.fromkeys(
@@ -71,6 +74,9 @@ NUMBERS = {
     "row_length": ("*loop_at",),
     "couple_factor": ("*couple_at",),
     "couple_offset": ("couplings",),
+    "added_inertia": ("added", 36),
+    **dict.fromkeys(("bent_slope", "bent_bend"), ("*bent_at",)),
+    "bent_weight": ("*bent_point",),
     "force_place": ("forces", 3),
     "force_load": ("forces", 6),
     **dict.fromkeys(("spring_place_a", "spring_place_b", "spring_law"), ("springs", 3)),
@@ -87,13 +93,14 @@ _INTO: dict[str, str | int] = {
     "twist_q": "nQ", "twist_v": "nV", "row_q": "nQ", "row_v": "nV", "phi_i": "n_eta",
     "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
     "row_number": "closures", "couple_row": "closures", "couple_q": "nQ", "couple_v": "nV",
+    "added_node": "nodes", "bent_first": "n_eta", "bent_directions": 3,
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
     "col_first": "nv", "leg_of": "legs", "range_from": "nv", "range_last": "nv",
     "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
 }  # fmt: skip
-_BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "spring_a",
-         "spring_b"}  # fmt: skip  # may be -1: the base
+_BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",
+         "spring_a", "spring_b"}  # fmt: skip  # may be -1: the base
 _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
     "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)
 }  # fmt: skip
@@ -139,7 +146,9 @@ class Tables:
             array = self._arrays[name]
             limit = sizes[into] if isinstance(into, str) else into
             top = array
-            if name == "col_first":
+            if name == "bent_first":
+                top = array + self._arrays["bent_n"] - 1
+            elif name == "col_first":
                 top = array + np.maximum(np.diff(self._arrays["x_at"]), 1) - 1
             elif name in _AHEAD:
                 top = array + np.array(_AHEAD[name])[self._arrays["kind"]] - 1
@@ -150,6 +159,10 @@ class Tables:
         if np.any(self._arrays["parent"] >= np.arange(sizes["nodes"])):
             raise PinflexError("kernel: parent: a node before its parent.")
         self._check_legs()
+        bent = (self._arrays[f"bent_{part}"] for part in ("n", "directions", "point", "at"))
+        n, directions, points, at = bent
+        if np.any(n * directions * np.diff(points) != np.diff(at)):
+            raise PinflexError("kernel: bent_at: rows that do not fit their points.")
         for name in (*INTEGERS, *NUMBERS):
             if name.endswith("_at") and name not in ("q_at", "v_at"):
                 array = self._arrays[name]

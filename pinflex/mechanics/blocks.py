@@ -39,6 +39,7 @@ def stack(
         G = np.array([[m[2] for m in sorted_maps[k][:curved]] for k in group], dtype=float)
         eta = slice(slices[group[0]].start, slices[group[-1]].stop)
         G = G.reshape(len(group), curved, n, n)
+        G = 0.5 * (G + G.swapaxes(2, 3))  # eta' G eta has no other part
         blocks.append(Block(rows, q_of[rows.ravel()], Phi, G, eta))
     return tuple(blocks)
 

@@ -48,16 +48,12 @@ class Compiled:
     """Residual, closures and their derivatives of one system (make one per run, and per thread).
 
     Attributes:
-        evaluator: The compiled functions. complete: Whether nothing is left to numpy.
+        evaluator: The compiled functions.
     """
 
     def __init__(self, system: System) -> None:
         self.evaluator = Evaluator(system.tables)
-        self._nq, self._nv = int(system.rigid.nq), int(system.rigid.nv)
         self._forces = [force for force, _ in system.loads.forces]
-        bodies = [(slot.eta, slot.body.curvature) for slot in system.expansion.slots]
-        self._curved = [(at, bent) for at, bent in bodies if bent is not None]
-        self.complete = not self._curved
 
     def residual(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array | Sequence[float | Array]
@@ -68,10 +64,7 @@ class Compiled:
             Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows), N | N m.
             t: Times in s, at which the loads are taken, shape (n,).
         """
-        R, C = self.evaluator.residuals(Y, V, A, lam, self.scale(t))
-        for at, bent in self._curved:
-            R[:, self._nv :][:, at] += bent.force(Y[:, self._nq :][:, at])
-        return R, C
+        return self.evaluator.residuals(Y, V, A, lam, self.scale(t))
 
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
@@ -82,11 +75,7 @@ class Compiled:
             y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,). t: Time in s.
             rates: With what the rates of the second-order rows bring.
         """
-        M, C, K, J = self.evaluator.tangent(y, v, a, lam, self.scale((t,))[0], rates)
-        for at, bent in self._curved:
-            rows = slice(self._nv + at.start, self._nv + at.stop)
-            K[rows, rows] += bent.stiffness(y[self._nq :][at])
-        return M, C, K, J
+        return self.evaluator.tangent(y, v, a, lam, self.scale((t,))[0], rates)
 
     def scale(self, t: Array | Sequence[float | Array]) -> Array:
         """Shares of the loads that act at times t (n,), shape (n, forces)."""

@@ -71,7 +71,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (FlexibleBody, "n length families slices labels second_order x mass Phi G xt It Phi_t G_t "
          "rotary inertia Phi_r G_r K M D root_moves solid curvature"),
         (Family, "n names length breaks gauss function shear"),
-        (Curvature, "bend slope weight"),  # its forces are added to those of the kernel
+        (Curvature, "bend slope weight"),
         (Superelement, "points nodes held inertia_error held_frequencies x Phi G outer "
          "outer_moment corners triangles shapes stress"),
         (Node, "name place Phi G"),
@@ -84,8 +84,6 @@ KNOWN: dict[type, frozenset[str]] = {
 
 def uncovered(system: System) -> str | None:
     """What of a system the kernel does not cover; None: it covers the system."""
-    if system.added.joints:
-        return "mass that differs with the direction"
     if system.closed.contacts:
         return "sleeve on a flexible beam"
     closed = system.closed
@@ -96,9 +94,6 @@ def uncovered(system: System) -> str | None:
         name = joint.shortname().removeprefix(_PREFIX)
         if name not in _JOINTS and name not in _ALONG:
             return f"joint of Pinocchio's kind {name}"
-    for block in system.expansion.blocks:
-        if not np.array_equal(block.G, block.G.swapaxes(2, 3)):
-            return "map with second-order rows that are not symmetric"
     return _unknown(system, set())
 
 
@@ -130,6 +125,7 @@ def node_of_joints(system: System) -> IntArray:
 def _tree(system: System) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
     used = {int(b) for b in system.closed.bodies} | set(_loaded(system.loads))
+    used |= {int(joint) for joint in system.added.joints}
     return _sorted(system.expansion.model, used)
 
 
@@ -152,7 +148,9 @@ def tables(system: System) -> Tables:
         **_twists(model, twists, node_of), **_map(expansion), **_legs(expansion),
         **_loops(closed, node_of),
         **_couplings(closed.coupled, model),
-        **_loads(system.loads, node_of), **_joint_springs(system), **_friction(system.friction),
+        "added_node": node_of[list(system.added.joints)], "added_inertia": system.added.inertia,
+        **_curvatures(expansion), **_loads(system.loads, node_of), **_joint_springs(system),
+        **_friction(system.friction),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
     dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
@@ -164,6 +162,7 @@ def tables(system: System) -> Tables:
         "springs": len(system.loads.springs), "dampers": dampers,
         "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
         "legs": len(arrays["range_at"]) - 1, "couplings": len(closed.coupled.rows),
+        "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
     }  # fmt: skip
     return Tables(counts, arrays)
 
@@ -354,6 +353,26 @@ def _couplings(coupled: CoupledRows, model: pin.Model) -> dict[str, Any]:
         "couple_row": coupled.rows, "couple_at": entries["couple_at"], "couple_q": at,
         "couple_v": [v_of[int(q)] for q in at], "couple_factor": entries["couple"],
         "couple_offset": coupled.offset,
+    }  # fmt: skip
+
+
+def _curvatures(expansion: Expansion) -> dict[str, Any]:
+    """Rows of slope and bend of links that bend far, point by point."""
+    found = [(slot.eta.start, slot.body.curvature) for slot in expansion.slots]
+    bent = [(first, one) for first, one in found if one is not None]
+    shapes = np.array([one.slope.shape for _, one in bent], dtype=np.intp).reshape(-1, 3)
+
+    def flat(rows: list[Array]) -> Array:
+        return np.concatenate([np.zeros(0), *(x.transpose(1, 0, 2).ravel() for x in rows)])
+
+    return {
+        "bent_first": [first for first, _ in bent], "bent_n": shapes[:, 2],
+        "bent_directions": shapes[:, 0],
+        "bent_at": np.concatenate([[0], np.cumsum(shapes.prod(axis=1))]),
+        "bent_point": np.concatenate([[0], np.cumsum(shapes[:, 1])]),
+        "bent_slope": flat([one.slope for _, one in bent]),
+        "bent_bend": flat([one.bend for _, one in bent]),
+        "bent_weight": np.concatenate([np.zeros(0), *(one.weight for _, one in bent)]),
     }  # fmt: skip
 
 

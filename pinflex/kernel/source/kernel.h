@@ -26,7 +26,7 @@ typedef struct {
   Int loops, closures;                    /* closures: their rows */
   Int forces, springs, dampers;           /* between frames */
   Int joint_springs, rubs, legs;          /* legs: children of the base */
-  Int couplings;                          /* joints that follow others */
+  Int couplings, added, bent;             /* joints that follow; added masses; large bends */
   const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
   const Int *parent, *kind, *node_q, *node_v;              /* nodes */
   const Int *point_node, *point_q, *point_v;               /* mass points */
@@ -39,6 +39,8 @@ typedef struct {
   const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
   const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
   const Int *couple_row, *couple_at, *couple_q, *couple_v; /* couplings of joints */
+  const Int *added_node;
+  const Int *bent_first, *bent_n, *bent_directions, *bent_at, *bent_point; /* curvature.c */
   const Int *force_node, *force_follows;                   /* loads */
   const Int *spring_a, *spring_b;                          /* springs between frames */
   const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
@@ -51,6 +53,7 @@ typedef struct {
   const double *phi, *g;
   const double *frame_a, *frame_b, *row_length;            /* [R | p] of loops, (3, 4) */
   const double *couple_factor, *couple_offset;
+  const double *added_inertia, *bent_slope, *bent_bend, *bent_weight;
   const double *force_place, *force_load;                  /* place (3,), then R F, R M or F, M */
   const double *spring_place_a, *spring_place_b, *spring_law; /* stiffness, damper, length */
   const double *joint_spring_law;                          /* stiffness, rest */
@@ -89,6 +92,10 @@ double dissipation(const Tables *t, const double *v); /* power of damping and fr
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
 Lane damper_power(const Tables *t, Work *w); /* of dampers between frames, W */
+
+/* added_mass.c: of nodes whose motion is known; curvature.c */
+void add_masses(const Tables *t, Work *w);
+void add_curvature(const Tables *t, const Lane *eta, Lane *r);
 
 /* couplings.c: the same rows and derivatives of joints that follow others */
 void couple_joints(const Tables *t, Work *w, const Lane *lam, Lane *c);

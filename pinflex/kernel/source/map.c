@@ -58,6 +58,7 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
     for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) sum += t->k[p] * eta[t->k_j[p]];
     r_eta[i] += sum;
   }
+  add_curvature(t, eta, r_eta);
   for (Int i = 0; i < t->nv; i++)
     for (Int p = t->d_at[i]; p < t->d_at[i + 1]; p++) r[i] += t->d[p] * v[t->d_j[p]];
   for (Int k = 0; k < t->joint_springs; k++) {

@@ -18,7 +18,7 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->Q = (Lane *)(memory + padded(t->nodes * (Int)sizeof(Node)));
   w->V = w->Q + t->nQ;
   w->A = w->V + t->nV;
-  w->moving = t->dampers > 0;
+  w->moving = t->dampers + t->added > 0;
   g->y = w->A + t->nV;
   g->v = g->y + t->nq;
   g->a = g->v + t->nv;
@@ -32,6 +32,7 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
 
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c) {
   outward(t, w, placed);
+  add_masses(t, w);
   close_loops(t, w, lam, c);
   apply_loads(t, w, scale);
   inward(t, w);
@@ -42,7 +43,7 @@ void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *
 void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
                     const Lane *lam, const Lane *scale, Lane *r, Lane *c) {
   expand(t, w, y, v, a);
-  balance(t, w, t->loops + t->forces + t->springs > 0, lam, scale, c);
+  balance(t, w, t->loops + t->forces + t->springs + t->added > 0, lam, scale, c);
   project(t, w, y, v, r);
 }
 

@@ -78,7 +78,7 @@ static void move_columns(const Frozen *up, const double *rate, const double *gro
 
 /* T[i] += D_ij X_j and what the rates of row j bring; D holds dg/da, dg/dv, dg/dq. Rows of T have
    the columns of their own leg. */
-static void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D) {
+void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D) {
   Int at = t->x_at[j], n = t->x_at[j + 1] - at, own = t->own_at[i + 1] - t->own_at[i];
   double *M = w->T + 3 * t->own_at[i] + t->own_first[j], *C = M + own, *K = C + own;
   const double *x = w->x + at, *dx = w->dx + at, *ddx = w->ddx + at;
@@ -321,11 +321,13 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
     couple(t, &w, t->node_v[i], width(t->kind[i]), t->parent[i], &here->I, here->f);
     if (t->parent[i] >= 0) add_moments(&w.frozen[t->parent[i]].I, &here->I);
   }
+  added_tangent(t, &w);
   for (Int i = 0; i < t->nV; i++) {
     double rotor[3] = {t->armature[i], 0.0, 0.0};
     if (rotor[0] != 0.0) gain(t, &w, i, i, rotor);
   }
   gather_up(t, lanes, &w, M, C, K);
+  curvature_tangent(t, y + t->nq_rigid, w.lifted, K + t->nv_rigid * (t->nv + 1));
   close_tangent(t, &w, lam, K, J);
   load_tangent(t, &w, scale, C, K);
   friction_tangent(t, v, C);

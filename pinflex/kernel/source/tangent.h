@@ -44,6 +44,13 @@ void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, dou
 void close_jacobian(const Tables *t, Tangent *w, double *J);
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
 
+/* tangent.c: add D = (dg_i/da_j, dg_i/dv_j, dg_i/dq_j) of expanded velocities i and j of one leg */
+void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D);
+
+/* added_mass.c, curvature.c */
+void added_tangent(const Tables *t, Tangent *w);
+void curvature_tangent(const Tables *t, const Lane *eta, double *u, double *K);
+
 /* couplings.c */
 void coupling_jacobian(const Tables *t, const Tangent *w, double *J);
 void coupling_rates(const Tables *t, const Tangent *w, double *out);

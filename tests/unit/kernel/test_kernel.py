@@ -19,6 +19,7 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.curvature import Curvature
 from pinflex.bodies.family import Family
 from pinflex.description.couplings import Coupling
 from pinflex.description.loops import LOOP_KINDS, Loop
@@ -27,6 +28,7 @@ from pinflex.kernel import build, library
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
 from pinflex.kernel.tables import Tables
+from pinflex.mechanics.added_mass import AddedMasses
 from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.closure_motion import closure_motion
 from pinflex.mechanics.compiled import Compiled, evaluated_by, on_kernel
@@ -232,6 +234,34 @@ def test_and_where_joints_follow_others_beside_loops(seed: int) -> None:
     system = dataclasses.replace(m.flexible, closed=closed)
     assert len(closed.coupled.rows) == len(coupled) and on_kernel(system) is not None
     agrees(system, m.undeformed(), STATES, seed)
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", range(8))
+def test_and_with_masses_that_differ_with_the_direction(seed: int) -> None:
+    """Of two bodies, sections of links among them, with all 21 numbers each."""
+    m, rng = tree(seed).build(), np.random.default_rng(seed)
+    joints = rng.choice(np.arange(1, m.flexible.expansion.model.njoints), 2, replace=False)
+    X = rng.normal(size=(2, 6, 6))
+    added = AddedMasses(tuple(map(int, joints)), X @ X.swapaxes(1, 2))
+    agrees(dataclasses.replace(m.flexible, added=added), m.undeformed(), STATES, seed)
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", range(4))
+def test_and_with_bends_that_are_not_small(seed: int) -> None:
+    """In one direction or in two, with random rows."""
+    m, rng = tree(seed).build(), np.random.default_rng(seed)
+
+    def curved(slot: Slot) -> Slot:
+        rows = rng.normal(size=(2, 1 + seed % 2, 5, slot.body.n))
+        bent = Curvature(rows[0], rows[1], 100.0 * rng.uniform(1, 2, 5))
+        return dataclasses.replace(slot, body=dataclasses.replace(slot.body, curvature=bent))
+
+    on = m.flexible.expansion
+    on = dataclasses.replace(on, slots=tuple(map(curved, on.slots)))
+    assert on.slots
+    agrees(dataclasses.replace(m.flexible, expansion=on), m.undeformed(), STATES, seed)
 
 
 @needs_kernel

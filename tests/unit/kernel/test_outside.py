@@ -15,6 +15,7 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.kernel.library import kernel
+from pinflex.mechanics.added_mass import AddedMasses
 from pinflex.mechanics.compiled import Compiled, on_kernel
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.friction import DryFriction
@@ -22,6 +23,7 @@ from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.system import System
 from tests.every_model import NAMES, at_home, manifold, mechanism
 from tests.scenes import Body, load
+from tests.unit.kernel.test_kernel import bare as of_model
 from tests.unit.kernel.test_kernel import states
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
@@ -122,6 +124,38 @@ def test_a_spring_off_the_origin_of_a_link_turns_it_by_its_arm(tmp_path: Path) -
     y, still = np.tile(m.home, (2, 1)), np.zeros((2, 1))
     found, _ = Compiled(m.rigid).residual(y, still, still, np.zeros((2, 0)), np.zeros(2))
     np.testing.assert_allclose(found, -60.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_added_masses_are_what_lagrange_makes_of_their_energy(seed: int) -> None:
+    """d/dt dT/dv - dT/dq, T = u' M u / 2 of the twist u that Pinocchio has for the body."""
+    rng = np.random.default_rng(seed)
+    model, at = pin.Model(), 0
+    model.gravity.linear = rng.normal(size=3)
+    for k in range(4):
+        axis = rng.normal(size=3)
+        joint = pin.JointModelRevoluteUnaligned(axis / np.linalg.norm(axis))
+        at = model.addJoint(at, joint, pin.SE3.Random(), f"joint {k}")
+        model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Random())
+    X, data = rng.normal(size=(6, 6)), model.createData()
+    plain, own = of_model(model), X @ X.T
+    system = replace(plain, added=AddedMasses((3,), own[None]))
+
+    def momentum(q: Array, v: Array) -> tuple[Array, float]:
+        J = pin.computeJointJacobian(model, data, q, 3)
+        return J.T @ own @ J @ v, 0.5 * v @ J.T @ own @ J @ v
+
+    q, v, a = rng.normal(size=(3, 4))
+    h, (late, early) = FINE, [momentum(q + s * v * FINE, v + s * a * FINE)[0] for s in (1, -1)]
+    slope = [momentum(q + e, v)[1] - momentum(q - e, v)[1] for e in h * np.eye(4)]
+    expected = (late - early - np.array(slope)) / (2 * h)
+    none = np.zeros((1, 0))
+    with_it, without = (
+        Compiled(x).residual(q[None], v[None], a[None], none, np.zeros(1))[0][0]
+        for x in (system, plain)
+    )
+    scale = np.max(np.abs(expected))
+    assert np.max(np.abs(with_it - without - expected)) < 1e-8 * scale  # h^2, and 1e-16 / h
 
 
 def test_a_wheel_that_follows_is_felt_by_its_ratio_squared(tmp_path: Path) -> None:
