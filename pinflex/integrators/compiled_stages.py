@@ -16,7 +16,7 @@ from pinflex.mechanics.compiled import Compiled
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.system import System
 
-_BALL = "JointModelSpherical"
+_BALL, _FREE, _PLANAR = (f"JointModel{kind}" for kind in ("Spherical", "FreeFlyer", "Planar"))
 
 
 class CompiledStages:
@@ -136,8 +136,8 @@ def _kind(method: Collocation, prescribed: bool) -> object:
 
 
 def _sorts(system: System) -> tuple[IntArray, ...] | None:
-    """Coordinates and rows of plain joints, circles and balls; None where there are others."""
-    plain, circles, balls = [], [], []
+    """Coordinates and rows of plain joints, circles, balls and bodies; None: there are others."""
+    plain, circles, balls, bodies = [], [], [], []
     for joint in system.rigid.joints[1:]:
         first = joint.idx_q, joint.idx_v
         if joint.nq == joint.nv:
@@ -146,7 +146,10 @@ def _sorts(system: System) -> tuple[IntArray, ...] | None:
             circles.append(first)
         elif joint.shortname() == _BALL:
             balls.append(first)
+        elif joint.shortname() in (_FREE, _PLANAR):
+            bodies.append((*first, int(joint.shortname() == _PLANAR)))
         else:
             return None
     found = (np.array(x, dtype=np.intp).reshape(-1, 2).T for x in (plain, circles, balls))
-    return tuple(column for both in found for column in both)
+    columns = [column for both in found for column in both]
+    return *columns, *np.array(bodies, dtype=np.intp).reshape(-1, 3).T

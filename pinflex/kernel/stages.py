@@ -43,6 +43,7 @@ class Rows:
             cosine with its sine behind it.
         plain_q, plain_v: Coordinates and rows of rigid joints that move by addition.
         circle_q, circle_v: Of joints that keep (cos, sin). ball_q, ball_v: Of balls.
+        body_q, body_v, body_flat: Of free joints, and of planar ones (flat: 1).
     """
 
     prescribed: bool
@@ -56,6 +57,9 @@ class Rows:
     circle_v: IntArray
     ball_q: IntArray
     ball_v: IntArray
+    body_q: IntArray
+    body_v: IntArray
+    body_flat: IntArray
 
 
 class StageKernel:
@@ -102,6 +106,7 @@ class StageKernel:
         self._structure = _Stages(
             s=s, values=values, free=free, motors=motors, prescribed=int(rows.prescribed),
             plain=len(rows.plain_v), circles=len(rows.circle_v), balls=len(rows.ball_v),
+            bodies=len(rows.body_v),
             **pointers,
         )  # fmt: skip
         self.y0, self.v0, self.scale = arrays["y0"], arrays["v0"], arrays["scale"]

@@ -74,7 +74,7 @@ static void follow(const Tables *t, const March *run, March *m, Int k) {
 static void turned(const Tables *t, March *m) {
   const Stages *st = m->stages;
   Int all = st->s * t->nv, k = m->count + 1;
-  if (!st->balls) return;
+  if (!(st->balls + st->bodies)) return;
   pinflex_place(t, st);
   copy(m->steps.turn + k * all, st->turn, all);
   copy(m->steps.move + k * all, st->move, all);

@@ -77,6 +77,15 @@ void retract(const Tables *t, const Stages *st, const double *y0, const double *
 void displacement(const Tables *t, const Stages *st, const double *y0, const double *y,
                   double *move);
 void write_motors(const Stages *st, const double *position, double *y);
+void circle_move(const double *q, double angle, double *out);
+double circle_way(const double *a, const double *b);
+void ball_move(const double *q, const double *m, double *out);
+void ball_way(const double *q, const double *p, double *out);
+
+/* free_bodies.c: the same of free and planar (flat) joints, and u - v */
+void body_move(int flat, const double *q, const double *move, double *out);
+void body_way(int flat, const double *q, const double *to, double *move);
+void body_turn(int flat, const double *move, const double *v, double *out);
 
 /* newton.c: complex LU, columns one after the other */
 int decompose(double *re, double *im, Int n, Int *pivot);

@@ -18,7 +18,7 @@ static void ball_turn(const double *m, const double *v, double *out) {
 }
 
 /* q times the quaternion of a rotation vector, scalar last, kept on the sphere. */
-static void ball_move(const double *q, const double *m, double *out) {
+void ball_move(const double *q, const double *m, double *out) {
   double half = 0.5 * sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]);
   double k = half > 1e-8 ? 0.5 * sin(half) / half : 0.5, w = cos(half);
   double x = k * m[0], y = k * m[1], z = k * m[2];
@@ -31,7 +31,7 @@ static void ball_move(const double *q, const double *m, double *out) {
 }
 
 /* The shorter rotation vector that takes one quaternion to another. */
-static void ball_way(const double *q, const double *p, double *out) {
+void ball_way(const double *q, const double *p, double *out) {
   double w = q[3] * p[3] + q[0] * p[0] + q[1] * p[1] + q[2] * p[2];
   double v[3] = {q[3] * p[0] - p[3] * q[0] - (q[1] * p[2] - q[2] * p[1]),
                  q[3] * p[1] - p[3] * q[1] - (q[2] * p[0] - q[0] * p[2]),
@@ -41,10 +41,15 @@ static void ball_way(const double *q, const double *p, double *out) {
   for (int d = 0; d < 3; d++) out[d] = sign * k * v[d];
 }
 
-static void circle_move(const double *q, double angle, double *out) {
+void circle_move(const double *q, double angle, double *out) {
   double grown = 0.5 * (3.0 - q[0] * q[0] - q[1] * q[1]), c = cos(angle), s = sin(angle);
   double x = grown * q[0], y = grown * q[1];
   out[0] = x * c - y * s, out[1] = y * c + x * s;
+}
+
+/* The angle from one (cos, sin) to another. */
+double circle_way(const double *a, const double *b) {
+  return atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
 }
 
 void retract(const Tables *t, const Stages *st, const double *y0, const double *move, double *y) {
@@ -54,6 +59,8 @@ void retract(const Tables *t, const Stages *st, const double *y0, const double *
     circle_move(y0 + st->circle_q[k], move[st->circle_v[k]], y + st->circle_q[k]);
   for (Int k = 0; k < st->balls; k++)
     ball_move(y0 + st->ball_q[k], move + st->ball_v[k], y + st->ball_q[k]);
+  for (Int k = 0; k < st->bodies; k++)
+    body_move(st->body_flat[k], y0 + st->body_q[k], move + st->body_v[k], y + st->body_q[k]);
   for (Int i = 0; i < t->nv - t->nv_rigid; i++)
     y[t->nq_rigid + i] = y0[t->nq_rigid + i] + move[t->nv_rigid + i];
 }
@@ -62,12 +69,12 @@ void displacement(const Tables *t, const Stages *st, const double *y0, const dou
                   double *move) {
   for (Int k = 0; k < st->plain; k++)
     move[st->plain_v[k]] = y[st->plain_q[k]] - y0[st->plain_q[k]];
-  for (Int k = 0; k < st->circles; k++) {
-    const double *a = y0 + st->circle_q[k], *b = y + st->circle_q[k];
-    move[st->circle_v[k]] = atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]);
-  }
+  for (Int k = 0; k < st->circles; k++)
+    move[st->circle_v[k]] = circle_way(y0 + st->circle_q[k], y + st->circle_q[k]);
   for (Int k = 0; k < st->balls; k++)
     ball_way(y0 + st->ball_q[k], y + st->ball_q[k], move + st->ball_v[k]);
+  for (Int k = 0; k < st->bodies; k++)
+    body_way(st->body_flat[k], y0 + st->body_q[k], y + st->body_q[k], move + st->body_v[k]);
   for (Int i = 0; i < t->nv - t->nv_rigid; i++)
     move[t->nv_rigid + i] = y[t->nq_rigid + i] - y0[t->nq_rigid + i];
 }
@@ -103,15 +110,20 @@ EXPORT void pinflex_place(const Tables *t, const Stages *st) {
   for (Int i = 0; i < st->s; i++)
     for (Int k = 0; k < led(st); k++)
       st->v[i * nv + st->motor_v[k]] = st->velocity[i * st->motors + k];
-  if (st->balls) {
+  if (st->balls + st->bodies) {
     double *seen = st->change; /* free until the correction */
     for (Int i = 0; i < st->s * nv; i++) seen[i] = st->move[i];
     add_weighted(st, nv, rigid, h, st->A, st->turn, seen);
-    for (Int i = 0; i < st->s; i++)
+    for (Int i = 0; i < st->s; i++) {
       for (Int k = 0; k < st->balls; k++) {
         Int at = i * nv + st->ball_v[k];
         ball_turn(seen + at, st->v + at, st->turn + at);
       }
+      for (Int k = 0; k < st->bodies; k++) {
+        Int at = i * nv + st->body_v[k];
+        body_turn(st->body_flat[k], seen + at, st->v + at, st->turn + at);
+      }
+    }
     add_weighted(st, nv, rigid, h, st->A, st->turn, st->move);
     for (Int i = 0; i < st->s * nv; i++) seen[i] = 0.0;
   }

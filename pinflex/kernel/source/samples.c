@@ -52,7 +52,7 @@ EXPORT void pinflex_samples(const Tables *t, const March *m, Int count, const do
     for (Int j = 0; j < nv; j++) v[j] = x->v0[k * nv + j], move[j] = h * z * v[j];
     add_stages(s, nv, h, B1, x->a + at * nv, v);
     add_stages(s, nv, h * h, B2, x->a + at * nv, move);
-    if (st->balls) add_stages(s, nv, h, B1, x->turn + at * nv, move);
+    if (st->balls + st->bodies) add_stages(s, nv, h, B1, x->turn + at * nv, move);
     retract(t, st, x->y0 + k * t->nq, move, y);
     through(s, nv, W, x->a0 + k * nv, x->a + at * nv, a);
     through(s, rows, W, x->lam0 + k * rows, x->lam + at * rows, lam);

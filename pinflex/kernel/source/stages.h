@@ -10,9 +10,10 @@ enum { MOST_STAGES = 9 }; /* 7 of a run, and two corrections */
 typedef struct {
   Int s, values;                                     /* stages, eigenvalues of A^-1 kept */
   Int free, motors, prescribed;                      /* free rows; motors prescribed, or driven */
-  Int plain, circles, balls;                         /* joints by how their coordinates move */
+  Int plain, circles, balls, bodies;                 /* joints by how their coordinates move */
   const Int *free_at, *motor_v, *motor_q, *motor_paired;
   const Int *plain_q, *plain_v, *circle_q, *circle_v, *ball_q, *ball_v;
+  const Int *body_q, *body_v, *body_flat;            /* free joints; flat: planar ones */
   const double *c, *A, *A2, *A2_inverse;             /* (s,), (s, s) */
   const double *value, *forward, *back;              /* complex: (values,), (values, s), (s, values) */
   const double *kp, *kd;                             /* gains of motors that are driven */

@@ -6,8 +6,10 @@ import dataclasses
 import signal
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinflex as pf
@@ -15,20 +17,26 @@ from pinflex.arrays import Array
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import ConvergenceError, PinflexError, RunInterrupted
 from pinflex.integrators import compiled_march
+from pinflex.integrators.collocation import radau
 from pinflex.integrators.compiled_march import STATE, Batch, CompiledMarch
+from pinflex.integrators.compiled_stages import _sorts
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.radau import Stages
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
+from pinflex.kernel.stages import Rows, Scheme, StageKernel
 from pinflex.mechanics.closure import closures
+from pinflex.mechanics.compiled import Compiled
 from pinflex.mechanics.equations import Equations
 from pinflex.solver.same_steps import SameSteps
 from pinflex.solver.scene import Scene
 from pinflex.solver.tolerance import solve_to_tolerance
 from tests.benchmarks.race.case import scene
+from tests.every_model import manifold
 from tests.property.trees import tree
+from tests.unit.kernel.test_kernel import bare
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
 
@@ -98,6 +106,41 @@ def test_and_so_are_corrections(
     for key, error in expected.settings["error"].items():  # type: ignore[attr-defined]
         # 5e-4, of runs that differ by 1e-8
         assert found.settings["error"][key] == pytest.approx(error, rel=1e-3)  # type: ignore[index]
+
+
+def test_a_free_robot_takes_them_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A floating base beside a ball, circles, a slide and an elastic gear, in time and by tol."""
+    motion = "motion: {kind: quintic, joints: {boom_joint: 0.3}, duration: 0.3}\n"
+    given, t = scene(manifold(tmp_path, motion), ()), np.linspace(0.0, 0.05, 11)
+    with monkeypatch.context() as patch:
+        same(*both(patch, lambda: given.resolved(t, 1e-2)), SAME)
+    same(*both(monkeypatch, lambda: solve_to_tolerance(given, t, 1e-1)), SAME)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 0.05, 0.1, 0.5, 2.0])
+def test_free_bodies_move_as_pinocchio_has_them(size: float) -> None:
+    """Stages of a step at constant speed: exp, and the inverse of its right Jacobian."""
+    rng, model, at = np.random.default_rng(0), pin.Model(), 0
+    for k, name in enumerate(("FreeFlyer", "Planar", "Spherical", "RUBX", "RX")):
+        joint = getattr(pin, f"JointModel{name}")()
+        at = model.addJoint(at, joint, pin.SE3.Random(), f"joint {k}")
+        model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Identity())
+    system, m = bare(model), radau(3)
+    scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
+    none, sorts = np.zeros(0, dtype=np.intp), _sorts(system)
+    assert sorts is not None
+    rows = Rows(np.arange(model.nv), none, none, none, *sorts)
+    stages = StageKernel(Compiled(system).evaluator, scheme, rows)
+    pin.seed(1)
+    y = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
+    v = size * rng.normal(size=model.nv)
+    stages.y0[...], stages.v0[...], stages.a[...], stages.turn[...] = y, v, 0.0, 0.0
+    stages.place(1.0)
+    for k, share in enumerate(m.c):
+        rates = np.linalg.solve(pin.dIntegrate(model, y, share * v, pin.ARG1), v)
+        assert np.max(np.abs(stages.turn[k] - (rates - v))) < 1e-12 * size
+        back = pin.difference(model, stages.y[k], pin.integrate(model, y, stages.move[k]))
+        assert np.max(np.abs(back)) < 1e-14 * (1 + 10 * size)
 
 
 def moving(kind: str) -> Scene:
