@@ -7,26 +7,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 
 if TYPE_CHECKING:
     from pinflex.description.flexible import FlexibleLink
 
 
-def damping(link: FlexibleLink, slices: Mapping[str, slice], K: Array, M: Array) -> Array:
+def damping(
+    link: FlexibleLink, places: Mapping[str, slice | IntArray], K: Array, M: Array
+) -> Array:
     """Damping matrix of a body, direction by direction, from its stiffness and mass, (n, n).
 
     Args:
         link: The flexible link, with its Rayleigh or modal damping.
-        slices: Place of each direction in eta.
+        places: Of each direction in eta.
         K, M: Stiffness and mass, shape (n, n).
     """
     alpha, beta = link.rayleigh
-    D = np.zeros_like(K)
-    for at in slices.values():
-        D[at, at] = alpha * M[at, at] + beta * K[at, at]
+    D, every = np.zeros_like(K), np.arange(len(K))
+    for place in places.values():
+        at = np.ix_(every[place], every[place])
+        D[at] = alpha * M[at] + beta * K[at]
         if link.modal_damping:
-            D[at, at] += modal_damping(K[at, at], M[at, at], link.modal_damping)
+            D[at] += modal_damping(K[at], M[at], link.modal_damping)
     return D
 
 

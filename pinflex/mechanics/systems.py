@@ -19,6 +19,7 @@ from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble
 from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.cost import require_workspace
+from pinflex.mechanics.damping import link_damping, rows_of
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.frames import Frame
@@ -182,7 +183,9 @@ def flexible_system(
     D[:n, :n] = rigid.D
     for slot in expansion.slots:
         at = slice(n + slot.eta.start, n + slot.eta.stop)
-        K[at, at], D[at, at] = slot.body.K, slot.body.D
+        K[at, at] = slot.body.K
+    for link, eta in rows_of(expansion).items():
+        D[np.ix_(n + eta, n + eta)] = link_damping(parts[link])
     gears = elastic(description.joints)
     for place in expansion.drives:
         gear, k = gears[place.joint], n + place.eta

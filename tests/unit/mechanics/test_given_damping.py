@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import pinflex as pf
+from pinflex.mechanics.equations import Equations
 from tests.scenes import UNIT_BEAM, Body, load
 
 BEAM = (Body("beam", "base"), Body("tip", "beam", xyz=(1, 0, 0)))
@@ -59,3 +61,29 @@ def test_a_matrix_that_cannot_be_is_refused(
     with pytest.raises(pf.DescriptionError) as error:
         pf.load(tmp_path / "scene.yaml", damping={link: matrix})
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize("segments", [1, 2, 5])
+@pytest.mark.parametrize("thick", [False, True])
+def test_every_mode_of_a_link_has_its_ratio_in_however_many_segments(
+    segments: int, thick: bool, tmp_path: Path
+) -> None:
+    """Modes of the held link by Pinocchio's mass of all stations and of what rides on them.
+
+    In segments each of which had its ratio by itself, the first mode had 0.02 over their number.
+    """
+    # What rides is on the axis, so that it couples no directions, which damping takes one by one.
+    heavy = Body("beam", "base", mass=6.0, com=(0.4, 0, 0), inertia=(0.02, 0.6, 0.6))
+    tip = Body("tip", "beam", xyz=(1, 0, 0))
+    every = ("axial", "torsion", "bending_y", "bending_z")
+    more = ("shear", "rotary_inertia") if thick else ()
+    keys = [f"flexible.beam.{key}=true" for key in (*every, *more)]
+    changes = ["flexible.beam.damping.modal=0.02", f"flexible.beam.segments={segments}"]
+    section = "flexible.beam.section={shape: rectangle, width: 1, thickness: 0.5}"
+    robot = load(tmp_path, (heavy, tip), YAML, [*keys, *changes, section], inertia="urdf")
+    assert robot.parts["beam"].riders
+    system = robot.flexible
+    squares, V = scipy.linalg.eigh(system.K, Equations(system).mass(robot.undeformed()))
+    D = V.T @ system.D @ V
+    # 1e-7: round-off of modes far apart
+    np.testing.assert_allclose(D, np.diag(0.04 * np.sqrt(squares)), atol=1e-7 * D.max())
