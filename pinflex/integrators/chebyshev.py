@@ -22,6 +22,11 @@ class PiecewiseChebyshev:
     def __len__(self) -> int:
         return len(self._ends) - 1
 
+    @property
+    def corners(self) -> Array:
+        """Times at which a piece ends and the next begins [s]."""
+        return np.asarray(self._ends[1:-1])
+
     def of(self, t: Array) -> IntArray:
         """Numbers of the pieces that times lie in."""
         return np.asarray(np.searchsorted(self._ends[1:-1], t))
