@@ -129,7 +129,7 @@ def test_free_bodies_move_as_pinocchio_has_them(size: float) -> None:
     scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
     none, sorts = np.zeros(0, dtype=np.intp), _sorts(system)
     assert sorts is not None
-    rows = Rows(np.arange(model.nv), none, none, none, *sorts)
+    rows = Rows(False, np.arange(model.nv), none, none, none, *sorts)
     stages = StageKernel(Compiled(system).evaluator, scheme, rows)
     pin.seed(1)
     y = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
