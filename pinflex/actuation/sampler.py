@@ -32,7 +32,7 @@ class Sampler:
 
     Attributes:
         u: Outputs that act now, shape (nu,).
-        force: Generalised forces of the drives that are no motors, shape (nv,).
+        held: Generalised forces of the drives, shape (nv,). force: Of those that are no motors.
         torque: Motor torques, shape (nm,). driven: Which motors it drives, shape (nm,).
     """
 
@@ -55,27 +55,38 @@ class Sampler:
         self._log: list[tuple[float, Array]] = []
         self._hold(0.0, self._clip(self._forward(0.5 * self.period)))
 
-    def instants(self, end: float) -> tuple[float, ...]:
-        """Times (s) before `end` at which the controller measures or its output changes."""
+    def instants(self, end: float, parts: int = 1) -> tuple[float, ...]:
+        """Times (s) before `end` at which the controller measures or its output changes.
+
+        Args:
+            end: Of the run [s].
+            parts: In which the times between are cut, at these too.
+        """
         period, delay = self.period, self.feedback.control.delay
         samples = np.arange(int(np.ceil(end / period))) * period
         late = samples + delay if delay % period > _EARLY * period else samples[:0]
-        return tuple(float(t) for t in np.union1d(samples, late[late < end]))
+        found = np.append(np.union1d(samples, late[late < end]), end)
+        cut = found[:-1, None] + np.diff(found)[:, None] * np.arange(parts) / parts
+        return tuple(cut.ravel().tolist())
 
-    def reach(self, t: float, y: Array, v: Array) -> None:
+    def reach(self, t: float, y: Array, v: Array) -> bool:
         """Measure where a sample is due at t (s), and apply the outputs that are due.
 
         Args:
             t: Time [s].
             y: Coordinates there, shape (nq,).
             v: Velocity, shape (nv,).
+        Returns:
+            Whether outputs were applied.
         """
         early = _EARLY * self.period
         while self._next * self.period <= t + early:
             self._sample(self._next * self.period, y, v)
             self._next += 1
+        applied = len(self._log)
         while self._waiting and self._waiting[0][0] <= t + early:
             self._hold(*self._waiting.popleft())
+        return len(self._log) > applied
 
     def signals(self, t: Array, y: Array) -> Signals:
         """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq).
@@ -114,12 +125,13 @@ class Sampler:
         return np.zeros(len(self._limit)) if forward is None else np.asarray(forward(t), float)
 
     def _clip(self, u: Array) -> Array:
-        return np.clip(u, -self._limit, self._limit)
+        return np.minimum(np.maximum(u, -self._limit), self._limit)
 
     def _hold(self, t: float, u: Array) -> None:
         self.u = u
         self._log.append((t, u))
-        self.force, self.torque = self._other @ u, (self.feedback.B @ u)[self._motors]
+        self.held, self.force = self.feedback.B @ u, self._other @ u
+        self.torque = self.held[self._motors]
 
 
 def drives_motors(mechanism: Mechanism, control: Control) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -99,6 +100,9 @@ def _control(
     )
 
 
+_limits = lru_cache(maxsize=4)(limits)  # every run of a digital controller asks for them
+
+
 def effort_limits(urdf: str, drives: Sequence[Voltage | Effort]) -> tuple[float, ...]:
     """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none.
 
@@ -106,7 +110,7 @@ def effort_limits(urdf: str, drives: Sequence[Voltage | Effort]) -> tuple[float,
         urdf: Text of the URDF.
         drives: What is driven; a patch has no limit there.
     """
-    known = limits(urdf)
+    known = _limits(urdf)
     efforts = [known.get(d.joint, Limits()).effort if isinstance(d, Effort) else 0.0
                for d in drives]  # fmt: skip
     return tuple(x if x > 0.0 else np.inf for x in efforts)

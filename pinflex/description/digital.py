@@ -63,7 +63,7 @@ class DigitalPid:
         """
         beyond = asked - given
         winding = beyond * self.ki * self._error > 0.0
-        self.integral = self.integral + np.where(winding, 0.0, self.period * self._error)
+        self.integral = self.integral + ~winding * (self.period * self._error)
 
 
 @public

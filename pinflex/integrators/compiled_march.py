@@ -22,7 +22,17 @@ from pinflex.integrators.stage_newton import Tangent
 from pinflex.integrators.stages import StageEquations, Start, Step
 from pinflex.integrators.step_control import GROWTH, HELD, SHORTEST, TOGETHER, stops_of, stuck
 from pinflex.integrators.steps import States
-from pinflex.kernel.march import FULL, INPUTS, START, STUCK, Marched, MarchKernel, Table, no_table
+from pinflex.kernel.march import (
+    FULL,
+    INPUTS,
+    SAMPLE,
+    START,
+    STUCK,
+    Marched,
+    MarchKernel,
+    Table,
+    no_table,
+)
 
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RECORDED = 64  # steps of a batch that nobody judges
@@ -108,9 +118,17 @@ class CompiledSteps:
 
 
 def steps_of(
-    stages: Stages, ends: tuple[float, float], stops: Sequence[float], room: tuple[int, int]
+    stages: Stages,
+    ends: tuple[float, float],
+    breaks: Sequence[float],
+    room: tuple[int, int],
+    instants: Sequence[float] = (),
 ) -> CompiledSteps:
-    """The steps of a run from its start to its end (s), some of them ending at `stops` (s)."""
+    """The steps of a run from its start to its end (s), some of them ending at breaks (s).
+
+    `instants`: ends too, where a digital controller acts (s).
+    """
+    stops, every = stops_of(ends, breaks), stops_of(ends, (*breaks, *instants))
     assert stages.compiled is not None
     system, compiled, m = stages.dynamics.system, stages.compiled.compiled, stages.method
     drive = stages.drive
@@ -122,7 +140,10 @@ def steps_of(
     widths = np.cumsum([0, n, n, n, forces])
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
-    marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, stops)
+    close = SHORTEST * (ends[1] - ends[0])
+    apart = np.abs(np.subtract.outer(every, stops)).min(axis=1)
+    holds = (apart > close).astype(np.int64)
+    marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, every, holds)
     made_of, table = stages.compiled.table
     asked_for = (stages.motion, drive and drive.forward, *ends, *stops)
     # A load that switches is another at the end of one step than at the start of the next.
@@ -207,13 +228,17 @@ class CompiledMarch:
         first: float,
         unjudged: bool,
         recorded: bool = False,
+        instants: Sequence[float] = (),
     ) -> None:
-        """As `March`; `recorded`: all steps stay, so that batches may have any size."""
+        """As `March`; `recorded`: all steps stay, so that batches may have any size.
+
+        `instants`: times in s at which a digital controller acts. There a run goes on as it was.
+        """
         self._name, self.stages, self.resolution = name, stages, 0.0
         self.steps: Sequence[Step] = ()
         ends = float(t[0]), float(t[-1])
         room = (_RECORDED, 1) if recorded else (TOGETHER, TOGETHER + 1)
-        self._made, self._recorded = steps_of(stages, ends, stops_of(t, breaks), room), recorded
+        self._made, self._recorded = steps_of(stages, ends, breaks, room, instants), recorded
         self._kernel, self._at = self._made.kernel, self._made.kernel.at
         self._repeated, at = 0, self._at
         at.shortest, at.held, at.growth = SHORTEST * (ends[1] - ends[0]), HELD, GROWTH
@@ -223,8 +248,7 @@ class CompiledMarch:
         at.ceiling = at.refused = np.inf
         at.scale = stages.scale
         self._kernel.y[...], self._kernel.v[...] = start
-        if not (self._made.table and self._kernel.begin()):
-            self._start()
+        self._start()
         self._origin = self._point()
 
     @property
@@ -262,6 +286,8 @@ class CompiledMarch:
                     self._kernel.input[...], at.given = given, 1
                 elif end == START:
                     self._start()
+                elif end == SAMPLE:
+                    self._hold()
                 elif self._recorded:
                     break
         finally:
@@ -295,8 +321,23 @@ class CompiledMarch:
     def _start(self) -> None:
         """Consistent accelerations where the kernel has none."""
         k = self._kernel
+        if self.stages.sampler is None and self._made.table and k.begin():
+            return
         found = self.stages.first(float(self._at.t), k.y.copy(), k.v.copy())
         k.a[...], k.lam[...], k.torque[...] = found.a, found.lam, found.torque
+
+    def _hold(self) -> None:
+        """Let the controller act: accelerations jump by what its forces do."""
+        k, at = self._kernel, self._at
+        sampler = self.stages.sampler
+        assert sampler is not None
+        if not sampler.reach(at.t, k.y, k.v):
+            return
+        if not self._made.table:
+            k.input[0], at.given = self._made.inputs(np.array([at.t]))[0], 1
+        if not k.hold(sampler.held):
+            at.follows = 0
+            self._start()
 
     def _point(self) -> dict[str, Any]:
         """Where the run is: it can go on from here once more."""

@@ -97,17 +97,22 @@ def compiled_stages(
     free: IntArray,
     axes: MotorAxes,
     drive: TorqueDrive | None,
+    sampled: bool = False,
 ) -> CompiledStages | None:
     """The stages of a system on the kernel, spare ones or new; None: those of numpy serve.
 
     Args:
         equations: Of what moves. method: The scheme. free: Velocity rows that are solved for.
         axes: Motors. drive: Their torques; None: they are prescribed.
+        sampled: Whether a digital controller holds forces.
     """
     if not equations.on_kernel:
         return None
     found = _stages(equations, method, free, axes, drive is None)
-    if found is not None and drive is not None:
+    if found is None:
+        return None
+    found.kernel.take_hold(sampled)
+    if drive is not None:
         found.kernel.kp[...], found.kernel.kd[...] = drive.kp, drive.kd
     return found
 

@@ -101,7 +101,7 @@ class Corrector(StageEquations):
     def _like(self, run: CompiledSteps) -> CompiledSteps:
         """Room for the corrections of the steps of a run."""
         last, measured = np.zeros(self.method.s), np.zeros(0, dtype=np.intp)  # nothing is judged
-        marched = Marched(*self.method.monomials, last, measured, np.zeros((0, 0)), ())
+        marched = Marched(*self.method.monomials, last, measured, np.zeros((0, 0)), (), measured)
         # Held weakly: in a circle the workspace would not be given back when the run is over.
         of, room = proxy(self), (int(run.kernel.at.capacity), 0)
         made = CompiledSteps(of, marched, run.table, room, run.tangents)

@@ -67,6 +67,7 @@ def integrate(
     scale: float = 0.0,
     pilot: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    instants: Sequence[float] = (),
 ) -> Run:
     """March from t[0] to t[-1] and answer at the times t.
 
@@ -83,18 +84,19 @@ def integrate(
             faintly holds up a run that begins with short steps.
         pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
         progress: Called with (samples done, samples).
+        instants: Times in s at which a digital controller acts; steps end there too.
     Returns:
         States, multipliers and torques at the samples.
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
     stages.scale = scale
-    given = start, t, breaks, first * float(t[-1] - t[0]), pilot
+    first, recorded = first * float(t[-1] - t[0]), type(keeper) is Record
     march: March | CompiledMarch
     if isinstance(stages, Stages) and stages.compiled is not None:
-        march = CompiledMarch(name, stages, *given, recorded=type(keeper) is Record)
+        march = CompiledMarch(name, stages, start, t, breaks, first, pilot, recorded, instants)
     else:
-        march = March(name, stages, *given)
+        march = March(name, stages, start, t, (*breaks, *instants), first, pilot)
     keeper.start(march.now)
 
     def run(stopped: str = "") -> Run:

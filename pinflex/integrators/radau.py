@@ -33,7 +33,9 @@ _OPEN, _OPEN_PART = 1e-6, 3e-5
 _CLOSED = 1e-12  # m or rad: what round-off leaves
 # m or rad in every coordinate that Newton need not go below, and that no step shows less than.
 _ROUND_OFF, _SEEN = 1e-14, 1e-13
-SAME_STEP = 1e-12  # of a step: equal pieces of a way differ by round-off, and share factors
+# Of a step: equal pieces of a way differ by round-off (of the time: 1e-12 of 1 ms after 10 s), and
+# share factors.
+SAME_STEP = 1e-9
 
 
 class Closeness(NamedTuple):

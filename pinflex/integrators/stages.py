@@ -138,9 +138,8 @@ class StageEquations:
         self.free = system.free if drive is None else system.unheld
         self._inside = _INSIDE * (1.0 - 2.0 * method.c)
         self._of_h = _Lengths(method, 1.0)
-        self.compiled = None
-        if sampler is None:
-            self.compiled = compiled_stages(dynamics, method, self.free, self.axes, drive)
+        given = method, self.free, self.axes, drive, sampler is not None
+        self.compiled = compiled_stages(dynamics, *given)
         self.newton = StageNewton(dynamics, method, self.free, drive, self.compiled)
 
     def __del__(self) -> None:
@@ -155,13 +154,14 @@ class StageEquations:
     def first(self, t: float, y: Array, v: Array) -> Start:
         """Consistent accelerations, multipliers and torques at (y, v)."""
         d, path = self.dynamics, self.path(np.array([t]))
-        if self.sampler is not None:
-            self.sampler.reach(t, y, v)
+        self.reach(t, y, v)
+        if self.compiled is not None and self.sampler is not None:
+            self.compiled.kernel.held[...] = self.sampler.held
         u = self._control_force
         if self.drive is None:
             a, lam = consistent_acceleration(d, y, v, self.motors, path.acceleration[0], None, t, u)
             return Start(t, y, v, a, lam, d.residual(y, v, a, lam, t, u).r[self.motors])
-        torque = self.drive.pull(path, self.axes, y[None], v[None])[0]
+        torque = self._pull(path, y[None], v[None])[0]
         a, lam = consistent_acceleration(d, y, v, self.motors[:0], np.zeros(0), torque, t, u)
         return Start(t, y, v, a, lam, torque)
 
@@ -238,7 +238,7 @@ class StageEquations:
         r, x.c = self.dynamics.residual(x.y, x.v, x.a, x.lam, x.t, self._control_force)
         x.torque = r.take(self.motors, axis=1)
         if self.drive is not None:
-            x.torque = self.drive.pull(x.path, self.axes, x.y, x.v, x.t)
+            x.torque = self._pull(x.path, x.y, x.v, x.t)
             r[:, self.motors] -= x.torque
         dz, x.dlam = self.newton.step(r.take(self.free, axis=1), x.c)
         # Displacements count: the accelerations of fast modes are noise.
@@ -260,7 +260,7 @@ class StageEquations:
             torque = torque + tangent.motor_forces(da, dv, x.change, x.dlam)
         else:
             y = self.places(x.start.y, x.move + x.change, x.path)
-            torque = self.drive.pull(x.path, self.axes, y, x.v, x.t)
+            torque = self._pull(x.path, y, x.v, x.t)
         return Step(
             x.start, x.h, x.move + x.change, x.turn.copy(), x.a.copy(), x.lam.copy(), torque,
             self._power(x, torque), coarseness, x.path, tangent, rate,
@@ -288,6 +288,22 @@ class StageEquations:
         if (force := self._control_force) is not None:
             power[:, 0] += v @ force
         return power
+
+    def reach(self, t: float, y: Array, v: Array) -> bool:
+        """Let a digital controller act at an instant; whether what it holds is another then.
+
+        Args:
+            t: Time [s].
+            y: Coordinates, shape (nq,).
+            v: Velocity, shape (nv,).
+        """
+        return self.sampler is not None and self.sampler.reach(t, y, v)
+
+    def _pull(self, path: MotorPath, y: Array, v: Array, seen: Array | None = None) -> Array:
+        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them."""
+        assert self.drive is not None
+        torque = self.drive.pull(path, self.axes, y, v, seen)
+        return torque if self.sampler is None else torque + self.sampler.torque
 
     @property
     def _control_force(self) -> Array | None:

@@ -199,7 +199,7 @@ class March:
             raise stuck(self.name, self.at.now)
 
 
-def stops_of(t: Array, breaks: Sequence[float]) -> tuple[float, ...]:
+def stops_of(t: Array | Sequence[float], breaks: Sequence[float]) -> tuple[float, ...]:
     """Times in s at which steps end: breaks within the run, and its end.
 
     Args:

@@ -19,8 +19,8 @@ from pinflex.kernel.memory import Block
 from pinflex.kernel.stages import StageKernel
 
 _March, _Steps, _Inputs = (structure(name) for name in ("March", "Steps", "Inputs"))
-FULL, INPUTS, START, STUCK, PAUSED = (
-    constant(name) for name in ("FULL", "INPUTS", "START", "STUCK", "PAUSED")
+FULL, INPUTS, START, STUCK, PAUSED, SAMPLE = (
+    constant(name) for name in ("FULL", "INPUTS", "START", "STUCK", "PAUSED", "SAMPLE")
 )
 MOST_STAGES = constant("MOST_STAGES")
 _STATE = ("y", "v", "a", "lam", "torque")
@@ -69,7 +69,8 @@ class Marched:
         basis, basis_0: Values at the nodes, and at 0 and the nodes, to coefficients of powers.
         last: Stages to the last Legendre coefficient, shape (s,).
         measured: Velocity rows that norms count. weight: Their weight; None: the mass matrix.
-        stops: Ends in s that steps have to meet.
+        stops: Ends in s that steps have to meet. holds: Of each, whether it is an instant of a
+            digital controller and nothing else, shape (stops,).
     """
 
     basis: Array
@@ -78,6 +79,7 @@ class Marched:
     measured: IntArray
     weight: Array | None
     stops: Sequence[float]
+    holds: IntArray
 
 
 class MarchKernel:
@@ -110,7 +112,7 @@ class MarchKernel:
         of_steps = Block({name: (steps, *shapes[name]) for name in _NUMBERS}, {})
         integers = Block(
             dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (size,)},
-            {"measured_at": given.measured}, np.int64,
+            {"measured_at": given.measured, "holds": given.holds}, np.int64,
         )  # fmt: skip
         # One tangent more for starts.
         zeros = {
@@ -129,7 +131,7 @@ class MarchKernel:
         self.tangents, self.input = at["tangent_at"], at["input"]
         self.y, self.v, self.a, self.lam, self.torque = (at[name] for name in _STATE)
         pointers = numbers.addresses | {
-            name: integers.addresses[name] for name in ("measured_at", "start_pivot")
+            name: integers.addresses[name] for name in ("measured_at", "holds", "start_pivot")
         }
         self.at = _March(
             capacity=capacity, tangents=tangents, stops=len(given.stops), measured=count,
@@ -158,6 +160,7 @@ class MarchKernel:
         self.at.inputs = ctypes.addressof(self._inputs[1])
         numbers, integers = self._keep[2].arrays, self._keep[1].arrays
         numbers["stop_at"][...], integers["measured_at"][...] = given.stops, given.measured
+        integers["holds"][...] = given.holds
         if given.weight is not None:
             numbers["weight"][...] = given.weight
         for name in ("basis", "basis_0", "last"):
@@ -170,6 +173,12 @@ class MarchKernel:
     def begin(self) -> bool:
         """Consistent a, lam and torque at t, y and v; False where they are not unique."""
         return bool(self._functions.pinflex_begin(*self._call))
+
+    def hold(self, force: Array) -> bool:
+        """Go on under other forces (nv,) of a controller; False where a start is not unique."""
+        if force.shape != self.v.shape or force.dtype != float or not force.flags.c_contiguous:
+            raise PinflexError(f"kernel: forces of {force.shape}.")
+        return bool(self._functions.pinflex_hold(*self._call, force.ctypes.data))
 
     def correct(self, run: MarchKernel, W: Array, end_a: Array | None, given: Array | None) -> bool:
         """Steps of a run once more, from this state on; False where equations are singular.

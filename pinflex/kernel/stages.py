@@ -68,6 +68,7 @@ class StageKernel:
     Attributes:
         y0, v0: Start. position, velocity: Motors at the stages. scale: Of the loads there.
         feed: Torques that are fed forward to driven motors there. kp, kd: Gains of these.
+        held: Generalised forces of a digital controller, (nv,), where one acts (`take_hold`).
         a, lam, turn: Unknowns, shapes (s, nv), (s, rows), (s, nv).
         y, v, move: What follows from them, (s, nq), (s, nv), (s, nv).
         r, open: Residuals (s, nv) and closures (s, rows) that the last correction was for.
@@ -92,7 +93,8 @@ class StageKernel:
             "lu": (values, 2, size, size), "part": (2 * values * size + nv,), "y0": (nq,),
             "v0": (nv,),
             "position": (s, motors), "velocity": (s, motors), "feed": (s, motors),
-            "kp": (motors,), "kd": (motors,), "torque": (s, motors), "scale": (s, forces),
+            "kp": (motors,), "kd": (motors,), "held": (nv,), "torque": (s, motors),
+            "scale": (s, forces),
             "a": (s, nv), "lam": (s, closures), "turn": (s, nv), "y": (s, nq), "v": (s, nv),
             "move": (s, nv), "r": (s, nv), "open": (s, closures), "da": (s, free),
             "dlam": (s, closures), "change": (s, nv),
@@ -113,6 +115,7 @@ class StageKernel:
         self.position, self.velocity, self.feed = (
             arrays[name] for name in ("position", "velocity", "feed")
         )
+        self.held, self._held = arrays["held"], pointers["held"]
         self.kp, self.kd, self.torque = arrays["kp"], arrays["kd"], arrays["torque"]
         self.a, self.lam, self.turn = arrays["a"], arrays["lam"], arrays["turn"]
         self.y, self.v, self.move = arrays["y"], arrays["v"], arrays["move"]
@@ -123,6 +126,11 @@ class StageKernel:
         self.tables, self.address = evaluator.tables.address, ctypes.addressof(self._structure)
         self._c, self._both = self.functions, (self.tables, self.address)
         self._all = (self.tables, self.work, self.address)
+
+    def take_hold(self, acts: bool) -> None:
+        """Let a digital controller act, with no force at first, or none."""
+        self.held[...] = 0.0
+        self._structure.held = self._held if acts else None
 
     def place(self, h: float) -> None:
         """y, v and move from a and turn, for a step h (s)."""

@@ -19,6 +19,7 @@ from pinflex.integrators.prescribed import read, tabulated
 from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism
 
+_SAME = 1e-9  # of a period: times so near are one
 _INSTANTS = 401  # between which torques of a rigid motion that is not smooth are interpolated
 
 
@@ -53,23 +54,31 @@ def rigid_torques(
     return PchipInterpolator(t, exact(t))  # type: ignore[no-any-return]
 
 
-def following(mechanism: Mechanism, motion: Motion, control: Control, end: float) -> Control:
+def following(
+    mechanism: Mechanism,
+    motion: Motion,
+    control: Control,
+    end: float,
+    torques: Callable[[float, float], Callable[[Array], Array]],
+) -> Control:
     """The control with what its `follow` and `rigid_torque` ask for.
 
     Args:
         mechanism: Mechanism. motion: Its motion. control: A digital controller.
         end: Of the run [s].
+        torques: Rigid torques between two times, as of `rigid_torques`.
     """
     found = control
     if any(control.follow):
         found = _referred(mechanism, motion, found, end)
     if any(control.rigid_torque):
-        torque, own = rigid_torques(mechanism, motion, 0.0, end), control.forward
+        own = control.forward
         fed, at = _motors(mechanism, control.rigid_torque, control.drives)
+        torque = _sampled(torques(0.0, end), control.period, 0.5, control.delay, end)
 
         def forward(t: float) -> Array:
             u = np.zeros(len(control.drives)) if own is None else np.array(own(t), float)
-            u[fed] += torque(np.array([min(t, end)]))[0, at]
+            u[fed] += torque(t)[at]
             return u
 
         found = replace(found, forward=forward)
@@ -85,27 +94,56 @@ def _referred(mechanism: Mechanism, motion: Motion, control: Control, end: float
             "control.follow: a function of time knows its own reference. Take digital_pid or a "
             "system as law."
         )
-    path, home = (
-        path_between(mechanism, motion, 0.0, end),
-        motor_axes(mechanism).read(mechanism.home),
-    )
+    path = path_between(mechanism, motion, 0.0, end)
+    home = motor_axes(mechanism).read(mechanism.home)
+
+    def told(t: Array) -> Array:
+        of = path(t)
+        return np.stack([of.position - home, of.velocity], axis=1)
+
+    motors = _sampled(told, control.period, 0.0, 0.0, end)
     followed, at = _motors(mechanism, control.follow, control.measures)
     n, given_rate = len(control.measures), None if pid is None else pid.rate
     given = control.reference if pid is None else pid.reference
 
     def reference(t: float) -> Array:
-        m = np.zeros(n) if given is None else np.array(np.broadcast_to(given(t), n), float)
-        m[followed] = (path(np.array([min(t, end)])).position[0] - home)[at]
+        m = np.zeros(n)
+        if given is not None:
+            m[:] = given(t)
+        m[followed] = motors(t)[0, at]
         return m
 
     def rate(t: float) -> Array:
-        v = np.zeros(n) if given_rate is None else np.array(given_rate(t), float)
-        v[followed] = path(np.array([t])).velocity[0, at] if t <= end else 0.0
+        v = np.zeros(n)
+        if given_rate is not None:
+            v[:] = given_rate(t)
+        v[followed] = motors(t)[1, at] if t <= end else 0.0
         return v
 
     if pid is not None:
         return replace(control, law=replace(pid, reference=reference, rate=rate))
     return replace(control, reference=reference)
+
+
+def _sampled(
+    function: Callable[[Array], Array], period: float | None, part: float, delay: float, end: float
+) -> Callable[[float], Array]:
+    """A function of times as one of single times; at (k + part) period + delay it is known.
+
+    Past the end (s) of the run it stays as it is there.
+    """
+    assert period is not None
+    begin = part * period + delay
+    times = begin + np.arange(int(end / period) + 2) * period
+    values = function(np.minimum(times, end))
+
+    def at(t: float) -> Array:
+        k = min(max(round((t - begin) / period), 0), len(times) - 1)
+        if abs(times[k] - t) <= _SAME * period:
+            return np.asarray(values[k])
+        return np.asarray(function(np.array([min(t, end)]))[0])
+
+    return at
 
 
 def _motors(

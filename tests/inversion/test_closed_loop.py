@@ -65,6 +65,66 @@ def test_a_sampled_pd_on_a_mass_is_its_exact_discrete_system(
     assert found.meta["energy_balance"] < 1e-12
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.025])
+def test_it_is_so_beside_a_flexible_arm_in_two_steps_a_hold(delay: float, tmp_path: Path) -> None:
+    """The kernel marches it: forces are held, the method is not begun anew where they change."""
+    robot = scenes.load(
+        tmp_path,
+        [
+            scenes.Body("arm", "base", "revolute", mass=1.0, com=(0,) * 3, inertia=(0.1, 0.1, J)),
+            scenes.Body("beam", "base", "revolute", mass=1.0, com=(0.5, 0, 0), inertia=(1e-3,) * 3),
+            scenes.Body("tip", "beam", xyz=(1, 0, 0)),
+        ],
+        "gravity: [0, 0, 0]\nframes: [tip]\nsolve: {drive: torque, kp: 5, kd: 1}\n"
+        "motion: {kind: cycloid, joints: {beam_joint: 0.2}, duration: 0.5}\n"
+        f"flexible:{scenes.UNIT_BEAM}",
+    )
+    kp, kd = 40.0, 3.0
+    control = pf.Control(
+        ARM, HUB, lambda t, m, rate, total: kp * (1 - m) - kd * rate, period=PERIOD, delay=delay
+    )
+    found = pf.solve(robot, level="coupled", control=control, samples=501, tol=1e-3)
+    x, u, waiting, exact, h = np.zeros(2), 0.0, [], [], 1e-3
+    for k in range(501):
+        exact.append(x[0])
+        if k % 10 == 0:
+            waiting.append((k * h + delay, kp * (1 - x[0]) - kd * x[1]))
+        while waiting and waiting[0][0] <= k * h + 1e-9:
+            u = waiting.pop(0)[1]
+        x = np.array([x[0] + h * x[1] + h * h * u / J / 2, x[1] + h * u / J])
+    # of Newton's iteration, which stops for the beam too; seen: 4e-11
+    np.testing.assert_allclose(found.joint("arm_joint").position, exact, atol=1e-9)
+    assert found.meta["energy_balance"] < 1e-5
+    holds = 50 * (1 + (delay % PERIOD > 0))
+    assert found.meta["cost"]["last_steps"] <= 2.2 * holds
+
+
+def test_a_robot_under_a_sampled_pid_is_the_same_without_the_kernel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of ur5, whose elbow has a controller at 1 kHz; numpy begins every hold anew."""
+    law = pf.digital_pid(2000.0, 500.0, 60.0, period=1e-3)
+    joint = "elbow_joint"
+    control = pf.Control(
+        (pf.Travel(joint),), (pf.Effort(joint),), law, period=1e-3, follow=(True,),
+        rigid_torque=(True,),
+    )  # fmt: skip
+
+    def run() -> pf.Result:
+        return pf.solve("ur5", level="coupled", control=control, until=0.02, samples=41, tol=1e-4,
+                        kp=2e3, kd=60.0)  # fmt: skip
+
+    found = run()
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    wanted = run()
+    for a, b in (
+        (found.torque, wanted.torque),
+        (found.joint(joint).position, wanted.joint(joint).position),
+        (found.arrays[f"control/{joint}"], wanted.arrays[f"control/{joint}"]),
+    ):
+        assert np.abs(a - b).max() < 1e-4 * np.abs(b).max()  # the tolerance of each
+
+
 def with_block(robot: pf.Mechanism, block: str, *more: str) -> pf.Mechanism:
     return pf.load(robot.description.path, [f"control={block}", *more])
 

@@ -173,7 +173,7 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   if (m->stale && !refresh(t, memory, m, to->scale)) return 0;
   for (Int i = 0; i < m->most; i++) {
     pinflex_residuals(t, memory, 1, x->y, x->v, x->a, x->lam, to->scale, m->r, m->open);
-    pull(m->joints, &told, x->y, x->v, to->torque, m->r);
+    pull(t, m->joints, &told, x->y, x->v, to->torque, m->r);
     double size = solved(t, m);
     m->iterations++;
     if (!isfinite(size)) return 0;
@@ -198,17 +198,15 @@ static void go_there(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   const Stages *st = m->joints;
   State *x = &m->next, old = m->last;
   Int n = st->free, nv = t->nv, rows = t->closures;
-  double power = 0.0;
   const Told told = {to->position, to->velocity, to->feed};
-  pull(st, &told, x->y, x->v, to->torque, NULL);
+  pull(t, st, &told, x->y, x->v, to->torque, NULL);
   for (Int k = 0; k < led(st); k++) {
     double sum = m->r[st->motor_v[k]];
     for (Int j = 0; j < n; j++) sum += m->motor_rows[k * n + j] * m->x[j];
     for (Int j = 0; j < rows; j++) sum -= m->motor_J[j * st->motors + k] * m->x[n + j];
     to->torque[k] = sum;
   }
-  for (Int k = 0; k < st->motors; k++) power += to->torque[k] * x->v[st->motor_v[k]];
-  to->power[0] = power;
+  to->power[0] = motor_power(t, st, to->torque, x->v);
   pinflex_losses(t, memory, 1, x->y, x->v, to->power + 1);
   copy(to->y, x->y, t->nq);
   copy(to->v, x->v, nv), copy(to->a, x->a, nv), copy(to->s, x->s, nv);

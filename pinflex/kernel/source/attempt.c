@@ -186,9 +186,8 @@ void keep(const Tables *t, char *memory, March *m, double h) {
       write_motors(st, st->position + i * motors, y);
     }
     Told told = told_at(st, i);
-    pull(st, &told, y, v, torque + i * motors, NULL);
-    power[0] = 0.0;
+    pull(t, st, &told, y, v, torque + i * motors, NULL);
     pinflex_losses(t, memory, 1, y, v, power + 1);
-    for (Int j = 0; j < motors; j++) power[0] += torque[i * motors + j] * v[st->motor_v[j]];
+    power[0] = motor_power(t, st, torque + i * motors, v);
   }
 }

@@ -1,9 +1,11 @@
 /* The steps of a run, one after the other, until a batch is full or something else has to answer:
    the same decisions as `_March` in pinflex/integrators/march.py, which says more. */
 #include "march.h"
+#include <stddef.h>
 #include <time.h>
 
-enum { FULL, INPUTS, START, STUCK, PAUSED };
+enum { FULL, INPUTS, START, STUCK, PAUSED, SAMPLE };
+enum { ON, RESTARTS, HOLDS }; /* how a run goes on from the end of a step */
 
 /* Length of the next step: equal pieces up to a stop that is near. */
 static double length(const March *m) {
@@ -44,7 +46,7 @@ void advance(const Tables *t, March *m) {
   copy(m->torque, x->torque + end * motors, motors);
 }
 
-/* Keep a step with the point that it goes on from, and go there; whether a stop is met. */
+/* Keep a step with the point that it goes on from, and go there. */
 static int accept(const Tables *t, char *memory, March *m, double size, double factor, double scale) {
   Steps *x = &m->steps;
   Int k = m->count + 1;
@@ -61,12 +63,16 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   m->h = fmin(h, m->ceiling);
   m->before = coarseness;
   m->refused = INFINITY, m->follows = 1, m->number++;
-  if (m->t < m->stop_at[m->stop] - m->shortest) return 0;
+  if (m->t < m->stop_at[m->stop] - m->shortest) return ON;
   m->t = m->stop_at[m->stop]; /* two that differ by round-off are one */
-  while (m->stop < m->stops && !(m->stop_at[m->stop] > m->t + m->shortest)) m->stop++;
-  if (m->stop == m->stops) return 0;
-  m->follows = 0, m->h = fmin(m->h, m->first);
-  return 1;
+  int smooth = 1;
+  while (m->stop < m->stops && !(m->stop_at[m->stop] > m->t + m->shortest))
+    smooth &= m->holds[m->stop++] != 0;
+  if (m->stop == m->stops) return ON;
+  m->follows = 0;
+  if (smooth) return HOLDS;
+  m->h = fmin(m->h, m->first);
+  return RESTARTS;
 }
 
 static int stuck(const March *m) { return m->h < m->shortest; }
@@ -95,12 +101,14 @@ static int once(const Tables *t, char *memory, March *m) {
     m->unresolved++, factor = 1.0;
   }
   int met = accept(t, memory, m, size, factor, scale);
-  return met && (m->inputs->pieces == 0 || !begin(t, memory, m)) ? START : -1;
+  if (met == HOLDS) return SAMPLE;
+  int outside = m->inputs->pieces == 0 || m->stages->held != NULL;
+  return met == RESTARTS && (outside || !begin(t, memory, m)) ? START : -1;
 }
 
 /* Steps until the batch is full or the run ends (FULL), inputs are needed at the stages of a step
-   of `size` (INPUTS), a start has to be found elsewhere (START), no step is short enough (STUCK), or
-   the patience is at its end (PAUSED): signals are seen outside. */
+   of `size` (INPUTS), a start has to be found elsewhere (START), no step is short enough (STUCK), the
+   patience is at its end (PAUSED): signals are seen outside, or a controller measures (SAMPLE). */
 EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
   double until = now() + m->patience;
   while (m->count < m->capacity && m->stop < m->stops) {
@@ -119,6 +127,13 @@ EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
 /* The start at t, y and v from the inputs there; 0 where another has to find it. */
 EXPORT int pinflex_begin(const Tables *t, char *memory, March *m) {
   int found = begin(t, memory, m);
+  m->given = 0;
+  return found;
+}
+
+/* Go on under other forces (nv,) of a controller; 0 where a start has to be found elsewhere. */
+EXPORT int pinflex_hold(const Tables *t, char *memory, March *m, const double *held) {
+  int found = hold(t, memory, m, held);
   m->given = 0;
   return found;
 }

@@ -34,12 +34,14 @@ typedef struct {
   Int stops, stop;                   /* ends that steps have to meet, and the next of them */
   Int follows;                       /* whether step `count` predicts the next one */
   Int stale, number, unjudged, given;
+  Int start_serial;                  /* of the tangent that is factored for starts, or 0 */
   Int most, measured, by_mass;
   Int iterations, refreshed, factored, rejected, unresolved;
   Stages *stages;
   const Inputs *inputs;
   Steps steps;
   const double *stop_at;             /* s */
+  const Int *holds;                  /* of each stop: whether what is held changes there alone */
   const double *basis, *basis_0;     /* values at the nodes (and at 0) to coefficients of powers */
   const double *last;                /* stages to the last Legendre coefficient */
   double *tangent_at;                /* M, C, K (nv, nv) and J (rows, nv), one after the other */
@@ -66,10 +68,11 @@ static inline Told told_at(const Stages *st, Int i) {
   return (Told){st->position + n, st->velocity + n, st->feed + n};
 }
 
-/* pull.c, of driven motors: their torques at a state, r -= torque (where there is r), and what they
-   add to C and K */
-void pull(const Stages *st, const Told *told, const double *y, const double *v, double *torque,
-          double *r);
+/* pull.c: torques of driven motors at a state, r less these and what is held (where there is r), what
+   they add to C and K, and the power of all motors and of what is held */
+void pull(const Tables *t, const Stages *st, const Told *told, const double *y, const double *v,
+          double *torque, double *r);
+double motor_power(const Tables *t, const Stages *st, const double *torque, const double *v);
 void pull_tangent(const Tables *t, const Stages *st, double *C, double *K);
 
 /* place.c: y = y0 (+) move, and the move from y0 to y; prescribed motors where they are told to be */
@@ -103,8 +106,10 @@ void keep(const Tables *t, char *memory, March *m, double h);
 /* march.c: the state after the step that is kept as number `count` */
 void advance(const Tables *t, March *m);
 
-/* start.c: a, lam and torque that belong to t, y and v; 0 where they are not unique */
+/* start.c: a, lam and torque that belong to t, y and v; 0 where they are not unique. hold: the same
+   where forces that are held have changed, which leaves y and v alone */
 int begin(const Tables *t, char *memory, March *m);
+int hold(const Tables *t, char *memory, March *m, const double *held);
 
 static inline Int tangent_width(const Tables *t) { return t->nv * (3 * t->nv + t->closures); }
 

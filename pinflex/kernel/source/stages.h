@@ -17,6 +17,7 @@ typedef struct {
   const double *c, *A, *A2, *A2_inverse;             /* (s,), (s, s) */
   const double *value, *forward, *back;              /* complex: (values,), (values, s), (s, values) */
   const double *kp, *kd;                             /* gains of motors that are driven */
+  double *held;                                      /* forces of a digital controller, or NULL */
   double *M, *C, *K, *J;                             /* free rows and columns, (n, n), (rows, n) */
   double *lu, *part;                                 /* complex factors and right side */
   Int *pivot;

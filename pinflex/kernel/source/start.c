@@ -6,6 +6,7 @@
    in the free rows, r and c'' those of a motion in which prescribed motors alone are accelerated.
    Rows and columns are scaled by the roots of M's diagonal. */
 #include "march.h"
+#include <stddef.h>
 
 /* Pivots that differ by more show coordinates without mass: then the answer is not unique. */
 static const double SINGULAR = 1e-11;
@@ -30,19 +31,12 @@ static void scales(const Stages *st, Int nv, Int rows, const double *M, double *
   for (Int k = 0; k < rows; k++) to[st->free + k] = 1.0;
 }
 
-int begin(const Tables *t, char *memory, March *m) {
-  Stages *st = m->stages;
-  Int n = st->free, rows = t->closures, size = n + rows, nv = t->nv, motors = st->motors;
-  double *x = m->start_x, *scale = x + size, *r = scale + size, *rates = r + nv;
-  double *re = m->start_lu, *im = re + size * size, *inputs = m->input;
-  double *M = m->tangent_at + m->tangents * tangent_width(t), *J = M + 3 * nv * nv;
-  if (!m->given) prescribed(m->inputs, m->t, inputs);
-  for (Int i = 0; i < nv; i++) m->a[i] = 0.0;
-  for (Int k = 0; k < rows; k++) m->lam[k] = 0.0;
-  Told told = {inputs, inputs + motors, inputs + 2 * motors};
-  for (Int k = 0; k < led(st); k++) m->a[st->motor_v[k]] = told.feed[k];
-  pinflex_motion(t, memory, m->y, m->v, m->a, m->lam, inputs + 3 * motors, M, r, rates);
-  pull(st, &told, m->y, m->v, m->torque, r);
+/* Factors of the matrix above; scales are left behind start_x. */
+static int factor_start(const Tables *t, March *m, const double *M) {
+  const Stages *st = m->stages;
+  Int n = st->free, rows = t->closures, size = n + rows, nv = t->nv;
+  double *scale = m->start_x + size, *re = m->start_lu, *im = re + size * size;
+  const double *J = M + 3 * nv * nv;
   scales(st, nv, rows, M, scale);
   for (Int i = 0; i < 2 * size * size; i++) re[i] = 0.0;
   for (Int i = 0; i < n; i++) {
@@ -50,16 +44,63 @@ int begin(const Tables *t, char *memory, March *m) {
       re[j * size + i] = M[st->free_at[i] * nv + st->free_at[j]] * scale[i] * scale[j];
     for (Int k = 0; k < rows; k++)
       re[(n + k) * size + i] = re[i * size + n + k] = J[k * nv + st->free_at[i]] * scale[i];
-    x[i] = -r[st->free_at[i]] * scale[i];
   }
-  for (Int k = 0; k < rows; k++) x[n + k] = -rates[k];
-  if (!decompose(re, im, size, m->start_pivot) || !regular(re, size)) return 0;
-  for (Int i = 0; i < size; i++) st->part[i] = x[i], st->part[size + i] = 0.0;
-  substitute(re, im, size, m->start_pivot, st->part, st->part + size);
-  for (Int i = 0; i < n; i++) m->a[st->free_at[i]] = scale[i] * st->part[i];
-  for (Int k = 0; k < rows; k++) m->lam[k] = -st->part[n + k];
-  if (!st->prescribed) return 1;
+  return decompose(re, im, size, m->start_pivot) && regular(re, size);
+}
+
+/* a and lam moved so that residuals r and second derivatives of the closures (NULL: they stay) end. */
+static void solve_start(const Tables *t, March *m, const double *r, const double *rates) {
+  const Stages *st = m->stages;
+  Int n = st->free, rows = t->closures, size = n + rows;
+  double *scale = m->start_x + size, *re = m->start_lu, *x = st->part;
+  for (Int i = 0; i < n; i++) x[i] = -r[st->free_at[i]] * scale[i];
+  for (Int k = 0; k < rows; k++) x[n + k] = rates ? -rates[k] : 0.0;
+  for (Int i = 0; i < size; i++) x[size + i] = 0.0;
+  substitute(re, re + size * size, size, m->start_pivot, x, x + size);
+  for (Int i = 0; i < n; i++) m->a[st->free_at[i]] += scale[i] * x[i];
+  for (Int k = 0; k < rows; k++) m->lam[k] -= x[n + k];
+}
+
+int begin(const Tables *t, char *memory, March *m) {
+  Stages *st = m->stages;
+  Int n = st->free, rows = t->closures, size = n + rows, nv = t->nv, motors = st->motors;
+  double *r = m->start_x + 2 * size, *rates = r + nv, *inputs = m->input;
+  double *M = m->tangent_at + m->tangents * tangent_width(t);
+  m->start_serial = 0;
+  if (!m->given) prescribed(m->inputs, m->t, inputs);
+  for (Int i = 0; i < nv; i++) m->a[i] = 0.0;
+  for (Int k = 0; k < rows; k++) m->lam[k] = 0.0;
+  Told told = {inputs, inputs + motors, inputs + 2 * motors};
+  for (Int k = 0; k < led(st); k++) m->a[st->motor_v[k]] = told.feed[k];
+  pinflex_motion(t, memory, m->y, m->v, m->a, m->lam, inputs + 3 * motors, M, r, rates);
+  pull(t, st, &told, m->y, m->v, m->torque, r);
+  if (!factor_start(t, m, M)) return 0;
+  solve_start(t, m, r, rates);
   pinflex_residuals(t, memory, 1, m->y, m->v, m->a, m->lam, inputs + 3 * motors, r, rates);
-  for (Int k = 0; k < motors; k++) m->torque[k] = r[st->motor_v[k]];
+  pull(t, st, &told, m->y, m->v, m->torque, r);
+  for (Int k = 0; k < led(st); k++) m->torque[k] = r[st->motor_v[k]];
+  return 1;
+}
+
+/* By the mass of the last tangent, and once more by the residual: the tangent may be a little old. */
+int hold(const Tables *t, char *memory, March *m, const double *held) {
+  Stages *st = m->stages;
+  Int rows = t->closures, size = st->free + rows, nv = t->nv, motors = st->motors;
+  double *r = m->start_x + 2 * size, *rates = r + nv, *inputs = m->input;
+  Told told = {inputs, inputs + motors, inputs + 2 * motors};
+  if (!m->given) prescribed(m->inputs, m->t, inputs);
+  if (m->start_serial != m->refreshed) {
+    m->start_serial = 0;
+    if (!factor_start(t, m, m->tangent_at + m->tangent * tangent_width(t))) return 0;
+    m->start_serial = m->refreshed;
+  }
+  for (Int i = 0; i < nv; i++) r[i] = st->held[i] - held[i], st->held[i] = held[i];
+  solve_start(t, m, r, NULL);
+  for (Int more = led(st) > 0; more >= 0; more--) {
+    pinflex_residuals(t, memory, 1, m->y, m->v, m->a, m->lam, inputs + 3 * motors, r, rates);
+    pull(t, st, &told, m->y, m->v, m->torque, r);
+    if (more == (led(st) > 0)) solve_start(t, m, r, NULL);
+  }
+  for (Int k = 0; k < led(st); k++) m->torque[k] = r[st->motor_v[k]];
   return 1;
 }
