@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.sparse import block_diag, bmat, coo_matrix, csc_matrix, identity
+from scipy.sparse import block_diag, csr_array, eye_array, hstack, vstack
 from scipy.sparse.linalg import splu
 
 from pinflex.arrays import Array
@@ -35,6 +35,7 @@ _STALLED = 1e-7  # m or rad: corrections that no longer shrink from here on are 
 _ASTRAY = 10.0  # m or rad
 _DEFERRED = 2  # corrections by differences of order 8: the first gains two orders, so the second
 _MOST = 20
+_SLOW = 0.3  # contraction above which a new matrix pays: it costs as much as ten corrections
 _PAD = FOURTH.reach
 _WIDTH = 2 * _PAD + 1
 
@@ -65,17 +66,17 @@ def invert(instant: Instant, start: Balanced) -> Inverted:
         ConvergenceError: The iterations do not settle: the motion is too fast for the grid or
             for the mechanism.
     """
-    inversion = _Inversion(instant, start)
+    inversion, new = _Inversion(instant, start), True
     before = size = np.inf
     for iteration in range(1, _MOST + 1):
-        size = inversion.correct()
+        size = inversion.correct(new)
         if size < _DONE or (size < _STALLED and size > 0.5 * before):
             fourth = inversion.motors()
             inversion.refine()
             return Inverted(inversion.balanced(), inversion.motors() - fourth, iteration + 1)
         if not size < _ASTRAY:
             break
-        before = size
+        new, before = size > _SLOW * before, size
     h = instant.target.t[1] - instant.target.t[0]
     raise ConvergenceError(
         f"command: the inversion over {len(start.y)} instants of {h:.3g} s does not settle (last "
@@ -84,7 +85,14 @@ def invert(instant: Instant, start: Balanced) -> Inverted:
 
 
 class _Inversion:
-    """Poses (padded) and multipliers of one inversion, and the last factorised saddle matrix."""
+    """Poses (padded) and multipliers of one inversion, and the last factorised saddle matrix.
+
+        [ H  G' ] [  dx ]     [ W (y - y_quasistatic) + G' mu ]
+        [ G  0  ] [ dmu ] = - [              e                ]
+
+    On the left stands the matrix that was factorised, with the rows e and their G as they are now
+    on the right: what an old matrix misses, also of the least energy, the next correction has.
+    """
 
     def __init__(self, instant: Instant, start: Balanced) -> None:
         self.instant = instant
@@ -94,16 +102,25 @@ class _Inversion:
         free, held = _weights(instant)
         self.weights = [held if k <= _PAD else free for k in range(len(self.y))]
         self._solve: Callable[[Array], Array] = np.asarray
-        self._scale = np.ones(0)
+        nv, nt, per = instant.system.nv, len(self.lam), instant.system.nv + instant.rows
+        self._wide = np.zeros((nt, per, _WIDTH * nv + instant.rows))  # G, instant by instant
+        self._scale, self._mu = np.ones((nt, per)), np.zeros((nt, per))
 
-    def correct(self) -> float:
-        """One linear system for all instants; returns the largest correction of a pose."""
+    def correct(self, new: bool) -> float:
+        """One linear system for all instants; returns the largest correction of a pose.
+
+        Args:
+            new: Factorise the matrix of this iteration, in place of the last one.
+        """
         v, a = rates(self.instant.dynamics, self.y, self.h, FOURTH)
         e = self._rows(v, a)
-        G, self._scale = self._constraints(v, a)
-        H = block_diag([*self.weights, csc_matrix((self.lam.size, self.lam.size))], format="csc")
-        rows = identity(len(self._scale), format="csc")
-        self._solve = splu(bmat([[H, G.T], [G, -_REGULAR * rows]], format="csc")).solve
+        self._differentiate(v, a)
+        if new:
+            last, self._scale = self._scale, 1.0 / np.maximum(np.abs(self._wide).max(2), 1e-300)
+            self._mu *= last / self._scale
+        self._wide *= self._scale[:, :, None]
+        if new:
+            self._solve = splu(self._saddle()).solve
         return self._move(e)
 
     def refine(self) -> None:
@@ -133,40 +150,65 @@ class _Inversion:
         """Correct poses and multipliers by the factorised system for open rows e (nt, rows)."""
         d = self.instant.dynamics
         away = np.array([d.difference(*pair) for pair in zip(self.reference, self.y, strict=True)])
-        pull = np.concatenate([W @ x for W, x in zip(self.weights, away, strict=True)])
-        none = np.zeros(self.lam.size)
-        step = self._solve(np.concatenate([-pull, none, -e.ravel() * self._scale]))
-        moves = step[: away.size].reshape(away.shape)
+        pull = np.array([W @ x for W, x in zip(self.weights, away, strict=True)])
+        pushed, (nt, nv) = (self._mu[:, None] @ self._wide)[:, 0], (len(e), away.shape[1])
+        for j in range(_WIDTH):
+            pull[j : j + nt] += pushed[:, j * nv : (j + 1) * nv]
+        shared = pushed[:, _WIDTH * nv :]
+        left = np.concatenate([x.ravel() for x in (pull, shared, e * self._scale)])
+        step = self._solve(-left)
+        moves, more, mu = np.split(step, [away.size, away.size + self.lam.size])
+        moves = moves.reshape(away.shape)
         self.y = np.array([d.integrate(*pair) for pair in zip(self.y, moves, strict=True)])
-        self.lam = self.lam + step[away.size : away.size + self.lam.size].reshape(self.lam.shape)
+        self.lam = self.lam + more.reshape(self.lam.shape)
+        self._mu += mu.reshape(self._mu.shape)
         return float(np.max(np.abs(moves)))
 
-    def _constraints(self, v: Array, a: Array) -> tuple[Any, Array]:
-        """Jacobian of all rows by (poses, multipliers), rows scaled to one; and the scales."""
-        instant, nv, rows = self.instant, self.instant.system.nv, self.instant.rows
-        nt, free, per = len(self.lam), len(instant.free), nv + rows
-        wide = np.zeros((nt, per, _WIDTH * nv + rows))
-        for k in range(nt):
-            pose = self.y[k + _PAD]
-            found = instant.tangents(k, pose, v[k], a[k], self.lam[k])
+    def _differentiate(self, v: Array, a: Array) -> None:
+        """Jacobian of the rows of each instant by the poses about it and its multipliers."""
+        instant, nv, wide = self.instant, self.instant.system.nv, self._wide
+        free, poses = len(instant.free), self.y[_PAD:-_PAD]
+        every = instant.every_tangent(range(len(wide)), poses, v, a, self.lam)
+        for k, found in enumerate(every):
+            pose = poses[k]
             here = found.K.copy()
             for j in (j for j in range(_WIDTH) if j != _PAD):
                 block = FOURTH.first[j] / self.h * found.C + FOURTH.second[j] / self.h**2 * found.M
-                own, other = _of_difference(instant, pose, self.y[k + j])
-                here += block @ own
-                wide[k, :free, j * nv : (j + 1) * nv] = block @ other
+                own, other = self._of_difference(pose, self.y[k + j])
+                m = len(own)
+                wide[k, :free, j * nv : (j + 1) * nv] = block
+                wide[k, :free, j * nv : j * nv + m] = block[:, :m] @ other
+                here[:, :m] += block[:, :m] @ own
+                here[:, m:] -= block[:, m:]
             wide[k, :free, _PAD * nv : (_PAD + 1) * nv] = here
             wide[k, :free, _WIDTH * nv :] = found.lam
             wide[k, free:, _PAD * nv : (_PAD + 1) * nv] = found.J
-        scale = 1.0 / np.maximum(np.max(np.abs(wide), axis=2), 1e-300)
-        wide *= scale[:, :, None]
-        at_k, row, column = np.nonzero(wide)
-        poses = len(self.y) * nv
-        shared = column - _WIDTH * nv
-        at = np.where(shared < 0, at_k * nv + column, poses + at_k * rows + shared)
-        shape = (nt * per, poses + nt * rows)
-        G = coo_matrix((wide[at_k, row, column], (at_k * per + row, at)), shape=shape)
-        return G.tocsc(), scale.ravel()
+            wide[k, free:, : _PAD * nv] = wide[k, free:, (_PAD + 1) * nv :] = 0.0
+
+    def _of_difference(self, pose: Array, other: Array) -> tuple[Array, Array]:
+        """Derivatives of the move from `pose` to `other` by either, of the rows that do not add."""
+        d = self.instant.dynamics
+        if d.vector_space:
+            return np.zeros((0, 0)), np.zeros((0, 0))
+        q0, q1, model = pose[: d.nq_rigid], other[: d.nq_rigid], self.instant.system.rigid
+        by = (pin.ARG0, pin.ARG1)
+        own, neighbour = (pin.dDifference(model, q0, q1, argument) for argument in by)
+        return own, neighbour
+
+    def _saddle(self) -> Any:
+        """[H G'; G 0] by poses, multipliers and rows; G from the rows of each instant."""
+        nv, (nt, per, _), rows = self.instant.system.nv, self._wide.shape, self.instant.rows
+        poses, unknown = len(self.y) * nv, len(self.y) * nv + nt * rows
+        at_k, row, column = np.nonzero(self._wide)  # row by row, as csr wants them
+        shared, at = column - _WIDTH * nv, at_k * nv + column
+        at = np.where(shared < 0, at, poses + at_k * rows + shared)
+        count = np.bincount(at_k * per + row, minlength=nt * per)
+        entries = self._wide[at_k, row, column], at, np.append(0, np.cumsum(count))
+        G = csr_array(entries, shape=(nt * per, unknown))
+        H = block_diag([*self.weights, csr_array((nt * rows, nt * rows))], format="csr")
+        above = hstack([H, G.T.tocsr()], format="csr")
+        below = hstack([G, -_REGULAR * eye_array(nt * per, format="csr")], format="csr")
+        return vstack([above, below], format="csr").T  # symmetric, and csc for splu
 
 
 def _weights(instant: Instant) -> tuple[Array, Array]:
@@ -177,15 +219,3 @@ def _weights(instant: Instant) -> tuple[Array, Array]:
     free = K + np.diag(np.where(sizes > 0.0, 0.0, _SMALL * least))
     free /= float(np.max(np.diag(free)))
     return free, free + _HELD * np.eye(len(free))
-
-
-def _of_difference(instant: Instant, pose: Array, other: Array) -> tuple[Array, Array]:
-    """Derivatives of the move from `pose` to `other` by either, each (nv, nv)."""
-    d, nv = instant.dynamics, instant.system.nv
-    own, neighbour = -np.eye(nv), np.eye(nv)
-    if not d.vector_space:
-        n, m = d.nq_rigid, d.n_rigid
-        q0, q1, model = pose[:n], other[:n], instant.system.rigid
-        own[:m, :m] = pin.dDifference(model, q0, q1, pin.ARG0)
-        neighbour[:m, :m] = pin.dDifference(model, q0, q1, pin.ARG1)
-    return own, neighbour

@@ -11,6 +11,7 @@ Source: Seifried (2014), Dynamics of Underactuated Multibody Systems, ch. 4 (ser
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.inversion.target import Target
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import PlatformCoordinates
+from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
 
 _BALANCED = 1e-11  # m or rad: the last Newton correction; the next is round-off
@@ -101,14 +103,31 @@ class Instant:
             v, a: Velocity and acceleration, shape (nv,).
             lam: Multipliers of the closures [N | N m], shape (rows,).
         """
+        return next(self.every_tangent([k], y[None], v[None], a[None], lam[None]))
+
+    def every_tangent(
+        self, at: Sequence[int], y: Array, v: Array, a: Array, lam: Array
+    ) -> Iterator[Tangents]:
+        """Derivatives of the rows of some instants, one after the other.
+
+        Args:
+            at: Numbers of the n instants.
+            y, v, a, lam: As in `residuals`.
+        """
+        target, nv = self.target, self.system.nv
+        held = np.eye(nv)[self.system.held]
+        states = zip(y, v, a, lam, target.t[at].tolist(), strict=True)
+        for k, state, placed in zip(at, states, self._placed(y), strict=True):
+            *parts, J = self.dynamics.tangent(*state)
+            M, C, K = (x[self.free] for x in parts)
+            idle = np.zeros((len(target.idle[k]), nv))
+            idle[:, self.axes.v_at] = target.idle[k]
+            yield Tangents(M, C, K, np.concatenate([J, placed, idle, held]), -J[:, self.free].T)
+
+    def _placed(self, y: Array) -> Array:
+        """Jacobians of the imposed platform coordinates, shape (n, k, nv)."""
         d = self.dynamics
-        *parts, J = d.tangent(y, v, a, lam, float(self.target.t[k]))
-        M, C, K = (x[self.free] for x in parts)
-        idle = np.zeros((len(self.target.idle[k]), self.system.nv))
-        idle[:, self.axes.v_at] = self.target.idle[k]
-        held = np.eye(self.system.nv)[self.system.held]
-        every = np.concatenate([J, self.platform.at(d.kinematics(y))[1][0], idle, held])
-        return Tangents(M, C, K, every, -J[:, self.free].T)
+        return np.concatenate([self.platform.at(d.kinematics(y[s]))[1] for s in spans(len(y))])
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 import scenes
 from scenes import published
+from scipy.sparse.linalg import splu
 from scipy.special import beta, betainc
 
 import pinflex as pf
+from pinflex.inversion import exact
 from pinflex.inversion.exact import invert
 from pinflex.inversion.instant import Instant
 from pinflex.inversion.series import series
@@ -179,6 +181,27 @@ def test_the_inversion_converges_at_fourth_order_in_the_grid(planar: pf.Mechanis
         errors.append(np.max(np.abs(found.error[:-8])))  # the last have no neighbours
     slope = np.polyfit(np.log([181, 271, 361]), np.log(errors), 1)[0]
     assert slope == pytest.approx(-4.0, abs=0.4)  # grids that are not yet fine
+
+
+def test_a_matrix_that_is_kept_finds_what_new_ones_do(
+    planar: pf.Mechanism, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    def counted(matrix: object) -> object:
+        made.append(matrix)
+        return splu(matrix)
+
+    monkeypatch.setattr(exact, "splu", counted)
+    motion = nonic_motion(0.15, x=0.04, y=0.02, rz=0.1)
+    kept = pf.command(planar, motion, instants=150)
+    assert len(made) == 1 < kept.iterations
+    monkeypatch.setattr(exact, "_SLOW", -1.0)  # every contraction is too slow
+    new = pf.command(planar, motion, instants=150)
+    assert len(made) == new.iterations  # its last linear system is that of the refinement
+    # the last correction of either is 1e-10 rad; torques follow from its second differences
+    assert kept.position == pytest.approx(new.position, abs=1e-9)
+    assert kept.torque == pytest.approx(new.torque, abs=1e-5 * float(np.abs(new.torque).max()))
 
 
 def test_the_tip_of_a_flexible_link_on_a_hub_is_not_minimum_phase(tmp_path: Path) -> None:
