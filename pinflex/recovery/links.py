@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pinflex.arrays import Array
@@ -18,23 +20,18 @@ SECTIONS = 21
 
 def links(samples: Samples) -> dict[str, Array]:
     """Arrays link/NAME/... of a Result."""
-    mechanism, run, poses = samples.mechanism, samples.run, samples.kinematics.poses
+    mechanism, poses = samples.mechanism, samples.kinematics.poses
     reference = poses if samples.rigid_poses is None else samples.rigid_poses
     out = dict[str, Array]()
-    bodies = {id(s.body): s.body for s in run.system.expansion.slots}
-    cuts = {key: stress.cut(body, SECTIONS) for key, body in bodies.items()}
+    cuts = _cuts(samples)
     for name, part in mechanism.parts.items():
-        slots = [s for s in run.system.expansion.slots if s.link == name]
+        slots = _slots(samples, name)
         roots = np.array([pose_of(poses, slot.root) for slot in slots])
         pieces = [
             _piece(samples, slot, cuts[id(slot.body)], (k, roots), out)
             for k, slot in enumerate(slots)
         ]
-        # two bodies share the section between them
-        x, resultant, line, turned = (
-            np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
-            for values in zip(*pieces, strict=True)
-        )
+        x, resultant, line, turned = map(_joined, zip(*pieces, strict=True))
         x, home = x[0], pose_of(poses, slots[0].root)
         back = off_straight(line, x, home[:, :, :3], home[:, :, 3])
         spin = rotation_vector(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
@@ -54,14 +51,46 @@ def links(samples: Samples) -> dict[str, Array]:
     return out
 
 
-def _piece(
+def resultants(samples: Samples) -> dict[str, Array]:
+    """Section forces of each flexible link alone [N, N m], shape (nt, nx, 6), as `links` has them.
+
+    Args:
+        samples: Of a run.
+    """
+    cuts, out, found = _cuts(samples), dict[str, Array](), dict[str, Array]()
+    for name in samples.mechanism.parts:
+        slots = _slots(samples, name)
+        roots = np.array([pose_of(samples.kinematics.poses, slot.root) for slot in slots])
+        found[name] = _joined([
+            _forces(samples, slot, cuts[id(slot.body)], (k, roots), out)[1]
+            for k, slot in enumerate(slots)
+        ])  # fmt: skip
+    return found
+
+
+def _cuts(samples: Samples) -> dict[int, stress.Cut]:
+    """Sections of the bodies, by their id: equal ones are one."""
+    bodies = {id(slot.body): slot.body for slot in samples.run.system.expansion.slots}
+    return {key: stress.cut(body, SECTIONS) for key, body in bodies.items()}
+
+
+def _slots(samples: Samples, name: str) -> list[Slot]:
+    return [slot for slot in samples.run.system.expansion.slots if slot.link == name]
+
+
+def _joined(values: Sequence[Array]) -> Array:
+    """Sections of the bodies of a link in a row; two bodies share the one between them."""
+    return np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
+
+
+def _forces(
     samples: Samples,
     slot: Slot,
     section: stress.Cut,
     among: tuple[int, Array],
     out: dict[str, Array],
-) -> tuple[Array, Array, Array, Array]:
-    """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
+) -> tuple[Array, Array]:
+    """Deflections and section forces of one body of a link, each (nt, nx, 6).
 
     A solid body adds the stress on its surface to `out`.
 
@@ -79,6 +108,22 @@ def _piece(
     for contact, table in samples.forces.sleeves:
         if contact.sleeve.link == slot.link:
             forces += section_forces(section.x, table, *among)
+    return d, forces
+
+
+def _piece(
+    samples: Samples,
+    slot: Slot,
+    section: stress.Cut,
+    among: tuple[int, Array],
+    out: dict[str, Array],
+) -> tuple[Array, Array, Array, Array]:
+    """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
+
+    Args:
+        samples, slot, section, among, out: As in `_forces`.
+    """
+    d, forces = _forces(samples, slot, section, among, out)
     root = among[1][among[0]]
     line = centre_line(d, section.x, root[:, :, :3], root[:, :, 3])
     turned = root[:, None, :, :3] @ zyx_matrix(d[:, :, 3:])

@@ -15,9 +15,12 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF
+from pinflex.mechanics import workspace
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.recover import result_of
-from pinflex.results.result import Result
+from pinflex.recovery.links import resultants
+from pinflex.recovery.samples import Samples
+from pinflex.recovery.stress import stresses
+from pinflex.threads import one_blas_thread
 
 _SAMPLES = 51  # as poses are compared at
 _PARTS = slice(0, 3), slice(3, 6)  # of section forces: N, N m
@@ -38,13 +41,15 @@ def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> T
 
     @cache
     def told() -> dict[str, float]:
-        a, b = (result_of(mechanism, run, lambda: None, "coupled", {}, "") for run in pair)
-        return {key: max(e / gain, ROUND_OFF) for key, e in differences(a, b).items()}
+        a, b = (Samples(mechanism, run) for run in pair)
+        with one_blas_thread(), workspace.keep_alive():
+            found = _differences(a, b)
+        return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
 
     return told
 
 
-def differences(a: Result, b: Result) -> dict[str, float]:
+def _differences(a: Samples, b: Samples) -> dict[str, float]:
     """Largest differences of stress, section forces and the platform's acceleration, relative.
 
     Forces and moments of a section have scales of their own.
@@ -62,15 +67,18 @@ def differences(a: Result, b: Result) -> dict[str, float]:
     return found
 
 
-def _quantities(result: Result) -> list[tuple[str, Array]]:
+def _quantities(samples: Samples) -> list[tuple[str, Array]]:
     """What is compared, with the output that it belongs to."""
-    found, links = list[tuple[str, Array]](), [result.link(name) for name in result.links]
-    if links:
-        cut = np.concatenate([link.resultant for link in links], axis=1)
-        stress = np.concatenate([link.von_mises for link in links], axis=1)
-        found = [("stress", stress), *(("section forces", cut[:, :, s]) for s in _PARTS)]
-    if platform := result.meta.get("platform"):
-        moved = result.array(f"frame/{platform}/acceleration")[:, :3]
+    mechanism, found = samples.mechanism, list[tuple[str, Array]]()
+    if mechanism.parts:
+        forces = resultants(samples)
+        cut = np.concatenate([*forces.values()], axis=1)
+        sections = {name: mechanism.parts[name].spec.section for name in forces}
+        every = [stresses(sections[name], force)["von_mises"] for name, force in forces.items()]
+        found = [("stress", np.concatenate(every, axis=1))]
+        found += [("section forces", cut[:, :, s]) for s in _PARTS]
+    if platform := mechanism.description.platform:
+        moved = samples.kinematics.arrays[f"frame/{platform}/acceleration"][:, :3]
         found.append(("platform acceleration", moved))
     return found
 
