@@ -1,29 +1,26 @@
 """The motion of every section of a body as series in x, with its derivatives along the beam.
 
 The rows of `FlexibleBody.rows`, (u, v, w, rz, ry, rx) to second order in eta, are smooth between
-the breaks of the families. On each such interval they are interpolated at Chebyshev points.
+the breaks of the families.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import factorial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.bodies import beam
+from pinflex.bodies.series import ORDERS, Series, series
 from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.bodies.basis import FlexibleBody
 
-_ORDERS = 4  # the value and three derivatives: the bias of a slope takes its second
-# Polynomials of degree p have gauss = p + 1 points, and products of two, integrated twice, degree
-# 2 p + 2; analytic modes are down to round-off with as many (`family._modal`).
-_BEYOND = 3
+_NOTHING = 1e-15  # of the largest entry of a row: others are round-off
 
 
 class Sections(NamedTuple):
@@ -43,10 +40,8 @@ class Track:
 
     Attributes:
         n: Coordinates of the body. length: Of the body (m).
-        breaks: Ends of the intervals (m), shape (k + 1,).
-        series: Chebyshev coefficients of Phi and G, shape (k, degree + 1, 6 (n + n n)).
-        climb: Of coefficients to those of the derivatives of order 0 to 3 on an interval of length
-            2, shape (4, degree + 1, degree + 1).
+        series: Of the entries of Phi and of the upper triangle of G that are not zero.
+        row, i, j: Which they are, shape (entries,) each; j is -1 in Phi.
         shear: First-order shear strains (v, w) at the far end, shape (2, n).
     """
 
@@ -54,28 +49,20 @@ class Track:
 
     n: int
     length: float
-    breaks: Array
-    series: Array
-    climb: Array
+    series: Series
+    row: IntArray
+    i: IntArray
+    j: IntArray
     shear: Array
 
     def at(self, x: float) -> Sections:
-        """The section at x (m); beyond an end its Taylor series of third order goes on.
-
-        High polynomials run away there, where an iteration may look but no beam is.
-        """
-        inside = min(max(x, 0.0), self.length)
-        found = self._inside(inside)
-        if inside == x:
-            return found
-        return Sections(*(_shifted(rows, _powers(x - inside)) for rows in found))
-
-    def _inside(self, x: float) -> Sections:
-        k, basis = self._basis(x, _ORDERS)
-        found = (basis @ self.series[k]).reshape(_ORDERS, 6, -1)
-        return Sections(
-            found[:, :, : self.n], found[:, :, self.n :].reshape(_ORDERS, 6, self.n, self.n)
-        )
+        """The section at x (m); beyond an end its Taylor series of third order goes on."""
+        values, linear = self.series.at(x), self.j < 0
+        Phi, G = np.zeros((ORDERS, 6, self.n)), np.zeros((ORDERS, 6, self.n, self.n))
+        Phi[:, self.row[linear], self.i[linear]] = values[:, linear]
+        row, i, j = (index[~linear] for index in (self.row, self.i, self.j))
+        G[:, row, i, j] = G[:, row, j, i] = values[:, ~linear]
+        return Sections(Phi, G)
 
     def moved(self, x: float, eta: Array) -> Array:
         """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3).
@@ -84,62 +71,48 @@ class Track:
             x: Place on the beam [m].
             eta: Coordinates of the body, shape (n,).
         """
-        inside = min(max(x, 0.0), self.length)
-        k, basis = self._basis(inside, _ORDERS if inside != x else 2)
-        # the first half of the six rows
-        series = self.series[k].reshape(len(basis[0]), 6, -1)[:, :3]
-        found = basis @ (series @ np.concatenate([eta, 0.5 * np.outer(eta, eta).ravel()]))
-        return found if inside == x else _shifted(found, _powers(x - inside))[:2]
-
-    def _basis(self, x: float, orders: int) -> tuple[int, Array]:
-        """Interval of x, and what its coefficients count for, shape (orders, degree + 1)."""
-        last = len(self.series) - 1
-        k = min(max(int(np.searchsorted(self.breaks, x, side="right")) - 1, 0), last)
-        start, half = self.breaks[k], 0.5 * (self.breaks[k + 1] - self.breaks[k])
-        turn = np.arccos(min(max((x - start) / half - 1.0, -1.0), 1.0))
-        T = np.cos(np.arange(self.climb.shape[1]) * turn)
-        return k, (T @ self.climb[:orders]) / half ** np.arange(orders)[:, None]
+        Phi, G = self.at(x)
+        return np.asarray((Phi[:2, :3] + 0.5 * G[:2, :3] @ eta) @ eta)
 
 
-def _powers(gap: float) -> Array:
-    """gap^k / k!, k = 0 to 3."""
-    return np.array([gap**k / factorial(k) for k in range(_ORDERS)])
+def track(body: FlexibleBody, rows: Sequence[int] = range(6), second_order: bool = True) -> Track:
+    """The series of a beam (a solid has none).
 
+    Args:
+        body: Beam.
+        rows: Those of (u, v, w, rz, ry, rx) that are wanted; others are zero.
+        second_order: With G, where the body has it.
+    """
+    breaks = beam.union([np.array([0.0, body.length]), *(f.breaks for f in body.families.values())])
 
-def _shifted(rows: Array, shift: Array) -> Array:
-    """Derivatives of order 0 to 3 (first axis) a step on, of a cubic."""
-    out = np.empty_like(rows)
-    for d in range(_ORDERS):
-        out[d] = np.tensordot(shift[: _ORDERS - d], rows[d:], 1)
-    return out
+    def entries(x: Array) -> list[Array]:
+        parts = [beam.first_order(body.families, body.slices, x)[:, list(rows)]]
+        if second_order and body.second_order:
+            parts.append(beam.second_order(body.families, body.slices, x, list(rows)))
+        return parts
 
+    # Which entries are not zero, looked at within each piece.
+    inside = (breaks[:-1, None] + np.outer(np.diff(breaks), [0.17, 0.41, 0.73, 0.94])).ravel()
+    index: list[IntArray] = []
+    sizes: list[Array] = []
+    for values in entries(inside):
+        size = np.abs(values).max(axis=0)
+        of_row = size.reshape(len(rows), -1).max(axis=1, initial=0.0)
+        there = size > _NOTHING * of_row.reshape(-1, *[1] * (size.ndim - 1))
+        if size.ndim == 3:
+            there &= np.triu(np.ones(there.shape[1:], dtype=bool))
+        index.append(np.argwhere(there))
+        sizes.append(of_row[index[-1][:, 0]])
 
-def track(body: FlexibleBody) -> Track:
-    """The series of a beam (a solid has none)."""
-    families = list(body.families.values())
-    breaks = beam.union([family.breaks for family in families])
-    count = 2 * max(family.gauss for family in families) + _BEYOND
-    nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
-    half = 0.5 * np.diff(breaks)[:, None]
-    x = (breaks[:-1, None] + half * (nodes + 1.0)).ravel()
-    order = np.argsort(x)
-    parts = [beam.first_order(body.families, body.slices, x)]
-    if body.second_order:
-        # in ascending order, as the integrals from the root are summed
-        sorted_rows = beam.second_order(body.families, body.slices, x[order], range(6))
-        G = np.empty_like(sorted_rows)
-        G[order] = sorted_rows
-        parts.append(G)
-    else:
-        parts.append(np.zeros((len(x), 6, body.n, body.n)))
-    values = np.concatenate([part.reshape(len(x), 6, -1) for part in parts], axis=2)
-    to_series = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))
-    series = to_series @ values.reshape(len(breaks) - 1, count, -1)
-    step = np.zeros((count, count))
-    for k in range(1, count):
-        step[:k, k] = chebyshev.chebder(np.eye(count)[k, : k + 1])
-    climb = np.array([np.linalg.matrix_power(step, d) for d in range(_ORDERS)])
-    return Track(body.n, body.length, breaks, series, climb, _shear(body))
+    def function(x: Array) -> Array:
+        found = zip(entries(x), index, strict=True)
+        return np.concatenate([values[(slice(None), *at.T)] for values, at in found], axis=1)
+
+    columns = np.concatenate([np.pad(at, ((0, 0), (0, 3 - at.shape[1])), constant_values=-1)
+                              for at in index])  # fmt: skip
+    row = np.array(rows, dtype=np.intp)[columns[:, 0]]
+    made = series(function, breaks, np.concatenate(sizes))
+    return Track(body.n, body.length, made, row, columns[:, 1], columns[:, 2], _shear(body))
 
 
 def _shear(body: FlexibleBody) -> Array:

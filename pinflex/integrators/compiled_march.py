@@ -293,8 +293,21 @@ class CompiledMarch:
         finally:
             stages.scale = float(at.scale)
             self.steps = self._made.batch()
+        self._require_on_beams()
         if end == STUCK:
             raise stuck(self._name, self.now)
+
+    def _require_on_beams(self) -> None:
+        """Raise where a step has led off a beam; it is the last one then."""
+        dynamics, steps, after = self.stages.dynamics, self._kernel.steps, len(self.steps) + 1
+        if not dynamics.system.closed.contacts or after == 1:
+            return
+        Y = np.vstack([steps["y0"][2:after], self._kernel.y])
+        if (k := dynamics.first_off(Y)) is not None:
+            self.steps = self.steps[: k + 1]
+            dynamics.require_on_beams(
+                Y[k], self._name, float([*steps["t"][2:after], self._at.t][k])
+            )
 
     def settle(self, good: int, resolution: float) -> None:
         """Let only the first of the steps stay, or none of all (-1); others are shorter."""

@@ -73,6 +73,10 @@ def integrate(
                 stops = (j for j in fresh if j > k)
                 upto = min([steps, k - k % _TOGETHER + _TOGETHER, *stops])
                 k, now, last = compiled.advance(k, now, last, upto)
+                done = record.columns[0][begun + 1 : k + 1]
+                if (off := dynamics.first_off(done)) is not None:
+                    k = begun + off
+                    dynamics.require_on_beams(done[off], mechanism.name, float(t[k + 1]))
             if k == begun:
                 # Both go on as they did: a multiplier left behind would cost one more correction.
                 guess = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam

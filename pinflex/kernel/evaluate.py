@@ -107,6 +107,16 @@ class Evaluator:
         self.functions.pinflex_closures(*given, c.ctypes.data, J.ctypes.data)
         return c, J
 
+    def sleeves(self, Y: Array) -> Array:
+        """Where the sleeves are on their links at poses Y (n, nq), shape (n, sleeves), m."""
+        Y = np.ascontiguousarray(Y, dtype=np.float64)
+        if Y.ndim != 2 or Y.shape[1] != self._widths[0]:
+            raise PinflexError(f"kernel: sleeves at {Y.shape}, not (n, {self._widths[0]}).")
+        out = np.empty((len(Y), self.tables.counts["sleeves"]))
+        given = self.tables.address, self.work, len(Y), Y.ctypes.data
+        self.functions.pinflex_sleeves(*given, out.ctypes.data)
+        return out
+
     def poses(self, Y: Array, node: int) -> tuple[Array, Array]:
         """Rotations (n, 3, 3) and origins (n, 3), m, of a node in the world.
 

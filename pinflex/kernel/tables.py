@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinflex.errors import PinflexError
-from pinflex.kernel.header import names, structure
+from pinflex.kernel.header import constant, names, structure
 
 _Tables = structure("Tables")
 COUNTS = names("Tables", ctypes.c_int64)
@@ -55,6 +55,15 @@ INTEGERS = {
     "k_j": ("*k_at",),
     "d_at": ("nv+1",),
     "d_j": ("*d_at",),
+    **dict.fromkeys(("sleeve_node", "sleeve_passes"), ("sleeves",)),
+    "sleeve_at": ("sleeves+1",),
+    **dict.fromkeys(("sleeve_row", "sleeve_sort", "sleeve_axis"), ("*sleeve_at",)),
+    "stretch_at": ("sleeves+1",),
+    **dict.fromkeys(("stretch_node", "stretch_eta", "stretch_track"), ("*stretch_at",)),
+    **dict.fromkeys(("track_n", "track_degrees"), ("tracks",)),
+    "entry_at": ("tracks+1",),
+    **dict.fromkeys(("entry_row", "entry_i", "entry_j"), ("*entry_at",)),
+    **dict.fromkeys(("piece_at", "power_at"), ("tracks+1",)),
 }
 NUMBERS = {
     "gravity": (3,),
@@ -85,6 +94,12 @@ NUMBERS = {
     "k": ("*k_at",),
     "d": ("*d_at",),
     "armature": ("nV",),
+    "sleeve_frame": ("sleeves", 12),
+    "sleeve_half": ("sleeves",),
+    "stretch_frame": ("*stretch_at", 12),
+    **dict.fromkeys(("stretch_length", "stretch_from"), ("*stretch_at",)),
+    **dict.fromkeys(("piece_start", "piece_half"), ("*piece_at",)),
+    "power": ("*power_at",),
 }
 # Arrays of indices, and what they point into.
 _INTO: dict[str, str | int] = {
@@ -98,9 +113,12 @@ _INTO: dict[str, str | int] = {
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
     "col_first": "nv", "leg_of": "legs", "range_from": "nv", "range_last": "nv",
     "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
+    "sleeve_node": "nodes", "stretch_node": "nodes", "stretch_track": "tracks",
+    "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3, "entry_row": 8,
 }  # fmt: skip
+_SLEEVE_ROWS = constant("MOST_SLEEVE_ROWS")
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",
-         "spring_a", "spring_b"}  # fmt: skip  # may be -1: the base
+         "spring_a", "spring_b", "sleeve_node", "stretch_node"}  # fmt: skip  # may be -1: the base
 _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
     "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)
 }  # fmt: skip
@@ -163,6 +181,7 @@ class Tables:
         n, directions, points, at = bent
         if np.any(n * directions * np.diff(points) != np.diff(at)):
             raise PinflexError("kernel: bent_at: rows that do not fit their points.")
+        self._check_sleeves(sizes)
         for name in (*INTEGERS, *NUMBERS):
             if name.endswith("_at") and name not in ("q_at", "v_at"):
                 array = self._arrays[name]
@@ -179,3 +198,21 @@ class Tables:
         whole = np.array_equal(np.diff(a["own_at"]), widths)
         if not whole or np.any(each < 1) or np.any(a["own_first"] < 0) or not np.all(inside):
             raise PinflexError("kernel: own_at: rows that do not fit the columns of their legs.")
+
+    def _check_sleeves(self, sizes: Mapping[str, int]) -> None:
+        """Each on a stretch at least, within its coordinates, and with no more rows than fit."""
+        a = self._arrays
+        ends = a["stretch_eta"] + a["track_n"][a["stretch_track"]]
+        pieces, entries = np.diff(a["piece_at"]), np.diff(a["entry_at"])
+        number = np.repeat(a["track_n"], entries)
+        sound = (
+            np.all(np.diff(a["stretch_at"]) > 0) and np.all(a["stretch_eta"] >= 0)
+            and np.all(ends <= sizes["n_eta"]) and np.all(pieces > 0)
+            and np.array_equal(np.diff(a["power_at"]), pieces * entries * a["track_degrees"])
+            and np.all((a["entry_i"] >= 0) & (a["entry_i"] < number))
+            and np.all((a["entry_j"] >= -1) & (a["entry_j"] < number))
+            and np.all(np.diff(a["sleeve_at"]) <= _SLEEVE_ROWS)
+            and np.all(a["sleeve_passes"] | (np.diff(a["stretch_at"]) == 1))
+        )  # fmt: skip
+        if not sound:
+            raise PinflexError("kernel: sleeves: tables that do not fit each other.")

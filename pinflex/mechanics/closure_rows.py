@@ -30,7 +30,7 @@ class ClosureRows:
         loop_of: Loop of each row. bodies: Joints of A then B. local: Frames in them.
         point_rows, dot_rows, distance_rows: Rows of each sort; point_loop, dot_loop and
             distance_loop: their loops. lengths: Of the distances in m.
-        plain: Whether every row is of point type.
+        plain: Whether every row is of point type, and no sleeve has lost its own.
         coupled: Rows of couplings, or None. contacts: Constants of the sleeves' rows, by state.
         support_a, support_b, row_mask: As in `Closures`, of one state or of each.
         sides: Joints of A and B, shape (n or 1, 2, loops).
@@ -65,7 +65,7 @@ class ClosureRows:
         self.point_axes = np.tile(closed.point_axes, size)
         self.dot_a, self.dot_b = np.tile(closed.dot_a, size), np.tile(closed.dot_b, size)
         self.lengths = np.tile(closed.lengths, size)
-        self.plain = rows == len(closed.point_rows)
+        self.plain = rows == len(closed.point_rows) and not closed.contacts
         self.points = PointRows(closed, size, joints) if self.plain else None
         # Flat positions of u = a[loop, :, axis] among the frames: one `take` instead of indexing.
         self.u_at = self.point_loop[:, None] * 12 + 4 * np.arange(3) + self.point_axes[:, None]

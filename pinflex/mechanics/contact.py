@@ -13,19 +13,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from pinflex.arrays import Array
 from pinflex.errors import MotionError
 from pinflex.mechanics.poses import skew
+from pinflex.mechanics.slider import ROWS
 
 if TYPE_CHECKING:
     from pinflex.mechanics.slider import Contact, Sleeve
 
-# Third derivatives come from second ones over this part of the length: round-off and truncation
-# both stay below 1e-8 of them. They only enter the bias and the tangent.
-_STEP = 1e-5
 _FIRST = {"v": 0, "w": 4}  # of values at X - a, X, X + a and the slope at X, in g
 _TWIST, _SIZE = 8, 9
+_ROWS = dict(zip("vwp", ROWS, strict=True))
 _VALUES = {
     "hold": (0.0, -1.0, 0.0),
     "right": (0.0, -1.0, 1.0),
@@ -127,33 +127,22 @@ class ContactState:
             self.W[k, 3:] += np.cross(self._axes[rows.source[k] - 1], self._normal[k])
 
     def _tables(self) -> None:
-        """B and dB/dX, shape (9, n)."""
-        self._B, self._B_X = np.zeros((_SIZE, self._of.n)), np.zeros((_SIZE, self._of.n))
-        sleeve = self._of.contact.sleeve
-        for direction, family in sleeve.families.items():
-            at = sleeve.columns[direction]
-            if direction == "p":
-                F = family.evaluate(np.array([self.X]))
-                self._B[_TWIST, at], self._B_X[_TWIST, at] = F.f[0], F.df[0]
-                continue
-            F, k = family.evaluate(self.X + self._of.places), _FIRST[direction]
-            self._B[k : k + 3, at], self._B_X[k : k + 3, at] = F.f, F.df
-            self._B[k + 3, at], self._B_X[k + 3, at] = F.df[1], F.curv[1]
+        """B and its derivatives by X of order 1 and 2, shape (9, n)."""
+        self._B, self._B_X, self._B_XX = B = np.zeros((3, _SIZE, self._of.n))
+        track = self._of.contact.sleeve.track
+        if track is None:
+            return
+        around = [track.at(self.X + a).Phi for a in self._of.places]
+        for direction, k in _FIRST.items():
+            row = _ROWS[direction]
+            for place, Phi in enumerate(around):
+                B[:, k + place] = Phi[:3, row]
+            B[:, k + 3] = around[1][1:, row]
+        B[:, _TWIST] = around[1][:3, _ROWS["p"]]
 
     def _by_XX(self) -> Array:
         """d2h/dX2, shape (rows,)."""
-        sleeve, g = self._of.contact.sleeve, np.zeros(_SIZE)
-        for direction, family in sleeve.families.items():
-            mine = self._mine[sleeve.columns[direction]]
-            step = _STEP * family.length
-            around = family.evaluate(np.array([self.X - step, self.X + step]))
-            if direction == "p":
-                g[_TWIST] = np.diff(around.df, axis=0)[0] @ mine / (2.0 * step)
-                continue
-            k = _FIRST[direction]
-            g[k : k + 3] = family.evaluate(self.X + self._of.places).curv @ mine
-            g[k + 3] = np.diff(around.curv, axis=0)[0] @ mine / (2.0 * step)
-        return np.asarray(self._c @ g)
+        return np.asarray(self._c @ (self._B_XX @ self._mine))
 
     def bias(
         self, spin_a: Array, spin_b: Array, v_ab: Array, swept: Array, gap: Array,
@@ -237,23 +226,31 @@ class ContactState:
         return out
 
 
-def require_on_beam(sleeve: Sleeve, place: float, name: str, where: str, t: float | None) -> None:
-    """Raise where an end of a sleeve lies beyond an end of its beam.
+def off_beam(sleeve: Sleeve, place: Array) -> npt.NDArray[np.bool_]:
+    """Whether an end of a sleeve lies beyond an end of its beam, shape as `place`.
+
+    Args:
+        sleeve: It. place: Of its middle on the link (m).
+    """
+    # An end may stand on an end of the beam, up to what closing the loops leaves.
+    slack = 1e-9 * sleeve.length
+    return np.asarray(
+        np.abs(place - 0.5 * sleeve.length) + sleeve.half > 0.5 * sleeve.length + slack
+    )
+
+
+def left_beam(sleeve: Sleeve, place: float, name: str, where: str, t: float | None) -> MotionError:
+    """The error that a sleeve has left its beam.
 
     Args:
         sleeve: It. place: Of its middle on the link (m).
         name: Of the loop. where: Name of the model. t: Time (s), if there is one.
     """
-    ends = (place - sleeve.half, place + sleeve.half)
-    # An end may stand on an end of the beam, up to what closing the loops leaves.
-    slack = 1e-9 * sleeve.length
-    if ends[0] >= -slack and ends[1] <= sleeve.length + slack:
-        return
     when = where if t is None else f"{where}: t = {t:.6g} s"
-    reach = f"x = {place:.6g} m" + (
-        f", from {ends[0]:.6g} to {ends[1]:.6g} m" if sleeve.half else ""
-    )
-    raise MotionError(
+    reach = f"x = {place:.6g} m"
+    if sleeve.half:
+        reach += f", from {place - sleeve.half:.6g} to {place + sleeve.half:.6g} m"
+    return MotionError(
         f'{when}: sleeve "{name}" leaves the beam {sleeve.link}: it is at {reach}, the beam '
         f"ends at 0 and {sleeve.length:g} m. Shorten the motion, or lengthen the beam.",
         loop=name,

@@ -18,7 +18,7 @@ from pinflex.mechanics import workspace
 from pinflex.mechanics.closure_rows import ClosureRows, Passing
 from pinflex.mechanics.closure_state import ClosureState
 from pinflex.mechanics.compiled import Compiled
-from pinflex.mechanics.contact import require_on_beam
+from pinflex.mechanics.contact import left_beam, off_beam
 from pinflex.mechanics.coordinate_map import Configuration, CoordinateMap
 from pinflex.mechanics.evaluated import Closure
 from pinflex.mechanics.one_by_one import OneByOne
@@ -210,6 +210,25 @@ class Geometry:
             found[..., self.n_rigid :] += closed.by_eta(self.system.n_eta)
         return found
 
+    def sleeve_places(self, Y: Array) -> Array:
+        """Where the sleeves are on their links (m) at poses Y (n, nq), shape (n, sleeves)."""
+        contacts = self.system.closed.contacts
+        if contacts and (compiled := self.compiled) is not None:
+            return compiled.evaluator.sleeves(Y)
+        out = np.empty((len(Y), len(contacts)))
+        for k, y in enumerate(Y if contacts else ()):
+            closed = self.kinematics(y).closed
+            assert closed is not None
+            out[k] = [one.place for one in closed.contacts]
+        return out
+
+    def first_off(self, Y: Array) -> int | None:
+        """The first of poses Y (n, nq) at which a sleeve has left its beam; None: at none."""
+        contacts, off = self.system.closed.contacts, np.zeros(len(Y), dtype=bool)
+        for one, x in zip(contacts, self.sleeve_places(Y).T, strict=True):
+            off |= off_beam(one.sleeve, x)
+        return int(np.argmax(off)) if np.any(off) else None
+
     def require_on_beams(self, y: Array, where: str, t: float | None = None) -> None:
         """Raise a MotionError where a sleeve has left its beam at y (nq,), at a time t (s).
 
@@ -218,10 +237,10 @@ class Geometry:
             where: Begins the message.
             t: Time [s] for the message.
         """
-        closed = self.kinematics(y).closed if self.system.closed.contacts else None
-        for one in closed.contacts if closed is not None else ():
-            name = self.system.closed.names[one.loop]
-            require_on_beam(one.sleeve, one.place, name, where, t)
+        closed = self.system.closed
+        for one, place in zip(closed.contacts, self.sleeve_places(y[None])[0], strict=True):
+            if off_beam(one.sleeve, place):
+                raise left_beam(one.sleeve, float(place), closed.names[one.loop], where, t)
 
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv).

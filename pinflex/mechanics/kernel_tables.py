@@ -13,7 +13,9 @@ from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.curvature import Curvature
 from pinflex.bodies.family import Family
+from pinflex.bodies.series import Series
 from pinflex.bodies.superelement import Node, Superelement
+from pinflex.bodies.track import Track
 from pinflex.description.external import FrameForce, FrameSpring
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.added_mass import AddedMasses
@@ -28,6 +30,8 @@ from pinflex.mechanics.expanded import (
 )
 from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.sleeve_tables import sleeve_tables
+from pinflex.mechanics.slider import Contact, Segment, Sleeve
 from pinflex.mechanics.system import Springs, System
 
 REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
@@ -78,17 +82,20 @@ KNOWN: dict[type, frozenset[str]] = {
         (Closures, "names kinds labels loop_of bodies local point_rows point_axes dot_rows dot_a "
          "dot_b distance_rows lengths support_a support_b row_mask contacts coupled"),
         (CoupledRows, "rows J at A offset"),
+        (Contact, "sleeve loop rows supports on"),
+        (Sleeve, "link placement length half sorts track eta segments"),
+        (Segment, "offset length track end eta root"),
+        (Track, "n length series row i j shear"),
+        (Series, "breaks powers"),
     )
 }  # fmt: skip
 
 
 def uncovered(system: System) -> str | None:
     """What of a system the kernel does not cover; None: it covers the system."""
-    if system.closed.contacts:
-        return "sleeve on a flexible beam"
     closed = system.closed
     known = closed.point_rows, closed.dot_rows, closed.distance_rows, closed.coupled.rows
-    if sum(map(len, known)) != closed.n:
+    if sum(map(len, (*known, *(one.rows for one in closed.contacts)))) != closed.n:
         return "closure row of another sort"
     for joint in system.expansion.model.joints[1:]:
         name = joint.shortname().removeprefix(_PREFIX)
@@ -124,7 +131,7 @@ def node_of_joints(system: System) -> IntArray:
 
 def _tree(system: System) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
-    used = {int(b) for b in system.closed.bodies} | set(_loaded(system.loads))
+    used = system.closed.joints | set(_loaded(system.loads))
     used |= {int(joint) for joint in system.added.joints}
     return _sorted(system.expansion.model, used)
 
@@ -146,7 +153,7 @@ def tables(system: System) -> Tables:
         "armature": model.armature,
         **_nodes(model, nodes, node_of), **_points(model, points, node_of),
         **_twists(model, twists, node_of), **_map(expansion), **_legs(expansion),
-        **_loops(closed, node_of),
+        **_loops(closed, node_of), **sleeve_tables(closed, node_of),
         **_couplings(closed.coupled, model),
         "added_node": node_of[list(system.added.joints)], "added_inertia": system.added.inertia,
         **_curvatures(expansion), **_loads(system.loads, node_of), **_joint_springs(system),
@@ -163,6 +170,7 @@ def tables(system: System) -> Tables:
         "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
         "legs": len(arrays["range_at"]) - 1, "couplings": len(closed.coupled.rows),
         "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
+        "sleeves": len(closed.contacts), "tracks": len(arrays["track_n"]),
     }  # fmt: skip
     return Tables(counts, arrays)
 

@@ -36,7 +36,6 @@ from typing import TYPE_CHECKING
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.family import Family
 from pinflex.bodies.track import Sections, Track, track
 from pinflex.description.loops import Loop
 from pinflex.errors import DescriptionError
@@ -56,6 +55,7 @@ _LABELS = {
     "twist": "rotation about the beam",
 }
 _ACROSS = {"v": "y", "w": "z"}
+ROWS = (1, 2, 5)  # v, w and the twist, of the rows of a section
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +87,7 @@ class Sleeve:
         link: The beam. placement: Beam frame in the link's frame. length: Of the beam (m).
         half: Half the sleeve's length a (m), 0 for a point.
         sorts: Rows it makes: the sort and its direction, v or w.
-        families: Functions of each direction v, w, p; none on a rigid mechanism.
-        columns: Their places among the coordinates of the body.
+        track: How v, w and the twist of one body vary along it; None on a rigid mechanism.
         eta: Place of the body in the elastic coordinates.
         segments: Of a link that is cut into several; none of one body, or on a rigid mechanism.
     """
@@ -98,8 +97,7 @@ class Sleeve:
     length: float
     half: float
     sorts: tuple[tuple[str, str], ...]
-    families: Mapping[str, Family]
-    columns: Mapping[str, slice]
+    track: Track | None
     eta: slice
     segments: tuple[Segment, ...] = ()
 
@@ -161,13 +159,10 @@ def _sleeve(
     slots = [s for s in expansion.slots if s.link == part.link]
     sorts = _rows_held(loop, part, bool(slots))
     if not slots:
-        return Sleeve(*size, sorts, {}, {}, slice(0, 0))
+        return Sleeve(*size, sorts, None, slice(0, 0))
     if len(slots) > 1:
-        return Sleeve(*size, sorts, {}, {}, slice(0, 0), _segments(slots))
-    slot, directions = slots[0], set(part.planes) - {"u"}
-    families = {d: slot.body.families[d] for d in directions}
-    columns = {d: slot.body.slices[d] for d in directions}
-    return Sleeve(*size, sorts, families, columns, slot.eta)
+        return Sleeve(*size, sorts, None, slice(0, 0), _segments(slots))
+    return Sleeve(*size, sorts, track(slots[0].body, ROWS, False), slots[0].eta)
 
 
 def _segments(slots: Sequence[Slot]) -> tuple[Segment, ...]:

@@ -6,7 +6,7 @@
      point      c = u . d     c' = u' . d + u . d'   c'' = u'' . d + 2 u' . d' + u . d''
      direction  c = u . e     c' = u' . e + u . e'   c'' = u'' . e + 2 u' . e' + u . e''
      distance   c = (d . d - l^2) / (2 l)   c' = d . d' / l   c'' = (d' . d' + d . d'') / l */
-#include "kernel.h"
+#include "sleeves.h"
 
 typedef struct { Lane x[3], dx[3], ddx[3]; } Moving;
 
@@ -37,6 +37,53 @@ static void axis_of(const Node *n, const double *local, Int axis, Moving *u) {
   turning(n, r, u);
 }
 
+/* u . e and its rates. */
+static void product_motion(const Moving *u, const Moving *e, Lane *value, Lane *rate, Lane *second) {
+  *value = dot(u->x, e->x);
+  *rate = dot(u->dx, e->x) + dot(u->x, e->dx);
+  *second = dot(u->ddx, e->x) + 2.0 * dot(u->dx, e->dx) + dot(u->x, e->ddx);
+}
+
+/* Frame b of a node in frame a of another, as in sleeves.c: z and its rates. */
+static void frame_motion(const Node *A, const double *a, const Node *B, const double *b, Lane z[3][9]) {
+  Moving from, u, of[3];
+  moving(A, a, &from);
+  moving(B, b, of);
+  for (int d = 0; d < 3; d++)
+    of[0].x[d] -= from.x[d], of[0].dx[d] -= from.dx[d], of[0].ddx[d] -= from.ddx[d];
+  axis_of(B, b, 0, of + 1);
+  axis_of(B, b, 1, of + 2);
+  for (int axis = 0; axis < 3; axis++) {
+    axis_of(A, a, axis, &u);
+    for (int k = 0; k < 3; k++) {
+      int i = 3 * k + axis;
+      product_motion(&u, of + k, z[0] + i, z[1] + i, z[2] + i);
+    }
+  }
+}
+
+/* Rows of sleeves as functions of time. */
+void sleeve_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second) {
+  for (Int k = 0; k < t->sleeves; k++)
+    for (int l = 0; l < LANES; l++) {
+      Sleeve s;
+      Pose a, b;
+      Jet h[MOST_SLEEVE_ROWS];
+      Lane z[3][9];
+      sleeve_of_lane(t, w, k, l, &s, &a, &b);
+      frame_motion(node_at(w, t->stretch_node[s.on]), t->stretch_frame + 12 * s.on,
+                   node_at(w, t->sleeve_node[k]), t->sleeve_frame + 12 * k, z);
+      for (int i = 0; i < 9; i++) s.dz[i] = z[1][i][l], s.ddz[i] = z[2][i][l];
+      sleeve_rows(&s, TIME, 1, h);
+      for (Int at = t->sleeve_at[k]; at < t->sleeve_at[k + 1]; at++) {
+        const double *row = h[at - t->sleeve_at[k]];
+        value[t->sleeve_row[at]][l] = row[0];
+        rate[t->sleeve_row[at]][l] = row[2];
+        second[t->sleeve_row[at]][l] = row[hess(&s.room, 1, 1)];
+      }
+    }
+}
+
 void closure_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second) {
   for (Int k = 0; k < t->loops; k++) {
     const Node *A = node_at(w, t->node_a[k]), *B = node_at(w, t->node_b[k]);
@@ -58,9 +105,8 @@ void closure_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *sec
       axis_of(A, a, t->row_a[at], &u);
       if (t->row_kind[at] == POINT) e = gap;
       else axis_of(B, b, t->row_b[at], &e);
-      value[row] = dot(u.x, e.x);
-      rate[row] = dot(u.dx, e.x) + dot(u.x, e.dx);
-      second[row] = dot(u.ddx, e.x) + 2.0 * dot(u.dx, e.dx) + dot(u.x, e.ddx);
+      product_motion(&u, &e, value + row, rate + row, second + row);
     }
   }
+  sleeve_motion(t, w, value, rate, second);
 }

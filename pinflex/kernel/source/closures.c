@@ -67,4 +67,5 @@ void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c) {
     add_wrench(B, b.p, F, M, -1.0);
     add_wrench(A, b.p, F, M, 1.0);
   }
+  if (t->sleeves) push_sleeves(t, w, lam, c);
 }

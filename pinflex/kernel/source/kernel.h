@@ -27,6 +27,7 @@ typedef struct {
   Int forces, springs, dampers;           /* between frames */
   Int joint_springs, rubs, legs;          /* legs: children of the base */
   Int couplings, added, bent;             /* joints that follow; added masses; large bends */
+  Int sleeves, tracks;                    /* on beams; motions of sections along a beam */
   const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
   const Int *parent, *kind, *node_q, *node_v;              /* nodes */
   const Int *point_node, *point_q, *point_v;               /* mass points */
@@ -46,6 +47,12 @@ typedef struct {
   const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
   const Int *rub_v;                                        /* joints with dry friction */
   const Int *k_at, *k_j, *d_at, *d_j;                      /* K of eta and D by rows */
+  const Int *sleeve_node, *sleeve_passes;                  /* of b; whether stretches follow it */
+  const Int *sleeve_at, *sleeve_row, *sleeve_sort, *sleeve_axis; /* rows, see sleeve_rows.c */
+  const Int *stretch_at, *stretch_node, *stretch_eta, *stretch_track; /* pieces of their beams */
+  const Int *track_n, *track_degrees;                      /* coordinates; degree + 1 */
+  const Int *entry_at, *entry_row, *entry_i, *entry_j;     /* of Phi (j = -1) and G, see track.c */
+  const Int *piece_at, *power_at;
   const double *gravity;
   const double *R0, *p0, *axis, *mass, *com, *inertia;     /* nodes */
   const double *point_R, *point_p, *point_mass;
@@ -59,6 +66,9 @@ typedef struct {
   const double *joint_spring_law;                          /* stiffness, rest */
   const double *rub_law;                                   /* F_c, E, v_s, v_0 */
   const double *k, *d, *armature;
+  const double *sleeve_frame, *sleeve_half;                /* [R | p] of b, (3, 4); a, m */
+  const double *stretch_frame, *stretch_length, *stretch_from; /* root, (3, 4); m; on the link, m */
+  const double *piece_start, *piece_half, *power;          /* m; (pieces, degree + 1, entries) */
 } Tables;
 
 /* A frame of the tree at one instant. In its own axes: w, alpha rates of turn, a the acceleration
@@ -73,6 +83,9 @@ typedef struct {
   Node base, *node;
   Lane *Q, *V, *A;
   int moving; /* whether velocities of nodes are wanted */
+  const Lane *eta, *rate, *growth; /* what `expand` was given */
+  Lane *beam;   /* what sleeves do to eta */
+  double *room; /* of sleeves */
 } Work;
 
 /* map.c: Q = T(y), V = X v, A = X a + Xdot v; and X' g with K, D, springs and friction of joints */
@@ -101,8 +114,15 @@ void add_curvature(const Tables *t, const Lane *eta, Lane *r);
 void couple_joints(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void coupling_motion(const Tables *t, const Work *w, Lane *value, Lane *rate, Lane *second);
 
+/* sleeves.c: c of their rows, and what they do to nodes and beams; where they are on their links (m),
+   (count, sleeves) */
+void push_sleeves(const Tables *t, Work *w, const Lane *lam, Lane *c);
+void sleeve_places(const Tables *t, const Work *w, Int count, double *out);
+Int sleeve_room(const Tables *t);
+
 /* closure_motion.c: closures of a group in motion, their first and second time derivatives */
 void closure_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second);
+void sleeve_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *second);
 
 /* residual.c: the tree outward and inward with all forces; poses of nodes where `placed` */
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c);

@@ -6,6 +6,7 @@
    sum of g eta_i eta_j. */
 void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a) {
   const Lane *eta = y + t->nq_rigid, *rate = v + t->nv_rigid, *growth = a + t->nv_rigid;
+  w->eta = eta, w->rate = rate, w->growth = growth;
   for (Int k = 0; k < t->nq_rigid; k++) w->Q[t->q_at[k]] = y[k];
   for (Int k = 0; k < t->nv_rigid; k++) w->V[t->v_at[k]] = v[k], w->A[t->v_at[k]] = a[k];
   for (Int e = 0; e < t->rows; e++) {
@@ -41,7 +42,7 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
   const Lane *eta = y + t->nq_rigid;
   Lane *r_eta = r + t->nv_rigid;
   for (Int k = 0; k < t->nv_rigid; k++) r[k] = w->V[t->v_at[k]];
-  for (Int i = 0; i < t->nv - t->nv_rigid; i++) r_eta[i] = lane(0);
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++) r_eta[i] = t->sleeves ? -w->beam[i] : lane(0);
   for (Int e = 0; e < t->rows; e++) {
     Lane g = w->V[t->row_v[e]];
     for (Int p = t->phi_at[e]; p < t->phi_at[e + 1]; p++) r_eta[t->phi_i[p]] += t->phi[p] * g;

@@ -6,9 +6,9 @@ static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
 /* Bytes of the workspace of one run: nodes, then Q, V, A, the group's inputs and outputs, and what
    the tangent needs. */
 EXPORT Int pinflex_work_size(const Tables *t) {
-  Int lanes = t->nQ + 2 * t->nV + t->nq + 3 * t->nv + 3 * t->closures + t->forces;
+  Int lanes = t->nQ + 2 * t->nV + t->nq + 4 * t->nv + 3 * t->closures + t->forces;
   return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
-         + tangent_size(t) * (Int)sizeof(double);
+         + (tangent_size(t) + sleeve_room(t)) * (Int)sizeof(double);
 }
 
 typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c, *open; double *more; } Group;
@@ -18,7 +18,7 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->Q = (Lane *)(memory + padded(t->nodes * (Int)sizeof(Node)));
   w->V = w->Q + t->nQ;
   w->A = w->V + t->nV;
-  w->moving = t->dampers + t->added > 0;
+  w->moving = t->dampers + t->added + t->sleeves > 0;
   g->y = w->A + t->nV;
   g->v = g->y + t->nq;
   g->a = g->v + t->nv;
@@ -27,7 +27,9 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   g->c = g->lam + t->closures;
   g->open = g->c + t->closures;
   g->scale = g->open + t->closures;
-  g->more = (double *)(((uintptr_t)(g->scale + t->forces) + 63) / 64 * 64);
+  w->beam = g->scale + t->forces;
+  g->more = (double *)(((uintptr_t)(w->beam + t->nv - t->nv_rigid) + 63) / 64 * 64);
+  w->room = g->more + tangent_size(t);
 }
 
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c) {
@@ -141,6 +143,7 @@ EXPORT void pinflex_closures(const Tables *t, char *memory, Int count, const dou
     scatter(g.open, k + 1, t->closures, k, c);
     place_columns(t, &w, g.more, g.y, g.v, g.a, &here);
     close_jacobian(t, &here, J + k * t->closures * t->nv);
+    sleeve_tangent(t, &w, &here, 0, 0, J + k * t->closures * t->nv);
   }
 }
 
@@ -162,6 +165,18 @@ EXPORT void pinflex_poses(const Tables *t, char *memory, Int count, const double
   }
 }
 
+static void derivatives(const Tables *t, char *memory, Work *w, Group *g, Int rates, const double *y,
+                        const double *v, const double *a, const double *lam, const double *scale,
+                        double *M, double *C, double *K, double *J) {
+  lay_out(t, memory, w, g);
+  gather(y, 1, t->nq, 0, g->y);
+  gather(v, 1, t->nv, 0, g->v);
+  gather(a, 1, t->nv, 0, g->a);
+  gather(lam, 1, t->closures, 0, g->lam);
+  gather(scale, 1, t->forces, 0, g->scale);
+  tangent(t, w, g->more, rates, g->y, g->v, g->a, g->lam, g->scale, g->r, g->c, M, C, K, J);
+}
+
 /* Derivatives of the residual at one state: M, C, K (nv, nv) by a, v, y and J (closures, nv).
    Without `rates` those of the map's rows are left out. */
 EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
@@ -169,13 +184,7 @@ EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const doub
                             double *C, double *K, double *J) {
   Work w;
   Group g;
-  lay_out(t, memory, &w, &g);
-  gather(y, 1, t->nq, 0, g.y);
-  gather(v, 1, t->nv, 0, g.v);
-  gather(a, 1, t->nv, 0, g.a);
-  gather(lam, 1, t->closures, 0, g.lam);
-  gather(scale, 1, t->forces, 0, g.scale);
-  tangent(t, &w, g.more, rates, g.y, g.v, g.a, g.lam, g.scale, g.r, g.c, M, C, K, J);
+  derivatives(t, memory, &w, &g, rates, y, v, a, lam, scale, M, C, K, J);
 }
 
 /* Derivatives M, C, K, J one after the other, residual and second derivatives of the closures of
@@ -187,8 +196,24 @@ EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const
   Group g;
   Int square = t->nv * t->nv;
   double *M = matrices, *C = M + square, *K = C + square;
-  pinflex_tangent(t, memory, 1, y, v, a, lam, scale, M, C, K, K + square);
-  lay_out(t, memory, &w, &g);
+  derivatives(t, memory, &w, &g, 1, y, v, a, lam, scale, M, C, K, K + square);
   scatter(g.r, 1, t->nv, 0, r);
   closure_rates(t, g.more, rates);
+  sleeve_motion(t, &w, g.open, g.lam, g.c);
+  for (Int k = t->sleeve_at[0]; k < t->sleeve_at[t->sleeves]; k++)
+    rates[t->sleeve_row[k]] = g.c[t->sleeve_row[k]][0];
+}
+
+/* Where the sleeves are on their links at `count` poses Y (count, nq), m: (count, sleeves). */
+EXPORT void pinflex_sleeves(const Tables *t, char *memory, Int count, const double *Y, double *out) {
+  Work w;
+  Group g;
+  lay_out(t, memory, &w, &g);
+  for (Int i = 0; i < t->nv; i++) g.v[i] = g.a[i] = lane(0);
+  for (Int first = 0; first < count; first += LANES) {
+    gather(Y, count, t->nq, first, g.y);
+    expand(t, &w, g.y, g.v, g.a);
+    outward(t, &w, 1);
+    sleeve_places(t, &w, count - first, out + first * t->sleeves);
+  }
 }

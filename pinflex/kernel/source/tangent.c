@@ -329,6 +329,7 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   gather_up(t, lanes, &w, M, C, K);
   curvature_tangent(t, y + t->nq_rigid, w.lifted, K + t->nv_rigid * (t->nv + 1));
   close_tangent(t, &w, lam, K, J);
+  sleeve_tangent(t, lanes, &w, lam, K, J);
   load_tangent(t, &w, scale, C, K);
   friction_tangent(t, v, C);
 }

@@ -55,6 +55,10 @@ void curvature_tangent(const Tables *t, const Lane *eta, double *u, double *K);
 void coupling_jacobian(const Tables *t, const Tangent *w, double *J);
 void coupling_rates(const Tables *t, const Tangent *w, double *out);
 
+/* sleeve_tangent.c: rows of J, and K where that is wanted, from the first lane */
+void sleeve_tangent(const Tables *t, const Work *lanes, Tangent *w, const Lane *lam, double *K,
+                    double *J);
+
 /* A frame of a node, [R | p] (3, 4) in its axes, in the world. */
 typedef struct { double R[9], p[3]; } Frame;
 

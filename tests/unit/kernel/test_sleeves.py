@@ -1,0 +1,178 @@
+"""Sleeves on beams in the compiled kernel: as numpy has them, and as differences find them."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.arrays import Array
+from pinflex.kernel.library import kernel
+from pinflex.mechanics.compiled import Compiled, on_kernel
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.system import System
+from tests.benchmarks.race.case import scene
+from tests.scenes import Body, load
+from tests.unit.kernel.test_kernel import (
+    SAME,
+    agrees,
+    apart,
+    same_closure_motion,
+    same_tangent,
+    without_kernel,
+)
+from tests.unit.kernel.test_march import SAME as SAME_RUN
+from tests.unit.kernel.test_march import both, same
+from tests.unit.mechanics.test_slider import (
+    BASES,
+    DRAWN,
+    FIXED,
+    ROD,
+    SLEEVES,
+    SPACE,
+    TELESCOPE,
+    TUBE,
+    robot,
+)
+from tests.unit.mechanics.test_slider_segments import along
+
+pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
+
+LONG = "loops.sleeve.sleeve=0.2"
+SECOND = ("flexible.rod.second_order=true", "flexible.rod.axial=true")
+SPATIAL = {
+    "turning": (),
+    "fixed": (FIXED,),
+    "fixed and long": (FIXED, LONG),
+    "pivoting": (LONG, "loops.sleeve.pivoting=true"),
+    "with second order": (FIXED, LONG, *SECOND),
+    "with shear": (FIXED, LONG, "flexible.rod.shear=true",
+                   "flexible.rod.basis={kind: finite_element, elements: 2}"),
+    "of many modes": (FIXED, "flexible.rod.basis={kind: assumed, boundary: clamped_free, "
+                      "modes: 4}"),
+    "bent far": (FIXED, *SECOND, "flexible.rod.third_order=true",
+                 "flexible.rod.section={shape: circle, diameter: 0.02}"),
+}  # fmt: skip
+CUTS = (1, 2, 4)
+DRAWN_FAR = (
+    "flexible.rod.basis={kind: craig_bampton, internal: 1}", "loops.mouth.sleeve=0.02",
+    "flexible.rod.bending_y=true", "flexible.rod.bending_z=true",
+    "motion={kind: cycloid, joints: {rod_joint: -0.2}, duration: 0.2}",
+)  # fmt: skip
+# What Newton leaves, as in test_alpha.py; multipliers of the ends of so short a sleeve, 1e4 N that
+# cancel to 60 N, differ by 1e-4.
+EQUAL = {"y": 1e-11, "v": 1e-8, "a": 5e-6, "torque": 1e-6}
+BESIDE = (
+    *ROD,
+    Body("slide", "base", "prismatic", xyz=(0.35, 0, 0), axis=(0, 0.6, 0.8), mass=0.1,
+         inertia=(1e-4, 1e-4, 1e-4)),
+    Body("second", "slide"),
+)  # fmt: skip
+TWO = ("loops.beside={kind: slider, between: [rod, second], sleeve: 0.03}",)
+
+
+def free(system: System) -> System:
+    """Without the stiffness and damping that would hide what sleeves do."""
+    zero = np.zeros_like(system.K)
+    return dataclasses.replace(system, K=zero, D=zero)
+
+
+def state(m: pf.Mechanism, x: float, seed: int) -> list[Array]:
+    """y, v, a and lam with the sleeve near x (m) of the rod, bent by a per cent."""
+    rng, system = np.random.default_rng(seed), m.flexible
+    y, n = m.undeformed().copy(), int(system.rigid.nv)
+    y[1:4] = 0.2 - x, 2e-3, -1e-3  # the carriage turns first
+    y[-system.n_eta :] = 4e-3 * rng.uniform(-1, 1, system.n_eta)
+    size = np.ones(system.nv)
+    size[n:] = 0.02
+    v, a = (size * rng.uniform(-1, 1, system.nv) for _ in range(2))
+    return [y, v, a, rng.uniform(-1, 1, system.closed.n)]
+
+
+def is_numpy(system: System, states: list[list[Array]]) -> None:
+    bare = free(system)
+    Y, V, A, lam = (np.array(column) for column in zip(*states, strict=True))
+    R, C = Compiled(bare).residual(Y, V, A, lam, np.zeros(len(Y)))
+    r, c = without_kernel(bare).residual(Y, V, A, lam, 0.0)
+    assert apart(R, r) < SAME
+    assert np.abs(C - c).max() < SAME
+    same_closure_motion(bare, (Y, V, A))
+    for each in states:
+        same_tangent(bare, [*each, 0.0])
+    places = [[one.place for one in without_kernel(bare).kinematics(y).closed.contacts] for y in Y]
+    np.testing.assert_allclose(Equations(bare).sleeve_places(Y), places, rtol=0, atol=SAME)
+
+
+@pytest.mark.parametrize("sleeve", SLEEVES)
+@pytest.mark.parametrize("basis", BASES)
+def test_on_one_body_in_a_plane_they_are_those_of_numpy(basis: str, sleeve: str) -> None:
+    m = robot(BASES[basis], *SLEEVES[sleeve])
+    assert on_kernel(m.flexible) is not None
+    agrees(m.flexible, m.undeformed(), 6)
+
+
+@pytest.mark.parametrize("segments", CUTS)
+@pytest.mark.parametrize("case", SPATIAL)
+def test_in_space_and_over_borders_they_are_those_of_numpy(
+    case: str, segments: int, tmp_path: Path
+) -> None:
+    m = load(tmp_path, ROD, SPACE, (f"flexible.rod.segments={segments}", *SPATIAL[case]))
+    places = 0.11, 0.2499, 0.26, 0.375  # four in one call: the lanes are on segments of their own
+    is_numpy(m.flexible, [state(m, x, seed) for seed, x in enumerate(places)])
+
+
+@pytest.mark.parametrize("segments", CUTS)
+def test_several_sleeves_on_one_rod(segments: int, tmp_path: Path) -> None:
+    m = load(tmp_path, BESIDE, SPACE, (f"flexible.rod.segments={segments}", FIXED, *TWO))
+    assert len(m.flexible.closed.contacts) == 2
+    is_numpy(m.flexible, [state(m, x, seed) for seed, x in enumerate((0.11, 0.26, 0.4))])
+
+
+@pytest.mark.parametrize("x", [0.1, 0.26])
+@pytest.mark.parametrize("segments", [1, 2])
+def test_differences_find_the_same_derivatives(segments: int, x: float, tmp_path: Path) -> None:
+    """Good to h^4 and round-off over h, as in test_slider_segments.py."""
+    m = load(tmp_path, ROD, SPACE, (f"flexible.rod.segments={segments}", FIXED,
+                                    "loops.sleeve.sleeve=0.04"))  # fmt: skip
+    d = Equations(free(m.flexible))
+    assert d.compiled is not None
+    y, v, _, lam = state(m, x, 3)
+    zero, no = 0.0 * v, 0.0 * lam
+    moved = along(lambda y: d.close(y).c, y, v, d)
+    np.testing.assert_allclose(d.close(y).J @ v, moved, atol=1e-8 * np.abs(moved).max())
+    bias = along(lambda y: d.close(y).J @ v, y, v, d)
+    np.testing.assert_allclose(d.closure_bias(y, v), bias, atol=1e-6 * np.abs(bias).max())
+    K = d.tangent(y, zero, zero, lam, 0.0).K - d.tangent(y, zero, zero, no, 0.0).K
+    pushed = along(lambda y: -d.close(y).J.T @ lam, y, v, d)
+    np.testing.assert_allclose(K @ v, pushed, atol=1e-6 * np.abs(pushed).max())
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_marches_are_those_of_numpy(
+    segments: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Over the border of two segments at 0.25 m, by steps that are chosen and by equal ones."""
+    m = load(tmp_path, TELESCOPE, TUBE, (*DRAWN, *DRAWN_FAR, f"flexible.rod.segments={segments}"))
+    assert on_kernel(m.flexible) is not None
+    given, t = scene(m, ()), np.linspace(0.0, 0.2, 21)
+    same(*both(monkeypatch, lambda: given.resolved(t, 1e-3)), SAME_RUN)
+    monkeypatch.delenv("PINFLEX_KERNEL")
+    close = dataclasses.replace(given, tolerance=1e-10)  # Newton's, as in test_alpha.py
+    made, plain = both(monkeypatch, lambda: close.stepped(np.linspace(0.0, 0.2, 101), 2e-3))
+    for name, limit in EQUAL.items():
+        one, other = getattr(made, name), getattr(plain, name)
+        assert np.abs(one - other).max() < limit * np.abs(other).max(), name
+
+
+@pytest.mark.parametrize("how", [{"tol": 1e-2}, {"dt": 1e-3}])
+def test_a_compiled_march_stops_where_a_sleeve_leaves_its_beam(how: dict[str, float]) -> None:
+    m = robot("motion.joints.slide_2=0", "loops.sleeve.sleeve=0.03")
+    with pytest.raises(pf.MotionError, match=r'sleeve "sleeve" leaves the beam') as caught:
+        pf.solve(m, until=1.5, samples=151, **how)
+    found = float(caught.value.data["time"])  # type: ignore[arg-type]
+    # The far end of the sleeve is at 0.18/cos(theta) + 0.015 = 0.5 m.
+    assert found >= np.sqrt(0.18 * np.tan(np.arccos(0.18 / 0.485)) / 0.3)
+    assert caught.value.result.t[-1] <= found + 1e-12
