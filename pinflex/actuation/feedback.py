@@ -9,7 +9,15 @@ import numpy as np
 
 from pinflex.actuation.signals import Signals
 from pinflex.arrays import Array
-from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage
+from pinflex.description.control import (
+    Control,
+    Deflection,
+    Effort,
+    Pid,
+    StateLaw,
+    Travel,
+    Voltage,
+)
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.equations import Equations
 
@@ -35,6 +43,12 @@ class Feedback:
     home: Array
     S: Array
     B: Array
+
+    @property
+    def linear(self) -> StateLaw | None:
+        """The law in state space; None: it is any function."""
+        law = self.control.law
+        return law.linear(len(self.S)) if isinstance(law, Pid) else None
 
 
 def place(mechanism: Mechanism, control: Control, prescribed: bool) -> Feedback:
@@ -163,6 +177,25 @@ class FeedbackState:
     def keep(self) -> None:
         """Accept the last state as the end of a step."""
         self._m_old, self._total_old = self.m.copy(), self.total.copy()
+
+    def state_at(self, t: float, target: Array) -> tuple[Array, Array]:
+        """Integrals of the errors, and these, at the end of the last step; shape (nm,) each.
+
+        Args:
+            t: Time of that end [s].
+            target: Values that the measures should have, shape (nm,).
+        """
+        m = np.zeros_like(target) if self._m_old is None else self._m_old
+        return self._total_old - target * t, m - target
+
+    def go_on(self, t: float, target: Array, x: Array, e: Array) -> None:
+        """Take over a later end of a step, as `state_at` tells it.
+
+        Args:
+            t, target: As there.
+            x, e: Integrals of the errors, and these, shape (nm,).
+        """
+        self._m_old, self._total_old = e + target, x + target * t
 
     def gains(self, y: Array, v: Array) -> tuple[Array, Array]:
         """Derivatives of the force by y and by v at a state, each (nv, nv).

@@ -135,6 +135,23 @@ def _digital(law: Any) -> bool:
 
 
 @dataclass(frozen=True)
+class StateLaw:
+    """x' = A x + B e, u = C x + D e + E e', with e = m - target.
+
+    Attributes:
+        A, B, C, D, E: Shapes (n, n), (n, nm), (nu, n), (nu, nm), (nu, nm).
+        target: Values that the measures should have, shape (nm,).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    E: Array
+    target: Array
+
+
+@dataclass(frozen=True)
 class Pid:
     """u_i = kp_i m_i + ki_i int m_i dt + kd_i dm_i/dt; each drive has its own measure.
 
@@ -152,6 +169,14 @@ class Pid:
         """u at time t (s)."""
         error = m - self.target
         return np.asarray(self.kp * error + self.ki * (total - self.target * t) + self.kd * rate)
+
+    def linear(self, measures: int) -> StateLaw:
+        """The same in state space, of so many measures: states are integrals of e."""
+        kp, ki, kd, target = (
+            np.broadcast_to(x, measures) for x in (self.kp, self.ki, self.kd, self.target)
+        )
+        n, one = measures, np.eye(measures)
+        return StateLaw(np.zeros((n, n)), one, np.diag(ki), np.diag(kp), np.diag(kd), target)
 
 
 @public

@@ -64,6 +64,7 @@ class March:
         self.axes, self.motors = motor_axes(mechanism), dynamics.system.motors
         self.feedback = None if feedback is None else FeedbackState(feedback, dynamics, h)
         self.control_force: Array | None = None  # at the state evaluated last, shape (nv,)
+        self.signals = None if self.feedback is None else self.feedback.signals(len(path.t))
         self.newton = Newton(dynamics, scheme, h, drive, self.feedback)
         self.tolerance, self.reference, self.peak = tolerance, 0.0, 0.0
         self.iterations = 0

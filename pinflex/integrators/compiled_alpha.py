@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from pinflex.arrays import Array
 from pinflex.integrators.alpha import MAX_ITERATIONS, March
 from pinflex.integrators.collocation import implicit_euler
 from pinflex.integrators.compiled_stages import CompiledStages, compiled_stages
 from pinflex.integrators.newton import Step
 from pinflex.kernel.alpha import AlphaKernel, Iteration
+from pinflex.kernel.law import LawKernel
 
 
 class CompiledAlpha:
@@ -28,7 +31,11 @@ class CompiledAlpha:
         drive, scale = march.drive, stages.compiled.scale(path.t)
         feed = path.acceleration if drive is None else drive.feed_forward
         motors = path.position, path.velocity, feed, scale
-        self._kernel = AlphaKernel(stages.kernel, given, motors, found)
+        law, signals = None if march.feedback is None else _law(march), march.signals
+        if signals is not None:
+            found = *found, signals.u, signals.measured
+            self._found = found
+        self._kernel = AlphaKernel(stages.kernel, given, motors, found, law)
         self._at: Step | None = None  # where its own last step ended
 
     def __del__(self) -> None:
@@ -43,8 +50,11 @@ class CompiledAlpha:
             upto: Step to stop at.
         """
         march, kernel, at = self._march, self._kernel, self._kernel.at
+        feedback, law, t = march.feedback, kernel.law, march.path.t
         if now is not self._at:
             kernel.begin(*((x.y, x.v, x.a, x.s, x.lam) for x in (now, last)))
+            if feedback is not None and law is not None:
+                law.x[...], law.e[...] = feedback.state_at(float(t[k]), law.target)
         at.reference, at.peak = march.reference, march.peak
         before = at.iterations, at.refreshed
         taken = kernel.march(k + 1, upto - k)
@@ -53,6 +63,9 @@ class CompiledAlpha:
         if not taken:
             return k, now, last
         march.reference, march.peak, march.slow = at.reference, at.peak, True
+        if feedback is not None and law is not None:
+            feedback.go_on(float(t[k + taken]), law.target, law.x, law.e)
+            self._found[-1][k + 1 : k + taken + 1] += law.target
         last = now if taken == 1 else self._state(k + taken - 1)
         self._at = self._state(k + taken)
         return k + taken, self._at, last
@@ -62,16 +75,34 @@ class CompiledAlpha:
 
 
 def compiled_alpha(march: March, found: Sequence[Array]) -> CompiledAlpha | None:
-    """The steps of a march, compiled; None where a control acts or numpy serves.
+    """The steps of a march, compiled; None where a law is any function, or numpy serves.
 
     Args:
         march: March that they are of.
         found: As `CompiledAlpha` has them.
     """
-    if march.feedback is not None:
+    if march.feedback is not None and march.feedback.feedback.linear is None:
         return None
     free, drive = march.newton.free, march.drive
     stages = compiled_stages(march.dynamics, implicit_euler(), free, march.axes, drive)
     if stages is None:
         return None
     return CompiledAlpha(march, stages, found)
+
+
+def _law(march: March) -> LawKernel:
+    """The feedback of a march, its states by the trapezoidal rule."""
+    assert march.feedback is not None
+    one = march.feedback.feedback
+    law, system, half = one.linear, march.dynamics.system, 0.5 * march.h
+    assert law is not None
+    eye = np.eye(len(law.A))
+    x_of_x, x_of_e = (
+        np.asarray(np.linalg.solve(eye - half * law.A, of), dtype=np.float64)
+        for of in (eye + half * law.A, half * law.B)
+    )
+    tables: dict[str, Array] = {
+        "S": one.S, "B": one.B, "home": one.home, "target": law.target, "x_of_x": x_of_x,
+        "x_of_e": x_of_e, "C": law.C, "D": law.D, "E": law.E,
+    }  # fmt: skip
+    return LawKernel(tables, system.nq, system.nv)

@@ -109,7 +109,7 @@ class _Record:
         self.columns = tuple(
             np.zeros((len(t), n)) for n in (system.nq, *(nv,) * 3, rows, motors, 2)
         )
-        self._signals = None if march.feedback is None else march.feedback.signals(len(t))
+        self._signals = march.signals
 
     def keep(self, k: int, now: Step) -> None:
         """Record step k; a feedback goes on from there."""
@@ -132,6 +132,8 @@ class _Record:
         steps = upto - self._begin
         counts = {"steps": steps, "newton": march.iterations, "tangents": march.newton.count}
         settings = {"integrator": march.scheme.name, "dt": march.h, "gamma": march.scheme.gamma}
+        if march.feedback is not None and march.feedback.feedback.linear is None:
+            settings["march"] = "in Python: control.law is a function (one of pf.pid runs compiled)"
         y, v, a, algorithmic, lam, torque, power = (column[k] for column in self.columns)
         work = np.zeros((steps + 1, 2))
         np.cumsum(0.5 * march.h * (power[1:] + power[:-1]), axis=0, out=work[1:])

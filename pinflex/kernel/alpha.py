@@ -14,6 +14,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import PinflexError
 from pinflex.kernel.header import names, structure
+from pinflex.kernel.law import LawKernel
 from pinflex.kernel.memory import Block
 from pinflex.kernel.stages import StageKernel
 
@@ -47,11 +48,16 @@ class AlphaKernel:
     """The steps of one run, and where it is.
 
     Attributes:
-        at: The C structure: settings, scales and counts.
+        at: The C structure: settings, scales and counts. law: A feedback, or None.
     """
 
     def __init__(
-        self, stages: StageKernel, given: Iteration, path: Sequence[Array], found: Sequence[Array]
+        self,
+        stages: StageKernel,
+        given: Iteration,
+        path: Sequence[Array],
+        found: Sequence[Array],
+        law: LawKernel | None = None,
     ) -> None:
         """Nothing is taken yet.
 
@@ -61,13 +67,16 @@ class AlphaKernel:
             path: Position, velocity and acceleration (of driven ones the torque that is fed
                 forward) of the motors and shares of the loads at all instants, shape
                 (steps + 1, .) each.
-            found: y, v, a, s, lam, torque and power at these, which are written.
+            found: y, v, a, s, lam, torque and power at these, which are written; with a law its u
+                and errors too.
+            law: A feedback.
         """
         n = stages.counts
         nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
         free, steps = n["free"], len(found[0])
         size = free + rows
-        widths = (*(motors,) * 3, n["forces"], nq, nv, nv, nv, rows, motors, 2)
+        widths = [*(motors,) * 3, n["forces"], nq, nv, nv, nv, rows, motors, 2]
+        widths += [] if law is None else [law.drives, law.measures]
         self._rows = (*(np.ascontiguousarray(x, dtype=np.float64) for x in path), *found)
         for x, width in zip(self._rows, widths, strict=True):
             if x.shape != (steps, width) or x.dtype != float or not x.flags.c_contiguous:
@@ -83,11 +92,12 @@ class AlphaKernel:
         }  # fmt: skip
         self._numbers = Block(shapes, {"predict": given.predict})
         self._integers = Block({"pivot": (size + 1,)}, {}, np.int64)
-        self._stages, self._steps, self._widths = stages, steps, widths
+        self._stages, self._steps, self._widths, self.law = stages, steps, widths, law
         self._first = tuple(x.ctypes.data for x in self._rows)
         where = self._numbers.addresses
         self.at = _Alpha(
             most=given.most, stale=1, joints=stages.address, predict=where["predict"],
+            law=None if law is None else law.address,
             pivot=self._integers.addresses["pivot"], mass=given.mass, by_v=given.by_v,
             by_y=given.by_y, tolerance=given.tolerance, farthest=given.farthest, rate=1.0,
             usual=np.inf, **{name: where[name] for name in _ROOM},

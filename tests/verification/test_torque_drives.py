@@ -6,10 +6,12 @@ makes a system with flexible links of the scene.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import pinflex as pf
 from pinflex.arrays import Array
@@ -83,3 +85,34 @@ def test_a_motor_that_turns_without_end_is_pulled_the_shorter_way(tmp_path: Path
     for way in WAYS:
         run = pf.solve(load(tmp_path, BODIES, YAML, [motion]), samples=101, until=1.2, **way)
         assert np.abs(run.torque[:, 0]).max() < 1.01 * J * 9.0 * 2 * np.pi  # J q_d'' of a cycloid
+
+
+@pytest.mark.parametrize("serves", ["1", "0"])
+def test_a_continuous_pid_is_a_linear_system_of_third_order(
+    serves: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """J q'' = kp e + ki int e dt - kd q', e = target - q, by the exponential of its matrix."""
+    monkeypatch.setenv("PINFLEX_KERNEL", serves)
+    ki, target = 60.0, 0.3
+    law = pf.pid(-KP, -ki, -KD, target)
+    control = pf.Control((pf.Travel("arm_joint"),), (pf.Effort("arm_joint"),), law)
+    robot = load(tmp_path, BODIES, YAML, ["solve.kp=0", "solve.kd=0"])
+    given = {"control": control, "start_speeds": STARTS, "samples": 201}
+    run = pf.solve(robot, dt=5e-4, **given)
+    A = np.array([[0, 1, 0], [-KP / J, -KD / J, -ki / J], [1, 0, 0]])  # of q - target, q', integral
+    start = np.array([-target, SPEED, 0.0])
+    exact = np.array([expm(A * t) @ start for t in run.t])
+    # of second order in dt: (9 rad/s * dt)^2 / 12 of a period, 2 s long
+    assert np.abs(angle(run) - target - exact[:, 0]).max() < 2e-5
+    u = -exact @ np.array([KP, KD, ki])
+    np.testing.assert_allclose(run.arrays["control/arm_joint"], u, atol=2e-5 * KP)
+    np.testing.assert_allclose(run.arrays["measured"][:, 0] % (2 * np.pi), angle(run) % (2 * np.pi))
+    assert run.meta["energy_balance"] < 1e-4
+    assert "march" not in run.meta["settings"]
+    given["control"] = replace(control, law=lambda *of: law(*of))  # any function: Python marches
+    other = pf.solve(robot, dt=5e-4, **given)
+    assert np.abs(angle(other) - angle(run)).max() < 1e-9
+    assert "in Python" in other.meta["settings"]["march"]
+    given["control"] = control
+    close = pf.solve(robot, tol=1e-4, **given)  # in halves of steps, until two runs agree
+    assert np.abs(angle(close) - target - exact[:, 0]).max() < 1e-4

@@ -5,6 +5,7 @@
 
    The same as `March` in pinflex/integrators/alpha.py and `Newton` in newton.py, which say more; a
    step that fails here is left to them. */
+#include "law.h"
 #include "lu.h"
 #include "march.h"
 #include <stddef.h>
@@ -16,6 +17,7 @@ typedef struct {
   Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
   Int iterations, refreshed;           /* counts */
   const Stages *joints;                /* of its lists alone */
+  const Law *law;                      /* a feedback, or NULL */
   const double *predict;               /* (3, 4): a, and a, s, v before, to s, v and the move */
   State now, last, next;               /* of last: a and lam */
   double *move, *r, *open, *x;         /* (nv,), (nv,), (rows,), (n + rows,) */
@@ -31,6 +33,7 @@ typedef struct {
 typedef struct {
   const double *position, *velocity, *feed, *scale; /* feed: accelerations, or torques */
   double *y, *v, *a, *s, *lam, *torque, *power;
+  double *u, *error;                                /* of a feedback */
 } Rows;
 
 static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
@@ -60,6 +63,7 @@ static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale)
   const State *x = &m->next;
   pinflex_tangent(t, memory, 0, x->y, x->v, x->a, x->lam, scale, M, C, K, J);
   pull_tangent(t, st, C, K);
+  if (m->law) feed_back_tangent(t, m->law, C, K);
   for (Int i = 0; i < square; i++) M[i] = m->mass * M[i] + m->by_v * C[i] + m->by_y * K[i];
   for (Int j = 0; j < n; j++) {
     for (Int i = 0; i < n; i++) m->lu[j * size + i] = M[st->free_at[i] * nv + st->free_at[j]];
@@ -174,6 +178,7 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   for (Int i = 0; i < m->most; i++) {
     pinflex_residuals(t, memory, 1, x->y, x->v, x->a, x->lam, to->scale, m->r, m->open);
     pull(t, m->joints, &told, x->y, x->v, to->torque, m->r);
+    if (m->law) feed_back(t, m->joints, m->law, x->y, x->v, m->r);
     double size = solved(t, m);
     m->iterations++;
     if (!isfinite(size)) return 0;
@@ -208,6 +213,12 @@ static void go_there(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   }
   to->power[0] = motor_power(t, st, to->torque, x->v);
   pinflex_losses(t, memory, 1, x->y, x->v, to->power + 1);
+  if (m->law) {
+    feed_back(t, st, m->law, x->y, x->v, NULL);
+    end_step(m->law);
+    to->power[0] += law_power(t, m->law, x->v);
+    copy(to->u, m->law->u, m->law->drives), copy(to->error, m->law->e, m->law->measures);
+  }
   copy(to->y, x->y, t->nq);
   copy(to->v, x->v, nv), copy(to->a, x->a, nv), copy(to->s, x->s, nv);
   copy(to->lam, x->lam, rows);
@@ -228,6 +239,7 @@ EXPORT Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, con
     to.position += motors, to.velocity += motors, to.feed += motors, to.scale += t->forces;
     to.y += t->nq, to.v += nv, to.a += nv, to.s += nv, to.lam += t->closures;
     to.torque += motors, to.power += 2;
+    if (m->law) to.u += m->law->drives, to.error += m->law->measures;
   }
   return count;
 }

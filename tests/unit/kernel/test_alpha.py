@@ -35,11 +35,21 @@ SCENES: dict[str, tuple[str, list[str], float]] = {
 }
 
 
-def run_of(name: str, tolerance: float = 1e-10, progress: object = None) -> Run:
+PD = pf.pid(kp=-800.0, ki=-300.0, kd=-20.0)
+# Feedback on a motor driven by torques, beside its own drive, and on a joint of a loop.
+CONTROLS = {
+    "driven tree": pf.Control((pf.Travel("elbow_joint"),), (pf.Effort("elbow_joint"),), PD),
+    "driven": pf.Control((pf.Travel("motor_1"),), (pf.Effort("knee_1"),), pf.pid(kp=-2.0, kd=-0.1)),
+}
+
+
+def run_of(
+    name: str, tolerance: float = 1e-10, progress: object = None, control: object = None
+) -> Run:
     model, overrides, end = SCENES[name]
     m = pf.load(model, overrides)
     spec = replace(m.description.solve, level="coupled", until=end, tol=None, dt=None)
-    given = Scene(m, default_motion(m), spec, None, tolerance)
+    given = Scene(m, default_motion(m), spec, control, tolerance)  # type: ignore[arg-type]
     return given.stepped(np.linspace(0.0, end, 101), end / 200, progress)  # type: ignore[arg-type]
 
 
@@ -68,6 +78,29 @@ def test_steps_of_the_kernel_are_those_of_numpy(name: str, monkeypatch: pytest.M
     monkeypatch.setenv("PINFLEX_KERNEL", "0")
     assert_alike(found, run_of(name))
     assert sum(calls) == 200
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_and_under_a_feedback(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every third batch is left to numpy: the states of the feedback go along."""
+    plain, calls = AlphaKernel.march, []
+
+    def march(self: AlphaKernel, first: int, count: int) -> int:
+        calls.append(first)
+        return 0 if len(calls) % 3 == 0 else plain(self, first, min(count, 7))
+
+    monkeypatch.setattr(AlphaKernel, "march", march)
+    found = run_of(name, control=CONTROLS[name])
+    assert len(calls) > 20
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    wanted = run_of(name, control=CONTROLS[name])
+    assert_alike(found, wanted)
+    assert found.signals is not None and wanted.signals is not None
+    for a, b in (
+        (found.signals.u, wanted.signals.u),
+        (found.signals.measured, wanted.signals.measured),
+    ):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-8 * np.abs(b).max())
 
 
 def test_torques_go_with_the_state_that_the_last_correction_led_to() -> None:
