@@ -32,8 +32,8 @@ class Sampler:
 
     Attributes:
         u: Outputs that act now, shape (nu,).
-        held: Generalised forces of the drives, shape (nv,). force: Of those that are no motors.
-        torque: Motor torques, shape (nm,). driven: Which motors it drives, shape (nm,).
+        held: Generalised forces of the drives, shape (nv,).
+        driven: Which motors it drives, shape (nm,).
     """
 
     def __init__(
@@ -54,6 +54,16 @@ class Sampler:
         self._waiting: deque[tuple[float, Array]] = deque()
         self._log: list[tuple[float, Array]] = []
         self._hold(0.0, self._clip(self._forward(0.5 * self.period)))
+
+    @property
+    def force(self) -> Array:
+        """Generalised forces of the drives that are no motors, shape (nv,)."""
+        return self._other @ self.u
+
+    @property
+    def torque(self) -> Array:
+        """Motor torques, shape (nm,)."""
+        return self.held[self._motors]
 
     def instants(self, end: float, parts: int = 1) -> tuple[float, ...]:
         """Times (s) before `end` at which the controller measures or its output changes.
@@ -130,8 +140,7 @@ class Sampler:
     def _hold(self, t: float, u: Array) -> None:
         self.u = u
         self._log.append((t, u))
-        self.held, self.force = self.feedback.B @ u, self._other @ u
-        self.torque = self.held[self._motors]
+        self.held = self.feedback.B @ u
 
 
 def drives_motors(mechanism: Mechanism, control: Control) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks, path_between
 from pinflex.actuation.motors import motor_axes
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.control import Control, Effort, Travel
 from pinflex.description.digital import DigitalPid, is_system
 from pinflex.description.motion import Motion
@@ -135,11 +135,12 @@ def _sampled(
     assert period is not None
     begin = part * period + delay
     times = begin + np.arange(int(end / period) + 2) * period
-    values = function(np.minimum(times, end))
+    values = list(function(np.minimum(times, end)))
 
     def at(t: float) -> Array:
-        k = min(max(round((t - begin) / period), 0), len(times) - 1)
-        if abs(times[k] - t) <= _SAME * period:
+        x = (t - begin) / period
+        k = round(x)
+        if 0 <= k < len(values) and abs(x - k) <= _SAME:
             return np.asarray(values[k])
         return np.asarray(function(np.array([min(t, end)]))[0])
 
@@ -148,7 +149,7 @@ def _sampled(
 
 def _motors(
     mechanism: Mechanism, asked: tuple[bool, ...], those: tuple[object, ...]
-) -> tuple[list[int], list[int]]:
+) -> tuple[IntArray, IntArray]:
     """Numbers of what is asked for, and of its motors."""
     names = list(mechanism.motors)
     picked = [k for k, on in enumerate(asked) if on]
@@ -159,4 +160,4 @@ def _motors(
             f"{mechanism.name}: control: {unknown[0]} is no motor, and the motion tells what "
             f"motors do. Motors: {', '.join(names)}."
         )
-    return picked, [names.index(joint) for joint in joints]
+    return np.array(picked), np.array([names.index(joint) for joint in joints])

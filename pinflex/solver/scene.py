@@ -42,7 +42,7 @@ Progress = Callable[[int, int], None]
 # Under a digital controller its holds keep steps short, and four states go side by side. What
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
-_HELD_STAGES, _HELD_NEWTON = 4, 1e-6
+_HELD_STAGES, _HELD_NEWTON = 4, 2e-6
 _FEW = 400  # steps below which a run may be too coarse for its first mode
 _PER_PERIOD = 10.0  # steps that a vibration needs at the least
 _SHORT = 1e-6  # of the run: shorter steps are looked at for round-off
@@ -309,6 +309,11 @@ class Scene:
         return cache(partial(rigid_torques, self.mechanism, self.motion))
 
     @cached_property
+    def _silenced(self) -> Callable[..., Callable[[Array], Array]]:
+        """Torques without those of some motors, the same function every time."""
+        return cache(lambda torques, own: lambda t: np.where(own, 0.0, torques(t)))
+
+    @cached_property
     def _following(self) -> Callable[[float], Control]:
         """The digital controller of a run up to an end (s), found once."""
         assert self.control is not None
@@ -328,10 +333,9 @@ class Scene:
         if drive is not None and drives_motors(self.mechanism, control):
             # motors that it does not drive keep the drive they have
             own, kp, kd, rest = sampler.driven, drive.kp, drive.kd, drive.forward
-            drive = TorqueDrive(
-                np.where(own, 0.0, kp), np.where(own, 0.0, kd), drive.feed_forward,
-                lambda t: np.where(own, 0.0, rest(t)),
-            )  # fmt: skip
+            silent = self._silenced(rest, tuple(own.tolist()))
+            feed = drive.feed_forward
+            drive = TorqueDrive(np.where(own, 0.0, kp), np.where(own, 0.0, kd), feed, silent)
         return sampler, drive
 
     def _drive(self, t: Array) -> TorqueDrive | None:
