@@ -1,7 +1,7 @@
 """A run of collocation steps on the compiled kernel: the loop of `pinflex.integrators.march` in C.
 
-Python is asked where the kernel cannot know: motions and loads without a table, starts where
-coordinates have no mass, and what the keeper of the steps says after each batch.
+Python is asked where the kernel cannot know: motions and loads without a table, and what the keeper
+of the steps says after each batch.
 """
 
 from __future__ import annotations

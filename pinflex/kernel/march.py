@@ -111,13 +111,13 @@ class MarchKernel:
         }  # fmt: skip
         of_steps = Block({name: (steps, *shapes[name]) for name in _NUMBERS}, {})
         integers = Block(
-            dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (size,)},
+            dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (2 * size,)},
             {"measured_at": given.measured, "holds": given.holds}, np.int64,
         )  # fmt: skip
         # One tangent more for starts.
         zeros = {
             "tangent_at": (tangents + 1, nv * (3 * nv + rows)), "input": (s, _columns(stages)),
-            "start_lu": (2, size, size), "start_x": (2 * size + nv + rows,),
+            "start_lu": (2 * size + 1, size), "start_x": (2 * size + nv + rows,),
             "y": (nq,), "v": (nv,), "a": (nv,), "lam": (rows,), "torque": (motors,),
         }  # fmt: skip
         weight = np.zeros((count, count)) if given.weight is None else given.weight

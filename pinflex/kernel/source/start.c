@@ -4,11 +4,13 @@
      [ J  0  ] [ -lam] = - [ c'' ]
 
    in the free rows, r and c'' those of a motion in which prescribed motors alone are accelerated.
-   Rows and columns are scaled by the roots of M's diagonal. */
+   Rows and columns are scaled by the roots of M's diagonal. Coordinates without mass leave a and lam
+   open: their balance is algebraic, and the least of the answers seeds the first step. */
+#include "lu.h"
 #include "march.h"
 #include <stddef.h>
 
-/* Pivots that differ by more show coordinates without mass: then the answer is not unique. */
+/* Pivots that differ by more show coordinates without mass. */
 static const double SINGULAR = 1e-11;
 
 static int regular(const double *lu, Int n) {
@@ -31,34 +33,67 @@ static void scales(const Stages *st, Int nv, Int rows, const double *M, double *
   for (Int k = 0; k < rows; k++) to[st->free + k] = 1.0;
 }
 
-/* Factors of the matrix above; scales are left behind start_x. */
-static int factor_start(const Tables *t, March *m, const double *M) {
+/* The matrix above, column after column; scales are left behind start_x. */
+static void fill(const Tables *t, March *m, const double *M) {
   const Stages *st = m->stages;
   Int n = st->free, rows = t->closures, size = n + rows, nv = t->nv;
-  double *scale = m->start_x + size, *re = m->start_lu, *im = re + size * size;
+  double *scale = m->start_x + size, *S = m->start_lu;
   const double *J = M + 3 * nv * nv;
   scales(st, nv, rows, M, scale);
-  for (Int i = 0; i < 2 * size * size; i++) re[i] = 0.0;
+  for (Int i = 0; i < 2 * size * size; i++) S[i] = 0.0;
   for (Int i = 0; i < n; i++) {
     for (Int j = 0; j < n; j++)
-      re[j * size + i] = M[st->free_at[i] * nv + st->free_at[j]] * scale[i] * scale[j];
+      S[j * size + i] = M[st->free_at[i] * nv + st->free_at[j]] * scale[i] * scale[j];
     for (Int k = 0; k < rows; k++)
-      re[(n + k) * size + i] = re[i * size + n + k] = J[k * nv + st->free_at[i]] * scale[i];
+      S[(n + k) * size + i] = S[i * size + n + k] = J[k * nv + st->free_at[i]] * scale[i];
   }
+}
+
+static int factor_start(const Tables *t, March *m, const double *M) {
+  Int size = m->stages->free + t->closures;
+  double *re = m->start_lu, *im = re + size * size;
+  fill(t, m, M);
   return decompose(re, im, size, m->start_pivot) && regular(re, size);
 }
 
-/* a and lam moved so that residuals r and second derivatives of the closures (NULL: they stay) end. */
-static void solve_start(const Tables *t, March *m, const double *r, const double *rates) {
+/* What is solved for, of residuals r and second derivatives of the closures (NULL: none). */
+static void right_side(const Tables *t, const March *m, const double *r, const double *rates,
+                       double *x) {
   const Stages *st = m->stages;
-  Int n = st->free, rows = t->closures, size = n + rows;
-  double *scale = m->start_x + size, *re = m->start_lu, *x = st->part;
-  for (Int i = 0; i < n; i++) x[i] = -r[st->free_at[i]] * scale[i];
-  for (Int k = 0; k < rows; k++) x[n + k] = rates ? -rates[k] : 0.0;
+  const double *scale = m->start_x + st->free + t->closures;
+  for (Int i = 0; i < st->free; i++) x[i] = -r[st->free_at[i]] * scale[i];
+  for (Int k = 0; k < t->closures; k++) x[st->free + k] = rates ? -rates[k] : 0.0;
+}
+
+static void move_start(const Tables *t, March *m, const double *x) {
+  const Stages *st = m->stages;
+  const double *scale = m->start_x + st->free + t->closures;
+  for (Int i = 0; i < st->free; i++) m->a[st->free_at[i]] += scale[i] * x[i];
+  for (Int k = 0; k < t->closures; k++) m->lam[k] -= x[st->free + k];
+}
+
+/* a and lam moved so that residuals and second derivatives of the closures end. */
+static void solve_start(const Tables *t, March *m, const double *r, const double *rates) {
+  Int size = m->stages->free + t->closures;
+  double *re = m->start_lu, *x = m->stages->part;
+  right_side(t, m, r, rates, x);
   for (Int i = 0; i < size; i++) x[size + i] = 0.0;
   substitute(re, re + size * size, size, m->start_pivot, x, x + size);
-  for (Int i = 0; i < n; i++) m->a[st->free_at[i]] += scale[i] * x[i];
-  for (Int k = 0; k < rows; k++) m->lam[k] -= x[n + k];
+  move_start(t, m, x);
+}
+
+/* The same where coordinates have no mass. */
+static int least_start(const Tables *t, March *m, const double *M, const double *r,
+                       const double *rates) {
+  Int size = m->stages->free + t->closures;
+  double *S = m->start_lu, *b = m->stages->part, *x = m->start_x;
+  fill(t, m, M);
+  right_side(t, m, r, rates, b);
+  least_norm(S, size, b, S + size * size, m->start_pivot, x);
+  for (Int i = 0; i < size; i++)
+    if (!isfinite(x[i])) return 0;
+  move_start(t, m, x);
+  return 1;
 }
 
 int begin(const Tables *t, char *memory, March *m) {
@@ -74,8 +109,8 @@ int begin(const Tables *t, char *memory, March *m) {
   for (Int k = 0; k < led(st); k++) m->a[st->motor_v[k]] = told.feed[k];
   pinflex_motion(t, memory, m->y, m->v, m->a, m->lam, inputs + 3 * motors, M, r, rates);
   pull(t, st, &told, m->y, m->v, m->torque, r);
-  if (!factor_start(t, m, M)) return 0;
-  solve_start(t, m, r, rates);
+  if (factor_start(t, m, M)) solve_start(t, m, r, rates);
+  else if (!least_start(t, m, M, r, rates)) return 0;
   pinflex_residuals(t, memory, 1, m->y, m->v, m->a, m->lam, inputs + 3 * motors, r, rates);
   pull(t, st, &told, m->y, m->v, m->torque, r);
   for (Int k = 0; k < led(st); k++) m->torque[k] = r[st->motor_v[k]];
