@@ -64,6 +64,6 @@ def _solved(S: Array, b: Array, n: int) -> Array:
     b *= scale
     if not len(b):
         return b
-    if np.linalg.cond(S) < 1e14:
+    if np.linalg.cond(S, 1) < 1e14:  # by the inverse: half the time of an SVD
         return np.asarray(scale * np.linalg.solve(S, b))
     return np.asarray(scale * np.linalg.lstsq(S, b, rcond=1e-13)[0])

@@ -118,15 +118,17 @@ class PointRows:
         self.at = (first[..., None] + np.arange(12)).reshape(rows, size, 24)
         # A pose is read column by column: R e + p of a point e has weights (e, 1) of its columns.
         local = closed.local.reshape(2, loops, 3, 4)[:, loop]
-        eye, none = np.eye(3), np.zeros((12, 3))
-        self.linear = np.zeros((rows, 24, 18))
-        for row in range(rows):
-            axis = local[0, row, :, closed.point_axes[row]]
-            u = np.concatenate([np.kron(np.append(axis, 0.0)[:, None], eye), none])
-            a, b = (np.kron(np.append(side[row, :, 3], 1.0)[:, None], eye) for side in local)
-            p_b, d = np.concatenate([none, b]), np.concatenate([-a, b])
-            parts = (u, p_b[:, _ON], p_b[:, _BACK], d, u[:, _BACK], u[:, _ON])
-            self.linear[row] = np.concatenate(parts, axis=1)
+        each, none = np.arange(rows), np.zeros((rows, 12, 3))
+        direction, points = np.zeros((rows, 4)), np.ones((2, rows, 4))
+        direction[:, :3] = local[0, each, :, closed.point_axes]
+        points[:, :, :3] = local[:, :, :, 3]
+        on_a, a, b = (
+            np.einsum("rk,ij->rkij", weights, np.eye(3)).reshape(rows, 12, 3)
+            for weights in (direction, *points)
+        )
+        u, p_b, d = (np.hstack(both) for both in ((on_a, none), (none, b), (-a, b)))
+        parts = (u, p_b[..., _ON], p_b[..., _BACK], d, u[..., _BACK], u[..., _ON])
+        self.linear = np.concatenate(parts, axis=2)
 
     def of(self, poses: Array) -> tuple[Array, Array]:
         """Residuals (n, rows) and weights W of the relative world twists (n, rows, 6).

@@ -16,22 +16,31 @@ if TYPE_CHECKING:
 
 
 def on_kernel(system: System) -> Compiled | None:
-    """The compiled equations of a system; None: those of numpy and Pinocchio serve.
-
-    Where nothing gives way the equations are Pinocchio itself, to the last bit.
-    """
+    """The compiled equations of a system; None: those of numpy and Pinocchio serve."""
     return Compiled(system) if serves(system) else None
 
 
-def serves(system: System) -> bool:
-    """Whether the compiled kernel evaluates a system."""
-    return kernel().functions is not None and not _stiff(system) and system.uncovered is None
+def serves(system: System, marched: bool = False) -> bool:
+    """Whether the compiled kernel evaluates a system.
+
+    Where nothing gives way the equations are Pinocchio itself, to the last bit, but in a march.
+
+    Args:
+        system: That is evaluated. marched: In the steps of level coupled.
+    """
+    if kernel().functions is None or (_stiff(system) and not marched):
+        return False
+    return system.uncovered is None
 
 
-def evaluated_by(system: System) -> str:
-    """Which equations serve a system: the build of the kernel, or why it is not used."""
+def evaluated_by(system: System, marched: bool = False) -> str:
+    """Which equations serve a system: the build of the kernel, or why it is not used.
+
+    Args:
+        system: That is evaluated. marched: In the steps of level coupled.
+    """
     library = kernel()
-    if _stiff(system):
+    if _stiff(system) and not (marched and serves(system, True)):
         return "Pinocchio (nothing gives way)"
     if library.functions is None:
         return f"numpy and Pinocchio (kernel: {library.said})"

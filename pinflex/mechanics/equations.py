@@ -20,7 +20,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.mechanics.added_mass import AddedInertia
 from pinflex.mechanics.closure_state import ClosureState
-from pinflex.mechanics.compiled import Compiled, on_kernel, serves
+from pinflex.mechanics.compiled import Compiled, serves
 from pinflex.mechanics.coordinate_map import Configuration
 from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
@@ -42,8 +42,10 @@ class Equations(Geometry):
         damped, rubbed, sprung, loaded: Whether there are dampers, dry friction, springs, loads.
     """
 
-    def __init__(self, system: System, often: bool = True) -> None:
+    def __init__(self, system: System, often: bool = True, marched: bool = False) -> None:
+        """`marched`: in steps, where the kernel serves rigid systems too."""
         super().__init__(system, often)
+        self._marched = marched
         self.damped, self.rubbed = bool(np.any(system.D)), system.friction.present
         self.sprung, self.loaded = len(system.springs.v_at) > 0, system.loads.present
         self.strain = Strain(system)
@@ -55,12 +57,12 @@ class Equations(Geometry):
     @cached_property
     def compiled(self) -> Compiled | None:
         """The compiled equations, where they serve."""
-        return on_kernel(self.system) if self.on_kernel else None
+        return Compiled(self.system) if self.on_kernel else None
 
     @property
     def on_kernel(self) -> bool:
         """Whether the compiled equations serve."""
-        return bool(self._often or self.system.parts) and serves(self.system)
+        return bool(self._often or self.system.parts) and serves(self.system, self._marched)
 
     @property
     def _coupled(self) -> Whole | Subtrees:

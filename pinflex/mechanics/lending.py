@@ -16,13 +16,16 @@ _ready: list[tuple[bool, Equations]] = []  # newest first
 
 
 @contextmanager
-def lent(system: System) -> Iterator[Equations]:
+def lent(system: System, marched: bool) -> Iterator[Equations]:
     """Equations of a system that are their borrower's own until the block ends.
 
     Those of a run that broke off are not lent again.
+
+    Args:
+        system: That is evaluated. marched: See `Equations`.
     """
-    compiled = serves(system)
-    found = _taken(system, compiled) or Equations(system)
+    compiled = serves(system, marched)
+    found = _taken(system, compiled) or Equations(system, marched=marched)
     yield found
     if workspace.size(found.model) <= _LARGEST:
         _ready.insert(0, (compiled, found))

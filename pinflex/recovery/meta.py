@@ -82,7 +82,7 @@ def describe(
         "resume": lambda: None if run.s is None else run.s[-1].tolist(),
         "cost": lambda: {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "units": lambda: _units(mechanism),
-        "evaluated_by": lambda: evaluated_by(run.system),
+        "evaluated_by": lambda: evaluated_by(run.system, level == "coupled"),
         "versions": _versions,
         "drawing": lambda: urdf_parts(description.urdf_text),
         "sources": lambda: dict(description.sources),

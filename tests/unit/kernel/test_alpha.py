@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from pinflex.errors import PinflexError, RunInterrupted
 from pinflex.integrators.run import Run
 from pinflex.kernel.alpha import AlphaKernel
 from pinflex.kernel.library import kernel
+from pinflex.lab.four_bars import SPEEDS, four_bars, four_bars_exact
 from pinflex.mechanics.equations import Equations
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
@@ -47,19 +49,47 @@ def run_of(
     name: str, tolerance: float = 1e-10, progress: object = None, control: object = None
 ) -> Run:
     model, overrides, end = SCENES[name]
-    m = pf.load(model, overrides)
+    return steps_of(pf.load(model, overrides), end, tolerance, progress, control=control)
+
+
+def steps_of(
+    m: pf.Mechanism,
+    end: float,
+    tolerance: float = 1e-10,
+    progress: object = None,
+    speeds: Mapping[str, float] | None = None,
+    control: object = None,
+) -> Run:
     spec = replace(m.description.solve, level="coupled", until=end, tol=None, dt=None)
+    spec = replace(spec, start_speeds=tuple((name, (x,)) for name, x in (speeds or {}).items()))
     given = Scene(m, default_motion(m), spec, control, tolerance)  # type: ignore[arg-type]
     return given.stepped(np.linspace(0.0, end, 101), end / 200, progress)  # type: ignore[arg-type]
 
 
-def assert_alike(found: Run, wanted: Run) -> None:
+@pytest.mark.parametrize("windows", [1, 6])
+def test_steps_of_rigid_loops_are_too(windows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rigid windows in a row, of which nothing gives way."""
+    m = four_bars(windows)
+    found = steps_of(m, 0.05, speeds=SPEEDS)
+    assert Equations(found.system, marched=True).on_kernel and not Equations(found.system).on_kernel
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    # Without stiffness beside the loops their noise rings on: 2.4e-6 of the multipliers, as much as
+    # numpy's own answer to a start that is faster by 1e-14.
+    assert_alike(found, steps_of(m, 0.05, speeds=SPEEDS), rings=100.0)
+    # Cranks stay parallel: one equation, of which the scheme keeps 1e-7 in so short a time.
+    angle = np.arctan2(found.y[:, 1], found.y[:, 0])
+    x, y = four_bars_exact(windows, found.t).T
+    np.testing.assert_allclose([-np.sin(angle), np.cos(angle)], [x, y], atol=1e-6)
+
+
+def assert_alike(found: Run, wanted: Run, rings: float = 1.0) -> None:
     assert found.cost["steps"] == wanted.cost["steps"]
     # Poses are known to 1e-16 m, accelerations of stiff undamped coordinates to that over
     # beta h^2 = 2e-9 s^2, which rings on: 8e-7 measured, 9e-10 of speeds, 7e-9 of multipliers.
     for name, close in (("y", 1e-12), ("v", 1e-8), ("a", 5e-6), ("lam", 5e-8), ("torque", 5e-8)):
         ours, theirs = getattr(found, name), getattr(wanted, name)
-        assert np.abs(ours - theirs).max(initial=0.0) <= close * np.abs(theirs).max(initial=0.0)
+        limit = close * rings * np.abs(theirs).max(initial=0.0)
+        assert np.abs(ours - theirs).max(initial=0.0) <= limit, name
     np.testing.assert_allclose(found.work, wanted.work, atol=1e-9 * np.abs(wanted.work).max())
 
 

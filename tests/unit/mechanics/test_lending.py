@@ -32,40 +32,40 @@ def same(found: Run, expected: Run) -> None:
 
 def test_who_comes_next_finds_them_and_who_comes_meanwhile_gets_others() -> None:
     system = pf.load("race_r1").loose
-    with lent(system) as first, lent(system) as second:
+    with lent(system, True) as first, lent(system, True) as second:
         assert first is not second
-    with lent(system) as third:
+    with lent(system, True) as third:
         assert third is first
-    with lent(pf.load("race_r1").loose) as other:
+    with lent(pf.load("race_r1").loose, True) as other:
         assert other is not first and other is not second
 
 
 def test_those_of_a_run_that_fails_are_not_lent_again() -> None:
     system = pf.load("race_r1").loose
-    with pytest.raises(ZeroDivisionError), lent(system) as first:
+    with pytest.raises(ZeroDivisionError), lent(system, True) as first:
         raise ZeroDivisionError
-    with lent(system) as second:
+    with lent(system, True) as second:
         assert second is not first
 
 
 def test_those_of_the_kernel_do_not_serve_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     system = pf.load("race_r1").loose
-    with lent(system) as first:
+    with lent(system, True) as first:
         assert (first.compiled is None) == (kernel().functions is None)
     monkeypatch.setenv("PINFLEX_KERNEL", "0")
-    with lent(system) as second:
+    with lent(system, True) as second:
         assert second.compiled is None
 
 
 def test_few_are_kept_and_none_that_is_large(monkeypatch: pytest.MonkeyPatch) -> None:
     systems = [pf.load("race_r1").loose for _ in range(4)]
     for system in systems:
-        with lent(system):
+        with lent(system, True):
             pass
     assert [one.system for _, one in lending._ready] == systems[:1:-1]
     monkeypatch.setattr(lending, "_LARGEST", 0.0)
     lending._ready.clear()
-    with lent(systems[0]):
+    with lent(systems[0], True):
         pass
     assert not lending._ready
 
