@@ -52,11 +52,21 @@ def _richer(mechanism: Mechanism) -> Iterator[tuple[list[str], str]]:
             changes += [f"{at}.{key}=true" for key, _ in PLANES.values()]
             changes += [f"{at}.second_order=true", f"{at}.segments={part.spec.segments + more}"]
             changes += [f"{at}.{key}=true" for key in _THICK] if thick else []
-            if not more and part.spec.basis.kind == "craig_bampton":
-                changes.append(f"{at}.basis.internal={part.spec.basis.internal + 1}")
+            if not more:
+                changes += _more_shapes(part)
         said = [words] if words else []
-        said += ["one more segment" if more else "one more mode", full]
+        said += ["one more segment" if more else "more modes", full]
         yield changes, ", ".join([*said, *(["shear and rotary inertia"] if thick else [])])
+
+
+def _more_shapes(part: FlexiblePart) -> list[str]:
+    """A richer basis of one segment: half as many modes more where these converge slowly."""
+    basis, at = part.spec.basis, f"flexible.{part.link}.basis"
+    if basis.kind == "craig_bampton":
+        return [f"{at}.internal={basis.internal + 1}"]
+    if basis.kind == "assumed":
+        return [f"{at}.modes={basis.modes + max(1, basis.modes // 2)}"]
+    return []
 
 
 def solids(mechanism: Mechanism) -> list[FlexiblePart]:

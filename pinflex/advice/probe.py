@@ -282,7 +282,8 @@ class Probe:
 
     def _run(self, found: Deviation, torque: Array) -> Run:
         v, a = self.v0 + found.v, self.a0 + found.a
-        return Run(self.system, self.t, self._poses(found), v, a, found.lam, torque, {})
+        lam = self.base + found.lam  # forces that hold loops closed load the sections of links
+        return Run(self.system, self.t, self._poses(found), v, a, lam, torque, {})
 
 
 def _instants(end: float, steps: int) -> Array:

@@ -72,10 +72,12 @@ class CompiledSteps:
         """Motors' position, velocity, acceleration (or torque) and shares of loads, (k, n).
 
         Args:
-            t: Times in s. seen: The same as loads see them, see `StageEquations.seen`.
+            t: Times in s. seen: Those of stages as loads see them, see `StageEquations.seen`.
         """
-        scale = self._compiled.compiled.scale(t if seen is None else seen)
-        return _inputs(self.of.path(t), scale, self.of.drive)
+        scale, drive = self._compiled.compiled.scale, self.of.drive
+        if seen is None:
+            return _inputs(self.of.path(t), scale(t), drive)
+        return _inputs(self.of.prescribed(t), scale(seen), drive)
 
     def batch(self) -> Batch:
         """The steps of the last call."""

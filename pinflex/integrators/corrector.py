@@ -78,7 +78,7 @@ class Corrector(StageEquations):
     def _paths(self, steps: Sequence[Step]) -> MotorPath:
         """Motion of the motors at the stages of all steps."""
         start, h = np.array([(step.start.t, step.h) for step in steps]).T
-        return self.path((start[:, None] + np.outer(h, self.method.c)).ravel())
+        return self.prescribed((start[:, None] + np.outer(h, self.method.c)).ravel())
 
     def _compiled_steps(self, steps: Batch, before: Before | None) -> Batch:
         """The same on the kernel, while it has the steps."""

@@ -83,6 +83,7 @@ def read(table: Table, t: Array) -> Array:
         Columns, shape (k, n).
     """
     piece = np.minimum(np.searchsorted(table.end, t), len(table.end) - 1)
+    piece[(piece > 0) & (t < table.middle[piece] - table.half[piece])] -= 1  # just before a corner
     away = ((t - table.middle[piece]) / table.half[piece])[:, None] - table.node
     hit = away == 0.0
     W = np.where(hit.any(axis=1, keepdims=True), hit, table.weight / np.where(hit, 1.0, away))

@@ -32,6 +32,11 @@ class AlphaScheme:
     gamma: float
 
     @property
+    def order(self) -> int:
+        """Power of the step that errors fall with: 2, or 1 where gamma damps by itself."""
+        return 2 if abs(self.gamma - 0.5 - self.alpha_f + self.alpha_m) < 1e-9 else 1
+
+    @property
     def mass_factor(self) -> float:
         """da/ds of the new step."""
         return (1.0 - self.alpha_m) / (1.0 - self.alpha_f)

@@ -30,6 +30,7 @@ from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
 _INSIDE = 1e-12  # of the time: more than its rounding, less than any step to a node
+_BESIDE = 1e-10  # of the time, likewise: beyond what laws of motion snap to
 
 
 @dataclass
@@ -179,7 +180,7 @@ class StageEquations:
         `path`: the motion of the motors there, where it is known.
         """
         t = start.t + h * self.method.c
-        path = self.path(t) if path is None else path
+        path = self.prescribed(t) if path is None else path
         if self.drive is None:
             a[:, self.motors] = path.acceleration
         seen = self.seen(t)
@@ -205,6 +206,17 @@ class StageEquations:
         Where one switches at an end of the step, it is as it is inside, however that is rounded.
         """
         return t + max(1.0, float(t[-1])) * self._inside
+
+    def prescribed(self, t: Array) -> MotorPath:
+        """Motion of the motors at times of stages (k,) s, the last of which may end a step.
+
+        Where accelerations jump there, they are those inside: a stage with others would leave an
+        error of the order of h in every speed.
+        """
+        rest = _BESIDE * np.maximum(1.0, t)
+        path, ahead = self.path(t - rest), rest[:, None]
+        v, a = path.velocity, path.acceleration
+        return MotorPath(path.t, path.position + ahead * (v + 0.5 * ahead * a), v + ahead * a, a)
 
     def place(self, x: Trial) -> None:
         """Poses and velocities of the stages from their accelerations."""

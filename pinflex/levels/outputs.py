@@ -27,7 +27,7 @@ from pinflex.mechanics.frames import frame_poses
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 
-_SAMPLES = 51  # instants at which poses are compared: the samples, or every k-th of more
+_SAMPLES = 51  # instants at which poses are compared: so many samples at least, if there are
 ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands of steps are not
 # m or rad: below, there is no deviation to speak of.
 STILL = 1e-9
@@ -70,7 +70,7 @@ class Outputs:
     ) -> None:
         self._asked, self._dynamics = asked, dynamics  # a new workspace is dear in large models
         self._mechanism, self._motion, self._t = mechanism, motion, t
-        self._every = -(-len(t) // _SAMPLES)
+        self._every = max(1, len(t) // _SAMPLES)
         self._rigid: _Poses | None = None
         self._before: tuple[Run, _Poses] | None = None
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pinflex.text import percent
 
-NOT_MEASURED = "not measured"
+NOT_MEASURED, NONE = "not measured", "none"
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,9 @@ def time_error(settings: Mapping[str, Any], level: str) -> tuple[dict[str, float
             known
         ), f"by {settings.get('judged', 'two runs')}, tol = {settings.get('tol', 0):g}"
     if level in ("rigid", "quasistatic"):
-        return {}, "none: every instant is solved by itself"
+        return {}, f"{NONE}: every instant is solved by itself"
+    if known is not None:
+        return {}, f"{NONE}: the mechanism stays at rest"
     return {}, f"{NOT_MEASURED}: equal steps; solve with tol to have it"
 
 

@@ -1,8 +1,8 @@
 """How far two runs of one system differ in what follows from accelerations: forces and stresses.
 
 Stress and section forces relative to their largest values, all sections of all links together; the
-acceleration of the platform likewise. They take a pass over the samples: few are looked at, and
-only where strain differs enough, or somebody asks.
+acceleration of the platform likewise. They take a pass over the samples: few are looked at, those
+that differ most, and only where strain differs enough, or somebody asks.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ from functools import cache
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF
 from pinflex.mechanics import workspace
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.links import resultants
 from pinflex.recovery.samples import Samples
 from pinflex.recovery.stress import stresses
 from pinflex.threads import one_blas_thread
 
-_SAMPLES = 51  # as poses are compared at
+_SAMPLES = 51  # the worst of so many pieces
 _PARTS = slice(0, 3), slice(3, 6)  # of section forces: N, N m
 
 Told = Callable[[], Mapping[str, float]]
@@ -36,12 +37,11 @@ def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> T
         coarse, fine: Runs with the same samples; the second is the reference.
         gain: What their difference is divided by.
     """
-    every = slice(None, None, -(-len(fine.t) // _SAMPLES))
-    pair = coarse.at(every), fine.at(every)
 
     @cache
     def told() -> dict[str, float]:
-        a, b = (Samples(mechanism, run) for run in pair)
+        some = _worst(coarse, fine)
+        a, b = (Samples(mechanism, run.at(some)) for run in (coarse, fine))
         with one_blas_thread(), workspace.keep_alive():
             found = _differences(a, b)
         return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
@@ -83,14 +83,35 @@ def _quantities(samples: Samples) -> list[tuple[str, Array]]:
     return found
 
 
-def strain_apart(coarse: Run, fine: Run) -> float:
-    """Difference of two runs in the energy of strain, its root relative to the largest."""
-    n, m = int(fine.system.rigid.nq), int(fine.system.rigid.nv)
-    K = fine.system.K[m:, m:]
+def _worst(coarse: Run, fine: Run) -> IntArray:
+    """Of samples in a row the one at which elastic forces, or what they accelerate, differ most."""
+    every, m = np.arange(len(fine.t)), int(fine.system.rigid.nv)
+    if len(every) <= _SAMPLES or not fine.system.n_eta:
+        return every[:: -(-len(every) // _SAMPLES)]
+    M = Equations(fine.system).mass(fine.y[0])[m:, m:]
+    squares = _squares(fine, coarse.y - fine.y, M)
+    size = np.max(squares / np.maximum(squares.max(axis=1, keepdims=True), 1e-300), axis=0)
+    return np.array([row[np.argmax(size[row])] for row in np.array_split(every, _SAMPLES)])
 
-    def size(eta: Array) -> float:
-        energy = np.einsum("ki,ij,kj->k", eta, K, eta, optimize=True)
-        return float(np.sqrt(np.max(np.maximum(energy, 0.0), initial=0.0)))
 
-    whole = size(fine.y[:, n:])
-    return size(coarse.y[:, n:] - fine.y[:, n:]) / whole if whole > 0.0 else 0.0
+def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
+    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest.
+
+    Args:
+        coarse, fine: Runs with the same samples. mass: Of the system in some pose, (nv, nv).
+    """
+    m = int(fine.system.rigid.nv)
+    apart, whole = (
+        _squares(fine, y, mass[m:, m:]).max(axis=1, initial=0.0) ** 0.5
+        for y in (coarse.y - fine.y, fine.y)
+    )
+    strain, force = (float(x / y) if y > 0.0 else 0.0 for x, y in zip(apart, whole, strict=True))
+    return strain, force
+
+
+def _squares(run: Run, y: Array, M: Array) -> Array:
+    """Energy of strain, and its forces squared over the mass M (n_eta, n_eta), shape (2, nt)."""
+    m, eta = int(run.system.rigid.nv), y[:, int(run.system.rigid.nq) :]
+    force = eta @ run.system.K[m:, m:]
+    lifted = np.linalg.lstsq(M, force.T, rcond=1e-13)[0].T  # coordinates may have no mass
+    return np.abs([np.einsum("ki,ki->k", force, x) for x in (eta, lifted)])

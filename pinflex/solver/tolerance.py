@@ -15,10 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.solve import ASKED
+from pinflex.description.solve import ASKED, SolveSpec
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.linear import Alpha
 from pinflex.integrators.run import Run
+from pinflex.levels.ked import march_of
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.estimates import errors, floor
 from pinflex.solver.force_errors import force_errors
@@ -69,7 +71,9 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     two runs so far apart tell errors well. In a smooth motion it brings far more than threefold; a
     faint vibration that both leave unresolved makes them agree better than they should, so that
     less is trusted. Under a digital controller steps are often as long as it holds its outputs, at
-    every resolution: each run cuts these times in twice as many steps at least.
+    every resolution: each run cuts these times in twice as many steps at least. Where a joint comes
+    to rest finer steps may bring nothing: there the run may be off by all that the two differ by,
+    and what the first step of a pilot misses would show as that.
 
     Args:
         scene, t, tol, progress: As in `solve_to_tolerance`.
@@ -77,14 +81,15 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
 
     def attempt(resolution: float, coarser: Run | None) -> Run:
         finer = max(round(np.log(first / resolution) / np.log(_FINER)), 0)
-        return scene.resolved(t, resolution, progress, coarser, coarser is None, finer)
+        pilot = coarser is None and not scene.sticks
+        return scene.resolved(t, resolution, progress, coarser, pilot, finer)
 
-    first = (_STICKING if scene.sticks else 8.0) * tol
-    return _Refinement(scene, t, tol, attempt, first, _FINER, 3.0).run()
+    first, gain = (_STICKING * tol, 1.0) if scene.sticks else (8.0 * tol, 3.0)
+    return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
-    """By equal steps, half as long every time; methods of order 2.
+    """By equal steps, half as long every time.
 
     Args:
         scene: What is solved.
@@ -94,9 +99,18 @@ def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | Non
     """
     # Errors of a step of 1/40 of a period are near 1e-3.
     first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
+    gain = 2.0 ** _order(scene.spec) - 1.0
     return _Refinement(
-        scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, 3.0
+        scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, gain
     ).run()
+
+
+def _order(spec: SolveSpec) -> int:
+    """Power of the step that the errors of equal steps fall with; 1 where nothing is known."""
+    march = march_of(spec)
+    if isinstance(march, Alpha):
+        return march.scheme.order
+    return 2 if spec.method is None else 1
 
 
 class _Refinement:

@@ -1,21 +1,25 @@
 """What error bars tell beside the truth: `python -m tests.benchmarks.bars [--report F] [NAME ...]`.
 
 Small scenes at `tol` 1e-3, those that a shorter run has left out named at the end. The true error
-of time is against the same model at a fiftieth of the tolerance (or the least that it keeps); that
-of the model against links of four segments (fewer where there are many links) with every
-deformation, second order, shear and rotary inertia, solids with more modes and shorter cells. A
-ratio is told over true; none where the true error is below 1e-6 of the largest value.
+of time is against the same model at a thousandth of the tolerance (or the least that it keeps);
+that of the model between that and links of four segments (fewer where there are many links) with
+every deformation, second order, shear and rotary inertia, solids with more modes and shorter cells.
+A ratio is told over true; none where the true error is below 1e-6 of the largest value.
+
+With `--keep DIR` truths and rows are kept there: a table can be made in pieces, and be made anew
+without its truths.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +28,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import pinflex as pf
 from pinflex.advice.second_run import free, outputs_apart
 from pinflex.errors import PinflexError
+from pinflex.results.error_bars import NONE
 from tests.scenes import Body, load
 
 TOL = 1e-3
-FINE = (2e-5, 1e-4, 5e-4)  # of the truth: the first that is kept
+FINE = (1e-6, 1e-5, 1e-4, 5e-4)  # of the truth: the first that is kept
 KNOWN = 1e-6  # a smaller true error has no ratio
 LOW, HIGH = 0.5, 10.0  # ratios aimed at
 HEAD = """# What error bars tell, and what is true
@@ -60,6 +65,7 @@ ROD = (
     "flexible.b={{end: tip, material: aluminium, "
     "basis: {{kind: mesh, modes: {}, rod: {{diameters: [{}]}}{} }}}}"
 )
+SLEEVED = "flexible.beam.basis={{kind: assumed, boundary: free_free, modes: {}}}"
 RUBS = "joints={b_joint: {friction: {coulomb: 0.4}}}"
 
 
@@ -109,14 +115,16 @@ SCENES = {
     "ur5": Scene("ur5", truth=3),
     "3rrr": Scene("3rrr", (), {"until": 0.1}, 3),
     "3rrr_straight": Scene("3rrr", STRAIGHT, {"until": 0.05}, 3),
-    "3rrs": Scene("3rrs", (), {"until": 0.5}, 2),
+    "3rrs": Scene("3rrs", (), {"until": 0.1}, 2),
     "delta": Scene("delta", (), {"until": 0.08}, 3),
     "race_r1": Scene("race_r1", (), {"until": 0.05}, 3),
     "race_r2": Scene("race_r2", (), {}, 2),
     "race_r3": Scene("race_r3", ("flexible.rod.basis={kind: craig_bampton, internal: 2}",)),
     "spinning_beam": Scene("spinning_beam", (), {"until": 15.0}),
     "cantilever": Scene("cantilever", (), {"until": 0.4}),
-    "prprp": Scene("prprp", (), {}, 3),
+    "prprp": Scene("prprp", (SLEEVED.format(8), "flexible.beam.damping={rayleigh: [0, 5e-5]}"),
+        {"until": 0.2}, (SLEEVED.format(24),
+        "flexible.beam.second_order=true", "flexible.beam.axial=true")),
 }  # fmt: skip
 
 
@@ -153,16 +161,21 @@ class Row:
     """One scene.
 
     Attributes:
-        steps: Of the run. note: What the model was compared with, or why not.
-        told, true: By "time" and "model", then by output. cpu: Seconds of all.
+        steps: Of the run. notes: How errors were found, or why not.
+        told, true, notes: By "time" and "model", the first two then by output.
+        cpu: Seconds of all.
     """
 
     scene: str
     steps: float
     told: dict[str, dict[str, float]]
     true: dict[str, dict[str, float]]
-    note: str
+    notes: dict[str, str]
     cpu: float
+
+    def measured(self, of: str) -> bool:
+        """Whether an error is told, be it that there is none."""
+        return bool(self.told[of]) or self.notes[of].startswith(NONE)
 
     def ratios(self, of: str) -> dict[str, float]:
         """Told over true by output, where the true error is known."""
@@ -170,32 +183,57 @@ class Row:
         return {k: told[k] / true[k] for k in told if k in true and true[k] > KNOWN}
 
 
-def row(name: str) -> Row:
-    """Solve a scene, ask for its bars, and find the true errors."""
+def row(name: str, keep: Path | None = None) -> Row:
+    """Solve a scene, ask for its bars, and find the true errors.
+
+    Args:
+        name: Of the scene. keep: Folder with truths; None: they are not kept.
+    """
     scene, began = SCENES[name], time.process_time()
     with tempfile.TemporaryDirectory() as at:
         robot = mechanism(scene, Path(at))
         keys = {"level": "coupled", "samples": 61, "tol": TOL, **scene.keys}
-        if keys["level"] != "coupled":
+        integrated = keys["level"] in ("coupled", "ked")
+        if not integrated:
             keys.pop("tol")
         run = pf.solve(robot, **keys)
         bars = run.errors
         true: dict[str, dict[str, float]] = {"time": {}, "model": {}}
-        if bars.time:
-            true["time"] = outputs_apart(run, first(robot, keys), free(robot))
+        exact = run  # of its model
+        if integrated:
+            exact = kept(keep, f"{name}.time", lambda: first(robot, keys))
+            true["time"] = outputs_apart(run, exact, free(robot))
         if robot.parts:
             start = run.meta["settings"].get("start", "static")
-            full = {**keys, "level": "coupled", "start": start}
-            for changes in richest(scene, robot):
-                try:
-                    rich = mechanism(scene, Path(at), changes)
-                    true["model"] = outputs_apart(run, first(rich, full, (1e-4, 5e-4)), free(robot))
-                    break
-                except PinflexError:
-                    continue
+            full = {**keys, "level": "coupled", "start": start, "tol": TOL}
+            rich = kept(keep, f"{name}.model", lambda: richer(scene, robot, Path(at), full))
+            true["model"] = outputs_apart(exact, rich, free(robot))
         told = {"time": dict(bars.time), "model": dict(bars.model)}
         cost = float(run.meta["cost"].get("steps", 0))
-        return Row(name, cost, told, true, bars.model_note, time.process_time() - began)
+        notes = {"time": bars.time_note, "model": bars.model_note}
+        return Row(name, cost, told, true, notes, time.process_time() - began)
+
+
+def kept(keep: Path | None, name: str, find: Callable[[], pf.Result]) -> pf.Result:
+    """A truth, from a folder where it is kept."""
+    if keep is None:
+        return find()
+    file = keep / f"{name}.npz"
+    if not file.exists():
+        find().save(file)
+    return pf.Result.load(file)
+
+
+def richer(scene: Scene, robot: pf.Mechanism, at: Path, keys: Mapping[str, Any]) -> pf.Result:
+    """The run of the fullest model that comes to its end."""
+    failed: PinflexError | None = None
+    for changes in richest(scene, robot):
+        try:
+            return first(mechanism(scene, at, changes), keys, FINE[1:])
+        except PinflexError as error:
+            failed = error
+    assert failed is not None
+    raise failed
 
 
 def first(
@@ -216,8 +254,9 @@ def half(found: Row, of: str) -> str:
     """Columns of one of the two errors."""
     told, true, ratios = found.told[of], found.true[of], found.ratios(of)
     if not told:
-        worst = max(true.values(), default=float("nan"))
-        return f"not measured | {worst:.1e} | - | - | - | -"
+        word = NONE if found.measured(of) else "not measured"
+        worst = f"{max(true.values()):.1e}" if true else "-"
+        return f"{word} | {worst} | - | - | - | -"
     main = [k for k in told if k not in OWN]
     cells = [f"{max((told[k] for k in main), default=float('nan')):.1e}"]
     cells.append(f"{max((true[k] for k in main if k in true), default=float('nan')):.1e}")
@@ -236,7 +275,7 @@ def report(found: list[Row]) -> str:
     for of in ("time", "model"):
         pairs = [r for x in found for r in x.ratios(of).values()]
         inside = sum(LOW <= r <= HIGH for r in pairs)
-        silent = [x.scene for x in found if not x.told[of]]
+        silent = [x.scene for x in found if not x.measured(of)]
         small = [x.told[of][k] for x in found for k, e in x.true[of].items()
                  if e <= KNOWN and k in x.told[of]]  # fmt: skip
         text += [
@@ -252,7 +291,8 @@ def report(found: list[Row]) -> str:
             *(f"| {x.scene} | {x.steps:g} | {half(x, of)} |" for x in found),
             "",
         ]
-    notes = [f"- {x.scene}: {x.note}" for x in found if not x.told["model"]]
+    notes = [f"- {x.scene}, {of}: {x.notes[of]}." for of in ("time", "model")
+             for x in found if not x.told[of]]  # fmt: skip
     left = ", ".join(name for name in SCENES if name not in {x.scene for x in found}) or "none"
     return (
         "\n".join([*text, *notes, "", f"Not run: {left}. CPU: {sum(x.cpu for x in found):.0f} s."])
@@ -265,21 +305,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--report", type=Path)
+    parser.add_argument("--keep", type=Path, metavar="DIR")
     given = parser.parse_args()
-    found = []
+    found: dict[str, Row] = {}
+    if given.keep:
+        given.keep.mkdir(parents=True, exist_ok=True)
+        rows = (Row(**json.loads(file.read_text())) for file in given.keep.glob("*.json"))
+        found = {row.scene: row for row in rows}
     for name in given.names or SCENES:
         try:
-            found.append(row(name))
+            one = found[name] = row(name, given.keep)
         except PinflexError as failed:
             print(f"{name}: {failed}", file=sys.stderr, flush=True)
             continue
-        one = found[-1]
+        if given.keep:
+            (given.keep / f"{name}.json").write_text(json.dumps(asdict(one)))
         both = f"{half(one, 'time')} || {half(one, 'model')}"
         print(f"{name:18s} {one.cpu:5.1f} s | {both}", flush=True)
         if given.report:  # so far: whoever stops it has what is there
-            given.report.write_text(HEAD + report(found))
+            given.report.write_text(HEAD + report([found[x] for x in SCENES if x in found]))
     if not given.report:
-        print(report(found))
+        print(report([found[x] for x in SCENES if x in found]))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ NAMES = ("arm_gravity", "arm_soft", "arm_stiff", "arm_side_only")
 def test_bars_are_half_to_ten_times_the_error(name: str) -> None:
     """Of time and of the model, of motion and of forces; errors below KNOWN are told as small."""
     found = row(name)
-    assert found.told["model"], found.note
+    assert found.told["model"], found.notes
     for of in ("time", "model"):
         ratios = found.ratios(of)
         assert all(LOW <= ratio <= HIGH for ratio in ratios.values()), ratios

@@ -13,10 +13,9 @@ void take_inputs(const Tables *t, March *m, double h) {
   copy(st->v0, m->v, t->nv);
   for (Int i = 0; i < st->s; i++) {
     double *x = m->input + i * n;
-    double time = m->t + h * st->c[i];
-    /* A torque that jumps at the end of the step is what it is before. */
-    if (!m->given && !st->prescribed && i == st->s - 1) time -= 2.0 * m->inputs->gap;
-    if (!m->given) prescribed(m->inputs, time, x);
+    /* The last stage of a step that ends where accelerations or torques jump: others than those
+       inside would leave an error of the order of h in every speed. */
+    if (!m->given) prescribed_before(m->inputs, m->t + h * st->c[i], x);
     copy(st->position + i * motors, x, motors);
     copy(st->velocity + i * motors, x + motors, motors);
     copy(st->feed + i * motors, x + 2 * motors, motors);

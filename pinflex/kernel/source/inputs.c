@@ -17,14 +17,8 @@ static Int piece_of(const Inputs *in, double time) {
   return low;
 }
 
-void prescribed(const Inputs *in, double time, double *out) {
+static void on_piece(const Inputs *in, Int piece, double time, double *out) {
   Int n = in->columns;
-  for (Int k = 0; k < in->corners; k++)
-    if (fabs(time - in->corner[k]) <= in->gap) {
-      copy(out, in->corner_value + k * n, n);
-      return;
-    }
-  Int piece = piece_of(in, time);
   const double *x = in->value + piece * in->nodes * n;
   double z = (time - in->middle[piece]) / in->half[piece], sum = 0.0;
   for (Int i = 0; i < n; i++) out[i] = 0.0;
@@ -39,4 +33,20 @@ void prescribed(const Inputs *in, double time, double *out) {
     for (Int i = 0; i < n; i++) out[i] += w * x[k * n + i];
   }
   for (Int i = 0; i < n; i++) out[i] /= sum;
+}
+
+void prescribed(const Inputs *in, double time, double *out) {
+  Int n = in->columns;
+  for (Int k = 0; k < in->corners; k++)
+    if (fabs(time - in->corner[k]) <= in->gap) {
+      copy(out, in->corner_value + k * n, n);
+      return;
+    }
+  on_piece(in, piece_of(in, time), time, out);
+}
+
+void prescribed_before(const Inputs *in, double time, double *out) {
+  Int piece = piece_of(in, time);
+  if (piece > 0 && time < in->middle[piece] - in->half[piece]) piece--; /* just before a corner */
+  on_piece(in, piece, time, out);
 }

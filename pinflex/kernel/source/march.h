@@ -59,6 +59,8 @@ typedef struct {
 
 /* inputs.c: all columns at a time */
 void prescribed(const Inputs *in, double time, double *out);
+/* the same at a corner as just before it */
+void prescribed_before(const Inputs *in, double time, double *out);
 
 /* What a motor is told at an instant: acceleration, or torque to begin with. */
 typedef struct { const double *position, *velocity, *feed; } Told;
