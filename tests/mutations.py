@@ -15,6 +15,32 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 600  # [s] for the tests of one mutation
 
+# What a mutation may use: a module of which one place reads otherwise, or the compiled kernel.
+_TOOLS = """
+def altered(module, old, new):
+    import importlib.util, pathlib, sys
+    spec = importlib.util.find_spec(module)
+    text = pathlib.Path(spec.origin).read_text()
+    assert text.count(old) == 1, (module, old)
+    made = importlib.util.module_from_spec(spec)
+    sys.modules[module] = made
+    parent, _, name = module.rpartition(".")
+    setattr(sys.modules[parent], name, made)
+    exec(compile(text.replace(old, new), spec.origin, "exec"), made.__dict__)
+
+def recompiled(file, old, new):
+    import atexit, pathlib, shutil, tempfile
+    from pinflex.kernel import build, library
+    folder = pathlib.Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder)
+    shutil.copytree(build.SOURCE, folder / "source")
+    text = (folder / "source" / file).read_text()
+    assert text.count(old) == 1, (file, old)
+    (folder / "source" / file).write_text(text.replace(old, new))
+    build.SOURCE = folder / "source"
+    build.compile_all(folder)
+    library._FOLDER = folder
+"""
 # Name: what runs before the tests, and where they are.
 MUTATIONS = {
     "dry friction off": (
@@ -217,6 +243,71 @@ maps.tracked = lambda shapes, mass, count, first=None: {
 """,
         ["tests/verification/test_quiet_terms.py"],
     ),
+    "shares of links that are alike are not added up": (
+        """
+altered("pinflex.mechanics.relevance", "for p in equal) for case", "for p in equal[:1]) for case")
+""",
+        ["tests/unit/mechanics/test_planes.py"],
+    ),
+    "what is left out first does not count for what comes next": (
+        """
+altered("pinflex.mechanics.relevance", "spent + cost < NEGLIGIBLE", "cost < NEGLIGIBLE")
+""",
+        ["tests/unit/mechanics/test_planes.py"],
+    ),
+    "turns of the base in the other order": (
+        """
+altered("pinflex.mechanics.relevance", "links[number].placement.rotation @ turn",
+        "turn @ links[number].placement.rotation")
+""",
+        ["tests/unit/mechanics/test_planes.py"],
+    ),
+    "products of inertia of an SDF with the other sign": (
+        """
+altered("pinflex.description.sdf", "[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]",
+        "[[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]]")
+""",
+        ["tests/unit/description/test_formats.py"],
+    ),
+    "kernel: friction gives what it takes": (
+        """
+recompiled("friction.c", "loss += now.level", "loss -= now.level")
+""",
+        [
+            "tests/unit/kernel/test_outside.py::"
+            "test_what_rubs_and_damps_takes_its_force_times_the_speed"
+        ],
+    ),
+    "kernel: no values of their own at corners": (
+        """
+recompiled("inputs.c", "<= in->gap", "<= -1.0")
+""",
+        ["tests/unit/kernel/test_outside.py::test_a_run_that_ends_with_its_motion_ends_at_rest"],
+    ),
+    "sections anywhere are taken for the same place": (
+        """
+altered("pinflex.advice.second_run", "< _SECTION * at[-1]", "< 1.0")
+""",
+        ["tests/unit/advice/test_second_run.py"],
+    ),
+    "default steps by the first mode": (
+        """
+altered("pinflex.solver.step_length", "min(2, len(alive) - 1)", "0")
+""",
+        ["tests/unit/solver/test_step_length.py"],
+    ),
+    "damping of each segment by itself": (
+        """
+altered("pinflex.mechanics.damping", "K, _mass(part))", "K, np.kron(np.eye(count), first.M))")
+""",
+        ["tests/unit/mechanics/test_given_damping.py"],
+    ),
+    "ked feels jumps where the step ends": (
+        """
+altered("pinflex.levels.ked", "np.add.at(load, at, more)", "pass")
+""",
+        ["tests/levels/test_jumps.py"],
+    ),
 }
 _LONG = "tests/hard/test_steps.py::test_a_hundred_thousand_steps_do_not_drift_off_the_loop"
 _RUN = """
@@ -228,7 +319,7 @@ sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", "--tb=no", "-rf", "--desel
 
 def failures(code: str, paths: list[str]) -> list[str]:
     """Names of the tests that fail after some code has run."""
-    script = code + _RUN.format(paths=paths, long=_LONG)
+    script = _TOOLS + code + _RUN.format(paths=paths, long=_LONG)
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True,

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.kernel.library import kernel
 from pinflex.mechanics.added_mass import AddedMasses
@@ -175,3 +176,39 @@ def test_a_wheel_that_follows_is_felt_by_its_ratio_squared(tmp_path: Path) -> No
     expected = (0.3 + 9 * 0.02) * 0.7 + 9 * 5.0 * 0.2
     np.testing.assert_allclose(r[0, [lead, follow]], [expected, 0.0], rtol=1e-13, atol=1e-14)
     np.testing.assert_allclose(c, 0.0, atol=1e-16)
+
+
+def test_what_rubs_and_damps_takes_its_force_times_the_speed(tmp_path: Path) -> None:
+    """A slide with friction, a damper of 3 N s/m and a spinning disk: powers by hand, W."""
+    bodies = (
+        Body("slide", "base", "prismatic", axis=(1, 0, 0), mass=1.0),
+        Body("disk", "slide", "revolute", mass=1.0, inertia=(0.1, 0.1, 0.1)),
+    )
+    rubs = "{coulomb: 2, breakaway: 5, stribeck: 0.3, speed: 0.01}"
+    m = load(tmp_path, bodies, "gravity: [0, 0, 0]\nactuated: []\njoints:\n"
+             f"  slide_joint: {{damper: 3, friction: {rubs}}}\n"
+             "  disk_joint: {damper: 0.5}\n")  # fmt: skip
+    compiled, law = Compiled(m.rigid), m.rigid.friction
+    v = np.array([[0.2, 0.0], [-0.2, 4.0], [0.004, -1.0]])
+    x, w = v.T
+    # 2 N of sliding, and what is on top at low speed, of which the law says how much
+    force = (2.0 + law.excess[0] * np.exp(-((x / 0.3) ** 2))) * np.tanh(x / law.speed[0])
+    expected = force * x + 3.0 * x**2 + 0.5 * w**2
+    y = np.tile(m.home, (3, 1))
+    np.testing.assert_allclose(compiled.evaluator.losses(y, v), expected, rtol=1e-12)
+
+
+def test_a_run_that_ends_with_its_motion_ends_at_rest() -> None:
+    """0.2 rad in 20 ms, ramps of 5 ms: 2667 rad/s^2, and none at the very end of the braking."""
+    move = "motion={kind: trapezoid, joints: {motor_1: 0.2}, duration: 0.02, ramp: 0.005}"
+    m = pf.load("race_r1", [move])
+    run, longer = (
+        pf.solve(m, level="coupled", tol=1e-3, until=end, samples=n)
+        for end, n in ((0.02, 5), (0.03, 7))
+    )
+    a = 0.2 / (0.015 * 0.005)
+    found = run.joint("motor_1").acceleration
+    np.testing.assert_allclose(found, [a, 0.0, 0.0, -a, 0.0], atol=1e-6 * a)
+    # The torque too is that after the jump, within the tolerance of both runs; before: twice it.
+    off = np.abs(run.torque - longer.torque[:5])
+    assert np.max(off) < 2e-3 * np.max(np.abs(longer.torque))

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.relevance import shares
+from pinflex.mechanics.relevance import base_axes, shares
 from tests.scenes import Body, load
 
 E, IY, IZ, J = 7.0e10, 2.5e-9, 8.0e-10, 2.0e-9
@@ -22,10 +22,16 @@ ARM = f"""
 TILTED = (0.3, -0.7, 1.1)  # rad, roll pitch yaw of the whole robot
 
 
-def arm(folder: Path, acts: str = "", rpy: tuple[float, ...] = (0, 0, 0)) -> pf.Mechanism:
-    """A bar of 1 m along x on a motor about y, welded to a base that may be turned."""
+def arm(
+    folder: Path,
+    acts: str = "",
+    rpy: tuple[float, ...] = (0, 0, 0),
+    floor: tuple[float, ...] = (0, 0, 0),
+) -> pf.Mechanism:
+    """A bar of 1 m along x on a motor about y, welded to a base that may be turned, twice."""
     bodies = (
-        Body("foot", "base", rpy=rpy),
+        Body("floor", "base", rpy=floor),
+        Body("foot", "floor", rpy=rpy),
         Body("post", "foot", xyz=(1, 0, 0.5)),
         Body("aside", "foot", xyz=(1, 0.5, 0)),
         Body("arm", "foot", "revolute", axis=(0, 1, 0), mass=1.08, com=(0.5, 0, 0),
@@ -88,6 +94,45 @@ def test_a_turned_robot_is_decided_alike(tmp_path: Path, along: tuple[float, ...
     assert straight.parts["arm"].left_out == turned.parts["arm"].left_out
     # 1e-9 m: Newton's iteration of the balance stops there
     assert rests(turned)[0] == pytest.approx(R @ rests(straight)[0], abs=1e-9)
+
+
+def test_a_base_turned_twice_is_turned_by_the_first_and_then_the_second(tmp_path: Path) -> None:
+    """Axes of the foot by Pinocchio, and the same shares in all that those axes name."""
+    floor = (0.4, 0.9, -0.5)
+    m = arm(tmp_path, rpy=TILTED, floor=floor)
+    R = pin.rpy.rpyToMatrix(*floor) @ pin.rpy.rpyToMatrix(*TILTED)
+    np.testing.assert_allclose(base_axes(m.links, m.parts), R, atol=1e-12)
+    every = [f"flexible.arm.{key}=true" for key in ("axial", "bending_y", "bending_z", "torsion")]
+    both = [pf.load(x.description, every) for x in (m, arm(tmp_path))]
+    turned, straight = (shares(x.description, x.links, x.parts, x.flexible, x.home) for x in both)
+    for case in straight:
+        for key, share in straight[case].items():
+            assert turned[case][key] == pytest.approx(share, abs=1e-9), (case, key)
+
+
+@pytest.mark.parametrize("middle", [0.5, 0.45])
+@pytest.mark.parametrize(("share", "kept"), [(1.5e-3, True), (0.8e-3, False)])
+def test_what_pieces_cost_together_counts(
+    middle: float, share: float, kept: bool, tmp_path: Path
+) -> None:
+    """A bar of two pieces, alike or not, pushed beside its axis: each stretches by half of that.
+
+    Under a push F at a distance h its stretch bears F^2 L / EA, its bending F^2 h^2 L / EI.
+    """
+    h = float(np.sqrt((1.0 / share - 1.0) * IZ / 4.0e-4))
+    bodies = (
+        Body("one", "base"),
+        Body("two", "one", xyz=(middle, 0, 0)),
+        Body("corner", "two", xyz=(1.0 - middle, 0, 0)),
+        Body("tip", "corner", xyz=(0, h, 0)),
+    )
+    bar = f"{ARM}    bending_z: false\n    torsion: false\n    up: [0, 0, 1]\n"
+    words = "gravity: [0, 0, 0]\nactuated: []\nplatform: tip\nflexible:\n"
+    words += f"  one:{bar.replace('tip', 'two')}  two:{bar.replace('tip', 'corner')}"
+    m = load(tmp_path, bodies, words)
+    assert [("u" in part.planes) for part in m.parts.values()].count(True) == (
+        0 if not kept else 2 if middle == 0.5 else 1  # the shorter one alone costs too little
+    )
 
 
 def test_a_patch_across_the_joints_is_seen(tmp_path: Path) -> None:
