@@ -308,6 +308,24 @@ altered("pinflex.levels.ked", "np.add.at(load, at, more)", "pass")
 """,
         ["tests/levels/test_jumps.py"],
     ),
+    "compare: only the band counts": (
+        """
+altered("pinflex.results.verdict", "return max(band, tol * deviation)", "return band")
+""",
+        ["tests/unit/results/test_comparison.py"],
+    ),
+    "damping of what a motion excites is twice as large": (
+        """
+altered("pinflex.levels.excited", "/ (2.0 * omega)", "/ omega")
+""",
+        ["tests/unit/studies/test_check_damping.py"],
+    ),
+    "rotors do not shake the frame": (
+        """
+altered("pinflex.recovery.reactions", "axes @ (model.armature * A)", "0.0 * axes @ A")
+""",
+        ["tests/verification/test_elastic_drives.py"],
+    ),
 }
 _LONG = "tests/hard/test_steps.py::test_a_hundred_thousand_steps_do_not_drift_off_the_loop"
 _RUN = """

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _EVERY, _LEAST = 16, 6
 _KEPT = 4  # of a run: at its samples, where a platform's motor motion is interpolated, for scales
 _CORRECTIONS = 5  # from a quintic two are usual
+_CUTS = 7  # of the way from one instant to the next: a motion of three samples is followed
 _NEAR = 0.1  # of the way between known instants: a prediction further off follows no branch
 
 
@@ -56,6 +57,7 @@ class Nominal:
         return np.hstack([self.q, np.zeros((len(self.t), n_eta))])
 
 
+Instant = tuple[float, Array, Array, Array]  # t [s], q (nq,), v and a (nv,)
 _recent: list[tuple[Mechanism, Motion, Nominal]] = []
 
 
@@ -163,20 +165,44 @@ def _march(path: Path, t: Array) -> Nominal:
     q = np.empty((n, system.nq))
     v, a = np.empty((n, system.nv)), np.empty((n, system.nv))
     imposed = path.imposed(t)
-    pose, path.sign = path.start(imposed), 0.0
-    for k in range(n):
-        if k:
-            dt = t[k] - t[k - 1]
-            guess = path.dynamics.integrate(pose, dt * v[k - 1] + 0.5 * dt * dt * a[k - 1])
-            try:
-                pose = path.solve(guess, imposed[0][k], t[k])
-            except SceneError:
-                path.locate(pose, t[k - 1], t[k])
-                raise
-        v[k], a[k] = path.rates(pose, imposed[1][k], imposed[2][k], t[k])
-        path.dynamics.require_on_beams(pose, path.mechanism.name, float(t[k]))
-        q[k] = pose
+    q[0], path.sign = path.start(imposed), 0.0
+    v[0], a[0] = path.rates(q[0], imposed[1][0], imposed[2][0], t[0])
+    path.dynamics.require_on_beams(q[0], path.mechanism.name, float(t[0]))
+    times = t.tolist()
+    now = times[0], q[0], v[0], a[0]
+    for k in range(1, n):
+        now = _step(path, now, times[k], (imposed[0][k], imposed[1][k], imposed[2][k]))
+        _, q[k], v[k], a[k] = now
     return Nominal(t, q, v, a)
+
+
+def _step(
+    path: Path, before: Instant, t: float, imposed: tuple[Array, Array, Array], cuts: int = _CUTS
+) -> Instant:
+    """From one instant to another; by halves where it is so far that the branch is not plain.
+
+    Args:
+        path: Path, on its branch. before: The instant before. t: The next one [s].
+        imposed: There, position, speed and acceleration, shape (k,) each.
+        cuts: How often the way may be halved.
+    """
+    begin, q, v, a = before
+    dt, sign = t - begin, path.sign
+    guess = path.dynamics.integrate(q, dt * v + 0.5 * dt * dt * a)
+    try:
+        pose = path.solve(guess, imposed[0], t)
+        rates = path.rates(pose, imposed[1], imposed[2], t)
+        if not cuts or path.near(guess, pose):
+            path.dynamics.require_on_beams(pose, path.mechanism.name, t)
+            return t, pose, *rates
+    except SceneError:
+        if not cuts:
+            path.locate(q, begin, t)
+            raise
+    path.sign, middle = sign, 0.5 * (begin + t)
+    p, v_in, a_in = (x[0] for x in path.imposed(np.array([middle])))
+    half = _step(path, before, middle, (p, v_in, a_in), cuts - 1)
+    return _step(path, half, t, imposed, cuts - 1)
 
 
 def _filled(path: Path, known: Nominal, t: Array) -> Nominal | None:

@@ -21,6 +21,8 @@ from pinflex.mechanics.manifold import Manifold
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
 
+_MEANT = 0.2  # rad, or of the mechanism's length: from there Newton may end on another branch
+
 
 def underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
     """The error of motors that leave coordinates undetermined.
@@ -59,6 +61,7 @@ class Path:
             equations += len(motion.names)
             imposed = np.where(self.platform.turning, 1.0, 1.0 / units.length)
             per_row = np.concatenate([per_row, imposed])
+        self._columns = units.columns
         self._factors = per_row[:, None] * units.columns[self.unknown]
         if equations != len(self.unknown):
             raise self._wrong_count(equations)
@@ -99,6 +102,15 @@ class Path:
         """A Jacobian (..., rows, unknown) without units, as `assembly.Units` has it."""
         pure: Array = J * self._factors
         return pure
+
+    def near(self, guess: Array, pose: Array) -> bool:
+        """Whether a pose is what a guess meant, whatever else closes the loops.
+
+        Args:
+            guess, pose: q, shape (nq,) each.
+        """
+        off = np.abs(self.manifold.log(guess[None], pose[None])[0]) / self._columns
+        return bool(np.max(off, initial=0.0) < _MEANT)
 
     # One instant ---------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.mechanics.equations import Equations
+from pinflex.recovery.reactions import shaking
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
 from pinflex.viewer.torque_speed import torque_speed
@@ -453,3 +454,13 @@ def test_the_yaml_comes_before_the_urdf(tmp_path: Path) -> None:
     own = said["own"]
     assert own.drive is not None and own.friction is not None
     assert (own.drive.gear, own.friction.coulomb, own.damper) == (50.0, 2.0, 0.5)
+
+
+def test_a_rotor_shakes_the_frame_by_its_own_spin(tmp_path: Path) -> None:
+    """A disk of 0.3 kg m^2 and a rotor of 0.2 kg m^2 on its joint: -(0.3 + 0.2) a about z."""
+    disk = Body("disk", "base", "continuous", mass=1.0, inertia=(0.2, 0.2, 0.3))
+    m = load(tmp_path, [disk], "gravity: [0, 0, 0]\nactuated: [disk_joint]\n"
+             "joints: {disk_joint: {rotor_inertia: 0.2}}\n"
+             "motion: {kind: formula, joints: {disk_joint: t^2}, duration: 1}\n")  # fmt: skip
+    found = shaking(m, pf.solve(m, level="rigid", samples=3))
+    np.testing.assert_allclose(found, [[0, 0, 0, 0, 0, -1.0]] * 3, atol=1e-12)

@@ -262,3 +262,10 @@ def test_quintics_are_those_of_scipy() -> None:
     at = np.linspace(t[0], t[-1], 97)
     for order, found in enumerate(_hermite(t, values)(at)):
         np.testing.assert_allclose(found, expected(at, order), rtol=1e-13, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["3rrr", "delta", "hexapod", "race_r2"])
+def test_three_samples_are_followed_as_finely_as_it_takes(name: str) -> None:
+    """Half a turn of 3rrr in one step was refused as singular: the guess led to another branch."""
+    few, many = (pf.solve(name, level="rigid", samples=n) for n in (3, 401))
+    assert np.max(np.abs(few.torque - many.torque[::200])) < 1e-8 * np.max(np.abs(many.torque))

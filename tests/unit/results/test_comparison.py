@@ -9,7 +9,7 @@ import pytest
 from pinflex.errors import DescriptionError
 from pinflex.results.comparison import comparison
 from pinflex.results.result import Result, peak, rms
-from pinflex.results.verdict import criterion
+from pinflex.results.verdict import criterion, platform_allowed
 from tests.synthetic import synthetic_result
 
 
@@ -215,3 +215,8 @@ def test_runs_of_different_models_are_not_compared(rigid, flexible):
     other = replace(flexible, meta={**flexible.meta, "actuated": ["a", "b", "c"]})
     with pytest.raises(DescriptionError, match="Compare runs of one model"):
         comparison(rigid, {"other": other})
+
+
+def test_a_platform_may_be_off_by_the_band_or_the_share_whichever_is_more() -> None:
+    assert platform_allowed(0.1, 0.05, 50e-6) == pytest.approx(5e-3)  # 5 % of 10 cm
+    assert platform_allowed(1e-6, 0.05, 50e-6) == 50e-6

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.description.motion import from_spec
+from pinflex.levels.excited import ringing
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
 from tests.scenes import UNIT_BEAM, Body, load
@@ -55,3 +57,15 @@ def test_a_damper_on_a_spring_is_that_of_an_oscillator(tmp_path: Path) -> None:
     plain = load(tmp_path, bodies, f"gravity: [0, 0, 0]\nactuated: []\n{spring}")
     assert check(plain).damping == (0.0,)
     assert "damping ratio" not in write(check(plain))
+
+
+def test_the_ringing_of_a_motion_has_the_ratio_of_its_link(tmp_path: Path) -> None:
+    """A beam on a motor, held there: its modes are those of the link, whose ratio is 0.02."""
+    bodies = (Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(1, 0, 0)))
+    words = "gravity: [0, 0, 0]\nactuated: [beam_joint]\ndamping: {modal: 0.02}\n"
+    move = "motion: {kind: quintic, joints: {beam_joint: 0.3}, duration: 1}\nflexible:"
+    m = load(tmp_path, bodies, f"{words}{move}{UNIT_BEAM}")
+    found = ringing(m, from_spec(m.description.motion, "motion", None))
+    np.testing.assert_allclose(found.damping, 0.02, rtol=1e-6)
+    # 1e-4: what two internal modes leave of 1.8751^2 / (2 pi)
+    assert found.frequencies[0] == pytest.approx(1.87510407**2 / (2 * np.pi), rel=1e-4)
