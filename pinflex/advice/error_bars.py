@@ -1,7 +1,7 @@
 """What the model of a run leaves out: measured against a richer one by a cheap look at both.
 
 The richer model has every plane, stretch and twist, second-order terms, shear and rotary inertia
-and one more segment in each link (`pinflex.advice.finer`). Both models are looked at along the
+and twice the segments in each link (`pinflex.advice.finer`). Both models are looked at along the
 whole motion by linear vibration, twice corrected for what is not linear (pinflex.advice.probe), on
 the same instants, so that what the look itself misses is missed twice and cancels; what a shifted
 frequency makes of a long vibration is in it. Where no cheap look describes the motion, the richer
@@ -12,7 +12,7 @@ before it is asked for.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -22,9 +22,17 @@ import numpy as np
 from pinflex.advice.finer import finer_model
 from pinflex.advice.probe import Deviation, Probe
 from pinflex.advice.reduced_models import SAFETY, Errors
-from pinflex.advice.second_run import links_apart, platform_acceleration, run_apart, shared
+from pinflex.advice.second_run import (
+    links_apart,
+    platform_acceleration,
+    pose_of,
+    richer_run,
+    run_apart,
+    shared,
+)
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
+from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import ConvergenceError, PinflexError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, STILL, between, platform_poses, relative
@@ -35,6 +43,7 @@ from pinflex.recovery.recover import result_of
 from pinflex.recovery.sections import deflections
 from pinflex.results.error_bars import NOT_MEASURED, ErrorBars, time_error
 from pinflex.results.result import Result
+from pinflex.rotations import zyx_angles
 from pinflex.threads import one_blas_thread
 
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
@@ -182,15 +191,63 @@ def _apart(
 ) -> Errors:
     """Largest differences of a level of one model from all of another, by output."""
     with one_blas_thread():
-        probe = Probe(mechanism, motion, end, static)
-        if probe.first * end > _PERIODS:
-            raise ConvergenceError("it is long beside its first natural period")
-        small = look(probe, motion, level)
-        probe = Probe(finer, motion, end, static, small.probe.steps - 1, like=small.probe)
-        large = look(probe, motion)
+        small, large = _looks(mechanism, finer, motion, end, static, level)
         found = links_apart(small.result, large.result) | differences(small, large)
         found |= platform_acceleration(small.result, large.result)
         return {key: found[key] for key in _TOLD if key in found}
+
+
+def _looks(
+    mechanism: Mechanism, finer: Mechanism, motion: Motion, end: float, static: bool, level: str
+) -> tuple[Seen, Seen]:
+    """A level of one model and all of another, at the same instants."""
+    probe = Probe(mechanism, motion, end, static)
+    if probe.first * end > _PERIODS:
+        raise ConvergenceError("it is long beside its first natural period")
+    small = look(probe, motion, level)
+    probe = Probe(finer, motion, end, static, small.probe.steps - 1, like=small.probe)
+    return small, look(probe, motion)
+
+
+def platform_bar(
+    mechanism: Mechanism, names: Sequence[str], motion: Motion, run: Result | None = None
+) -> tuple[Array, str]:
+    """Bar on platform coordinates, for what a model leaves out of a motion from equilibrium.
+
+    Args:
+        mechanism: With a platform.
+        names: Among x y z rz ry rx.
+        motion: Of the motors.
+        run: Of level coupled, with `motion`. Where no cheap look tells, a run of the richer model
+            beside it does.
+    Returns:
+        Bars [m | rad], shape (k,), and against what; NaN where nothing tells, and why.
+    """
+    if not mechanism.parts:
+        return np.full(len(names), np.nan), f"{NOT_MEASURED}: no link is flexible"
+    try:
+        finer, what = finer_model(mechanism)
+        a, b = _poses(mechanism, finer, motion, run)
+    except (PinflexError, np.linalg.LinAlgError) as failed:
+        return np.full(len(names), np.nan), f"{NOT_MEASURED}: {failed}"
+    turned = (zyx_angles(a[1]) - zyx_angles(b[1]) + np.pi) % (2.0 * np.pi) - np.pi
+    away = np.concatenate([a[0] - b[0], turned], axis=1)
+    columns = [PLATFORM_COORDINATES.index(name) for name in names]
+    return SAFETY * np.max(np.abs(away[:, columns]), axis=0), f"against {what}"
+
+
+def _poses(
+    mechanism: Mechanism, finer: Mechanism, motion: Motion, run: Result | None
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Positions (n, 3) and rotations (n, 3, 3) of the platform in two models."""
+    try:
+        with one_blas_thread():
+            small, large = _looks(mechanism, finer, motion, motion.duration, True, "coupled")
+            return small.platform, large.platform
+    except (PinflexError, np.linalg.LinAlgError):
+        if run is None:
+            raise
+    return pose_of(run), pose_of(richer_run(run, finer, motion, {}, True))
 
 
 def described(probe: Probe) -> Deviation:

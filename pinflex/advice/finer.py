@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 from pinflex.advice.reduced_models import LARGEST, PLANES, beams
@@ -16,7 +17,7 @@ _MORE_MODES = 6  # of a solid: the next six tell what all others leave, to a thi
 
 
 def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
-    """The scene with all deformations, second order and more segments; and what that is.
+    """The scene with all deformations, second order and twice the segments; and what that is.
 
     Of solids with more modes, and with shorter cells where pinflex makes the mesh.
 
@@ -45,17 +46,23 @@ def _richer(mechanism: Mechanism) -> Iterator[tuple[list[str], str]]:
         return
     full = "second order, stretch and twist"
     # Shapes that move at the root, under a sleeve, take one segment only.
-    for more, thick in ((1, True), (1, False), (0, True), (0, False)):
+    for more, thick in itertools.product((_double, _one, _none), (True, False)):
+        added = {part.link: more(part.spec.segments) for part in cut}
+        if more is _one and all(part.spec.segments == 1 for part in cut):
+            continue
         changes = list(own)
         for part in cut:
             at = f"flexible.{part.link}"
             changes += [f"{at}.{key}=true" for key, _ in PLANES.values()]
-            changes += [f"{at}.second_order=true", f"{at}.segments={part.spec.segments + more}"]
+            changes += [
+                f"{at}.second_order=true",
+                f"{at}.segments={part.spec.segments + added[part.link]}",
+            ]
             changes += [f"{at}.{key}=true" for key in _THICK] if thick else []
-            if not more:
+            if more is _none:
                 changes += _more_shapes(part)
         said = [words] if words else []
-        said += ["one more segment" if more else "more modes", full]
+        said += [_said(max(added.values())), full]
         yield changes, ", ".join([*said, *(["shear and rotary inertia"] if thick else [])])
 
 
@@ -67,6 +74,23 @@ def _more_shapes(part: FlexiblePart) -> list[str]:
     if basis.kind == "assumed":
         return [f"{at}.modes={basis.modes + max(1, basis.modes // 2)}"]
     return []
+
+
+def _double(segments: int) -> int:
+    """A quarter of an error of second order in their length is left."""
+    return segments
+
+
+def _one(segments: int) -> int:
+    return 1
+
+
+def _none(segments: int) -> int:
+    return 0
+
+
+def _said(added: int) -> str:
+    return ("more modes", "one more segment")[added] if added < 2 else "twice the segments"
 
 
 def solids(mechanism: Mechanism) -> list[FlexiblePart]:

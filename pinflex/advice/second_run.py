@@ -42,6 +42,14 @@ def run_apart(
     Raises:
         ConvergenceError: The richer run takes too long, or does not come to its end.
     """
+    other = richer_run(result, finer, motion, options, static)
+    return outputs_apart(result, other, free(finer))
+
+
+def richer_run(
+    result: Result, finer: Mechanism, motion: Motion, options: Mapping[str, Any], static: bool
+) -> Result:
+    """A run of a richer model at the instants of another; arguments as of `run_apart`."""
     given = {k: x for k, x in options.items() if k not in _OF_THE_METHOD and x is not None}
     tol = min(float(result.meta["settings"].get("tol", _TOL)), _TOL)
     until, began = float(result.t[-1]), time.process_time()
@@ -51,8 +59,7 @@ def run_apart(
             raise ConvergenceError(f"its run takes more than {_LONGEST:g} s")
 
     keys = {**given, "start": "static" if static else "straight", "until": until, "tol": tol}
-    other = solve_level(finer, motion, "coupled", samples=len(result.t), progress=watch, **keys)
-    return outputs_apart(result, other, free(finer))
+    return solve_level(finer, motion, "coupled", samples=len(result.t), progress=watch, **keys)
 
 
 def free(mechanism: Mechanism) -> bool:
@@ -137,9 +144,7 @@ def _platform(a: Result, b: Result, free: bool) -> dict[str, float]:
         return {}
     known = not free and name in b.meta["bodies"]
     rigid = b.array(f"body/{name}/pose_rigid") if known else None
-    (p, R), (p_b, R_b) = (
-        (run.array(f"frame/{name}/position"), run.array(f"frame/{name}/rotation")) for run in (a, b)
-    )
+    (p, R), (p_b, R_b) = pose_of(a), pose_of(b)
     p_r, R_r = (p_b[:1], R_b[:1]) if rigid is None else (rigid[:, :, 3], rigid[:, :, :3])
     pairs = {
         "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
@@ -150,6 +155,12 @@ def _platform(a: Result, b: Result, free: bool) -> dict[str, float]:
     }
     found = {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}
     return found | platform_acceleration(a, b)
+
+
+def pose_of(run: Result) -> tuple[Array, Array]:
+    """Positions (n, 3) [m] and rotations (n, 3, 3) of the platform in a run."""
+    name = run.meta["platform"]
+    return run.array(f"frame/{name}/position"), run.array(f"frame/{name}/rotation")
 
 
 def shared(x: Array, at: Array) -> tuple[list[int], list[int]]:

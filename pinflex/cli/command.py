@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
     """Find a command, write it, hold it against a forward run."""
     import numpy as np
 
+    from pinflex.advice.error_bars import platform_bar
     from pinflex.inversion.command import command
     from pinflex.inversion.verify import followed
     from pinflex.results.drives import drive_table, row_of
@@ -87,13 +89,16 @@ def run(args: argparse.Namespace) -> int:
                     coordinates=found.coordinates, instants=len(found.t), limited=False,
                 )  # fmt: skip
             runs = {level: followed(mechanism, motion, x) for level, x in commands.items()}
+    model = found.model_error, found.model_note
+    if runs and not np.all(np.isfinite(model[0])):
+        model = platform_bar(mechanism, found.coordinates, found.motion, runs[found.level].run)
     files = [] if args.output is None else [found.to_csv(args.output)]
     files += _shown(args, commands, runs)
     rows = [
         row_of(found.level, name, side, np.array(found.limit_curves[name]).reshape(-1, 2))
         for name, side in found.drives.items()
     ]
-    data = _numbers(found, runs) | {"drives": [asdict(row) for row in rows], "files": files}
+    data = _numbers(found, model, runs) | {"drives": [asdict(row) for row in rows], "files": files}
     if args.json:
         print_json(data)
     else:
@@ -122,7 +127,8 @@ def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, A
     return files
 
 
-def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
+def _numbers(found: Any, model: tuple[Any, str], runs: dict[str, Any]) -> dict[str, Any]:
+    known = [float(x) if math.isfinite(x) else None for x in model[0]]
     return {
         "name": found.name,
         "level": found.level,
@@ -132,6 +138,8 @@ def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
         "actuation": found.actuation,
         "instants": len(found.t),
         "error": dict(zip(found.coordinates, map(float, found.error), strict=True)),
+        "model_error": dict(zip(found.coordinates, known, strict=True)),
+        "model_note": model[1],
         "motors": {
             name: {
                 "unit": unit,
@@ -151,17 +159,21 @@ def _numbers(found: Any, runs: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _bars(errors: dict[str, float | None]) -> str:
+    return ", ".join(
+        f"{name} {'?' if e is None else length(e) if len(name) == 1 else f'{1e3 * e:.2g} mrad'}"
+        for name, e in errors.items()
+    )
+
+
 def _text(data: dict[str, Any], drives: str) -> str:
     rest = f"{data['before']:.3g} s of rest ahead and {data['after']:.3g} s after"
-    error = ", ".join(
-        f"{name} {length(e) if len(name) == 1 else f'{1e3 * e:.2g} mrad'}"
-        for name, e in data["error"].items()
-    )
     head = (
         f"{data['name']}: the {data['level']} command takes {data['duration']:.4g} s, with {rest}; "
         f"motors move from {data['actuation'][0]:.3g} s before the platform to "
         f"{data['actuation'][1]:.3g} s after it. "
-        f"Estimated error of the platform: {error}."
+        f"Estimated error of the platform: {_bars(data['error'])}, had the robot this model; by "
+        f"what the model leaves out {_bars(data['model_error'])} ({data['model_note']})."
     )
     motors = [
         [name, m["unit"], number(m["torque"]), number(m["rms"]), number(m["speed"])]

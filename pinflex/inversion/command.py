@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pinflex.advice.error_bars import platform_bar
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.cards import card, grid, pairs
@@ -21,13 +22,14 @@ from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
 from pinflex.inversion.grid import instants_over
 from pinflex.inversion.instant import Balanced, Instant
-from pinflex.inversion.internal import actuated_at_rest, rest_needed, zeros
+from pinflex.inversion.internal import Poles, internal_poles
 from pinflex.inversion.limits import require_within_curves, require_within_limits
 from pinflex.inversion.on_grid import on_grid
 from pinflex.inversion.target import target
 from pinflex.mechanics.joints import sliding
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.recovery.drives import drives
+from pinflex.results.error_bars import NOT_MEASURED
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
 from pinflex.writing import write_csv
@@ -60,9 +62,12 @@ class Command:
         before, after: Rest ahead of the platform's motion and after it [s].
         coordinates: Platform coordinates that follow the path.
         reference: Their values [m | rad], shape (nt, k).
-        error: Bar on the largest error of each coordinate in t [m | rad], shape (k,): of level
-            quasistatic in a forward run, vibration included; of level rigid what the quasistatic
-            command corrects.
+        error: Bar on the largest error of each coordinate [m | rad], shape (k,), had the robot this
+            model (`model_error` tells what that leaves out): of level exact by the instants and
+            the rest, also after the motors stop; of level quasistatic in a forward run, vibration
+            included; of level rigid what the quasistatic command corrects.
+        cut_off: Level exact: the part of it, shape (k,), by a rest too short for the motors; more
+            `after` lowers it.
         changes: Level quasistatic: largest change of a motor position from pass to pass.
         iterations: Level exact: linear systems solved; 0 where elastic drives alone give way.
         drives: Of each drive both sides of the gear, by key as in a Result: motor_position,
@@ -84,11 +89,33 @@ class Command:
     coordinates: tuple[str, ...]
     reference: Array
     error: Array
+    cut_off: Array = field(default_factory=lambda: np.zeros(0))
     changes: tuple[float, ...] = ()
     iterations: int = 0
     drives: dict[str, dict[str, Array]] = field(default_factory=dict)
     limit_curves: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     curve: Callable[..., Array] = field(default=np.zeros, compare=False)
+    look: Callable[[Motion], tuple[Array, str]] | None = field(default=None, compare=False)
+
+    @cached_property
+    def _model(self) -> tuple[Array, str]:
+        none = np.full(len(self.coordinates), np.nan), NOT_MEASURED
+        return none if self.look is None else self.look(self.motion)
+
+    @property
+    def model_error(self) -> Array:
+        """Bar on the error of each coordinate by what the model leaves out [m | rad], shape (k,).
+
+        Twice what a cheap look at a richer model does otherwise with the same motors (twice the
+        segments, second order, stretch, twist, shear). NaN where none tells; found when
+        first asked for.
+        """
+        return self._model[0]
+
+    @property
+    def model_note(self) -> str:
+        """What `model_error` is measured against, or why it is not."""
+        return self._model[1]
 
     def __repr__(self) -> str:
         parts = zip(self.coordinates, self.error, strict=True)
@@ -98,7 +125,10 @@ class Command:
         words = " and ".join(
             f"{1e6 * error:.3g} {'um' if n == 1 else 'urad'}" for n, error in largest.items()
         )
-        return f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}>"
+        return (
+            f"<Command {self.name}, {self.level}, {self.t[-1]:.4g} s; platform within {words}, "
+            "and model_error by what the model leaves out>"
+        )
 
     def plot(self, panel: str | None = None, ax: Axes | None = None) -> Any:
         """Draw how far the motors move, and torques; returns the matplotlib axes.
@@ -186,9 +216,10 @@ def command(
         level: "rigid": inverse kinematics. "quasistatic": an asymptotic series, for motions slower
             than the vibrations. "exact": stable inversion, for any motion that is smooth.
         tol: Error of the platform as a share of what the rigid command misses; the grid is refined
-            until the estimate is below it. Default: one grid.
+            until the estimate is below it, but for `Command.cut_off`. Default: one grid.
         coordinates: Platform coordinates that follow, among x y z rz ry rx; default: those of the
-            motion, or as many independent ones as there are motors.
+            motion, or as many independent ones as there are motors. Fewer than motors: what moves
+            none of them stays on the rigid motion, and the links swing freely there.
         before, after: Rest ahead of the motion and after it, s; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
         instants: Number of grid points; default: 150 over the motion, of level exact more where
@@ -214,14 +245,17 @@ def command(
     _require_numbers(mechanism.name, level, tol, before, after, instants)
     motion = motion if motion is not None else default_motion(mechanism)
     _require_smooth(mechanism, motion)
-    ahead, behind = _rests(mechanism, level, before, after)
+    held = tuple(coordinates or (motion.names if motion.target == "platform" else ()))
+    poles = internal_poles(mechanism, motion, held) if _asks(level, before, after) else None
+    ahead, behind = _rests(mechanism.name, poles, level, before, after)
     span = ahead + motion.duration + behind
     over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
     n = instants or int(np.clip(over * span / motion.duration, _LEAST, _MOST))
     best = np.inf
     while True:
-        found, rigid = _on_grid(mechanism, motion, level, coordinates, ahead, behind, n)
-        missed = float(np.max(found.error / np.maximum(rigid, 1e-300)))
+        found, rigid = _on_grid(mechanism, motion, level, held, poles, (ahead, behind), n)
+        by_grid = found.error - found.cut_off
+        missed = float(np.max(by_grid / np.maximum(rigid, 1e-300)))
         if tol is None or missed <= tol:
             break
         if missed > _NO_BETTER * best or n >= _MOST:  # the last grid said so at 1.6 times the cost
@@ -263,25 +297,28 @@ def _require_numbers(
             raise DescriptionError(f"{name}: command: {key} = {time!r}. Give seconds, 0 or more.")
 
 
+def _asks(level: str, before: float | None, after: float | None) -> bool:
+    """Whether a command asks what rest the internal dynamics need."""
+    return level == "exact" or before is None or after is None
+
+
 def _rests(
-    mechanism: Mechanism, level: str, before: float | None, after: float | None
+    name: str, poles: Poles | None, level: str, before: float | None, after: float | None
 ) -> tuple[float, float]:
     """Rest ahead of the motion and after it [s]: as asked, else from the internal dynamics.
 
     Raises:
         DescriptionError: What is asked for cuts off motion that an exact command needs ahead.
     """
-    if before is None or after is None:
-        ahead, behind = rest_needed(mechanism)
-        before, after = ahead if before is None else before, behind if after is None else after
-    if level == "exact":
-        least, _ = actuated_at_rest(zeros(mechanism))
-        if before < 0.999 * least:
-            raise DescriptionError(
-                f"{mechanism.name}: command: before = {before:g} s cuts off what the motors must "
-                "do ahead of the motion (the platform is not minimum phase). Give at least "
-                f"{least:.3g} s, or leave it out."
-            )
+    ahead, behind = (0.0, 0.0) if poles is None else poles.rests
+    before, after = ahead if before is None else before, behind if after is None else after
+    least = poles.ahead if poles is not None and level == "exact" else 0.0
+    if before < 0.999 * least:
+        raise DescriptionError(
+            f"{name}: command: before = {before:g} s cuts off what the motors must do ahead of the "
+            f"motion (the platform is not minimum phase). Give at least {least:.3g} s, or leave it "
+            "out."
+        )
     return before, after
 
 
@@ -289,12 +326,13 @@ def _on_grid(
     mechanism: Mechanism,
     motion: Motion,
     level: str,
-    coordinates: tuple[str, ...] | list[str] | None,
-    ahead: float,
-    behind: float,
+    coordinates: tuple[str, ...],
+    poles: Poles | None,
+    rests: tuple[float, float],
     n: int,
 ) -> tuple[Command, Array]:
     """A command on n instants, and by how much the rigid one misses, by coordinate."""
+    ahead, behind = rests
     t = np.arange(n + _TAIL, dtype=float) * ((ahead + motion.duration + behind) / (n - 1))
     wanted = target(mechanism, motion, t, ahead, coordinates)
     instant = Instant(mechanism, wanted)
@@ -304,6 +342,9 @@ def _on_grid(
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
     curve = answer.curve or spline(t, position)
+    window = np.zeros(len(wanted.names))
+    if poles is not None and answer.swing is not None:
+        window = poles.cut_off(ahead) * answer.missed + answer.swing
     found = Command(
         name=mechanism.name,
         level=level,
@@ -318,7 +359,8 @@ def _on_grid(
         after=behind,
         coordinates=wanted.names,
         reference=wanted.position[kept],
-        error=answer.error,
+        error=answer.error + window,
+        cut_off=window,
         changes=answer.changes,
         iterations=answer.iterations,
         drives=_both_sides(instant, answer.found, curve, kept),
@@ -328,6 +370,7 @@ def _on_grid(
             if extra.drive is not None
         },
         curve=curve,
+        look=partial(platform_bar, mechanism, wanted.names),
     )
     return found, answer.missed
 

@@ -77,10 +77,18 @@ def invert(instant: Instant, start: Balanced) -> Inverted:
         if not size < _ASTRAY:
             break
         new, before = size > _SLOW * before, size
-    h = instant.target.t[1] - instant.target.t[0]
+    h, held = instant.target.t[1] - instant.target.t[0], instant.target.names
+    nm = len(instant.axes.v_at)
+    why = "Ask for more nodes, or slow the motion down."
+    if len(held) < nm:
+        why = (
+            f"{len(held)} coordinate ({', '.join(held)}) for {nm} motors: in what is not named the "
+            "links swing freely about the rigid motion, here too far. Name as many "
+            "coordinates as there are motors, or slow the motion down."
+        )
     raise ConvergenceError(
         f"command: the inversion over {len(start.y)} instants of {h:.3g} s does not settle (last "
-        f"change {size:.2g}). Ask for more nodes, or slow the motion down."
+        f"change {size:.2g}). {why}"
     )
 
 

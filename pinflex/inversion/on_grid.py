@@ -9,6 +9,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.motion import Motion
+from pinflex.inversion.after import swing_after
 from pinflex.inversion.exact import invert
 from pinflex.inversion.flat import flat
 from pinflex.inversion.instant import Balanced, Instant
@@ -28,6 +29,7 @@ class Answer:
         iterations: Of Newton, level exact.
         changes: Of the motors by each term of the series, level quasistatic.
         curve: Motor positions by time and order of derivative, where known in closed form.
+        swing: Bar on the platform when motors stop at the end [m | rad], shape (k,).
     """
 
     found: Balanced
@@ -36,6 +38,7 @@ class Answer:
     iterations: int = 0
     changes: tuple[float, ...] = ()
     curve: Callable[..., Array] | None = None
+    swing: Array | None = None
 
 
 def on_grid(instant: Instant, motion: Motion, level: str, kept: slice) -> Answer:
@@ -67,7 +70,8 @@ def _exact(instant: Instant, motion: Motion, guess: Balanced, missed: Array, kep
     if smooth is None:
         exact = invert(instant, guess)
         error = _at_platform(gain, exact.error[kept])
-        return Answer(exact.found, error, missed, iterations=exact.iterations)
+        swing = swing_after(instant, exact.found, guess, len(gain))
+        return Answer(exact.found, error, missed, iterations=exact.iterations, swing=swing)
     found = Balanced(smooth.poses(t), np.zeros((len(t), instant.rows)), smooth.torque(t))
     error = _at_platform(gain, np.tile(smooth.error, (len(gain), 1)))
     return Answer(found, error, missed, curve=smooth.position)

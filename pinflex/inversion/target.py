@@ -42,6 +42,12 @@ class Target:
     idle: Array
     path: Nominal
 
+    def at(self, some: list[int]) -> Target:
+        """Some of the instants."""
+        keys = ("t", "position", "motors", "gain", "idle")
+        cut = {key: getattr(self, key)[some] for key in keys}
+        return replace(self, **cut, path=self.path.at(some))
+
 
 def delayed(motion: Motion, before: float) -> Motion:
     """The motion with a rest of `before` [s] ahead of it.
