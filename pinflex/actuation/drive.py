@@ -14,6 +14,7 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.laws import SNAP
 from pinflex.description.motion import Motion
+from pinflex.mechanics.followed import Followed
 from pinflex.mechanics.loads import Loads
 
 if TYPE_CHECKING:
@@ -35,9 +36,6 @@ class MotorPath:
     position: Array
     velocity: Array
     acceleration: Array
-
-
-_recent: list[tuple[Mechanism, Motion, tuple[float, float], Callable[[Array], MotorPath]]] = []
 
 
 def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
@@ -68,15 +66,15 @@ def path_between(
         motion: Of motors or of the platform.
         start, end: First and last time that it will be asked for [s].
     """
-    for owner, moved, ends, path in _recent:
-        if owner is mechanism and moved is motion and ends == (start, end):
-            return path
+    for moved, ends, path in mechanism.followed.paths:
+        if moved is motion and ends == (start, end):
+            known: Callable[[Array], MotorPath] = path
+            return known
     if motion.target == "joints":
         found = _path(joint_curve(mechanism, motion))
     else:
         found = _interpolated(mechanism, motion, start, end)[0]
-    _recent.insert(0, (mechanism, motion, (start, end), found))
-    del _recent[_KEPT:]
+    Followed.keep(mechanism.followed.paths, (motion, (start, end), found), _KEPT)
     return found
 
 

@@ -2,8 +2,8 @@
 
 Position by Newton on the closures (and the imposed platform coordinates), velocity and acceleration
 from the same Jacobian, so they are exact. The branch is kept: every instant starts from the last,
-or, where many are asked for, from a polynomial through some of them. The last few motions are kept:
-what runs, what compares and what draws asks for the same one.
+or, where many are asked for, from a polynomial through some of them. The last few motions are kept
+with the mechanism: what runs, what compares and what draws asks for the same one.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
+from pinflex.mechanics.followed import Followed
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -58,7 +59,6 @@ class Nominal:
 
 
 Instant = tuple[float, Array, Array, Array]  # t [s], q (nq,), v and a (nv,)
-_recent: list[tuple[Mechanism, Motion, Nominal]] = []
 
 
 def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
@@ -107,8 +107,7 @@ def nominal_and_more(
     found, others = (both.at(np.searchsorted(every, at)) for at in (t, more))
     for x in (found.t, found.q, found.v, found.a):
         x.setflags(write=False)
-    _recent.insert(0, (mechanism, motion, found))
-    del _recent[_KEPT:]
+    Followed.keep(mechanism.followed.nominals, (motion, found), _KEPT)
     return found, others
 
 
@@ -116,8 +115,9 @@ def _known(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal | None:
     """What needs no solving: open trees, and the last few motions."""
     if motion.target == "joints" and mechanism.rigid.closed.n == 0:
         return _open_tree(mechanism, motion, t)
-    for owner, moved, found in _recent:
-        if owner is mechanism and moved is motion and np.array_equal(found.t, t):
+    for moved, known in mechanism.followed.nominals:
+        if moved is motion and np.array_equal(known.t, t):
+            found: Nominal = known
             return found
     return None
 

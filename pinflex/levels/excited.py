@@ -16,6 +16,7 @@ from pinflex.description.shaping import read as read_shaper
 from pinflex.errors import DescriptionError
 from pinflex.levels.modes import modes
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.followed import Followed
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief
 
@@ -23,8 +24,6 @@ _INSTANTS = 9
 _LOOKED_AT = 9  # lowest modes
 _SEEN = 0.05  # share of the largest energy at which a mode counts
 _SAME = 0.05  # relative: modes so close are one to a shaper
-_recent: list[tuple[Mechanism, Motion]] = []  # newest first: modes of a shaped one are slow to find
-_KEPT = 2
 
 
 @dataclass(frozen=True)
@@ -100,12 +99,10 @@ def default_motion(mechanism: Mechanism) -> Motion:
 
     The same object each time: what is known of a motion is found by it.
     """
-    for known, motion in _recent:
-        if known is mechanism:
-            return motion
-    motion = _written(mechanism)
-    _recent.insert(0, (mechanism, motion))
-    del _recent[_KEPT:]
+    found = mechanism.followed.motions  # modes of a shaped one are slow to find
+    if not found:
+        Followed.keep(found, _written(mechanism), 1)
+    motion: Motion = found[0]
     return motion
 
 

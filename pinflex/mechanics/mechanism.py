@@ -28,6 +28,7 @@ from pinflex.mechanics.compiled import evaluated_by
 from pinflex.mechanics.damping import with_damping
 from pinflex.mechanics.expanded import Attachment, Expansion
 from pinflex.mechanics.expansion import expand, of_model
+from pinflex.mechanics.followed import Followed
 from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.joints import Joint, add_rotors, coordinate_names, joint_of, motor_rows
 from pinflex.mechanics.masses import require_mass
@@ -94,6 +95,11 @@ class Mechanism:
     def compliant(self) -> bool:
         """Whether anything gives way: a flexible link or an elastic joint."""
         return self.flexible is not self.rigid
+
+    @cached_property
+    def followed(self) -> Followed:
+        """Its rigid motions, as far as they were asked for."""
+        return Followed()
 
     @cached_property
     def loose(self) -> System:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from pinflex.boundary import public
 from pinflex.description.description import Description, read
 from pinflex.description.overrides import assignments
 from pinflex.errors import DescriptionError
+from pinflex.mechanics.followed import share
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.columns import Columns, column
@@ -71,7 +71,7 @@ def sweep(
     slides = prismatic(description)
     try:
         records = run(
-            partial(_solved, description, level, groups), dict(zip(named, cases, strict=True)),
+            _Solved(description, level, groups), dict(zip(named, cases, strict=True)),
             jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh,
             progress=callback(progress),
         )  # fmt: skip
@@ -81,10 +81,22 @@ def sweep(
     return _table(named, cases, records, slides)
 
 
-def _solved(
-    description: Description, level: str | None, wanted: Sequence[str], case: Case
-) -> dict[str, Any]:
-    return scene_outputs(load(description.with_overrides(assignments(case))), level, wanted)
+class _Solved:
+    """The outputs of one case after the other; what its rigid joints do alike is found once."""
+
+    def __init__(self, description: Description, level: str | None, wanted: Sequence[str]) -> None:
+        self._description, self._level, self._wanted = description, level, wanted
+        self._last: Mechanism | None = None
+
+    def __reduce__(self) -> tuple[type[_Solved], tuple[Any, ...]]:
+        return _Solved, (self._description, self._level, self._wanted)
+
+    def __call__(self, case: Case) -> dict[str, Any]:
+        mechanism = load(self._description.with_overrides(assignments(case)))
+        if self._last is not None:
+            share(self._last, mechanism)
+        self._last = mechanism
+        return scene_outputs(mechanism, self._level, self._wanted)
 
 
 def described(model: str | Path | Description | Mechanism) -> Description:

@@ -21,6 +21,7 @@ from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.parameters import Parameter, parameters
 from pinflex.errors import DescriptionError, PinflexError
+from pinflex.mechanics.followed import share
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.results.result import Result
@@ -45,7 +46,9 @@ class Variants:
 
     def at(self, values: Mapping[str, float]) -> Mechanism:
         """The robot with other values of some parameters, by their keys."""
-        return load(self.described(values))
+        found = load(self.described(values))
+        share(self.base, found)
+        return found
 
     def described(self, values: Mapping[str, float]) -> Description:
         """The description with other values of some parameters, by their keys."""
