@@ -64,6 +64,10 @@ INTEGERS = {
     "entry_at": ("tracks+1",),
     **dict.fromkeys(("entry_row", "entry_i", "entry_j"), ("*entry_at",)),
     **dict.fromkeys(("piece_at", "power_at"), ("tracks+1",)),
+    **dict.fromkeys(("g_rest", "sum_from"), ("rows",)),
+    "sum_at": ("rows+1",),
+    "square_at": ("squares+1",),
+    "square_eta": ("squares",),
 }
 NUMBERS = {
     "gravity": (3,),
@@ -100,6 +104,8 @@ NUMBERS = {
     **dict.fromkeys(("stretch_length", "stretch_from"), ("*stretch_at",)),
     **dict.fromkeys(("piece_start", "piece_half"), ("*piece_at",)),
     "power": ("*power_at",),
+    "sum": ("*sum_at",),
+    "square": ("*square_at",),
 }
 # Arrays of indices, and what they point into.
 _INTO: dict[str, str | int] = {
@@ -182,6 +188,7 @@ class Tables:
         if np.any(n * directions * np.diff(points) != np.diff(at)):
             raise PinflexError("kernel: bent_at: rows that do not fit their points.")
         self._check_sleeves(sizes)
+        self._check_squares(sizes)
         for name in (*INTEGERS, *NUMBERS):
             if name.endswith("_at") and name not in ("q_at", "v_at"):
                 array = self._arrays[name]
@@ -216,3 +223,16 @@ class Tables:
         )  # fmt: skip
         if not sound:
             raise PinflexError("kernel: sleeves: tables that do not fit each other.")
+
+    def _check_squares(self, sizes: Mapping[str, int]) -> None:
+        """Each within the coordinates, and sums of squares that there are."""
+        a, count = self._arrays, self.counts["squares"]
+        summed = np.diff(a["sum_at"])
+        sound = (
+            np.all(a["square_eta"] >= 0)
+            and np.all(a["square_eta"] + np.diff(a["square_at"]) <= sizes["n_eta"])
+            and np.all(a["sum_from"] >= 0) and np.all(a["sum_from"] + summed <= count)
+            and np.all((a["g_rest"] >= a["g_at"][:-1]) & (a["g_rest"] <= a["g_at"][1:]))
+        )  # fmt: skip
+        if not sound:
+            raise PinflexError("kernel: squares: sums of squares that are none.")

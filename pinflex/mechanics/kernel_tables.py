@@ -32,6 +32,7 @@ from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.sleeve_tables import sleeve_tables
 from pinflex.mechanics.slider import Contact, Segment, Sleeve
+from pinflex.mechanics.squares import square_tables
 from pinflex.mechanics.system import Springs, System
 
 REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
@@ -171,6 +172,7 @@ def tables(system: System) -> Tables:
         "legs": len(arrays["range_at"]) - 1, "couplings": len(closed.coupled.rows),
         "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
         "sleeves": len(closed.contacts), "tracks": len(arrays["track_n"]),
+        "squares": len(arrays["square_eta"]),
     }  # fmt: skip
     return Tables(counts, arrays)
 
@@ -284,8 +286,9 @@ def _map(expansion: Expansion) -> dict[str, Any]:
     rows |= _columns(expansion)
     whole = {name: np.concatenate([np.zeros(0), *parts]) for name, parts in rows.items()}
     for name in ("phi", "g"):
-        whole[f"{name}_at"] = np.concatenate([[0], np.cumsum(whole.pop(f"{name}_n"))])
-    return whole
+        counts = whole.pop(f"{name}_n").astype(np.intp)
+        whole[f"{name}_at"] = np.concatenate([[0], np.cumsum(counts)])
+    return whole | square_tables(expansion, whole["g_at"])
 
 
 def _columns(expansion: Expansion) -> dict[str, list[Any]]:

@@ -28,6 +28,7 @@ typedef struct {
   Int joint_springs, rubs, legs;          /* legs: children of the base */
   Int couplings, added, bent;             /* joints that follow; added masses; large bends */
   Int sleeves, tracks;                    /* on beams; motions of sections along a beam */
+  Int squares;                            /* psi . eta, squared: rows of G as sums of them */
   const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
   const Int *parent, *kind, *node_q, *node_v;              /* nodes */
   const Int *point_node, *point_q, *point_v;               /* mass points */
@@ -53,6 +54,8 @@ typedef struct {
   const Int *track_n, *track_degrees;                      /* coordinates; degree + 1 */
   const Int *entry_at, *entry_row, *entry_i, *entry_j;     /* of Phi (j = -1) and G, see track.c */
   const Int *piece_at, *power_at;
+  const Int *g_rest, *sum_from, *sum_at;                   /* products up to g_rest, then a sum */
+  const Int *square_at, *square_eta;                       /* psi, from the coordinate square_eta */
   const double *gravity;
   const double *R0, *p0, *axis, *mass, *com, *inertia;     /* nodes */
   const double *point_R, *point_p, *point_mass;
@@ -69,6 +72,7 @@ typedef struct {
   const double *sleeve_frame, *sleeve_half;                /* [R | p] of b, (3, 4); a, m */
   const double *stretch_frame, *stretch_length, *stretch_from; /* root, (3, 4); m; on the link, m */
   const double *piece_start, *piece_half, *power;          /* m; (pieces, degree + 1, entries) */
+  const double *sum, *square;
 } Tables;
 
 /* A frame of the tree at one instant. In its own axes: w, alpha rates of turn, a the acceleration
@@ -85,6 +89,7 @@ typedef struct {
   int moving; /* whether velocities of nodes are wanted */
   const Lane *eta, *rate, *growth; /* what `expand` was given */
   Lane *beam;   /* what sleeves do to eta */
+  Lane *square; /* s = psi . eta, s^2 and its two rates, (squares, 4) */
   double *room; /* of sleeves */
 } Work;
 

@@ -3,10 +3,111 @@
 
 /* Q = q_rigid | Phi eta + 1/2 eta' G eta,  V = X v,  A = X a + Xdot v,  X = Phi + G eta.
    Of the symmetric G the upper triangle is kept, with half the diagonal: eta' G eta / 2 is then the
-   sum of g eta_i eta_j. */
+   sum of g eta_i eta_j. Rows of many such products that are sums of a few squares, k s^2 with
+   s = psi . eta, are those. */
+static void one_square(const double *psi, Int n, const Lane *eta, const Lane *rate, const Lane *growth,
+                       Lane *out) {
+  Lane s = lane(0), ds = lane(0), dds = lane(0);
+  for (Int i = 0; i < n; i++) s += psi[i] * eta[i], ds += psi[i] * rate[i], dds += psi[i] * growth[i];
+  out[0] = s, out[1] = s * s, out[2] = 2.0 * s * ds, out[3] = 2.0 * (ds * ds + s * dds);
+}
+
+/* FOUR at a time what is read serves four times. */
+enum { FOUR = 4 };
+
+static void four_squares(const double *psi, Int n, const Lane *eta, const Lane *rate,
+                         const Lane *growth, Lane *out) {
+  Lane s[FOUR] = {0}, ds[FOUR] = {0}, dds[FOUR] = {0};
+  for (Int i = 0; i < n; i++)
+    for (int k = 0; k < FOUR; k++) {
+      double x = psi[k * n + i];
+      s[k] += x * eta[i], ds[k] += x * rate[i], dds[k] += x * growth[i];
+    }
+  for (int k = 0; k < FOUR; k++, out += 4) {
+    out[0] = s[k], out[1] = s[k] * s[k], out[2] = 2.0 * s[k] * ds[k];
+    out[3] = 2.0 * (ds[k] * ds[k] + s[k] * dds[k]);
+  }
+}
+
+static void take_squares(const Tables *t, Work *w) {
+  for (Int q = 0; q < t->squares;) {
+    Int at = t->square_eta[q], n = t->square_at[q + 1] - t->square_at[q];
+    int four = q + FOUR <= t->squares && t->square_eta[q + FOUR - 1] == at;
+    (four ? four_squares : one_square)(t->square + t->square_at[q], n, w->eta + at, w->rate + at,
+                                       w->growth + at, w->square + 4 * q);
+    q += four ? FOUR : 1;
+  }
+}
+
+/* Whether FOUR rows from e on are sums of the same squares. */
+static int four_alike(const Tables *t, Int e) {
+  if (e + FOUR > t->rows) return 0;
+  for (Int k = 1; k < FOUR; k++)
+    if (t->sum_from[e + k] != t->sum_from[e]
+        || t->sum_at[e + k + 1] - t->sum_at[e + k] != t->sum_at[e + 1] - t->sum_at[e])
+      return 0;
+  return 1;
+}
+
+/* Sums of squares for some rows, and their rates. */
+static void add_sums(const Tables *t, const Work *w, Int e, int rows) {
+  const Lane *square = w->square + 4 * t->sum_from[e];
+  const double *sum = t->sum + t->sum_at[e];
+  Int n = t->sum_at[e + 1] - t->sum_at[e];
+  Lane u[FOUR] = {0}, du[FOUR] = {0}, ddu[FOUR] = {0};
+  if (rows == FOUR)
+    for (Int p = 0; p < n; p++)
+      for (int k = 0; k < FOUR; k++) {
+        double x = sum[k * n + p];
+        u[k] += x * square[4 * p + 1], du[k] += x * square[4 * p + 2], ddu[k] += x * square[4 * p + 3];
+      }
+  else
+    for (Int p = 0; p < n; p++) {
+      double x = sum[p];
+      u[0] += x * square[4 * p + 1], du[0] += x * square[4 * p + 2], ddu[0] += x * square[4 * p + 3];
+    }
+  for (int k = 0; k < rows; k++) {
+    w->Q[t->row_q[e + k]] += u[k];
+    w->V[t->row_v[e + k]] += du[k];
+    w->A[t->row_v[e + k]] += ddu[k];
+  }
+}
+
+static void sum_squares(const Tables *t, const Work *w) {
+  for (Int e = 0; t->squares && e < t->rows;) {
+    int rows = four_alike(t, e) ? FOUR : 1;
+    if (t->sum_at[e + 1] > t->sum_at[e]) add_sums(t, w, e, rows);
+    e += rows;
+  }
+}
+
+/* r_eta += 2 k g s psi, of the rows' forces g. */
+static void project_squares(const Tables *t, const Work *w, Lane *r_eta) {
+  for (Int q = 0; q < t->squares; q++) w->square[4 * q + 1] = lane(0);
+  for (Int e = 0; t->squares && e < t->rows;) {
+    Int n = t->sum_at[e + 1] - t->sum_at[e];
+    Lane g[FOUR], *push = w->square + 4 * t->sum_from[e] + 1;
+    const double *sum = t->sum + t->sum_at[e];
+    int rows = four_alike(t, e) ? FOUR : 1;
+    for (int k = 0; k < rows; k++) g[k] = w->V[t->row_v[e + k]];
+    if (rows == FOUR)
+      for (Int p = 0; p < n; p++)
+        push[4 * p] += (sum[p] * g[0] + sum[n + p] * g[1]) + (sum[2 * n + p] * g[2] + sum[3 * n + p] * g[3]);
+    else
+      for (Int p = 0; p < n; p++) push[4 * p] += sum[p] * g[0];
+    e += rows;
+  }
+  for (Int q = 0; q < t->squares; q++) {
+    const double *psi = t->square + t->square_at[q];
+    Lane push = 2.0 * w->square[4 * q] * w->square[4 * q + 1], *to = r_eta + t->square_eta[q];
+    for (Int i = 0; i < t->square_at[q + 1] - t->square_at[q]; i++) to[i] += push * psi[i];
+  }
+}
+
 void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a) {
   const Lane *eta = y + t->nq_rigid, *rate = v + t->nv_rigid, *growth = a + t->nv_rigid;
   w->eta = eta, w->rate = rate, w->growth = growth;
+  take_squares(t, w);
   for (Int k = 0; k < t->nq_rigid; k++) w->Q[t->q_at[k]] = y[k];
   for (Int k = 0; k < t->nv_rigid; k++) w->V[t->v_at[k]] = v[k], w->A[t->v_at[k]] = a[k];
   for (Int e = 0; e < t->rows; e++) {
@@ -17,7 +118,7 @@ void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *
       du += t->phi[p] * rate[i];
       ddu += t->phi[p] * growth[i];
     }
-    for (Int p = t->g_at[e]; p < t->g_at[e + 1]; p++) {
+    for (Int p = t->g_at[e]; p < t->g_rest[e]; p++) {
       Int i = t->g_i[p], j = t->g_j[p];
       double g = t->g[p];
       u += g * (eta[i] * eta[j]);
@@ -28,6 +129,7 @@ void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *
     w->V[t->row_v[e]] = du;
     w->A[t->row_v[e]] = ddu;
   }
+  sum_squares(t, w);
 }
 
 static Lane angle(const Lane *y, Int paired) {
@@ -46,13 +148,14 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
   for (Int e = 0; e < t->rows; e++) {
     Lane g = w->V[t->row_v[e]];
     for (Int p = t->phi_at[e]; p < t->phi_at[e + 1]; p++) r_eta[t->phi_i[p]] += t->phi[p] * g;
-    for (Int p = t->g_at[e]; p < t->g_at[e + 1]; p++) {
+    for (Int p = t->g_at[e]; p < t->g_rest[e]; p++) {
       Int i = t->g_i[p], j = t->g_j[p];
       Lane push = t->g[p] * g;
       r_eta[i] += push * eta[j];
       r_eta[j] += push * eta[i];
     }
   }
+  project_squares(t, w, r_eta);
   /* Stiff forces come last, in one sum: small ones would each be rounded to their digits. */
   for (Int i = 0; i < t->nv - t->nv_rigid; i++) {
     Lane sum = lane(0);

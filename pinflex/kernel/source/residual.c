@@ -6,7 +6,8 @@ static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
 /* Bytes of the workspace of one run: nodes, then Q, V, A, the group's inputs and outputs, and what
    the tangent needs. */
 EXPORT Int pinflex_work_size(const Tables *t) {
-  Int lanes = t->nQ + 2 * t->nV + t->nq + 4 * t->nv + 3 * t->closures + t->forces;
+  Int lanes = t->nQ + 2 * t->nV + t->nq + 4 * t->nv + 3 * t->closures + t->forces
+              + 4 * t->squares;
   return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
          + (tangent_size(t) + sleeve_room(t)) * (Int)sizeof(double);
 }
@@ -28,7 +29,8 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   g->open = g->c + t->closures;
   g->scale = g->open + t->closures;
   w->beam = g->scale + t->forces;
-  g->more = (double *)(((uintptr_t)(w->beam + t->nv - t->nv_rigid) + 63) / 64 * 64);
+  w->square = w->beam + t->nv - t->nv_rigid;
+  g->more = (double *)(((uintptr_t)(w->square + 4 * t->squares) + 63) / 64 * 64);
   w->room = g->more + tangent_size(t);
 }
 

@@ -176,3 +176,15 @@ def test_a_compiled_march_stops_where_a_sleeve_leaves_its_beam(how: dict[str, fl
     # The far end of the sleeve is at 0.18/cos(theta) + 0.015 = 0.5 m.
     assert found >= np.sqrt(0.18 * np.tan(np.arccos(0.18 / 0.485)) / 0.3)
     assert caught.value.result.t[-1] <= found + 1e-12
+
+
+@pytest.mark.parametrize("modes", [12, 50])
+def test_shortening_by_squares_of_slopes_is_that_by_products(modes: int) -> None:
+    """And is taken where there are many functions: the products are a quarter of them at most."""
+    m = robot(f"flexible.beam.basis={{kind: assumed, boundary: free_free, modes: {modes}}}")
+    counts, arrays = m.flexible.tables.counts, m.flexible.tables._arrays
+    rest = int(np.sum(arrays["g_at"][1:] - arrays["g_rest"]))
+    work = int(arrays["sum_at"][-1] + arrays["square_at"][-1])
+    assert (counts["squares"] > 0) == (modes == 50)
+    assert modes != 50 or 4 * work < rest
+    agrees(m.flexible, m.undeformed(), 6)
