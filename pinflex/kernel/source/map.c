@@ -97,10 +97,19 @@ static void project_squares(const Tables *t, const Work *w, Lane *r_eta) {
       for (Int p = 0; p < n; p++) push[4 * p] += sum[p] * g[0];
     e += rows;
   }
-  for (Int q = 0; q < t->squares; q++) {
+  for (Int q = 0; q < t->squares;) {
     const double *psi = t->square + t->square_at[q];
-    Lane push = 2.0 * w->square[4 * q] * w->square[4 * q + 1], *to = r_eta + t->square_eta[q];
-    for (Int i = 0; i < t->square_at[q + 1] - t->square_at[q]; i++) to[i] += push * psi[i];
+    Int at = t->square_eta[q], n = t->square_at[q + 1] - t->square_at[q];
+    int four = q + FOUR <= t->squares && t->square_eta[q + FOUR - 1] == at;
+    Lane push[FOUR], *square = w->square + 4 * q, *to = r_eta + at;
+    for (int k = 0; k < (four ? FOUR : 1); k++) push[k] = 2.0 * square[4 * k] * square[4 * k + 1];
+    if (four)
+      for (Int i = 0; i < n; i++)
+        to[i] += (push[0] * psi[i] + push[1] * psi[n + i])
+                 + (push[2] * psi[2 * n + i] + push[3] * psi[3 * n + i]);
+    else
+      for (Int i = 0; i < n; i++) to[i] += push[0] * psi[i];
+    q += four ? FOUR : 1;
   }
 }
 
