@@ -99,12 +99,12 @@ def test_and_so_is_a_run_within_a_tolerance() -> None:
 def test_spare_workspaces_go_with_their_system_and_to_no_other_process() -> None:
     given = scene(pf.load("race_r1"), ())
     given.resolved(np.linspace(0.0, 0.02, 21), 1e-2)
-    system = given.mechanism.loose
-    assert pickle.loads(pickle.dumps(system.spares)).acquire(6) is None
-    spare = system.spares.acquire(6)
-    assert spare is not None and system.spares.acquire(6) is None
+    system, kind = given.mechanism.loose, (6, True)  # stages, and motors that are prescribed
+    assert pickle.loads(pickle.dumps(system.spares)).acquire(kind) is None
+    spare = system.spares.acquire(kind)
+    assert spare is not None and system.spares.acquire(kind) is None
     gone = weakref.ref(spare)
-    system.spares.release(6, spare, 1e12)  # too large
+    system.spares.release(kind, spare, 1e12)  # too large
     del spare
     gc.collect()
     assert gone() is None
