@@ -1,10 +1,11 @@
-"""Whether `compare` and `advise` agree: `python -m tests.benchmarks.verdicts [SCENE ...]`.
+"""Do `compare` and `advise` agree: `python -m tests.benchmarks.verdicts [--report F] [NAME ...]`.
 
 For shipped models, a UR10 with elastic gears, a Panda with its gripper and a five-bar of one's own,
-each in a smooth move and in one whose acceleration jumps: the simplest level that suffices by
-`compare`, the proposal of `advise`, its largest error bar and the error of a run that follows it,
-both as shares of what is allowed. The error is measured against a run of the finer model of
-`pinflex.advice.finer` at a twentieth of the tolerance. The last column says what is wrong:
+each in a smooth move and in one whose acceleration jumps (where its motion is a move): the simplest
+level that suffices by `compare`, the proposal of `advise`, its largest error bar and the error of a
+run that follows it, both as shares of what is allowed; a bar above 1 is NOT REACHED on the screen
+of `advise`. The error is measured against a run of the finer model of `pinflex.advice.finer` at a
+twentieth of the tolerance. The last column says what is wrong:
 
 - a level that `advise` lets pass misses in `compare`, or one that `compare` finds within a third of
   what is allowed is not let pass (bars are twice what was measured);
@@ -14,9 +15,10 @@ both as shares of what is allowed. The error is measured against a run of the fi
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -32,7 +34,16 @@ from pinflex.results.verdict import allowed, simplest
 from tests.scenes import Body, load
 from tests.validation.test_advise import measured
 
+HEAD = """# Whether compare and advise agree, and proposals keep their tolerance
+
+Written by `python -m tests.benchmarks.verdicts --report FILE`; rows of scenes that a run was not
+asked for stay as they are.
+"""
+COLUMNS = ("scene", "motion", "compare", "advise", "bar", "error", "CPU s", "wrong")
+SHORT = {"prprp": ("solve.until=0.05",)}
 JUMPS = ("motion.kind=trapezoid", "motion.ramp=0.05")
+Rows = dict[tuple[str, str], tuple[str, ...]]  # cells by scene and motion
+_NOTES = ("not judged", "no error measured")
 _BOTH = ("torque", "platform position")  # `compare` judges no rotation
 _SURE = 3.0  # times as exact as asked: what `compare` finds so `advise` lets pass too
 _UR10 = """urdf: example-robot-data:ur10
@@ -108,6 +119,7 @@ class Verdict:
         compared: The simplest level that suffices. proposed: The level of the proposal.
         bar, error: Of the proposal, as shares of what is allowed; nan: not measured.
         wrong: What contradicts what, in words; empty: nothing.
+        note: Why the error was not measured.
     """
 
     compared: str
@@ -115,6 +127,7 @@ class Verdict:
     bar: float
     error: float
     wrong: tuple[str, ...]
+    note: str = ""
 
 
 def judge(robot: pf.Mechanism) -> Verdict:
@@ -122,14 +135,15 @@ def judge(robot: pf.Mechanism) -> Verdict:
     table, advice = pf.compare(robot).table, advise(robot)
     first, best = simplest(table.levels), table.levels[-1].level
     bar = advice.used(advice.error)
-    error = followed(robot, advice)
+    error, note = followed(robot, advice)
     wrong = list(contradictions(table, advice))
     if bar <= 1.0 < error:
         wrong.append(f"the proposal is off by {error:.2g} of what is allowed")
     kept = [x for x, e in advice.levels.items() if advice.used(e) <= 1.0]
     if bar > 1.0 and kept:
         wrong.append(f"NOT REACHED, but {kept[0]} keeps it")
-    return Verdict(first.level if first else best, advice.level, bar, error, tuple(wrong))
+    compared = first.level if first else best
+    return Verdict(compared, advice.level, bar, error, tuple(wrong), note)
 
 
 def contradictions(table: Comparison, advice: Advice) -> Iterator[str]:
@@ -144,24 +158,24 @@ def contradictions(table: Comparison, advice: Advice) -> Iterator[str]:
             yield f"{row.level} suffices ({far:.2g}) and does not pass ({bar:.2g})"
 
 
-def followed(robot: pf.Mechanism, advice: Advice) -> float:
-    """Error of a run that follows an advice, as a share of what is allowed; nan: no reference."""
+def followed(robot: pf.Mechanism, advice: Advice) -> tuple[float, str]:
+    """Error of a run that follows an advice, as a share of what is allowed; nan, and why."""
     try:
         model = pf.load(robot.description, list(advice.overrides))
         options = {} if advice.run_tol is None else {"tol": advice.run_tol}
         run = pf.solve(model, level=advice.level, samples=201, **options)
         tol = advice.tol / 20
         fine = pf.solve(finer_model(robot)[0], level="coupled", samples=201, tol=tol)
-    except pf.PinflexError:
-        return math.nan
+    except pf.PinflexError as failed:
+        return math.nan, f"no error measured: {_line(failed)}"
     rigid = pf.solve(robot, level="rigid", samples=201)
-    return advice.used(measured(run, fine, rigid, advice.asked))
+    return advice.used(measured(run, fine, rigid, advice.asked)), ""
 
 
 def scenes(names: list[str], folder: Path) -> Iterator[tuple[str, str, pf.Mechanism]]:
     """Name, motion and mechanism of each scene that can do it."""
     for name in names or [*model_names(), *OWN]:
-        robot = OWN[name](folder) if name in OWN else pf.load(name)
+        robot = OWN[name](folder) if name in OWN else pf.load(name, list(SHORT.get(name, ())))
         yield name, "smooth", robot
         try:
             yield name, "jumps", pf.load(robot.description, list(JUMPS))
@@ -169,24 +183,77 @@ def scenes(names: list[str], folder: Path) -> Iterator[tuple[str, str, pf.Mechan
             continue  # a motion of another kind has no ramp
 
 
-def main(names: list[str]) -> int:
-    """Print the table; 1 where something contradicts something."""
+def row(name: str, motion: str, robot: pf.Mechanism) -> tuple[str, ...]:
+    """The cells of a scene."""
+    began = time.process_time()
+    try:
+        v = judge(robot)
+    except pf.PinflexError as failed:
+        cells = ("-",) * 4
+        said = f"not judged: {_line(failed)}"
+    else:
+        bar = f"{v.bar:.2g}" + (" (NOT REACHED)" if v.bar > 1.0 else "")
+        cells = (v.compared, v.proposed, bar, f"{v.error:.2g}")
+        said = "; ".join(filter(None, (*v.wrong, v.note)))
+    return (name, motion, *cells, f"{time.process_time() - began:.0f}", said)
+
+
+def _line(error: Exception) -> str:
+    """A message as one cell."""
+    return " ".join(str(error).split()).replace("|", "/")
+
+
+def written_rows(report: Path) -> Rows:
+    """Rows of a report that is there, by scene and motion."""
+    lines = report.read_text().splitlines() if report.exists() else []
+    cells = [tuple(x.strip() for x in line.strip("|").split("|")) for line in lines]
+    names = (*model_names(), *OWN)
+    return {(c[0], c[1]): c for c in cells if len(c) == len(COLUMNS) and c[0] in names}
+
+
+def report_of(rows: Rows) -> str:
+    """The table, with what it shows and what is missing in it."""
+    every = [*model_names(), *OWN]
+    order = sorted(rows, key=lambda key: (every.index(key[0]), key[1] != "smooth"))
+    wrong = [k for k in order if rows[k][-1] and not rows[k][-1].startswith(_NOTES)]
+    missing = ", ".join(x for x in every if not any(k[0] == x for k in order)) or "none"
+    short = "; ".join(f"{name}: {', '.join(changes)}" for name, changes in SHORT.items())
+    lines = [f"| {' | '.join(cells)} |" for cells in (COLUMNS, *(rows[key] for key in order))]
+    return "\n".join(
+        [
+            HEAD,
+            str(__doc__).split("\n\n", 1)[1],
+            f"{len(order)} rows, {len(wrong)} with something wrong. Not run: {missing}. "
+            f"Shortened: {short}.",
+            "",
+            lines[0],
+            "|---" * len(COLUMNS) + "|",
+            *lines[1:],
+            "",
+        ]
+    )
+
+
+def main() -> int:
+    """Rows as they come, and the report; 1 where something contradicts something."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--report", type=Path)
+    given = parser.parse_args()
     warnings.simplefilter("ignore")
+    rows = written_rows(given.report) if given.report else {}
     failed = 0
-    print("| scene | motion | compare | advise | bar | error | wrong |")
-    print("|---|---|---|---|---|---|---|", flush=True)
+    print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        for name, motion, robot in scenes(names, Path(folder)):
-            try:
-                v = judge(robot)
-            except pf.PinflexError as error:
-                print(f"| {name} | {motion} | - | - | - | - | not judged: {str(error)[:90]} |")
-                continue
-            failed += len(v.wrong)
-            cells = f"{v.compared} | {v.proposed} | {v.bar:.2g} | {v.error:.2g}"
-            print(f"| {name} | {motion} | {cells} | {'; '.join(v.wrong)} |", flush=True)
+        for name, motion, robot in scenes(given.names, Path(folder)):
+            found = row(name, motion, robot)
+            rows[name, motion] = found
+            failed += bool(found[-1]) and not found[-1].startswith(_NOTES)
+            print(f"| {' | '.join(found)} |", flush=True)
+            if given.report:  # so far: whoever stops it has what is there
+                given.report.write_text(report_of(rows))
     return min(failed, 1)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    raise SystemExit(main())
