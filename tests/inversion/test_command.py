@@ -383,21 +383,22 @@ def off_path(robot: pf.Mechanism, motion: pf.Motion, found: pf.Command, later: f
     return np.asarray(np.abs(away[:, at]).max(axis=0))
 
 
-@pytest.mark.parametrize(("thickness", "segments", "exudyn"), [
+@pytest.mark.parametrize(("thickness", "segments", "true"), [
     (0.003, 1, 430.6e-6), (0.003, 4, 18.8e-6), (0.004, 1, 94e-6), (0.004, 4, 1.61e-6),
 ])  # fmt: skip
 def test_the_bar_of_the_model_covers_what_segments_leave_out(
-    thickness: float, segments: int, exudyn: float, tmp_path: Path
+    thickness: float, segments: int, true: float, tmp_path: Path
 ) -> None:
     """Hub by 0.4 rad in 0.5 s, path of the tip in y.
 
-    The error of each command in Exudyn 1.13.6 (16 ANCFCable2D, 8000 steps; 24 elements and twice
-    the steps: to 1 %); at 4 mm in a run of 14 segments with every deformation.
+    The error of each command at 3 mm in Exudyn 1.13.6, 16 ANCFCable2D (one segment: 24 of them and
+    8000 steps, not 4000, change 0.02 %; four: 16000 steps instead of 8000 change 0.6 %, 24 were
+    not run); at 4 mm in pinflex with 14 segments and every deformation.
     """
     robot = arm(tmp_path, thickness, segments)
     found = pf.command(robot, pf.nonic(joints={"arm_joint": 0.4}, duration=0.5), coordinates=["y"])
     assert found.error[0] < 0.1e-6  # what the bar was
-    assert exudyn < found.model_error[0] < 2.0 * exudyn
+    assert true < found.model_error[0] < 2.0 * true
     assert "segment" in found.model_note
 
 
