@@ -21,7 +21,8 @@ from pinflex.kernel.stages import StageKernel
 _Alpha, _State, _Rows = (structure(name) for name in ("Alpha", "State", "Rows"))
 _STATE = names("State", ctypes.c_void_p)
 _STATES = ("now", "last", "next")
-_ROOM = ("move", "r", "open", "x", "tangent", "lu", "weight", "motor_rows", "motor_J")
+_ROOM = ("move", "r", "open", "x", "tangent", "lu", "weight", "motor_rows", "motor_J",
+         "narrow", "room")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -89,16 +90,17 @@ class AlphaKernel:
             "move": (nv,), "r": (nv,), "open": (rows,), "x": (size,),
             "tangent": (nv * (3 * nv + rows),), "lu": (size, size), "weight": (free,),
             "motor_rows": (motors, free), "motor_J": (rows, motors),
+            "narrow": (size, size), "room": (size,),
         }  # fmt: skip
         self._numbers = Block(shapes, {"predict": given.predict})
-        self._integers = Block({"pivot": (size + 1,)}, {}, np.int64)
+        self._integers = Block({"pivot": (size + 1,), "order": (3 * size + 1,)}, {}, np.int64)
         self._stages, self._steps, self._widths, self.law = stages, steps, widths, law
         self._first = tuple(x.ctypes.data for x in self._rows)
         where = self._numbers.addresses
         self.at = _Alpha(
             most=given.most, stale=1, joints=stages.address, predict=where["predict"],
             law=None if law is None else law.address,
-            pivot=self._integers.addresses["pivot"], mass=given.mass, by_v=given.by_v,
+            **self._integers.addresses, mass=given.mass, by_v=given.by_v,
             by_y=given.by_y, tolerance=given.tolerance, farthest=given.farthest, rate=1.0,
             usual=np.inf, **{name: where[name] for name in _ROOM},
         )  # fmt: skip

@@ -154,6 +154,21 @@ class Evaluator:
         self.functions.pinflex_tangent(self.tables.address, self.work, int(rates), *pointers)
         return parts
 
+    def saddle(self, S: Array, b: Array) -> Array:
+        """The solution x (n,) of S x = b, of least norm where S (n, n) is singular.
+
+        Args:
+            S: Symmetric, shape (n, n). b: Shape (n,).
+        """
+        n = len(b)
+        if S.shape != (n, n):
+            raise PinflexError(f"kernel: a matrix of {S.shape} for {n} unknowns.")
+        rooms = np.array(S, dtype=np.float64, order="F"), np.array(b, dtype=np.float64)
+        order, x = np.empty(3 * n, dtype=np.int64), np.empty(n)
+        arrays = (*rooms, np.empty((n, n + 1)), order, x)
+        self.functions.pinflex_saddle(n, *(array.ctypes.data for array in arrays))
+        return x
+
     def _new(self, n: int) -> _Buffers:
         if len(self._buffers) >= _SIZES:
             self._buffers.clear()

@@ -22,7 +22,9 @@ typedef struct {
   State now, last, next;               /* of last: a and lam */
   double *move, *r, *open, *x;         /* (nv,), (nv,), (rows,), (n + rows,) */
   double *tangent, *lu, *weight, *motor_rows, *motor_J; /* M, C, K, J; (n,), (motors, n), (rows, motors) */
-  Int *pivot;
+  double *narrow, *room;               /* factors where entries lie near the diagonal; (n + rows,) */
+  Int *pivot, *order;                  /* order: (3 (n + rows),) */
+  Int band;                            /* of the unknowns in that order */
   double mass, by_v, by_y;             /* weights of M, C and K: da/ds, gamma h, beta h^2 */
   double tolerance, farthest;          /* m or rad that an elastic coordinate may go */
   double reference, peak;              /* accelerations: of the time, and the largest */
@@ -82,6 +84,9 @@ static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale)
   /* Positions are known to 1e-15 (m, rad); as accelerations that is this much noise. */
   m->noise = 1e-15 / m->by_y * sqrt(sum);
   m->refreshed++, m->rate = 0.1, m->usual = INFINITY;
+  m->band = narrow_order(m->lu, size, m->order, m->order + size);
+  if (is_narrow(size, m->band))
+    return narrow_factors(m->lu, size, m->order, m->band, m->narrow, m->pivot);
   return factors(m->lu, size, m->pivot);
 }
 
@@ -113,7 +118,10 @@ static double solved(const Tables *t, Alpha *m) {
   Int n = st->free, rows = t->closures;
   for (Int i = 0; i < n; i++) m->x[i] = -m->r[st->free_at[i]];
   for (Int k = 0; k < rows; k++) m->x[n + k] = -m->open[k] / m->by_y;
-  solve(m->lu, n + rows, m->pivot, m->x);
+  if (is_narrow(n + rows, m->band))
+    narrow_solve(m->narrow, n + rows, m->order, m->band, m->pivot, m->room, m->x);
+  else
+    solve(m->lu, n + rows, m->pivot, m->x);
   for (Int k = 0; k < rows; k++) m->x[n + k] = -m->x[n + k];
   return size_of(m, m->x, NULL);
 }

@@ -10,18 +10,6 @@
 #include "march.h"
 #include <stddef.h>
 
-/* Pivots that differ by more show coordinates without mass. */
-static const double SINGULAR = 1e-11;
-
-static int regular(const double *lu, Int n) {
-  double least = INFINITY, most = 0.0;
-  for (Int k = 0; k < n; k++) {
-    double x = fabs(lu[k * (n + 1)]);
-    least = fmin(least, x), most = fmax(most, x);
-  }
-  return n == 0 || least > SINGULAR * most;
-}
-
 /* Scales of the unknowns: multipliers as they are. */
 static void scales(const Stages *st, Int nv, Int rows, const double *M, double *to) {
   double most = 0.0;

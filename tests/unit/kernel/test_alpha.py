@@ -36,6 +36,10 @@ SCENES: dict[str, tuple[str, list[str], float]] = {
     "rubbing": ("race_r1", ["joints.knee_1.friction={coulomb: 0.01, speed: 0.5}"], 0.02),
 }
 
+# Poses are known to 1e-16 m, accelerations of stiff undamped coordinates to that over
+# beta h^2 = 2e-9 s^2, which rings on: 8e-7 measured, 9e-10 of speeds, 7e-9 of multipliers.
+ALIKE = {"y": 1e-12, "v": 1e-8, "a": 5e-6, "lam": 5e-8, "torque": 5e-8}
+
 
 PD = pf.pid(kp=-800.0, ki=-300.0, kd=-20.0)
 # Feedback on a motor driven by torques, beside its own drive, and on a joint of a loop.
@@ -66,29 +70,28 @@ def steps_of(
     return given.stepped(np.linspace(0.0, end, 101), end / 200, progress)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("windows", [1, 6])
+@pytest.mark.parametrize("windows", [1, 6, 30])
 def test_steps_of_rigid_loops_are_too(windows: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rigid windows in a row, of which nothing gives way."""
     m = four_bars(windows)
     found = steps_of(m, 0.05, speeds=SPEEDS)
     assert Equations(found.system, marched=True).on_kernel and not Equations(found.system).on_kernel
     monkeypatch.setenv("PINFLEX_KERNEL", "0")
-    # Without stiffness beside the loops their noise rings on: 2.4e-6 of the multipliers, as much as
-    # numpy's own answer to a start that is faster by 1e-14.
-    assert_alike(found, steps_of(m, 0.05, speeds=SPEEDS), rings=100.0)
+    # What round-off leaves in undamped loops rings on, more so in long rows: 3e-5 of accelerations
+    # and multipliers in 30 windows, as much as numpy's own answer to a start faster by 1e-14.
+    limits = {**ALIKE, "a": 1e-4, "lam": 1e-4}
+    assert_alike(found, steps_of(m, 0.05, speeds=SPEEDS), limits)
     # Cranks stay parallel: one equation, of which the scheme keeps 1e-7 in so short a time.
     angle = np.arctan2(found.y[:, 1], found.y[:, 0])
     x, y = four_bars_exact(windows, found.t).T
     np.testing.assert_allclose([-np.sin(angle), np.cos(angle)], [x, y], atol=1e-6)
 
 
-def assert_alike(found: Run, wanted: Run, rings: float = 1.0) -> None:
+def assert_alike(found: Run, wanted: Run, limits: Mapping[str, float] = ALIKE) -> None:
     assert found.cost["steps"] == wanted.cost["steps"]
-    # Poses are known to 1e-16 m, accelerations of stiff undamped coordinates to that over
-    # beta h^2 = 2e-9 s^2, which rings on: 8e-7 measured, 9e-10 of speeds, 7e-9 of multipliers.
-    for name, close in (("y", 1e-12), ("v", 1e-8), ("a", 5e-6), ("lam", 5e-8), ("torque", 5e-8)):
+    for name, close in limits.items():
         ours, theirs = getattr(found, name), getattr(wanted, name)
-        limit = close * rings * np.abs(theirs).max(initial=0.0)
+        limit = close * np.abs(theirs).max(initial=0.0)
         assert np.abs(ours - theirs).max(initial=0.0) <= limit, name
     np.testing.assert_allclose(found.work, wanted.work, atol=1e-9 * np.abs(wanted.work).max())
 
