@@ -103,12 +103,23 @@ def nominal_and_more(
     if found is not None:
         return found, between(mechanism, motion, found, more) if len(more) else found.at([])
     every = np.union1d(t, more)
-    both = _closed_loops(Path(mechanism, motion), every)
+    both = _solved(mechanism, motion, every)
     found, others = (both.at(np.searchsorted(every, at)) for at in (t, more))
     for x in (found.t, found.q, found.v, found.a):
         x.setflags(write=False)
     Followed.keep(mechanism.followed.nominals, (motion, found), _KEPT)
     return found, others
+
+
+def _solved(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
+    """The motion at times t alone, whatever was asked before."""
+    for moved, known in mechanism.followed.solved:
+        if moved is motion and np.array_equal(known.t, t):
+            found: Nominal = known
+            return found
+    found = _closed_loops(Path(mechanism, motion), t)
+    Followed.keep(mechanism.followed.solved, (motion, found), _KEPT)
+    return found
 
 
 def _known(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal | None:

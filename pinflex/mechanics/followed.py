@@ -25,7 +25,9 @@ class Followed:
 
     Attributes:
         motions: Of the YAML, shaped where it says so.
-        nominals: Rigid motions at instants: (motion, nominal).
+        nominals: Rigid motions at instants: (motion, nominal). Which of them serves depends on what
+            was asked before: they are never shared.
+        solved: What was solved for them: (motion, nominal).
         paths: Of the motors between two times: (motion, (start, end), function of time).
     """
 
@@ -33,6 +35,7 @@ class Followed:
 
     motions: list[Any] = field(default_factory=list)
     nominals: list[Any] = field(default_factory=list)
+    solved: list[Any] = field(default_factory=list)
     paths: list[Any] = field(default_factory=list)
 
     def __reduce__(self) -> tuple[type[Followed], tuple[()]]:
@@ -48,7 +51,8 @@ class Followed:
 def share(one: Mechanism, other: Mechanism) -> None:
     """Let a mechanism have the rigid motions of another one of the same file, where they agree."""
     if _move_alike(one, other):
-        vars(other)["followed"] = one.followed
+        known = one.followed
+        vars(other)["followed"] = Followed(known.motions, [], known.solved, known.paths)
 
 
 def _move_alike(one: Mechanism, other: Mechanism) -> bool:
