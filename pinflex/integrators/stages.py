@@ -213,10 +213,11 @@ class StageEquations:
         Where accelerations jump there, they are those inside: a stage with others would leave an
         error of the order of h in every speed.
         """
-        rest = _BESIDE * np.maximum(1.0, t)
-        path, ahead = self.path(t - rest), rest[:, None]
-        v, a = path.velocity, path.acceleration
-        return MotorPath(path.t, path.position + ahead * (v + 0.5 * ahead * a), v + ahead * a, a)
+        rest, n = _BESIDE * np.maximum(1.0, t), len(t)
+        path, ahead = self.path(np.concatenate([t - rest, t - 2.0 * rest])), rest[:, None]
+        x, v, a = (part[:n] for part in (path.position, path.velocity, path.acceleration))
+        a = 2.0 * a - path.acceleration[n:]  # straight on from the two
+        return MotorPath(t, x + ahead * (v + 0.5 * ahead * a), v + ahead * a, a)
 
     def place(self, x: Trial) -> None:
         """Poses and velocities of the stages from their accelerations."""
