@@ -12,6 +12,8 @@ import pytest
 from pinflex.__main__ import _COMMANDS, build_parser
 from pinflex.linalg import eigh, lapack
 
+TYPED = (*(name for name in _COMMANDS if name != "importing"), "import", "new")
+
 
 def done(code: str) -> None:
     """Run code in a process of its own."""
@@ -66,7 +68,7 @@ def test_two_masses_between_three_springs_vibrate_as_in_the_book() -> None:
     assert lapack() is lapack()
 
 
-@pytest.mark.parametrize("command", [*(set(_COMMANDS) - {"importing"}), "import", "new"])
+@pytest.mark.parametrize("command", TYPED)
 def test_the_parser_of_one_command_reads_as_that_of_all(command: str) -> None:
     one, every = (commands(parser)[command] for parser in (build_parser(command), build_parser()))
     assert one.format_help() == every.format_help()
