@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from math import ceil, log2
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 _EVERY, _LEAST = 16, 6
 _KEPT = 4  # of a run: at its samples, where a platform's motor motion is interpolated, for scales
 _CORRECTIONS = 5  # from a quintic two are usual
-_CUTS = 7  # of the way from one instant to the next: a motion of three samples is followed
+_FINE = 100  # steps that a motion is followed in where that is needed, however few are asked for
 _NEAR = 0.1  # of the way between known instants: a prediction further off follows no branch
 
 
@@ -133,18 +134,18 @@ def _known(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal | None:
     return None
 
 
-def _closed_loops(path: Path, t: Array) -> Nominal:
-    """A few instants by a march, then more between them, then all."""
+def _closed_loops(path: Path, t: Array, cut: bool = True) -> Nominal:
+    """A few instants by a march, then more between them, then all; `cut`: halved if need be."""
     every = min(_EVERY, len(t) // _LEAST)
     if every > 1 and not path.dynamics.system.closed.contacts:
         some = np.unique(np.append(np.arange(0, len(t), every), len(t) - 1))
         try:
-            found = _filled(path, _closed_loops(path, t[some]), t)
+            found = _filled(path, _closed_loops(path, t[some], False), t)
         except (SceneError, np.linalg.LinAlgError):
             found = None  # so far apart instants lose the way, or it is blocked: look closely
         if found is not None:
             return found
-    return _march(path, t)
+    return _march(path, t, ceil(log2(max(_FINE / max(len(t) - 1, 1), 1.0))) if cut else 0)
 
 
 def between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> Nominal:
@@ -170,8 +171,8 @@ def between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> N
     return found
 
 
-def _march(path: Path, t: Array) -> Nominal:
-    """Instant by instant: each starts from the last."""
+def _march(path: Path, t: Array, cuts: int = 0) -> Nominal:
+    """Instant by instant: each starts from the last, in so many halvings of the way at the most."""
     system, n = path.dynamics.system, len(t)
     q = np.empty((n, system.nq))
     v, a = np.empty((n, system.nv)), np.empty((n, system.nv))
@@ -182,13 +183,13 @@ def _march(path: Path, t: Array) -> Nominal:
     times = t.tolist()
     now = times[0], q[0], v[0], a[0]
     for k in range(1, n):
-        now = _step(path, now, times[k], (imposed[0][k], imposed[1][k], imposed[2][k]))
+        now = _step(path, now, times[k], (imposed[0][k], imposed[1][k], imposed[2][k]), cuts)
         _, q[k], v[k], a[k] = now
     return Nominal(t, q, v, a)
 
 
 def _step(
-    path: Path, before: Instant, t: float, imposed: tuple[Array, Array, Array], cuts: int = _CUTS
+    path: Path, before: Instant, t: float, imposed: tuple[Array, Array, Array], cuts: int
 ) -> Instant:
     """From one instant to another; by halves where it is so far that the branch is not plain.
 

@@ -245,7 +245,7 @@ def test_of_many_instants_few_are_marched_to(name: str, monkeypatch: pytest.Monk
     m, counted = mechanism(name), list[int]()
     until = m.description.solve.until or own_motion(m).duration
     march = module._march
-    monkeypatch.setattr(module, "_march", lambda p, t: (counted.append(len(t)), march(p, t))[1])
+    monkeypatch.setattr(module, "_march", lambda p, t, _: (counted.append(len(t)), march(p, t))[1])
     t = np.linspace(0.0, until, 401)
     m.followed.nominals.clear()
     m.followed.solved.clear()
