@@ -21,7 +21,7 @@ import numpy as np
 from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
 from pinflex.advice.finer import finer_model
-from pinflex.advice.probe import Probe
+from pinflex.advice.probe import RESOLVED, Probe
 from pinflex.advice.proposal import Advice, error_bar
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut
 from pinflex.boundary import public
@@ -56,7 +56,6 @@ _NEXT_TO_NOTHING = 0.02  # of what is allowed: the model that is left is as good
 _RUN = 0.125  # of the tolerance: that of the run that is proposed, whose bar is twice as much
 _DOUBT = 0.25  # of the tolerance: where the estimate is off by more, whole runs are taken
 _LOOKS = 5  # stages that are told
-_STEPS_SEEN = 8  # in the third mode's period; with fewer its amplitude is a guess
 
 
 @public
@@ -457,10 +456,9 @@ class _Study:
                 f"the motion has corners: interpolation misses {percent(probe.rough)} of the "
                 "linear system there, and error bars may be short of them"
             )
-        seen = 1.0 / max(probe.third * probe.h, 1e-300)
-        if seen < _STEPS_SEEN:
+        if probe.seen < RESOLVED:
             said.append(
-                f"the third mode, {probe.third:.3g} Hz, was seen with {seen:.1f} steps a period: "
-                "a long run for so fast a mode; ask about a part of it (until)"
+                f"the third mode, {probe.third:.3g} Hz, was seen with {probe.seen:.1f} steps a "
+                "period: a long run for so fast a mode; ask about a part of it (until)"
             )
         return said

@@ -4,9 +4,9 @@ The richer model has every plane, stretch and twist, second-order terms, shear a
 and twice the segments in each link (`pinflex.advice.finer`). Both models are looked at along the
 whole motion by linear vibration, twice corrected for what is not linear (pinflex.advice.probe), on
 the same instants, so that what the look itself misses is missed twice and cancels; what a shifted
-frequency makes of a long vibration is in it. Where no cheap look describes the motion, the richer
-model is run (`pinflex.advice.second_run`). The error bar is twice the difference. Nothing is paid
-before it is asked for.
+frequency makes of a long vibration is in it. Where no cheap look describes the motion, or its steps
+do not resolve the third mode, the richer model is run (`pinflex.advice.second_run`). The error bar
+is twice the difference. Nothing is paid before it is asked for.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.advice.finer import finer_model
-from pinflex.advice.probe import Deviation, Probe
+from pinflex.advice.probe import RESOLVED, Deviation, Probe
 from pinflex.advice.reduced_models import SAFETY, Errors
 from pinflex.advice.second_run import (
     links_apart,
@@ -100,13 +100,20 @@ def _model_error(
     start = settings.get("start", mechanism.description.solve.start)
     static = in_equilibrium(mechanism, start)[0] or result.level == "quasistatic"
     finer, what = finer_model(mechanism)
+    looked = partial(_apart, mechanism, finer, motion, end, static, result.level)
+    beside = partial(run_apart, result, mechanism, finer, motion, options, static)
     found: Errors | None = None
-    if not _only_by_a_run(mechanism, settings, options):
+    cheap = not _only_by_a_run(mechanism, settings, options)
+    if cheap:
         with contextlib.suppress(PinflexError, np.linalg.LinAlgError):
-            found = _apart(mechanism, finer, motion, end, static, result.level)
+            found = looked()
     if found is None:
-        what = f"a run with {what}"
-        found = run_apart(result, finer, motion, options, static)
+        try:
+            found, what = beside(), f"a run with {what}"
+        except (PinflexError, np.linalg.LinAlgError):
+            if not cheap:
+                raise
+            found = looked(coarse=True)
     return {key: max(SAFETY * e, ROUND_OFF) for key, e in found.items()}, f"against {what}"
 
 
@@ -187,23 +194,41 @@ def compared(probe: Probe) -> slice:
 
 
 def _apart(
-    mechanism: Mechanism, finer: Mechanism, motion: Motion, end: float, static: bool, level: str
+    mechanism: Mechanism,
+    finer: Mechanism,
+    motion: Motion,
+    end: float,
+    static: bool,
+    level: str,
+    coarse: bool = False,
 ) -> Errors:
     """Largest differences of a level of one model from all of another, by output."""
     with one_blas_thread():
-        small, large = _looks(mechanism, finer, motion, end, static, level)
+        small, large = _looks(mechanism, finer, motion, end, static, level, coarse)
         found = links_apart(small.result, large.result) | differences(small, large)
         found |= platform_acceleration(small.result, large.result)
         return {key: found[key] for key in _TOLD if key in found}
 
 
 def _looks(
-    mechanism: Mechanism, finer: Mechanism, motion: Motion, end: float, static: bool, level: str
+    mechanism: Mechanism,
+    finer: Mechanism,
+    motion: Motion,
+    end: float,
+    static: bool,
+    level: str,
+    coarse: bool = False,
 ) -> tuple[Seen, Seen]:
-    """A level of one model and all of another, at the same instants."""
+    """A level of one model and all of another, at the same instants.
+
+    Raises:
+        ConvergenceError: It is too long, or, unless it may be `coarse`, not resolved.
+    """
     probe = Probe(mechanism, motion, end, static)
     if probe.first * end > _PERIODS:
         raise ConvergenceError("it is long beside its first natural period")
+    if not coarse and probe.seen < RESOLVED:
+        raise ConvergenceError("it is long beside its third natural period")
     small = look(probe, motion, level)
     probe = Probe(finer, motion, end, static, small.probe.steps - 1, like=small.probe)
     return small, look(probe, motion)
@@ -242,7 +267,9 @@ def _poses(
     """Positions (n, 3) and rotations (n, 3, 3) of the platform in two models."""
     try:
         with one_blas_thread():
-            small, large = _looks(mechanism, finer, motion, motion.duration, True, "coupled")
+            small, large = _looks(
+                mechanism, finer, motion, motion.duration, True, "coupled", run is None
+            )
             return small.platform, large.platform
     except (PinflexError, np.linalg.LinAlgError):
         if run is None:

@@ -35,8 +35,10 @@ _PARTS = 80  # of the time, each with a whole number of steps
 _CLOSE = 1e-3  # of the largest entry of a matrix: what interpolation may miss
 _JUMP = 0.1  # of the largest acceleration between two steps: they are too long for the motion
 _PERIOD = 20  # steps for each period of the third mode: amplitudes within 1 %
+_APART = 0.01  # modes nearer to each other count as one: those of links that are alike
 _BOUND = 1e6  # m or rad: a deviation beyond it grows without bound
 _MOST = 640  # steps: more would cost as much as the run that is to be saved
+RESOLVED = 8  # steps in the third mode's period; with fewer its amplitude is a guess
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,11 @@ class Probe:
     def steps(self) -> int:
         """Number of instants of a march."""
         return len(self.t)
+
+    @property
+    def seen(self) -> float:
+        """Steps in a period of the third mode."""
+        return 1.0 / max(self.third * self.h, 1e-300)
 
     @cached_property
     def base(self) -> Array:
@@ -299,7 +306,7 @@ def _jumps(a: Array) -> bool:
 def _steps(mechanism: Mechanism, end: float) -> tuple[int, float, float]:
     """Steps of a march, a twentieth of the third mode's period each; it and the first, in Hz."""
     found = modes(mechanism, count=9, preload="none").frequencies
-    alive = found[found > 0]
+    alive = found[(found > 0) & (np.diff(found, prepend=0.0) > _APART * found)]
     third = float(alive[min(2, len(alive) - 1)]) if len(alive) else 0.0
     first = float(alive[0]) if len(alive) else 0.0
     return int(np.clip(np.ceil(_PERIOD * third * end), 4 * _PARTS, _MOST)), third, first

@@ -6,13 +6,15 @@ that of the model between that and links of four segments (fewer where there are
 every deformation, second order, shear and rotary inertia, solids with more modes and shorter cells.
 A ratio is told over true; none where the true error is below 1e-6 of the largest value.
 
-With `--keep DIR` truths and rows are kept there: a table can be made in pieces, and be made anew
-without its truths.
+With `--keep DIR` truths and rows are kept there, so that a table can be made in pieces. A truth
+serves the code that made it only; scenes whose rows are of other code are named at the end.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
+import hashlib
 import json
 import os
 import sys
@@ -164,6 +166,7 @@ class Row:
         steps: Of the run. notes: How errors were found, or why not.
         told, true, notes: By "time" and "model", the first two then by output.
         cpu: Seconds of all.
+        code: Stamp of the package that made it.
     """
 
     scene: str
@@ -172,6 +175,7 @@ class Row:
     true: dict[str, dict[str, float]]
     notes: dict[str, str]
     cpu: float
+    code: str
 
     def measured(self, of: str) -> bool:
         """Whether an error is told, be it that there is none."""
@@ -189,7 +193,7 @@ def row(name: str, keep: Path | None = None) -> Row:
     Args:
         name: Of the scene. keep: Folder with truths; None: they are not kept.
     """
-    scene, began = SCENES[name], time.process_time()
+    scene, began, code = SCENES[name], time.process_time(), stamp(name)
     with tempfile.TemporaryDirectory() as at:
         robot = mechanism(scene, Path(at))
         keys = {"level": "coupled", "samples": 61, "tol": TOL, **scene.keys}
@@ -211,14 +215,28 @@ def row(name: str, keep: Path | None = None) -> Row:
         told = {"time": dict(bars.time), "model": dict(bars.model)}
         cost = float(run.meta["cost"].get("steps", 0))
         notes = {"time": bars.time_note, "model": bars.model_note}
-        return Row(name, cost, told, true, notes, time.process_time() - began)
+        return Row(name, cost, told, true, notes, time.process_time() - began, code)
+
+
+def stamp(name: str) -> str:
+    """Of all that a row depends on: sources and models of the package, and the scene."""
+    return hashlib.sha256(repr((SCENES[name], ARM, _package())).encode()).hexdigest()[:8]
+
+
+@functools.cache
+def _package() -> str:
+    root, found = Path(pf.__file__).parents[1], hashlib.sha256()
+    for file in (x for at in ("pinflex", "models") for x in sorted((root / at).rglob("*"))):
+        if file.suffix in (".py", ".c", ".h", ".yaml", ".urdf"):
+            found.update(file.read_bytes())
+    return found.hexdigest()
 
 
 def kept(keep: Path | None, name: str, find: Callable[[], pf.Result]) -> pf.Result:
     """A truth, from a folder where it is kept."""
     if keep is None:
         return find()
-    file = keep / f"{name}.npz"
+    file = keep / f"{name}.{stamp(name.partition('.')[0])}.npz"
     if not file.exists():
         find().save(file)
     return pf.Result.load(file)
@@ -294,10 +312,10 @@ def report(found: list[Row]) -> str:
     notes = [f"- {x.scene}, {of}: {x.notes[of]}." for of in ("time", "model")
              for x in found if not x.told[of]]  # fmt: skip
     left = ", ".join(name for name in SCENES if name not in {x.scene for x in found}) or "none"
-    return (
-        "\n".join([*text, *notes, "", f"Not run: {left}. CPU: {sum(x.cpu for x in found):.0f} s."])
-        + "\n"
-    )
+    old = ", ".join(x.scene for x in found if x.code != stamp(x.scene)) or "none"
+    cpu = sum(x.cpu for x in found)
+    end = f"Not run: {left}. Run with other code: {old}. CPU: {cpu:.0f} s."
+    return "\n".join([*text, *notes, "", end]) + "\n"
 
 
 def main() -> None:
