@@ -21,6 +21,8 @@ from pinflex.errors import DescriptionError
 from pinflex.integrators.schemes import AlphaScheme, newmark
 from pinflex.linalg import eigh, lapack, null_space, saddle
 
+_MASSLESS = 1e-24  # of the largest mass: round-off of a coordinate that has none
+
 
 @dataclass(frozen=True)
 class Instant:
@@ -91,8 +93,10 @@ def start_at_rest(now: Instant, d: Array) -> State:
         now: The first instant.
         d: Deviation, shape (n,).
     """
-    none = np.zeros(len(now.J))
-    a, lam = saddle(now.M, now.J, now.J, -now.r - now.K @ d, none)
+    a, mass = np.zeros_like(d), np.abs(np.diag(now.M))
+    heavy = mass > _MASSLESS * np.max(mass, initial=0.0)  # the others follow, whatever their a
+    J, load = now.J[:, heavy], -(now.r + now.K @ d)[heavy]
+    a[heavy], lam = saddle(now.M[np.ix_(heavy, heavy)], J, J, load, np.zeros(len(J)))
     return State(d, np.zeros_like(d), a, lam)
 
 

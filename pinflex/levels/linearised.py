@@ -230,13 +230,15 @@ class _Matrices:
     def natural(self, sizes: Array) -> Array:
         """The natural size of each, from their largest entries, shape (matrices,).
 
-        It is that of the same matrix in all rows, of C that of critical damping, sqrt(M K).
+        It is that of the same matrix in all rows, of C that of critical damping, sqrt(M K); of
+        loads and closures their own.
         """
-        of = dict.fromkeys(_KINDS, 0.0)
+        of = dict.fromkeys("MCK", 0.0)
         for kind, size in zip(self._kinds, sizes.tolist(), strict=True):
-            of[kind] = max(of[kind], size)
+            of[kind] = max(of.get(kind, 0.0), size)
         of["C"] = max(of["C"], float(np.sqrt(of["M"] * of["K"])))
-        return np.array([of[kind] for kind in self._kinds])
+        pairs = zip(self._kinds, sizes.tolist(), strict=True)
+        return np.array([of[kind] if kind in "MCK" else size for kind, size in pairs])
 
 
 class _Moving:
@@ -265,9 +267,8 @@ class _Moving:
         self._packed, self._times = packed, first
         rows = np.array(list(packed(first)))
         sizes = matrices.largest(rows)
-        natural = matrices.natural(sizes)
-        self._sizes = np.maximum(sizes, _ROUND_OFF * natural)
-        self._still, self._small = rows[0].copy(), (STILL * natural)[matrices.of]
+        self._sizes = np.maximum(sizes, _ROUND_OFF * matrices.natural(sizes))
+        self._still, self._small = rows[0].copy(), (STILL * self._sizes)[matrices.of]
         self._moves = (np.ptp(rows, axis=0) > self._small) | whole
         self._moves[:1] |= not np.any(self._moves)  # arrays without columns keep no shape
         self._rests = ~self._moves
