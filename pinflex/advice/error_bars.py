@@ -100,16 +100,20 @@ def _model_error(
     start = settings.get("start", mechanism.description.solve.start)
     static = in_equilibrium(mechanism, start)[0] or result.level == "quasistatic"
     finer, what = finer_model(mechanism)
-    looked = partial(_apart, mechanism, finer, motion, end, static, result.level)
-    beside = partial(run_apart, result, mechanism, finer, motion, options, static)
     found: Errors | None = None
+
+    def looked(coarse: bool = False) -> Errors:
+        with one_blas_thread():
+            return _apart(*_looks(mechanism, finer, motion, end, static, result.level, coarse))
+
     cheap = not _only_by_a_run(mechanism, settings, options)
     if cheap:
         with contextlib.suppress(PinflexError, np.linalg.LinAlgError):
             found = looked()
     if found is None:
         try:
-            found, what = beside(), f"a run with {what}"
+            found = run_apart(result, mechanism, finer, motion, options, static)
+            what = f"a run with {what}"
         except (PinflexError, np.linalg.LinAlgError):
             if not cheap:
                 raise
@@ -193,21 +197,11 @@ def compared(probe: Probe) -> slice:
     return slice(None, None, max(1, (probe.steps - 1) // (_INSTANTS - 1)))
 
 
-def _apart(
-    mechanism: Mechanism,
-    finer: Mechanism,
-    motion: Motion,
-    end: float,
-    static: bool,
-    level: str,
-    coarse: bool = False,
-) -> Errors:
-    """Largest differences of a level of one model from all of another, by output."""
-    with one_blas_thread():
-        small, large = _looks(mechanism, finer, motion, end, static, level, coarse)
-        found = links_apart(small.result, large.result) | differences(small, large)
-        found |= platform_acceleration(small.result, large.result)
-        return {key: found[key] for key in _TOLD if key in found}
+def _apart(small: Seen, large: Seen) -> Errors:
+    """Largest differences of one look from another, by output."""
+    found = links_apart(small.result, large.result) | differences(small, large)
+    found |= platform_acceleration(small.result, large.result)
+    return {key: found[key] for key in _TOLD if key in found}
 
 
 def _looks(

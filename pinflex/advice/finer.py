@@ -11,6 +11,7 @@ from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import FlexiblePart, resolve
 
+_WORDS = {0: "more modes", 1: "one more segment"}
 _THICK = ("shear", "rotary_inertia")
 _CELLS = 0.6  # of their length: two thirds of an error of second order go, for 5 times the cells
 _MORE_MODES = 6  # of a solid: the next six tell what all others leave, to a third
@@ -46,23 +47,18 @@ def _richer(mechanism: Mechanism) -> Iterator[tuple[list[str], str]]:
         return
     full = "second order, stretch and twist"
     # Shapes that move at the root, under a sleeve, take one segment only.
-    for more, thick in itertools.product((_double, _one, _none), (True, False)):
-        added = {part.link: more(part.spec.segments) for part in cut}
-        if more is _one and all(part.spec.segments == 1 for part in cut):
-            continue
+    most = max(part.spec.segments for part in cut)  # twice as many, else one more, else none
+    for more, thick in itertools.product(sorted({most, 1, 0}, reverse=True), (True, False)):
         changes = list(own)
         for part in cut:
             at = f"flexible.{part.link}"
             changes += [f"{at}.{key}=true" for key, _ in PLANES.values()]
-            changes += [
-                f"{at}.second_order=true",
-                f"{at}.segments={part.spec.segments + added[part.link]}",
-            ]
+            added = min(more, part.spec.segments)
+            changes += [f"{at}.second_order=true", f"{at}.segments={part.spec.segments + added}"]
             changes += [f"{at}.{key}=true" for key in _THICK] if thick else []
-            if more is _none:
-                changes += _more_shapes(part)
+            changes += [] if more else _more_shapes(part)
         said = [words] if words else []
-        said += [_said(max(added.values())), full]
+        said += [_WORDS.get(more, "twice the segments"), full]
         yield changes, ", ".join([*said, *(["shear and rotary inertia"] if thick else [])])
 
 
@@ -74,23 +70,6 @@ def _more_shapes(part: FlexiblePart) -> list[str]:
     if basis.kind == "assumed":
         return [f"{at}.modes={basis.modes + max(1, basis.modes // 2)}"]
     return []
-
-
-def _double(segments: int) -> int:
-    """A quarter of an error of second order in their length is left."""
-    return segments
-
-
-def _one(segments: int) -> int:
-    return 1
-
-
-def _none(segments: int) -> int:
-    return 0
-
-
-def _said(added: int) -> str:
-    return ("more modes", "one more segment")[added] if added < 2 else "twice the segments"
 
 
 def solids(mechanism: Mechanism) -> list[FlexiblePart]:

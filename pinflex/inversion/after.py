@@ -12,12 +12,11 @@ on with the energy that it then has. Damping is left out: a bar.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigh
 
 from pinflex.arrays import Array
 from pinflex.inversion.differences import EIGHTH, rates
 from pinflex.inversion.instant import Balanced, Instant
-from pinflex.linalg import null_space, saddle
+from pinflex.linalg import eigh, null_space, saddle
 
 _SAFETY = 2.0  # to first order, and of loops neither a blow nor soft: seen up to 1.7
 _STILL = 1e-6  # of the fastest rate, below which nothing holds a mode: it goes on, and is left out

@@ -42,6 +42,19 @@ def run(robot: pf.Mechanism, control: pf.Control, until: float = 1.0) -> pf.Resu
     )
 
 
+def sampled(count: int, kp: float, kd: float, delay: float) -> list[float]:
+    """Angles of a wheel every millisecond: between samples its acceleration is constant."""
+    x, u, waiting, exact, h = np.zeros(2), 0.0, [], [], 1e-3
+    for k in range(count):
+        exact.append(x[0])
+        if k % 10 == 0:
+            waiting.append((k * h + delay, kp * (1 - x[0]) - kd * x[1]))
+        while waiting and waiting[0][0] <= k * h + 1e-9:
+            u = waiting.pop(0)[1]
+        x = np.array([x[0] + h * x[1] + h * h * u / J / 2, x[1] + h * u / J])
+    return exact
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.025])
 def test_a_sampled_pd_on_a_mass_is_its_exact_discrete_system(
     free: pf.Mechanism, delay: float
@@ -52,14 +65,7 @@ def test_a_sampled_pd_on_a_mass_is_its_exact_discrete_system(
         ARM, HUB, lambda t, m, rate, total: kp * (1 - m) - kd * rate, period=PERIOD, delay=delay
     )
     found = run(free, control)
-    x, u, waiting, exact, h = np.zeros(2), 0.0, [], [], 1e-3
-    for k in range(1001):
-        exact.append(x[0])
-        if k % 10 == 0:
-            waiting.append((k * h + delay, kp * (1 - x[0]) - kd * x[1]))
-        while waiting and waiting[0][0] <= k * h + 1e-9:
-            u = waiting.pop(0)[1]
-        x = np.array([x[0] + h * x[1] + h * h * u / J / 2, x[1] + h * u / J])
+    exact = sampled(1001, kp, kd, delay)
     # round-off: Radau is exact on parabolas
     np.testing.assert_allclose(found.joint("arm_joint").position, exact, atol=1e-12)
     assert found.meta["energy_balance"] < 1e-12
@@ -84,14 +90,7 @@ def test_it_is_so_beside_a_flexible_arm_in_two_steps_a_hold(delay: float, tmp_pa
         ARM, HUB, lambda t, m, rate, total: kp * (1 - m) - kd * rate, period=PERIOD, delay=delay
     )
     found = pf.solve(robot, level="coupled", control=control, samples=501, tol=1e-3)
-    x, u, waiting, exact, h = np.zeros(2), 0.0, [], [], 1e-3
-    for k in range(501):
-        exact.append(x[0])
-        if k % 10 == 0:
-            waiting.append((k * h + delay, kp * (1 - x[0]) - kd * x[1]))
-        while waiting and waiting[0][0] <= k * h + 1e-9:
-            u = waiting.pop(0)[1]
-        x = np.array([x[0] + h * x[1] + h * h * u / J / 2, x[1] + h * u / J])
+    exact = sampled(501, kp, kd, delay)
     # of Newton's iteration, which stops for the beam too; seen: 4e-11
     np.testing.assert_allclose(found.joint("arm_joint").position, exact, atol=1e-9)
     assert found.meta["energy_balance"] < 1e-5

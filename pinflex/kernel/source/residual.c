@@ -149,17 +149,22 @@ EXPORT void pinflex_closures(const Tables *t, char *memory, Int count, const dou
   }
 }
 
+/* The nodes at rest at poses from `first` on. */
+static void stand(const Tables *t, Work *w, Group *g, const double *Y, Int count, Int first) {
+  for (Int i = 0; i < t->nv; i++) g->v[i] = g->a[i] = lane(0);
+  gather(Y, count, t->nq, first, g->y);
+  expand(t, w, g->y, g->v, g->a);
+  outward(t, w, 1);
+}
+
 /* Poses of one node in the world at `count` poses Y (count, nq): R row by row and p, (count, 12). */
 EXPORT void pinflex_poses(const Tables *t, char *memory, Int count, const double *Y, Int node,
                           double *out) {
   Work w;
   Group g;
   lay_out(t, memory, &w, &g);
-  for (Int i = 0; i < t->nv; i++) g.v[i] = g.a[i] = lane(0);
   for (Int first = 0; first < count; first += LANES) {
-    gather(Y, count, t->nq, first, g.y);
-    expand(t, &w, g.y, g.v, g.a);
-    outward(t, &w, 1);
+    stand(t, &w, &g, Y, count, first);
     for (int l = 0; l < LANES && first + l < count; l++) {
       for (int k = 0; k < 9; k++) out[12 * (first + l) + k] = w.node[node].R[k][l];
       for (int k = 0; k < 3; k++) out[12 * (first + l) + 9 + k] = w.node[node].p[k][l];
@@ -211,11 +216,8 @@ EXPORT void pinflex_sleeves(const Tables *t, char *memory, Int count, const doub
   Work w;
   Group g;
   lay_out(t, memory, &w, &g);
-  for (Int i = 0; i < t->nv; i++) g.v[i] = g.a[i] = lane(0);
   for (Int first = 0; first < count; first += LANES) {
-    gather(Y, count, t->nq, first, g.y);
-    expand(t, &w, g.y, g.v, g.a);
-    outward(t, &w, 1);
+    stand(t, &w, &g, Y, count, first);
     sleeve_places(t, &w, count - first, out + first * t->sleeves);
   }
 }
