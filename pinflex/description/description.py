@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +175,11 @@ class Description:
         return schema.mapping(yaml_text.load(self.yaml_text, label), label)
 
     def tree(self) -> Source:
-        """The robot's file, read again."""
+        """The robot's file as every later step reads it."""
+        return self._tree
+
+    @cached_property
+    def _tree(self) -> Source:
         return sources.read(self.urdf_text, self.urdf_name, self.package_dirs)
 
     def replace(self, **changes: Any) -> Description:
@@ -210,7 +214,7 @@ class Description:
         if links and _robot(raw) == before and isinstance(raw.get("flexible"), dict):
             raw["flexible"] = link_groups.gathered(raw["flexible"], links)
         return _describe(
-            _dumped(raw), self.name, self.path, tree if _robot(raw) == before else None
+            _dumped(raw), self.name, self.path, tree if _robot(raw) == before else None, raw
         )
 
 
@@ -236,11 +240,14 @@ def from_text(text: str, path: Path) -> Description:
     return _describe(text, path.stem, path, None)
 
 
-def _describe(text: str, name: str, path: Path | None, tree: Source | None) -> Description:
-    """Check the whole YAML text; `tree` spares reading the robot's file again."""
+def _describe(
+    text: str, name: str, path: Path | None, tree: Source | None, raw: Any = None
+) -> Description:
+    """Check the whole YAML; `tree` spares reading the robot's file again, `raw` parsing the text."""
     file = f"{name}.yaml" if path is None else path.name
     place = {key: schema.at(file, key) for key in KEYS}
-    block = schema.mapping(yaml_text.load(text, file), file, KEYS, ("urdf",))
+    raw = yaml_text.load(text, file) if raw is None else raw
+    block = schema.mapping(raw, file, KEYS, ("urdf",))
     folder = Path() if path is None else path.parent
     if tree is None:
         named, args = schema.text(block["urdf"], place["urdf"]), place["xacro_args"]
