@@ -180,6 +180,17 @@ def test_ctrl_c_keeps_what_is_done_and_says_so(arm, tmp_path):
     assert len(rows(out)) == kept < COUNT
 
 
+def test_a_tolerance_holds_the_numbers_that_a_table_has():
+    """Torque alone in fewer steps than stress too, and as near to a run a hundred times finer."""
+    values, tol = {"solve.tol": [1e-2]}, 1e-2
+    torque = pf.sweep("race_r2", values, level="coupled", outputs=["torque", "cost"])
+    every = pf.sweep("race_r2", values, level="coupled", outputs=["torque", "stress", "cost"])
+    true = pf.sweep("race_r2", {"solve.tol": [1e-4]}, level="coupled", outputs=["torque"])
+    assert torque["cost.steps"][0] <= every["cost.steps"][0]
+    for key in [key for key in torque if key.startswith("torque.peak")]:
+        assert abs(torque[key][0] / true[key][0] - 1.0) < tol
+
+
 def test_a_dask_cluster_gives_the_same_table(arm):
     distributed = pytest.importorskip("distributed", reason="needs pinflex[sweep]")
     values = {THICKNESS: [3e-3, 4e-3, -1.0]}
