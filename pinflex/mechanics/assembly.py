@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,6 +40,8 @@ class LoopReport:
             (motors locked), without units (`Units`): zero where the motors lose command (nan
             without loops).
         starts: Poses tried to close the loops; 0 where Newton closed them from the home guess.
+        gaps: How far loops are open that are built in so (`pinflex.mechanics.misfit`), by name:
+            m and rad.
         coupled: Joints that follow others: one row each, not among `rows` and `rank`.
     """
 
@@ -52,6 +54,23 @@ class LoopReport:
     sigma_min: float
     starts: int = 0
     coupled: int = 0
+    gaps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def built_in(self) -> str:
+        """A sentence on the loops that are open at home, "" where none is."""
+        if not self.gaps:
+            return ""
+        open_by = [
+            f"{name} ({' and '.join(f'{x:.3g} {unit}' for x, unit in parts if x > CLOSED)})"
+            for name, parts in (
+                (n, zip(gap, ("m", "rad"), strict=True)) for n, gap in self.gaps.items()
+            )
+        ]
+        return (
+            f"open at home, in directions that no joint moves: {', '.join(open_by)}. Built in as "
+            "it is: it bears no force of its own."
+        )
 
 
 @dataclass(frozen=True)
@@ -131,18 +150,41 @@ def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array,
     return y, size
 
 
-def independent_rows(J: Array, labels: Sequence[str]) -> tuple[IntArray, tuple[str, ...]]:
+def independent_rows(
+    J: Array, labels: Sequence[str], small: float = RANK
+) -> tuple[IntArray, tuple[str, ...]]:
     """Rows that carry the rank of a closure Jacobian, and the names of the others.
 
     Args:
         J: Closure Jacobian, shape (rows, nv).
         labels: Row names.
+        small: Ratio below which a row counts as dependent.
     Returns:
         Kept rows in their order, and the labels of dependent rows.
     """
-    kept = np.sort(linalg.independent_rows(J, RANK))
+    kept = np.sort(linalg.independent_rows(J, small))
     dropped = sorted(set(range(len(J))) - set(kept.tolist()))
     return kept, tuple(labels[k] for k in dropped)
+
+
+def rank_beside(dynamics: Equations, full: Equations, home: Array, small: float = RANK) -> int:
+    """Largest rank of all closure rows at poses beside a closed one.
+
+    Args:
+        dynamics: Workspace with independent rows. full: With all of them.
+        home: Pose q, shape (nq,).
+        small: Ratio below which a row counts as dependent.
+    """
+    J, rank = dynamics.close(home).J, 0
+    Vt = np.linalg.svd(J)[2] if len(J) else np.eye(dynamics.n_rigid)
+    for motion in Vt[len(J) :]:
+        # Far enough to lift a dependent row over round-off, near enough to keep the branch.
+        beside = dynamics.integrate(home, 1e-3 * motion)
+        beside, size = close_loops(dynamics, beside, np.arange(dynamics.n_rigid))
+        if size < 1e-9:
+            rows, _ = independent_rows(full.close(beside).J, full.system.closed.labels, small)
+            rank = max(rank, len(rows))
+    return rank
 
 
 def singular_ratio(J: Array) -> float:

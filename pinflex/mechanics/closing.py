@@ -1,6 +1,7 @@
 """From a guess to a closed pose: Newton, then least squares inside the limits, then restarts.
 
-Newton from the guess closes what is nearly closed. Else the closure with angles instead of sines
+Newton from the guess closes what is nearly closed, but for a gap that no joint moves, which is
+built in (`pinflex.mechanics.misfit`). Else the closure with angles instead of sines
 (`pinflex.mechanics.closure_log`) is minimised from the guess and from random poses inside the joint
 limits, always the same ones; of the poses found that nearest to the guess is taken, drawn towards
 the guess along the closures and closed by Newton to round-off.
@@ -11,7 +12,7 @@ Source of the least squares: Branch, Coleman, Li (1999), as `scipy.optimize.leas
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
 
 import numpy as np
@@ -25,6 +26,7 @@ from pinflex.mechanics.assembly import CLOSED, RANK, close_loops
 from pinflex.mechanics.closure_log import LogClosure, size_of, translations
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loop_axes import axis_hint
+from pinflex.mechanics.misfit import Misfit, misfit, nearly_closed
 from pinflex.text import brief
 
 _STARTS = 48  # poses to start from at most
@@ -50,12 +52,19 @@ class Limits:
 
 @dataclass(frozen=True)
 class Closed:
-    """A closed pose q, and the poses that were tried for it: 0 where Newton found it at once."""
+    """A closed pose q.
+
+    Attributes:
+        pose: Shape (nq,).
+        starts: Poses that were tried for it: 0 where Newton found it at once.
+        misfit: What stays open there and is built in.
+    """
 
     __repr__ = brief
 
     pose: Array
     starts: int
+    misfit: Misfit = field(default_factory=Misfit)
 
 
 def limits_of(written: pin.Model, model: pin.Model) -> Limits:
@@ -123,11 +132,15 @@ def assemble(
                 return search.run(False, pose) or Closed(pose, 0)
             if fits or not search.welded_wrong(pose):
                 spare = pose if spare is None else spare
+        elif (near := search.nearly(guess, moving)) is not None:
+            return near
     found = search.run(False)
     if found is not None:
         return found
     if spare is not None:  # outside the limits, or axes against each other, but closed
         return Closed(spare, 0)
+    if search.best is not None and (near := search.nearly(search.best[1], search.every)):
+        return near
     raise search.failure(where, loops)
 
 
@@ -259,6 +272,13 @@ class _Search:
         if size > _NEARLY * self.length:
             return None
         return self._polished(pose, rows)
+
+    def nearly(self, start: Array, rows: IntArray) -> Closed | None:
+        """What is closed near a pose but for a gap that is built in."""
+        pose = nearly_closed(self.dynamics, start, rows)
+        if pose is None or self.closure.flipped(pose) or not self.inside(pose, free=True):
+            return None
+        return Closed(pose, self.tried, misfit(self.dynamics, pose))
 
     def _polished(self, pose: Array, rows: IntArray) -> Array | None:
         pose, size = close_loops(self.dynamics, pose, rows)

@@ -289,6 +289,7 @@ class _Loading:
             sigma_min=rigid.report.sigma_min,
             starts=rigid.report.starts,
             coupled=rigid.report.coupled,
+            gaps=rigid.report.gaps,
         )
         return self._done(parts, rigid, flexible, report)
 

@@ -30,6 +30,7 @@ from pinflex.mechanics.home_guess import given, home_guess
 from pinflex.mechanics.joints import joint_springs
 from pinflex.mechanics.loads import loads, require_apart
 from pinflex.mechanics.loop_axes import axis_hint
+from pinflex.mechanics.misfit import Misfit
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.slider import sleeves
 from pinflex.mechanics.subtrees import on_model
@@ -48,6 +49,7 @@ class Assembled:
         report: Ranks, redundant rows, mobility.
         idle: Freedoms that need no motor.
         ground: Places in the world of loops that are held there, by loop.
+        misfit: What makes loops fit that are open at home.
     """
 
     system: System
@@ -55,6 +57,7 @@ class Assembled:
     report: LoopReport
     idle: Idle
     ground: Mapping[str, pin.SE3]
+    misfit: Misfit
 
 
 def rigid_system(
@@ -97,19 +100,22 @@ def rigid_system(
     if every.n:
         named = given(description, model)
         closed = assemble(dynamics, guess, motors, where, limits, named, description.loops)
-    home = closed.pose
+        every = closed.misfit.built_in(every)
+        system = replace(system, closed=closed.misfit.built_in(system.closed))
+        dynamics = Equations(system)
+    home, fit = closed.pose, closed.misfit
     require_apart(placed, model, home, description.name)
     _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
-    kept, redundant = assembly.independent_rows(J, system.closed.labels)
+    kept, redundant = assembly.independent_rows(J, system.closed.labels, fit.rank)
     system = replace(system, closed=system.closed.select(kept))
-    elastic = elastic_rows(J, motors, springs)
+    elastic = elastic_rows(J[kept], motors, springs)
     system = replace(system, held=elastic)
     home = at_rest(system, description, home, names)
     idle = idle_of(system, description, home)
     spun = len(idle.spins)
     if spun:
         loops = (*description.loops, *idle.spins)
-        both = closures(loops, tree.frames, model, held, coupled, ground)
+        both = fit.built_in(closures(loops, tree.frames, model, held, coupled, ground))
         both = replace(both, lengths=_lengths_of(system.closed, description))
         rows = np.concatenate([kept, every.n + np.arange(spun)])
         system = replace(system, closed=both.select(rows))
@@ -119,7 +125,8 @@ def rigid_system(
         dynamics = Equations(system)
         dynamics.require_on_beams(home, where)
         if redundant:
-            _refuse_singular_home(description, dynamics, home, redundant, every, kept)
+            full = replace(every, lengths=_fill(dynamics, every))
+            _refuse_singular_home(description, dynamics, home, redundant, full, fit.rank)
         if len(motors) + len(system.held) >= nv - len(kept) - spun:
             sigma = _sigma_at_home(dynamics, description, home, names, where)
     joined = len(coupled)
@@ -131,8 +138,9 @@ def rigid_system(
         sigma,
         closed.starts,
         joined,
+        fit.gaps,
     )
-    return Assembled(system, home, report, idle, ground)
+    return Assembled(system, home, report, idle, ground, fit)
 
 
 def _sigma_at_home(
@@ -194,6 +202,7 @@ def flexible_system(
     loops = (*description.loops, *idle.spins)
     coupled = description.couplings
     every = closures(loops, expansion.frames, expansion.model, held, coupled, assembled.ground)
+    every = assembled.misfit.built_in(every)
     lengths = _lengths_of(rigid.closed, description)
     every = replace(every, lengths=lengths)
     placed = loads(description.forces, description.springs, expansion.frames)
@@ -206,7 +215,7 @@ def flexible_system(
     if every.n:
         large = workspace.size(system.expansion.model) > _LARGE
         _, J = Equations(system, large).close(np.concatenate([home, np.zeros(m)]))
-    kept, redundant = assembly.independent_rows(J, every.labels)
+    kept, redundant = assembly.independent_rows(J, every.labels, assembled.misfit.rank)
     spun = len(idle.spins)
     own = spun + len(coupled)
     report = LoopReport(every.n - own, len(kept) - own, redundant, 0, float("nan"))
@@ -247,29 +256,19 @@ def _refuse_singular_home(
     home: Array,
     redundant: Sequence[str],
     every: Closures,
-    kept: IntArray,
+    small: float,
 ) -> None:
     """Rows that are dependent only at home, not beside it, mean that home itself is singular."""
-    full = Equations(
-        replace(dynamics.system, closed=replace(every, lengths=_fill(dynamics, every)))
-    )
-    _, J = dynamics.close(home)
-    _, _, Vt = np.linalg.svd(J) if len(J) else (None, None, np.eye(dynamics.n_rigid))
-    for motion in Vt[len(J) :]:
-        # Far enough to lift a dependent row over round-off, near enough to keep the branch.
-        beside = dynamics.integrate(home, 1e-3 * motion)
-        beside, size = assembly.close_loops(dynamics, beside, np.arange(dynamics.n_rigid))
-        if size > 1e-9:
-            continue
-        _, J_beside = full.close(beside)
-        rank = len(assembly.independent_rows(J_beside, every.labels)[0])
-        if rank > len(kept):
-            raise SingularityError(
-                f"{description.name}: home: singular pose: the closures have rank {len(kept)} here "
-                f"and {rank} beside it; dependent at home: {', '.join(redundant)}. "
-                f"Give a `home` away from this pose.{axis_hint(full, description.loops, home)}",
-                redundant=tuple(redundant),
-            )
+    full = Equations(replace(dynamics.system, closed=every))
+    here = every.n - len(redundant)
+    beside = assembly.rank_beside(dynamics, full, home, small)
+    if beside > here:
+        raise SingularityError(
+            f"{description.name}: home: singular pose: the closures have rank {here} here "
+            f"and {beside} beside it; dependent at home: {', '.join(redundant)}. "
+            f"Give a `home` away from this pose.{axis_hint(full, description.loops, home)}",
+            redundant=tuple(redundant),
+        )
 
 
 def _fill(dynamics: Equations, every: Closures) -> Array:

@@ -229,12 +229,14 @@ def _energy_balance(arrays: Mapping[str, Array]) -> float:
 
 def _redundant(mechanism: Mechanism, run: Run) -> list[str]:
     report = mechanism.report if run.system is mechanism.rigid else mechanism.flexible_report
+    said = [report.built_in] if report.gaps else []
     if not report.redundant:
-        return []
+        return said
     return [
+        *said,
         f"{len(report.redundant)} redundant closure rows left out "
         f"({', '.join(report.redundant[:4])}{', ...' if len(report.redundant) > 4 else ''}): "
-        "the motion is exact, reactions in these directions are not unique."
+        "the motion is exact, reactions in these directions are not unique.",
     ]
 
 

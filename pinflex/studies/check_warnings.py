@@ -124,6 +124,7 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
     if mechanism.description.loops:
         crossed = axis_hint(Equations(mechanism.rigid), mechanism.description.loops, mechanism.home)
         warnings += [crossed.strip()] if crossed else []
+    warnings += [report.built_in] if report.gaps else []
     every = dict.fromkeys((*report.redundant, *mechanism.flexible_report.redundant))
     if every:
         flexible = mechanism.flexible_report.redundant
