@@ -11,6 +11,7 @@ import numpy as np
 
 from pinflex import registered
 from pinflex.description import fields, schema
+from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
@@ -29,10 +30,10 @@ class Integrator:
 
     Attributes:
         name: Value of the key `integrator`.
-        keys: Further keys of `solve` that have a meaning for it.
+        keys: Further keys of `solve` that have a meaning for it; a function takes them by name.
         only: The one level that it serves; None: every level that marches in time.
-        method: An `AlphaScheme`, a `Collocation` (coupled, with tol) or a function (ked) from
-            outside the package; None: one of its own.
+        method: An `AlphaScheme`, a `Collocation` (coupled, with tol) or a function (ked); None: of
+            the march itself.
     """
 
     name: str
@@ -41,16 +42,25 @@ class Integrator:
     method: Any = None
 
 
+def _textbook(name: str, *keys: str) -> Integrator:
+    """A classical method of level ked; its module is loaded when it takes its first step."""
+
+    def method(*march: Any, **options: Any) -> Any:
+        return door("integrators.textbook", name)(*march, **options)
+
+    return Integrator(name, keys, "ked", method)
+
+
 INTEGRATORS: dict[str, Integrator] = {
     row.name: row
     for row in (
         Integrator("generalized_alpha", ("rho_inf",)),
         Integrator("newmark", ("newmark",)),
         Integrator("hht", ("rho_inf",)),
-        Integrator("central_difference", only="ked"),
-        Integrator("houbolt", only="ked"),
-        Integrator("wilson_theta", ("theta",), only="ked"),
-        Integrator("mode_superposition", ("modes",), only="ked"),
+        _textbook("central_difference"),
+        _textbook("houbolt"),
+        _textbook("wilson_theta", "theta"),
+        _textbook("mode_superposition", "modes"),
         Integrator("radau", only="coupled"),
     )
 }
@@ -159,6 +169,13 @@ class SolveSpec:
         """The integrator given as a value or registered by its name; else its name, or None."""
         row = INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
         return self.integrator if row is None or row.method is None else row.method
+
+    @property
+    def method_options(self) -> dict[str, Any]:
+        """The keys of the named integrator that are written, by name."""
+        row = INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
+        values = {} if row is None else {key: getattr(self, key) for key in row.keys}
+        return {key: value for key, value in values.items() if value is not None}
 
     @property
     def only(self) -> str | None:

@@ -21,14 +21,7 @@ from pinflex.description.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import Interpolation
-from pinflex.integrators.linear import (
-    Alpha,
-    March,
-    central_difference,
-    houbolt,
-    wilson_theta,
-)
-from pinflex.integrators.mode_superposition import mode_superposition
+from pinflex.integrators.linear import Alpha, Method
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.levels.interpolated import InterpolatedPath
@@ -46,21 +39,13 @@ _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness 
 _CLOSE = 1e-9  # interpolated matrices: below what a step leaves, above round-off
 
 
-def march_of(spec: SolveSpec) -> March:
-    """The method that a scene names or gives: one of the alpha family, or for linear systems."""
-    if spec.integrator == "central_difference":
-        return central_difference
-    if spec.integrator == "houbolt":
-        return houbolt
-    if spec.integrator == "wilson_theta":
-        return partial(wilson_theta, theta=1.4 if spec.theta is None else spec.theta)
-    if spec.integrator == "mode_superposition":
-        return partial(mode_superposition, modes=12 if spec.modes is None else spec.modes)
-    if isinstance(spec.method, AlphaScheme):
-        return Alpha(spec.method)
-    if callable(spec.method):
-        march: March = spec.method
-        return march
+def method_of(spec: SolveSpec) -> Method:
+    """The method that a scene names or gives: one of the alpha family, or any function of steps."""
+    given = spec.method
+    if isinstance(given, AlphaScheme):
+        return Alpha(given)
+    if callable(given):
+        return partial(given, **spec.method_options)
     rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
     return Alpha(scheme(spec.by_steps, rho_inf, spec.newmark))
 
@@ -69,7 +54,7 @@ def solve_ked(
     mechanism: Mechanism,
     motion: Motion,
     t: Array,
-    march: March,
+    march: Method,
     start: str = "straight",
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -169,7 +154,7 @@ def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntA
 
 def _each(
     systems: InterpolatedPath | Kept,
-    march: March,
+    march: Method,
     h: float,
     start: Array,
     every: int,

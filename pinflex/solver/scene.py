@@ -27,7 +27,7 @@ from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.levels.given_start import start_from
-from pinflex.levels.ked import march_of, solve_ked
+from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.modes import modes
 from pinflex.levels.speeds import with_speeds
 from pinflex.levels.start import Start, start_of
@@ -90,7 +90,7 @@ class Scene:
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
             fine[::every] = t  # to the last digit: there the nominal motion may be known
             run = solve_ked(
-                self.mechanism, self.motion, fine, march_of(spec), spec.start,
+                self.mechanism, self.motion, fine, method_of(spec), spec.start,
                 spec.ked == "structural", progress, every=every, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps

@@ -20,7 +20,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.linear import Alpha
 from pinflex.integrators.run import Run
-from pinflex.levels.ked import march_of
+from pinflex.levels.ked import method_of
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.estimates import errors, floor
 from pinflex.solver.force_errors import force_errors
@@ -107,7 +107,7 @@ def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | Non
 
 def _order(spec: SolveSpec) -> int:
     """Power of the step that the errors of equal steps fall with; 1 where nothing is known."""
-    march = march_of(spec)
+    march = method_of(spec)
     if isinstance(march, Alpha):
         return march.scheme.order
     return 2 if spec.method is None else 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
 
@@ -10,21 +12,18 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.integrators.linear import (
-    At,
-    Instant,
-    March,
-    alpha,
+from pinflex.integrators.linear import At, Instant, Method, alpha
+from pinflex.integrators.schemes import newmark
+from pinflex.integrators.textbook import (
     central_difference,
     houbolt,
+    mode_superposition,
     stable_step,
     wilson_theta,
 )
-from pinflex.integrators.mode_superposition import mode_superposition
-from pinflex.integrators.schemes import newmark
 from tests.finite import slope
 
-METHODS: dict[str, March] = {
+METHODS: dict[str, Method] = {
     "newmark": partial(alpha, newmark()),
     "central_difference": central_difference,
     "houbolt": houbolt,
@@ -56,7 +55,7 @@ def exact(t: Array) -> tuple[Array, Array]:
     return x, v
 
 
-def errors(march: March, scene: Callable[[float], At], counts: tuple[int, ...]) -> Array:
+def errors(march: Method, scene: Callable[[float], At], counts: tuple[int, ...]) -> Array:
     found = []
     for n in counts:
         states = list(march(scene(1 / n), n + 1, 1 / n, np.array([1.0])))
@@ -175,3 +174,18 @@ def test_modes_left_out_follow_statically() -> None:
     np.testing.assert_allclose(soft[:, 1], static, atol=1e-12)
     # What a mode of 200 Hz adds to its static part under this slow load: (2 / omega)^2 of it.
     np.testing.assert_allclose(every[:, 1], static, atol=2e-5 * static.max())
+
+
+def test_the_textbook_is_loaded_when_a_scene_names_one_of_its_methods() -> None:
+    script = """
+import sys
+import pinflex as pf
+robot = pf.load("spinning_beam")
+pf.solve(robot, level="ked", samples=11, until=0.01)
+assert "pinflex.integrators.textbook" not in sys.modules
+run = pf.solve(robot, level="ked", samples=11, until=0.01, integrator="wilson_theta", theta=2.0)
+assert "pinflex.integrators.textbook" in sys.modules
+usual = pf.solve(robot, level="ked", samples=11, until=0.01, integrator="wilson_theta")
+assert abs(run.torque - usual.torque).max() > 0.0
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)

@@ -8,7 +8,7 @@ import pytest
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.levels.interpolated import InterpolatedPath
-from pinflex.levels.ked import march_of, solve_ked
+from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.linearised import LinearPath, _Matrices, _Moving, along
 from pinflex.levels.varying import varying
 from pinflex.solver.solve import default_motion
@@ -76,7 +76,7 @@ def test_samples_of_the_linear_march_are_those_of_all_its_steps(name):
     robot = pf.load(name)
     motion = default_motion(robot)
     t = np.linspace(0.0, motion.duration, 1201)
-    march = march_of(robot.description.solve)
+    march = method_of(robot.description.solve)
     each, few = (solve_ked(robot, motion, t, march, every=n) for n in (1, 6))
     assert len(few.t) == 201 and few.cost == each.cost and few.settings == each.settings
     for x in ("y", "v", "a", "lam", "torque"):
