@@ -24,7 +24,10 @@ from pinflex.integrators.step_control import GROWTH, HELD, SHORTEST, TOGETHER, s
 from pinflex.integrators.steps import States
 from pinflex.kernel.march import (
     FULL,
+    HOLDS,
     INPUTS,
+    ON,
+    RESTARTS,
     SAMPLE,
     START,
     STUCK,
@@ -36,6 +39,7 @@ from pinflex.kernel.march import (
 
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RECORDED = 64  # steps of a batch that nobody judges
+_ANY = 1e6  # coarseness of a step, where its length is given: more than any
 _POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
 STATE = ("y", "v", "a", "lam", "torque")
 _COPIED = (
@@ -125,12 +129,13 @@ def steps_of(
     breaks: Sequence[float],
     room: tuple[int, int],
     instants: Sequence[float] = (),
+    given: Sequence[float] = (),
 ) -> CompiledSteps:
     """The steps of a run from its start to its end (s), some of them ending at breaks (s).
 
-    `instants`: ends too, where a digital controller acts (s).
+    `instants`: ends too, where a digital controller acts (s). `given`: ends and nothing else (s).
     """
-    stops, every = stops_of(ends, breaks), stops_of(ends, (*breaks, *instants))
+    stops, every = stops_of(ends, breaks), stops_of(ends, (*breaks, *instants, *given))
     assert stages.compiled is not None
     system, compiled, m = stages.dynamics.system, stages.compiled.compiled, stages.method
     drive = stages.drive
@@ -143,9 +148,10 @@ def steps_of(
     kinds = [slice(*pair) for pair in pairwise(widths)]
     weight = stages.dynamics.strain.stiffness if stages.by_energy else None
     close = SHORTEST * (ends[1] - ends[0])
-    apart = np.abs(np.subtract.outer(every, stops)).min(axis=1)
-    holds = (apart > close).astype(np.int64)
-    marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, every, holds)
+    kind = np.full(len(every), ON)
+    for what, at in ((HOLDS, instants), (RESTARTS, stops)):
+        kind[_apart(np.array(every), np.array(at)) <= close] = what
+    marched = Marched(*m.monomials, m.last, stages.measured_rows, weight, every, kind)
     made_of, table = stages.compiled.table
     asked_for = (stages.motion, drive and drive.forward, *ends, *stops)
     # A load that switches is another at the end of one step than at the start of the next.
@@ -155,6 +161,13 @@ def steps_of(
             table = tabulated(inputs, kinds, *ends, stops)
         stages.compiled.table = asked_for, table
     return CompiledSteps(stages, marched, table, room)
+
+
+def _apart(t: Array, others: Array) -> Array:
+    """How far times are from the nearest of others, s."""
+    at = np.concatenate([[-np.inf], np.sort(others), [np.inf]])
+    after = np.searchsorted(at, t)
+    return np.asarray(np.minimum(at[after] - t, t - at[after - 1]))
 
 
 def _inputs(path: MotorPath, scale: Array, drive: TorqueDrive | None) -> Array:
@@ -231,20 +244,23 @@ class CompiledMarch:
         unjudged: bool,
         recorded: bool = False,
         instants: Sequence[float] = (),
+        given: Sequence[float] = (),
     ) -> None:
         """As `March`; `recorded`: all steps stay, so that batches may have any size.
 
         `instants`: times in s at which a digital controller acts. There a run goes on as it was.
+        `given`: ends of the steps in s, which are not chosen then.
         """
         self._name, self.stages, self.resolution = name, stages, 0.0
         self.steps: Sequence[Step] = ()
         ends = float(t[0]), float(t[-1])
         room = (_RECORDED, 1) if recorded else (TOGETHER, TOGETHER + 1)
-        self._made, self._recorded = steps_of(stages, ends, breaks, room, instants), recorded
+        self._made = steps_of(stages, ends, breaks, room, instants, given)
+        self._recorded, self._given = recorded, len(given) > 0
         self._kernel, self._at = self._made.kernel, self._made.kernel.at
         self._repeated, at = 0, self._at
         at.shortest, at.held, at.growth = SHORTEST * (ends[1] - ends[0]), HELD, GROWTH
-        at.idle_from, at.idle_to = stages.idle
+        at.idle_from, at.idle_to = (0.0, np.inf) if given else stages.idle
         at.order, at.patience = stages.order, _PATIENCE
         at.t, at.h, at.first, at.unjudged = ends[0], first, first, unjudged
         at.ceiling = at.refused = np.inf
@@ -280,6 +296,8 @@ class CompiledMarch:
         self._follow(int(at.count))
         for name, value in stages.goals.items():
             setattr(at, name, value)
+        if self._given:
+            at.resolution = _ANY
         try:
             while (end := self._kernel.advance()) not in (FULL, STUCK):
                 if end == INPUTS:

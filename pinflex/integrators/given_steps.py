@@ -14,9 +14,10 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
+from pinflex.integrators.compiled_march import CompiledMarch
 from pinflex.integrators.march import Keeper
 from pinflex.integrators.radau import FIRM, SHARP, Stages
-from pinflex.integrators.record import Record
+from pinflex.integrators.record import Record, spans_of
 from pinflex.integrators.run import Run
 from pinflex.integrators.steps import StepFailed, Steps
 
@@ -43,7 +44,8 @@ class Ends(Record):
 
     def take(self, steps: Sequence[Any], found: Any = None) -> int:
         """Record steps, their ends too."""
-        self.ends += [step.start.t + step.h for step in steps]
+        t, h = spans_of(steps)
+        self.ends += (t + h).tolist()
         return super().take(steps, found)
 
 
@@ -73,6 +75,8 @@ def along(
     """
     span = _SAME * float(ends[-1] - t[0])
     corners = _corners(name, float(t[0]), breaks, ends, span)
+    if stages.compiled is not None:
+        return _on_kernel(name, stages, start, t, breaks, ends, keeper)
     now, last = stages.first(float(t[0]), *start), None
     keeper.start(now)
     pending: list[Any] = []
@@ -90,6 +94,30 @@ def along(
     cost = {"steps": float(len(ends)), **stages.counts}
     dt = float(ends[-1] - t[0]) / len(ends)
     return keeper.run(cost, {**stages.settings, "dt": dt, "steps": "given"}, "")
+
+
+def _on_kernel(
+    name: str,
+    stages: Stages,
+    start: tuple[Array, Array],
+    t: Array,
+    breaks: Sequence[float],
+    ends: Array,
+    keeper: Keeper,
+) -> Run:
+    stages.closeness, stages.slack = SHARP, FIRM.part / SHARP.part
+    span, given = float(ends[-1] - t[0]), tuple(ends.tolist())
+    march = CompiledMarch(
+        name, stages, start, np.array([t[0], ends[-1]]), breaks, span, False, True, (), given
+    )
+    keeper.start(march.now)
+    while not march.done:
+        march.advance()
+        keeper.take(march.steps)
+        march.settle(len(march.steps), 0.0)
+    cost = {key: float(x) for key, x in march.cost().items()}
+    settings = {**stages.settings, "dt": span / len(ends), "steps": "given"}
+    return keeper.run({**cost, "steps": float(len(ends))}, settings, "")
 
 
 def _corners(

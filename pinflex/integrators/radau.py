@@ -102,11 +102,13 @@ class Stages(StageEquations):
 
     Attributes:
         slow: Contraction of Newton's iteration above which the next step has a new tangent.
-        closeness: What Newton may leave; None: as the resolution allows.
+        closeness: What Newton may leave; None: as the resolution allows. slack: Times that, where
+            round-off ends its iteration.
     """
 
     idle = (1.0, 1.2)  # a change of the step costs new factors
     slow, loose = 0.1, False
+    slack = 1.0
     closeness: Closeness | None = None
 
     def __init__(
@@ -194,7 +196,7 @@ class Stages(StageEquations):
         least, still, open_by = self._closeness
         return {
             "resolution": self.resolution, "slow": self.slow, "least": least,
-            "round_off": still, "seen": _SEEN, "open": open_by,
+            "round_off": still, "seen": _SEEN, "open": open_by, "slack": self.slack,
             "most": _MAX_ITERATIONS, "same_step": SAME_STEP,
         }  # fmt: skip
 

@@ -22,6 +22,7 @@ _March, _Steps, _Inputs = (structure(name) for name in ("March", "Steps", "Input
 FULL, INPUTS, START, STUCK, PAUSED, SAMPLE = (
     constant(name) for name in ("FULL", "INPUTS", "START", "STUCK", "PAUSED", "SAMPLE")
 )
+RESTARTS, HOLDS, ON = (constant(name) for name in ("RESTARTS", "HOLDS", "ON"))
 MOST_STAGES = constant("MOST_STAGES")
 _STATE = ("y", "v", "a", "lam", "torque")
 _STARTS = ("t", "y0", "v0", "a0", "lam0", "torque0")
@@ -69,8 +70,8 @@ class Marched:
         basis, basis_0: Values at the nodes, and at 0 and the nodes, to coefficients of powers.
         last: Stages to the last Legendre coefficient, shape (s,).
         measured: Velocity rows that norms count. weight: Their weight; None: the mass matrix.
-        stops: Ends in s that steps have to meet. holds: Of each, whether it is an instant of a
-            digital controller and nothing else, shape (stops,).
+        stops: Ends in s that steps have to meet. kind: How the run goes on from each, shape
+            (stops,): RESTARTS, HOLDS (what a digital controller holds changes) or ON.
     """
 
     basis: Array
@@ -79,7 +80,7 @@ class Marched:
     measured: IntArray
     weight: Array | None
     stops: Sequence[float]
-    holds: IntArray
+    kind: IntArray
 
 
 class MarchKernel:
@@ -112,7 +113,7 @@ class MarchKernel:
         of_steps = Block({name: (steps, *shapes[name]) for name in _NUMBERS}, {})
         integers = Block(
             dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (2 * size,)},
-            {"measured_at": given.measured, "holds": given.holds}, np.int64,
+            {"measured_at": given.measured, "kind": given.kind}, np.int64,
         )  # fmt: skip
         # One tangent more for starts.
         zeros = {
@@ -131,7 +132,7 @@ class MarchKernel:
         self.tangents, self.input = at["tangent_at"], at["input"]
         self.y, self.v, self.a, self.lam, self.torque = (at[name] for name in _STATE)
         pointers = numbers.addresses | {
-            name: integers.addresses[name] for name in ("measured_at", "holds", "start_pivot")
+            name: integers.addresses[name] for name in ("measured_at", "kind", "start_pivot")
         }
         self.at = _March(
             capacity=capacity, tangents=tangents, stops=len(given.stops), measured=count,
@@ -160,7 +161,7 @@ class MarchKernel:
         self.at.inputs = ctypes.addressof(self._inputs[1])
         numbers, integers = self._keep[2].arrays, self._keep[1].arrays
         numbers["stop_at"][...], integers["measured_at"][...] = given.stops, given.measured
-        integers["holds"][...] = given.holds
+        integers["kind"][...] = given.kind
         if given.weight is not None:
             numbers["weight"][...] = given.weight
         for name in ("basis", "basis_0", "last"):

@@ -70,7 +70,7 @@ def _differences(a: Samples, b: Samples) -> dict[str, float]:
 def _quantities(samples: Samples) -> list[tuple[str, Array]]:
     """What is compared, with the output that it belongs to."""
     mechanism, found = samples.mechanism, list[tuple[str, Array]]()
-    if mechanism.parts:
+    if samples.run.system.expansion.slots:  # a rigid run has none
         forces = resultants(samples)
         cut = np.concatenate([*forces.values()], axis=1)
         sections = {name: mechanism.parts[name].spec.section for name in forces}

@@ -109,7 +109,7 @@ class Scene:
             at = every * (len(self.before.t) - 1)
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
         # takes the workspace that the start has given back
-        dynamics = Equations(self._system, marched=self._marched)
+        dynamics = Equations(self._system, marched=True)
         try:
             run = coupled.integrate(
                 self.mechanism, dynamics, (start.y, start.v), path, self._scheme, drive,
@@ -236,7 +236,7 @@ class Scene:
     def equations(self) -> AbstractContextManager[Equations]:
         """A workspace of what moves, lent: the one that finding the start has given back."""
         assert self._start is not None
-        return lent(self._system, self._marched)
+        return lent(self._system, marched=True)
 
     def _stages(
         self, t: Array, dynamics: Equations, resolution: float
@@ -287,11 +287,6 @@ class Scene:
     @property
     def _system(self) -> Any:
         return self.mechanism.rigid if self.spec.level == "rigid" else self.mechanism.loose
-
-    @property
-    def _marched(self) -> bool:
-        """Whether the kernel takes its steps, although nothing may give way in them."""
-        return self.spec.level != "rigid"
 
     def _path(self, t: Array) -> Callable[[Array], MotorPath]:
         return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))

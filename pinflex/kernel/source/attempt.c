@@ -114,7 +114,7 @@ int attempt(const Tables *t, char *memory, March *m, double h) {
   Stages *st = m->stages;
   Newton n = {.most = m->most, .placed = 1, .fresh = -1, .measured = m->measured,
               .measured_at = m->measured_at, .weight = m->weight, .least = m->least,
-              .open = m->open, .scale = m->scale};
+              .open = m->open, .slack = m->slack, .scale = m->scale};
   double trace = 0.0, *sum = st->part;
   st->h = h;
   take_inputs(t, m, h);

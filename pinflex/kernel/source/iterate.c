@@ -1,7 +1,8 @@
 /* Newton's iteration of a step until it has converged, failed, or needs a new tangent.
 
    It stops where the correction that is left, |dz| rate / (1 - rate), is below a goal and the loops
-   were shut. Norms are those of displacements, in the weight of stiffness or mass. */
+   were shut, or within `slack` times that where it cannot go on. Norms are those of displacements,
+   in the weight of stiffness or mass. */
 #include "newton.h"
 
 double weighed(const Newton *n, const double *x) {
@@ -35,16 +36,27 @@ static double norm(const Tables *t, const Stages *st, const Newton *n, int chang
 
 double reached(const Tables *t, const Stages *st, const Newton *n) { return norm(t, st, n, 0, 1); }
 
-/* What the last correction says: -1 to go on, else how the iteration ends. */
-static int judge(const Tables *t, const Stages *st, Newton *n) {
+/* Whether what is left, and what the loops were open by, is within `slack` times what it may be. */
+static int close(const Tables *t, const Stages *st, const Newton *n, double slack) {
   double rate = n->rate, left = rate < 0.9 ? n->size * rate / (1.0 - rate) : INFINITY;
-  double gap = 0.0, far = fmax(n->reach, n->goal);
+  double gap = 0.0, goal = slack * n->goal;
   for (Int i = 0; i < st->s * t->closures; i++) gap = fmax(gap, fabs(st->open[i]));
   /* Round-off has no rate. */
-  int small = left <= n->goal || (n->iteration > 0 && n->size < 0.1 * n->goal);
-  if (small && (t->closures == 0 || gap < n->open)) return CONVERGED;
-  if (n->size > 1e3 * far || (n->iteration >= n->fresh + 2 && rate > 0.5))
-    return n->fresh >= 0 || n->size > far ? FAILED : AGED;
+  int small = left <= goal || (n->iteration > 0 && n->size < 0.1 * goal);
+  return small && (t->closures == 0 || gap < slack * n->open);
+}
+
+/* How an iteration ends that cannot go on. */
+static int ended(const Tables *t, const Stages *st, const Newton *n) {
+  return close(t, st, n, n->slack) ? CONVERGED : FAILED;
+}
+
+/* What the last correction says: -1 to go on, else how the iteration ends. */
+static int judge(const Tables *t, const Stages *st, Newton *n) {
+  double far = fmax(n->reach, n->goal);
+  if (close(t, st, n, 1.0)) return CONVERGED;
+  if (n->size > 1e3 * far || (n->iteration >= n->fresh + 2 && n->rate > 0.5))
+    return n->fresh >= 0 || n->size > far ? ended(t, st, n) : AGED;
   return -1;
 }
 
@@ -64,11 +76,11 @@ int newton(const Tables *t, char *memory, const Stages *st, Newton *n) {
     n->size = size;
     int end = judge(t, st, n);
     if (end == AGED) {
-      if (++n->iteration == n->most) return FAILED;
+      if (++n->iteration == n->most) return ended(t, st, n);
       pinflex_place(t, st);
       n->placed = 1, n->fresh = n->iteration;
     }
     if (end >= 0) return end;
   }
-  return FAILED;
+  return ended(t, st, n);
 }

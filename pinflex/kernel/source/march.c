@@ -5,7 +5,8 @@
 #include <time.h>
 
 enum { FULL, INPUTS, START, STUCK, PAUSED, SAMPLE };
-enum { ON, RESTARTS, HOLDS }; /* how a run goes on from the end of a step */
+/* How a run goes on from a stop, and the end of a step: anew, under other forces that are held, or on. */
+enum { RESTARTS, HOLDS, ON };
 
 /* Length of the next step: equal pieces up to a stop that is near. */
 static double length(const March *m) {
@@ -65,14 +66,13 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   m->refused = INFINITY, m->follows = 1, m->number++;
   if (m->t < m->stop_at[m->stop] - m->shortest) return ON;
   m->t = m->stop_at[m->stop]; /* two that differ by round-off are one */
-  int smooth = 1;
-  while (m->stop < m->stops && !(m->stop_at[m->stop] > m->t + m->shortest))
-    smooth &= m->holds[m->stop++] != 0;
-  if (m->stop == m->stops) return ON;
+  Int kind = ON;
+  for (; m->stop < m->stops && !(m->stop_at[m->stop] > m->t + m->shortest); m->stop++)
+    if (m->kind[m->stop] < kind) kind = m->kind[m->stop];
+  if (m->stop == m->stops || kind == ON) return ON;
   m->follows = 0;
-  if (smooth) return HOLDS;
-  m->h = fmin(m->h, m->first);
-  return RESTARTS;
+  if (kind == RESTARTS) m->h = fmin(m->h, m->first);
+  return (int)kind;
 }
 
 static int stuck(const March *m) { return m->h < m->shortest; }

@@ -41,7 +41,7 @@ typedef struct {
   const Inputs *inputs;
   Steps steps;
   const double *stop_at;             /* s */
-  const Int *holds;                  /* of each stop: whether what is held changes there alone */
+  const Int *kind;                   /* of each stop, see march.c */
   const double *basis, *basis_0;     /* values at the nodes (and at 0) to coefficients of powers */
   const double *last;                /* stages to the last Legendre coefficient */
   double *tangent_at;                /* M, C, K (nv, nv) and J (rows, nv), one after the other */
@@ -53,7 +53,7 @@ typedef struct {
   double t, *y, *v, *a, *lam, *torque; /* the state the next step starts from */
   double h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
   double factored_h, size;           /* s: of the factors, and of the step to come */
-  double resolution, least, round_off, seen, open, slow, same_step;
+  double resolution, least, round_off, seen, open, slack, slow, same_step;
   double idle_from, idle_to, order, first, shortest, held, growth, patience;
 } March;
 
