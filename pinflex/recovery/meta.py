@@ -82,11 +82,16 @@ def describe(
         "resume": lambda: None if run.s is None else run.s[-1].tolist(),
         "cost": lambda: {k: int(v) if float(v).is_integer() else float(v) for k, v in cost.items()},
         "units": lambda: _units(mechanism),
-        "evaluated_by": lambda: evaluated_by(run.system, level == "coupled"),
+        "evaluated_by": lambda: evaluated_by(run.system, _marched(run, level)),
         "versions": _versions,
         "drawing": lambda: urdf_parts(description.urdf_text),
         "sources": lambda: dict(description.sources),
     }
+
+
+def _marched(run: Run, level: str) -> bool:
+    """Whether the full equations were marched in time: level coupled, or rigid under torques."""
+    return level == "coupled" or (level == "rigid" and "integrator" in run.settings)
 
 
 def _versions() -> dict[str, str]:
