@@ -21,7 +21,7 @@ from pinflex.arrays import Array
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
-from pinflex.levels.linear_march import Marched, Room, forces_along
+from pinflex.levels.linear_march import Response, Workspace, forces_along
 from pinflex.levels.linearised import LinearPath, full_path
 from pinflex.levels.modes import modes
 from pinflex.levels.start import lasting
@@ -117,11 +117,11 @@ class Probe:
         self.t, self._like = self.path.t, None
         self.h = float(self.t[1])
         self.dynamics = Equations(self.system)
-        line = LinearPath(mechanism, self.path, dynamics=self.dynamics)
+        line = LinearPath(mechanism, self.path, dynamics=self.dynamics, whole=True)
         self.v0, self.a0 = line.v, line.a
         self.full = full_path(line, mechanism, motion, _CLOSE)
         self._parts = self.full.parts
-        self._room: Room = like._room if like is not None else Room()
+        self._workspace: Workspace = like._workspace if like is not None else Workspace()
         self.rough = self.full.missed
 
     def _nominal(self, motion: Motion, t: Array) -> Nominal:
@@ -228,9 +228,9 @@ class Probe:
         return self._subspace(np.eye(self.system.nv)[:, self.system.free])
 
     def _subspace(self, B: Array) -> Subspace:
-        return Subspace(self.full.grid, self._parts, B, self.h, self._room)
+        return Subspace(self.full.grid, self._parts, B, self.h, self._workspace)
 
-    def _bounded(self, found: Marched, s: slice) -> Deviation:
+    def _bounded(self, found: Response, s: slice) -> Deviation:
         """What a march found in a window; raises a ConvergenceError where it has no bound."""
         with np.errstate(invalid="ignore"):
             far = ~(np.max(np.abs(found.d), axis=1, initial=0.0) <= _BOUND)
@@ -269,7 +269,7 @@ class Probe:
         every, rows = (np.arange(n) for n in J.shape[::-1])
         squares = [x.picked(motors, every) for x in (M, C, K)]
         of_motors = *squares, r.picked(motors), J.picked(rows, motors)
-        states = Marched(found.d, found.v, found.a, found.lam)
+        states = Response(found.d, found.v, found.a, found.lam)
         return self._run(found, forces_along(self.full.grid, of_motors, states))
 
     def nonlinear(self, found: Deviation) -> Run:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.schemes import generalized_alpha
-from pinflex.levels.linear_march import Going, LinearMarch, Marched, Room
+from pinflex.levels.linear_march import LinearMarch, Response, RunningMarch, Workspace
 from pinflex.levels.varying import Varying, varying
 from pinflex.linalg import independent_rows, saddle
 from pinflex.mechanics.parts import FlexiblePart
@@ -35,7 +35,7 @@ class Subspace:
         parts: Sequence[Varying],
         B: Array,
         h: float,
-        room: Room,
+        workspace: Workspace,
     ) -> None:
         """Matrices in the columns of B.
 
@@ -44,19 +44,19 @@ class Subspace:
             parts: M, C, K (nv, nv), r (nv,) and J (rows, nv) there.
             B: Shape (nv, k).
             h: Step [s].
-            room: For marches.
+            workspace: For marches.
         """
         self.B, self._grid = B, grid
         self._row, self._still = _picked(B), np.zeros(B.shape[1])
         J = _in_columns(parts[4], B, False)
-        self.rows = np.sort(independent_rows(J.still, 1e-9))
+        self.rows = np.sort(independent_rows(J.constant, 1e-9))
         M, C, K = (_in_columns(x, B, True) for x in parts[:3])
         self._M, self._K, self._J = M, K, J
-        every = np.arange(len(M.still))
+        every = np.arange(len(M.constant))
         system = M, C, K, J.picked(self.rows, every)
-        self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, room)
+        self._march = LinearMarch(generalized_alpha(0.8), grid, system, h, workspace)
 
-    def begin(self) -> Going:
+    def begin(self) -> RunningMarch:
         """One of some marches that go on side by side."""
         return self._march.begin()
 
@@ -64,22 +64,22 @@ class Subspace:
         """Steps that are taken at a time."""
         return self._march.windows()
 
-    def go(self, one: Going, s: slice, load: Array, rest: Array | None = None) -> Marched:
+    def go(self, march: RunningMarch, s: slice, load: Array, rest: Array | None = None) -> Response:
         """What a march finds in a window, in all coordinates and rows of J.
 
         Args:
-            one: From `begin`. s: The window. load: Of all coordinates there, shape (steps, nv).
+            march: From `begin`. s: The window. load: Of all coordinates there, shape (steps, nv).
             rest: Load that the first deviation balances, shape (nv,); None: it is zero.
         """
         start = self._still
         if rest is not None and s.start == 0:
-            now = self._march.first
+            now = self._march.instant(0, self._still)
             start, _ = saddle(now.K, now.J, now.J, -self._narrow(rest), np.zeros(len(now.J)))
-        one.go(s, self._narrow(load), start)
-        d, v, a, lam = (x[s] for x in one.found)
+        march.go(s, self._narrow(load), start)
+        d, v, a, lam = (x[s] for x in march.response)
         every = np.zeros((len(lam), self._J.shape[0]))
         every[:, self.rows] = lam
-        return Marched(self._wide(d), self._wide(v), self._wide(a), every)
+        return Response(self._wide(d), self._wide(v), self._wide(a), every)
 
     def _narrow(self, load: Array) -> Array:
         """In the columns of B, shape (..., k)."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 
 _CORNER_GAP = 1e-9  # of the whole: a piece ends just before its corner, where the motion may jump
+_SAFETY = 1.2  # coefficients of a function in two scales fall more slowly in the end
+_MOST_FINER = 8  # what few nodes say of many is rough
 
 
 class PiecewiseChebyshev:
@@ -45,8 +47,8 @@ class PiecewiseChebyshev:
         return values - self.last_two(values)
 
     def last_two(self, values: Array) -> Array:
-        """What the last two Chebyshev polynomials of values (pieces, n + 1, width) are there."""
-        n = values.shape[1] - 1
+        """What the last two Chebyshev polynomials of values (..., n + 1, width) are there."""
+        n = values.shape[-2] - 1
         T = np.cos(np.pi * np.outer(np.arange(n + 1), np.arange(n + 1)) / n)  # T[k, j]: T_k there
         weight = np.where(np.arange(n + 1) % n, 1.0, 0.5)
         last = T[-2:] * np.array([[1.0], [0.5]])
@@ -57,95 +59,120 @@ class PiecewiseChebyshev:
         near = np.min(np.abs(t - self._ends[:, None]), axis=0) < 2.0 * self.gap
         return np.asarray(near)
 
-    def between(self, values: Array, t: Array, out: Array | None = None) -> Array:
-        """Values at the nodes, (pieces, n + 1, width), interpolated to times t, (len(t), width).
+    def between(self, values: Sequence[Array] | Array, t: Array, out: Array | None = None) -> Array:
+        """Values at the nodes interpolated to times t, shape (len(t), width).
 
         Args:
-            values: At the nodes, shape (pieces, n + 1, width).
+            values: At the nodes of each piece, shape (n + 1, width) each.
             t: Times [s], shape (nt,).
             out: Where they are put; None: somewhere new.
         Source: Berrut and Trefethen (2004), eq. 5.4: barycentric weights of Chebyshev points.
         """
-        n = values.shape[1] - 1
-        sign = np.where(np.arange(n + 1) % 2, -1.0, 1.0)
-        sign[[0, -1]] *= 0.5
-        found = np.empty((len(t), values.shape[2])) if out is None else out
+        result = np.empty((len(t), values[0].shape[1])) if out is None else out
         piece = self.of(t)
-        for k, at in enumerate(self.nodes(n)):
+        for k, at_nodes in enumerate(values):
             here = np.flatnonzero(piece == k)
             if not len(here):
                 continue
-            away = t[here, None] - at
+            n = len(at_nodes) - 1
+            sign = np.where(np.arange(n + 1) % 2, -1.0, 1.0)
+            sign[[0, -1]] *= 0.5
+            away = t[here, None] - self.nodes(n)[k]
             away[away == 0.0] = 1e-100  # at a node: its weight outweighs all others
             W = sign / away
             W /= W.sum(axis=1, keepdims=True)
             if here[-1] - here[0] + 1 == len(here):  # as times in order are
-                np.matmul(W, values[k], out=found[here[0] : here[-1] + 1])
+                np.matmul(W, at_nodes, out=result[here[0] : here[-1] + 1])
             else:
-                found[here] = W @ values[k]
-        return found
+                result[here] = W @ at_nodes
+        return result
 
     def refined(
         self,
+        first: Array,
         function: Callable[[Array], Array],
-        relative: Callable[[Array, Array], float],
-        n: int,
+        missed: Callable[[Array], float],
         close: float,
         most: float,
-        largest: float,
-    ) -> tuple[Array, float]:
-        """A function of time at as many nodes as interpolate it closely.
+        resting: Collection[int] = (),
+    ) -> tuple[list[Array], float]:
+        """A function of time at as many nodes of each piece as interpolate it closely.
 
-        Between corners the error falls like r^n: what half of the nodes miss is about the square
-        root of what all miss. That alone is an estimate, so the last two polynomials have to be
-        small too: what they hold is ten to a hundred times what is missed (measured).
+        Between corners Chebyshev coefficients fall geometrically: the last two say how many are
+        needed, and hold ten to a hundred times what is missed (measured).
 
         Args:
+            first: Values at the first nodes, shape (pieces, n + 1, width); then multiples of n.
             function: Of times (k,): values (k, width).
-            relative: A miss as one number, from misses and values, (..., width) each.
-            n: Intervals between the nodes of a piece to begin with; doubled.
+            missed: The last two polynomials of a piece, (n + 1, width), as one relative number.
             close: What may be missed.
             most: Nodes, beyond which the last are taken as they are.
-            largest: Most numbers to hold.
+            resting: Pieces in which nothing moves; the first nodes of others are not trusted.
         Returns:
-            Values at the nodes, (pieces, n + 1, width), and an estimate of what they miss.
+            Values at the nodes of each piece, (n + 1, width) each, and an estimate of what they
+            miss at most.
         """
-        values = function(self.nodes(n).ravel()).reshape(len(self), n + 1, -1)
-        missed = relative(self.last_two(values), values)
-        while len(self) * (2 * n + 1) < most and 2 * values.size <= largest:
-            n *= 2
-            times, known = self.nodes(n)[:, 1::2].ravel(), values
-            new = function(times)
-            values = np.empty((len(self), n + 1, known.shape[2]))
-            values[:, ::2], values[:, 1::2] = known, new.reshape(len(self), -1, new.shape[1])
-            missed = relative(self.between(known, times) - new, values)
-            if close <= missed <= 0.1 * close**0.5:
-                missed = relative(self.last_two(values), values)
-            if missed < close:
-                break
-        return values, missed
+        values, trusted = [*first], set(resting)
+        while True:
+            tail = [missed(self.last_two(x)) for x in values]
+            coarse = [k for k, e in enumerate(tail) if e >= close or k not in trusted]
+            fixed = sum(len(x) for k, x in enumerate(values) if k not in coarse)
+            finer = {k: _multiple(tail[k], close) for k in coarse}
+            for times in (finer, dict.fromkeys(coarse, 2)):
+                count = fixed + sum(m * (len(values[k]) - 1) + 1 for k, m in times.items())
+                if count <= most:
+                    break
+            else:
+                return values, max(tail)
+            if not coarse:
+                return values, max(tail)
+            self._refine(function, values, times)
+            trusted.update(coarse)
+
+    def _refine(
+        self, function: Callable[[Array], Array], values: list[Array], finer: Mapping[int, int]
+    ) -> None:
+        """Values of some pieces at so many times their nodes; known ones are used again."""
+        known = {k: np.arange(m * (len(values[k]) - 1) + 1) % m == 0 for k, m in finer.items()}
+        times = [self.nodes(len(at) - 1)[k, ~at] for k, at in known.items()]
+        new = np.split(function(np.concatenate(times)), np.cumsum([len(t) for t in times])[:-1])
+        for (k, at), between in zip(known.items(), new, strict=True):
+            both = np.empty((len(at), between.shape[1]))
+            both[at], both[~at] = values[k], between
+            values[k] = both
+
+
+def _multiple(tail: float, close: float) -> int:
+    """Times as many intervals whose last coefficients are `close`, if they go on to fall alike."""
+    needed = np.log(close) / np.log(min(max(tail, 1e-300), 0.9))
+    return int(np.clip(np.ceil(_SAFETY * needed), 2, _MOST_FINER))
 
 
 class Interpolation:
     """Values at every step from those at the nodes of each piece, and at steps on corners.
 
     Attributes:
+        n: Intervals between the nodes of each piece.
+        first: Number of the first node of each piece; `nodes`: of all of them.
         times: Where values are needed (s): all nodes, then the steps on corners, shape (size,).
     """
 
-    def __init__(self, pieces: PiecewiseChebyshev, n: int, t: Array) -> None:
+    def __init__(self, pieces: PiecewiseChebyshev, n: int | Sequence[int], t: Array) -> None:
         """Nodes and corners.
 
         Args:
             pieces: Time between corners.
-            n: Intervals between the nodes of a piece.
+            n: Intervals between the nodes of a piece, of each or of all.
             t: Steps (s), shape (nt,).
         """
-        self.pieces, self.n, self.t = pieces, n, t
+        self.pieces, self.t = pieces, t
+        self.n = np.broadcast_to(np.asarray(n), len(pieces))
+        self.first = np.concatenate([[0], np.cumsum(self.n + 1)[:-1]])
+        self.nodes = int(np.sum(self.n + 1))
         self.corners = np.flatnonzero(pieces.at_corner(t))
         self.piece = pieces.of(t)
-        self.nodes = len(pieces) * (n + 1)
-        self.times = np.concatenate([pieces.nodes(n).ravel(), t[self.corners]])
+        at = [pieces.nodes(m)[k] for k, m in enumerate(self.n.tolist())]
+        self.times = np.concatenate([*at, t[self.corners]])
 
     def between(
         self, values: Array, at: slice | IntArray = slice(None), out: Array | None = None
@@ -159,8 +186,11 @@ class Interpolation:
         """
         flat = values.reshape(len(values), -1)
         steps = np.arange(len(self.t))[at]
-        nodes = flat[: self.nodes].reshape(len(self.pieces), self.n + 1, -1)
-        found = self.pieces.between(nodes, self.t[steps], out)
+        found = self.pieces.between(self.by_piece(flat), self.t[steps], out)
         for row, k in zip(flat[self.nodes :], self.corners, strict=True):
             found[steps == k] = row
         return found.reshape(len(found), *values.shape[1:])
+
+    def by_piece(self, values: Array) -> list[Array]:
+        """Values at the nodes of each piece, (n + 1, ...) each, of values at `times`."""
+        return np.split(values[: self.nodes], self.first[1:].tolist())

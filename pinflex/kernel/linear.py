@@ -20,43 +20,48 @@ _OF_METHOD = ("mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
 
 
 @dataclass(frozen=True)
-class Still:
-    """What does not change of a system, and which entries do.
+class ConstantPart:
+    """Constant entries of S, C, K and J, and masks of the varying ones.
 
     Attributes:
-        S, C, K: Shape (n, n), zero where entries change.
+        S, C, K: Shape (n, n), zero where entries vary.
         J: Likewise, shape (rows, n).
-        moving: Entries of S, C and K that change, shape (n, n).
-        J_moving: Those of J, shape (rows, n).
+        varies: Entries of S, C and K that vary, shape (n, n).
+        J_varies: Those of J, shape (rows, n).
     """
 
     S: Array
     C: Array
     K: Array
     J: Array
-    moving: BoolArray
-    J_moving: BoolArray
+    varies: BoolArray
+    J_varies: BoolArray
 
     @property
     def width(self) -> int:
         """Number of values of one system."""
-        return int(3 * np.sum(self.moving) + np.sum(self.J_moving))
+        return int(3 * np.sum(self.varies) + np.sum(self.J_varies))
 
 
 class LinearKernel:
-    """Systems that share what does not change, and their factors once they are known.
+    """March of systems that share their constant part; factors are kept once they are known.
 
     Attributes:
         state: d, v, a and the algorithmic acceleration that the next step starts from, (4, n).
     """
 
     def __init__(
-        self, still: Still, h: float, coefficients: tuple[float, ...], systems: int, kept: bool
+        self,
+        constant: ConstantPart,
+        h: float,
+        coefficients: tuple[float, ...],
+        systems: int,
+        kept: bool,
     ) -> None:
         """Nothing is factored yet.
 
         Args:
-            still: What the systems share.
+            constant: What the systems share.
             h: Step [s].
             coefficients: mass_factor, beta, gamma, alpha_m and alpha_f of the method.
             systems: Most systems at a time.
@@ -65,17 +70,17 @@ class LinearKernel:
         library = kernel().functions
         if library is None:
             raise PinflexError(f"kernel: {kernel().said}.")
-        self._functions, self._systems, self._width = library, systems, still.width
-        self.n, self.rows = still.S.shape[0], still.J.shape[0]
+        self._functions, self._systems, self._width = library, systems, constant.width
+        self.n, self.rows = constant.S.shape[0], constant.J.shape[0]
         size, rooms = self.n + self.rows, systems if kept else 1
         # Column by column, as the C code goes through them.
-        col_at, row = _columns(still.moving)
-        J_col_at, J_row = _columns(still.J_moving)
+        col_at, row = _columns(constant.varies)
+        J_col_at, J_row = _columns(constant.J_varies)
         self.state = np.zeros((4, self.n))
         self._arrays: dict[str, Array | IntArray] = {
             "col_at": col_at, "row": row, "J_col_at": J_col_at, "J_row": J_row,
-            **{name: np.ascontiguousarray(getattr(still, name).T) for name in "SJ"},
-            **_sparse("C", still.C), **_sparse("K", still.K),
+            **{name: np.ascontiguousarray(getattr(constant, name).T) for name in "SJ"},
+            **_sparse("C", constant.C), **_sparse("K", constant.K),
             "lu": np.empty(0 if kept else size * size),
             "pivot": np.zeros((rooms, size), np.int64),
             "holds": np.zeros(rooms, np.int64), "state": self.state,
@@ -105,7 +110,7 @@ class LinearKernel:
 
         Args:
             system: System of each step, shape (count,).
-            value: Moving entries of each system, S, C, K and J column by column,
+            value: Varying entries of each system, S, C, K and J column by column,
                 shape (systems, width).
             load: Shape (count, n).
             found: d, v and a (count, n) and the multipliers (count, rows), which are written.
@@ -135,8 +140,8 @@ def _sparse(name: str, x: Array) -> dict[str, Array | IntArray]:
     return {f"{name}_at": at, f"{name}_row": row, name: np.ascontiguousarray(x.T[x.T != 0.0])}
 
 
-def _columns(moving: BoolArray) -> tuple[IntArray, IntArray]:
+def _columns(varies: BoolArray) -> tuple[IntArray, IntArray]:
     """Where the entries of each column start, and their rows."""
-    col, row = np.nonzero(moving.T)
-    at = np.searchsorted(col, np.arange(moving.shape[1] + 1))
+    col, row = np.nonzero(varies.T)
+    at = np.searchsorted(col, np.arange(varies.shape[1] + 1))
     return at.astype(np.int64), row.astype(np.int64)

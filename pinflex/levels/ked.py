@@ -24,9 +24,8 @@ from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.linear import Alpha, Method
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
-from pinflex.levels.interpolated import InterpolatedPath
-from pinflex.levels.linear_march import LinearMarch, Marched, forces_along
-from pinflex.levels.linearised import Kept, LinearPath, along
+from pinflex.levels.linear_march import LinearMarch, Response, forces_along
+from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
 from pinflex.levels.varying import Varying
@@ -54,7 +53,7 @@ def solve_ked(
     mechanism: Mechanism,
     motion: Motion,
     t: Array,
-    march: Method,
+    method: Method,
     start: str = "straight",
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -65,7 +64,7 @@ def solve_ked(
 
     Args:
         mechanism: Mechanism. motion: Motion. t: Equal steps, shape (nt,).
-        march: A method of `linear_march`.
+        method: Of equal steps, as `method_of` gives it.
         start: straight, static or auto, as in `pinflex.levels.start`.
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
@@ -76,60 +75,60 @@ def solve_ked(
         The run: nominal motion plus deviation, torques included.
     """
     path, system = nominal(mechanism, motion, t[::every]), mechanism.flexible
-    nt, free = len(t), system.free
-    h = float(t[-1] - t[0]) / (nt - 1)
+    h = float(t[-1] - t[0]) / (len(t) - 1)
     line = LinearPath(mechanism, path)
     systems = along(mechanism, motion, path, structural, close, line.dynamics, t)
-    d, v, a = np.zeros((len(path.t), system.nv)), line.v, line.a
-    flat = path.straight(system.n_eta)
     begin = linear_start(mechanism, path, structural, start, line.dynamics)
-    if isinstance(march, Alpha) and isinstance(systems, InterpolatedPath):
-        found, torque, done = _together(systems, march.scheme, h, begin.y, every)
+    if isinstance(method, Alpha) and isinstance(systems, InterpolatedPath):
+        deviation, torque = _alpha(systems, method.scheme, h, begin.y, every)
     else:
-        found, torque, done = _each(systems, march, h, begin.y, every, progress)
-    if done < nt and every > 1:
-        return solve_ked(mechanism, motion, t, march, start, structural, progress, close)
-    d[:done, free] = found.d[:done]
-    v[:done, free] += found.v[:done]
-    a[:done, free] += found.a[:done]
-    lam = found.lam
-    if done < nt:
-        y = Manifold(line.dynamics).retract(flat, d)
-        raise _blown_up(system, path.t, y, v, a, lam, torque, done, h)
+        deviation, torque = _stepped(systems, method, h, begin.y, every, progress)
+    done = deviation.sound
+    if done < len(path.t) and every > 1:
+        return solve_ked(mechanism, motion, t, method, start, structural, progress, close)
+    d, v, a = np.zeros((len(path.t), system.nv)), line.v, line.a
+    d[:done, system.free] = deviation.d[:done]
+    v[:done, system.free] += deviation.v[:done]
+    a[:done, system.free] += deviation.a[:done]
+    y = Manifold(line.dynamics).retract(path.straight(system.n_eta), d)
+    if done < len(path.t):
+        raise _blown_up(system, path.t, y, v, a, deviation.lam, torque, done, h)
     if progress is not None:
-        progress(nt - 1, nt)
-    y = Manifold(line.dynamics).retract(flat, d)
-    settings: dict[str, object] = {
-        "dt": h,
-        "terms": "structural" if structural else "full",
-    }
-    cost: dict[str, float] = {"steps": nt, "newton": nt}
-    run = Run(system, path.t, y, v, a, lam, torque, cost, settings, path=path)
+        progress(len(t) - 1, len(t))
+    settings: dict[str, object] = {"dt": h, "terms": "structural" if structural else "full"}
+    cost: dict[str, float] = {"steps": len(t), "newton": len(t)}
+    run = Run(system, path.t, y, v, a, deviation.lam, torque, cost, settings, path=path)
     run = begin.told(run)
     if structural:
         return run
     return replace(run, warnings=(*run.warnings, *_diverging(line, run)))
 
 
-def _together(
+def _alpha(
     systems: InterpolatedPath, scheme: AlphaScheme, h: float, start: Array, every: int
-) -> tuple[Marched, Array, int]:
-    """At samples, deviation with all multipliers and torques; the number of sound steps."""
-    grid, (M, C, K, r, J, *of_motors) = systems.grid, systems.parts
-    load = r.along(grid)
-    at, more = _means(grid, r, load, h)
-    np.add.at(load, at, more)
-    found = LinearMarch(scheme, grid, (M, C, K, J), h)(load, start)
-    for k, change, m, j in zip(at, more, M.along(grid, at), J.along(grid, at), strict=True):
-        a, lam = saddle(m, j, j, change, np.zeros(len(j)))  # of the load as it is
-        found.a[k] += a
-        found.lam[k] += lam
-    sound = np.all(np.isfinite(found.d), axis=1) & np.all(np.isfinite(found.a), axis=1)
-    found = found.sampled(every)
-    *own, base = of_motors
-    torque = forces_along(grid, own, found, every)
-    found.lam[:] += base.along(grid, slice(None, None, every))
-    return found, torque, len(sound) if np.all(sound) else int(np.argmin(sound))
+) -> tuple[Response, Array]:
+    """At samples, deviation with all multipliers and torques."""
+    grid, (M, C, K, r, J, base) = systems.grid, systems.parts
+    rows, n = M.shape
+    free, motors = np.arange(n), np.arange(n, rows)
+    M_f, C_f, K_f, J_f = *(x.picked(free, free) for x in (M, C, K)), J.picked(_every(J), free)
+    load = r.picked(free).along(grid)
+    at, change = _means(grid, r.picked(free), load, h)
+    np.add.at(load, at, change)
+    response = LinearMarch(scheme, grid, (M_f, C_f, K_f, J_f), h)(load, start)
+    for k, more, m, j in zip(at, change, M_f.along(grid, at), J_f.along(grid, at), strict=True):
+        a, lam = saddle(m, j, j, more, np.zeros(len(j)))  # of the load as it is
+        response.a[k] += a
+        response.lam[k] += lam
+    sampled = response.sampled(every)
+    of_motors = *(x.picked(motors, free) for x in (M, C, K)), r.picked(motors)
+    torque = forces_along(grid, (*of_motors, J.picked(_every(J), motors)), sampled, every)
+    sampled.lam[:] += base.along(grid, slice(None, None, every))
+    return sampled, torque
+
+
+def _every(J: Varying) -> IntArray:
+    return np.arange(J.shape[0])
 
 
 def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntArray, Array]:
@@ -141,8 +140,10 @@ def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntA
     Args:
         grid: Times. r: Load by pieces. load: At all steps, shape (nt, n). h: Step [s].
     """
-    ends = r.whole()[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
-    before, after, corners = ends[:-1, -1], ends[1:, 0], grid.pieces.corners
+    pieces = grid.by_piece(r.whole())
+    before = np.array([x[-1] for x in pieces[:-1]]).reshape(-1, load.shape[1])
+    after = np.array([x[0] for x in pieces[1:]]).reshape(-1, load.shape[1])
+    corners = grid.pieces.corners
     near = np.searchsorted(0.5 * (grid.t[1:] + grid.t[:-1]), corners)
     share = 0.5 + (grid.t[near] - corners) / h
     known = grid.t[near] > corners
@@ -152,29 +153,28 @@ def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntA
     return near, (share - known)[:, None] * (after - before)
 
 
-def _each(
-    systems: InterpolatedPath | Kept,
-    march: Method,
+def _stepped(
+    systems: InterpolatedPath | EveryStep,
+    method: Method,
     h: float,
     start: Array,
     every: int,
     progress: Callable[[int, int], None] | None,
-) -> tuple[Marched, Array, int]:
-    """The same, step by step."""
-    nt, n, rows = systems.count, len(start), len(systems.at(0).base)
-    found = Marched(*(np.empty((nt, width)) for width in (n, n, n, rows)))
-    torque = np.empty((nt, len(systems.at(0).motors.r)))
-    for k, state in enumerate(march(lambda k: systems.at(k).free, nt, h, start)):
+) -> tuple[Response, Array]:
+    """The same, step by step; up to the first that is not finite, by NaN from there on."""
+    first, count = systems.at(0), systems.count
+    closures, rows = first.J.shape
+    response = Response(*(np.full((count, k), np.nan) for k in (*(len(start),) * 3, closures)))
+    torque = np.full((count, rows - len(start)), np.nan)
+    for k, state in enumerate(method(lambda k: systems.at(k).free, count, h, start)):
         if not np.all(np.isfinite(state.d)) or not np.all(np.isfinite(state.a)):
-            return found, torque, k
-        here = systems.at(k)
-        now = here.motors
-        left = now.r + now.M @ state.a + now.C @ state.v + now.K @ state.d
-        torque[k], found.lam[k] = left - now.J.T @ state.lam, here.base + state.lam
-        found.d[k], found.v[k], found.a[k] = state.d, state.v, state.a
+            break
+        now = systems.at(k)
+        response.put(k, replace(state, lam=now.base + state.lam))
+        torque[k] = now.motor_forces(state.d, state.v, state.a, state.lam)
         if progress is not None and k % 64 == 0:
-            progress(k, nt)
-    return found.sampled(every), torque[::every], nt
+            progress(k, count)
+    return response.sampled(every), torque[::every]
 
 
 def _diverging(line: LinearPath, run: Run) -> tuple[str, ...]:

@@ -3,13 +3,12 @@
     M(t) a + C(t) v + K(t) d + r(t) - J(t)' lam = 0,     J(t) d = 0
 
 Systems and their factors do not depend on the load: marches may go on side by side, each with loads
-that come of what those before it found. A window of steps is factored at a time.
+that come of the responses before it. A window of steps is factored at a time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,52 +19,66 @@ from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.linear import Instant, State, alpha, start_at_rest
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.kernel.library import kernel
-from pinflex.kernel.linear import LinearKernel, Still
-from pinflex.levels.interpolated import InterpolatedPath
-from pinflex.levels.varying import Varying, varying
+from pinflex.kernel.linear import ConstantPart, LinearKernel
+from pinflex.levels.varying import Varying
 from pinflex.mechanics.geometry import spans
 
-_BATCH = 64  # systems at a time
-_KEPT = 2_000_000  # numbers of factors that are kept (16 MB): memory is dear, caches are small
+_WINDOW = 64  # steps at a time, at the least
+_VALUES = 100_000  # varying entries of the systems of a window (0.8 MB): caches are small
+_FACTORS = 2_000_000  # numbers of factors that a window keeps (16 MB)
 _FEWEST = 16  # systems whose factors are kept, however large
-_FORCES = 256  # steps whose forces are taken together
 
 
-class Marched(NamedTuple):
-    """Deviation d, its rates v and a, (nt, n) each, and multipliers lam (nt, rows)."""
+class Response(NamedTuple):
+    """Deviation d, its rates v and a, (nt, n) each, and multipliers lam (nt, closures)."""
 
     d: Array
     v: Array
     a: Array
     lam: Array
 
-    def sampled(self, every: int) -> Marched:
-        """Every so manyth step."""
-        return Marched(*(x[::every] for x in self))
+    @classmethod
+    def empty(cls, steps: int, n: int, closures: int) -> Response:
+        """Room for one."""
+        return cls(*(np.empty((steps, width)) for width in (n, n, n, closures)))
+
+    def put(self, k: int, state: State) -> None:
+        """Write a step."""
+        self.d[k], self.v[k], self.a[k], self.lam[k] = state.d, state.v, state.a, state.lam
+
+    def sampled(self, every: int) -> Response:
+        """Every n-th step."""
+        return Response(*(x[::every] for x in self))
+
+    @property
+    def sound(self) -> int:
+        """Number of steps before the first that is not finite."""
+        finite = np.all(np.isfinite(self.d), axis=1) & np.all(np.isfinite(self.a), axis=1)
+        return len(finite) if np.all(finite) else int(np.argmin(finite))
 
 
 def forces_along(
-    grid: Interpolation, parts: Sequence[Varying], found: Marched, every: int = 1
+    grid: Interpolation, parts: Sequence[Varying], response: Response, every: int = 1
 ) -> Array:
     """Forces M a + C v + K d + r - J' lam at every step, shape (nt, k): of motors, what they give.
 
     Args:
         grid: Times of the systems, and of the steps.
-        parts: Some rows of M, C, K (k, n) and r (k,), columns of J (rows, k).
-        found: The deviation and its multipliers.
+        parts: Some rows of M, C, K (k, n) and r (k,), columns of J (closures, k).
+        response: The deviation and its multipliers.
         every: Steps from one of those to the next.
     """
-    force = np.empty((len(found.d), *parts[3].shape))
-    for s in spans(len(force), _FORCES):
+    force = np.empty((len(response.d), *parts[3].shape))
+    for s in spans(len(force), max(_WINDOW, _VALUES // max(parts[0].constant.size, 1))):
         steps = slice(s.start * every, s.stop * every, every)
-        m, c, k, left, j = (x.along(grid, steps) for x in parts)
-        pairs = (m, found.a), (c, found.v), (k, found.d), (-j.swapaxes(1, 2), found.lam)
-        force[s] = left + sum((A @ x[s][:, :, None])[:, :, 0] for A, x in pairs)
+        M, C, K, r, J = (x.along(grid, steps) for x in parts)
+        d, v, a, lam = (x[s, :, None] for x in response)
+        force[s] = r + (M @ a + C @ v + K @ d - J.swapaxes(1, 2) @ lam)[:, :, 0]
     return force
 
 
-class Room:
-    """Numbers that marches in turn use: memory is dear when it is first touched.
+class Workspace:
+    """Buffer shared by successive marches; first touch of new memory is slow.
 
     Attributes:
         owner: Whose numbers are there.
@@ -76,7 +89,7 @@ class Room:
         self.owner: LinearMarch | None = None
 
     def take(self, owner: LinearMarch, size: int) -> Array:
-        """Room for numbers; nobody else's are left.
+        """The buffer, for another owner; what was there is lost.
 
         Args:
             owner: Who is to have it.
@@ -97,55 +110,58 @@ class LinearMarch:
         grid: Interpolation,
         parts: Sequence[Varying],
         h: float,
-        room: Room | None = None,
+        workspace: Workspace | None = None,
     ) -> None:
         """Nothing is factored yet.
 
         Args:
             scheme: The method.
             grid: Times of the systems, and of the steps.
-            parts: M, C, K (n, n) and J (rows, n).
+            parts: M, C, K (n, n) and J (closures, n).
             h: Step [s].
-            room: Where factors of some steps are kept, for marches that go on side by side; None:
-                for one march.
+            workspace: For factors of some steps, where marches go on side by side; None: one march.
         """
         self.scheme, self.grid, self.h, self.parts = scheme, grid, h, tuple(parts)
-        self._room, self._shared, self._at = room or Room(), room is not None, slice(0, 0)
-        self._ready: tuple[Array, IntArray] = np.empty(0), np.empty(0, dtype=np.intp)
+        self._workspace, self._shared = workspace or Workspace(), workspace is not None
+        self._window: slice | None = None
+        self._values: tuple[Array, IntArray] = np.empty(0), np.empty(0, dtype=np.intp)
 
-    @cached_property
-    def first(self) -> Instant:
-        """M, C, K and J at the first step, without a load."""
-        M, C, K, J = (x.along(self.grid, slice(0, 1))[0] for x in self.parts)
-        return Instant(M, C, K, np.zeros(len(M)), J)
+    def instant(self, k: int, load: Array) -> Instant:
+        """The system at a step, under a load (n,)."""
+        M, C, K, J = (x.along(self.grid, slice(k, k + 1))[0] for x in self.parts)
+        return Instant(M, C, K, load, J)
 
-    def __call__(self, load: Array, start: Array) -> Marched:
+    def __call__(self, load: Array, start: Array) -> Response:
         """March from rest.
 
         Args:
             load: r at every step, shape (nt, n).
             start: First deviation, shape (n,).
         """
-        one = self.begin()
+        march = self.begin()
         for s in self.windows():
-            one.go(s, load[s], start)
-        return one.found
+            march.go(s, load[s], start)
+        return march.response
 
-    def begin(self) -> Going:
+    def begin(self) -> RunningMarch:
         """One of some marches that go on side by side, window by window."""
-        return Going(self)
+        return RunningMarch(self)
 
     def windows(self) -> Iterator[slice]:
-        """Steps that are taken at a time: the first, then as many as share `room`."""
-        count, each = len(self.grid.t), self._window
+        """Steps that are taken at a time: the first, then as many as share the workspace."""
+        count, each = len(self.grid.t), self._steps
         yield slice(0, 1)
         yield from (slice(k, min(k + each, count)) for k in range(1, count, each))
 
     @cached_property
-    def _window(self) -> int:
-        size = self.parts[0].shape[0] + self.parts[3].shape[0]
-        kept = _BATCH if not self._shared else max(_FEWEST, _KEPT // max(size * size, 1))
-        return int(min(kept, max(len(self.grid.t) - 1, 1)))
+    def _steps(self) -> int:
+        """Steps in a window."""
+        if self._shared:
+            size = self.parts[0].shape[0] + self.parts[3].shape[0]
+            steps = max(_FEWEST, _FACTORS // max(size * size, 1))
+        else:
+            steps = max(_WINDOW, _VALUES // max(self._nodes.shape[1], 1))
+        return int(min(steps, max(len(self.grid.t) - 1, 1)))
 
     # On the kernel -------------------------------------------------------------------------
 
@@ -155,104 +171,101 @@ class LinearMarch:
         n = self.parts[0].shape[0]
         return kernel().functions is not None and n > 0 and len(self.grid.t) > 1
 
-    def advance(self, s: slice, load: Array, state: Array, found: Marched) -> bool:
+    def advance(self, s: slice, load: Array, state: Array, response: Response) -> bool:
         """Steps of a window by the kernel; False where a system is singular.
 
         Args:
             s: The window.
             load: There, shape (steps, n).
             state: That the steps begin from, and what they end in, shape (4, n).
-            found: Of all steps; those of the window are written.
+            response: Of all steps; those of the window are written.
         """
-        value, own = self._opened(s)
+        values, system = self._opened(s)
         self._kernel.state[:] = state
-        there = found.d[s], found.v[s], found.a[s], found.lam[s]
-        done = self._kernel.march(own, value, load, there)
+        there = response.d[s], response.v[s], response.a[s], response.lam[s]
+        done = self._kernel.march(system, values, load, there)
         state[:] = self._kernel.state
-        return bool(done == len(own))
+        return bool(done == len(system))
 
     def _opened(self, s: slice) -> tuple[Array, IntArray]:
-        """Moving entries of the systems of a window, and which of them is each step's."""
-        if s != self._at or self._room.owner is not self:
-            of, at = self._systems
-            mine, own = np.unique(of[s], return_inverse=True)
-            width, size = self._moving_values.shape[1], self._kernel.n + self._kernel.rows
-            factors = self._window * size * size if self._shared else 0
-            numbers = self._room.take(self, factors + len(mine) * width)
+        """Varying entries of the systems of a window, and which of them is each step's."""
+        if s != self._window or self._workspace.owner is not self:
+            at, system = np.unique(self._at[s], return_inverse=True)
+            width, size = self._nodes.shape[1], self._kernel.n + self._kernel.rows
+            factors = self._steps * size * size if self._shared else 0
+            numbers = self._workspace.take(self, factors + len(at) * width)
             if self._shared:
                 self._kernel.use(numbers[:factors])
             self._kernel.forget()
-            values = numbers[factors:].reshape(len(mine), width)
-            self._at, self._ready = (
-                s,
-                (self.grid.between(self._moving_values, at[mine], values), own),
-            )
-        return self._ready
+            values = numbers[factors:].reshape(len(at), width)
+            self.grid.between(self._nodes, at, values)
+            self._window, self._values = s, (values, system)
+        return self._values
 
     @cached_property
-    def _systems(self) -> tuple[IntArray, IntArray]:
-        """System of each step, (nt,), and a step at which each is: resting pieces have one."""
+    def _at(self) -> IntArray:
+        """A step at which the system is that of each step: pieces at rest have only one."""
         grid, steps = self.grid, np.arange(len(self.grid.t))
         rests = np.ones(len(grid.pieces), dtype=bool)
-        for x, moving in zip(self.parts, self._moving, strict=True):
-            nodes = moving[: grid.nodes].reshape(len(grid.pieces), grid.n + 1, -1)
-            rests &= np.all(np.ptp(nodes, axis=1) <= x.small, axis=1)
+        for x, varying in zip(self.parts, self._varying, strict=True):
+            for k, nodes in enumerate(grid.by_piece(varying)):
+                rests[k] &= bool(np.all(np.ptp(nodes, axis=0) <= x.noise))
         for piece in np.flatnonzero(rests):
             here = grid.piece == piece
             here[grid.corners] = False
             steps[here] = np.argmax(here)
-        at, system = np.unique(steps, return_inverse=True)
-        return system, at
+        return steps
 
     @cached_property
     def _entries(self) -> tuple[BoolArray, BoolArray]:
-        """Entries of M, C or K, and of J, that change, shapes (n, n) and (rows, n)."""
-        M, C, K, J = (x.moves for x in self.parts)
+        """Entries of M, C or K, and of J, that vary, shapes (n, n) and (closures, n)."""
+        M, C, K, J = (x.varies for x in self.parts)
         return M | C | K, J
 
     @cached_property
-    def _moving(self) -> list[Array]:
+    def _varying(self) -> list[Array]:
         """Those entries of M, C, K and J at the nodes, column by column, (size, .) each."""
         square, J_at = (np.nonzero(x.T)[::-1] for x in self._entries)
         places = square, square, square, J_at
-        return [x.those(at) for x, at in zip(self.parts, places, strict=True)]
+        return [x.entries_at(at) for x, at in zip(self.parts, places, strict=True)]
 
     @cached_property
-    def _moving_values(self) -> Array:
+    def _nodes(self) -> Array:
         """The same of S, C, K and J side by side, shape (size, width)."""
-        M, C, K, J = self._moving
+        M, C, K, J = self._varying
         return np.hstack([self._weighted(M, C, K), C, K, J])
 
     def _weighted(self, M: Array, C: Array, K: Array) -> Array:
         """S, which the acceleration of a step is solved with."""
-        by_a, by_v, by_y = self.scheme.weights(self.h)
-        return by_a * M + by_v * C + by_y * K
+        by_a, by_v, by_d = self.scheme.weights(self.h)
+        return by_a * M + by_v * C + by_d * K
 
     @cached_property
     def _kernel(self) -> LinearKernel:
-        one, (moving, J_moving) = self.scheme, self._entries
-        M, C, K = (np.where(moving, 0.0, x.still) for x in self.parts[:3])
-        J = np.where(J_moving, 0.0, self.parts[3].still)
-        still = Still(self._weighted(M, C, K), C, K, J, moving, J_moving)
-        coefficients = one.mass_factor, one.beta, one.gamma, one.alpha_m, one.alpha_f
-        return LinearKernel(still, self.h, coefficients, self._window, self._shared)
+        scheme, (square, closures) = self.scheme, self._entries
+        M, C, K = (np.where(square, 0.0, x.constant) for x in self.parts[:3])
+        J = np.where(closures, 0.0, self.parts[3].constant)
+        constant = ConstantPart(self._weighted(M, C, K), C, K, J, square, closures)
+        coefficients = (
+            scheme.mass_factor, scheme.beta, scheme.gamma, scheme.alpha_m, scheme.alpha_f,
+        )  # fmt: skip
+        return LinearKernel(constant, self.h, coefficients, self._steps, self._shared)
 
 
-class Going:
+class RunningMarch:
     """One march among some on the same systems.
 
     Attributes:
-        found: All steps; those of the windows so far are written.
+        response: All steps; those of the windows so far are written.
     """
 
     def __init__(self, march: LinearMarch) -> None:
-        """`march`: The systems."""
         self._march, count = march, len(march.grid.t)
-        n, rows = march.parts[0].shape[0], march.parts[3].shape[0]
-        self.found = Marched(*(np.empty((count, width)) for width in (n, n, n, rows)))
+        closures, n = march.parts[3].shape
+        self.response = Response.empty(count, n, closures)
         self._load, self._state = np.empty((count, n)), np.empty((4, n))
         self._start, self._compiled = np.zeros(n), march.compiled
-        self._steps: Iterator[State] | None = None
+        self._plain: Iterator[State] | None = None
 
     def go(self, s: slice, load: Array, start: Array) -> None:
         """Take the steps of a window.
@@ -267,30 +280,18 @@ class Going:
             self._start = start
         if self._compiled:
             if s.start == 0:
-                first = start_at_rest(replace(self._march.first, r=load[0]), start)
-                self._put(0, first)
+                first = start_at_rest(self._march.instant(0, load[0]), start)
+                self.response.put(0, first)
                 self._state[:] = first.d, first.v, first.a, first.a
                 return
-            if self._march.advance(s, self._load[s], self._state, self.found):
+            if self._march.advance(s, self._load[s], self._state, self.response):
                 return
             self._compiled = False
-        if self._steps is None:  # from the first step on, also where the kernel gave up later
-            self._steps, s = self._in_numpy(), slice(0, s.stop)
-        for k, state in zip(range(s.start, s.stop), self._steps, strict=False):
-            self._put(k, state)
-
-    def _put(self, k: int, state: State) -> None:
-        for name, history in zip(Marched._fields, self.found, strict=True):
-            history[k] = getattr(state, name)
-
-    def _in_numpy(self) -> Iterator[State]:
-        march, n = self._march, len(self._start)
-        M, C, K, J = march.parts
-        r, none = (varying(np.zeros((len(M), width))) for width in (n, 0))
-        system = InterpolatedPath(march.grid, (M, C, K, r, J, none))
-
-        def at(k: int) -> Instant:
-            now = system.at(k).free
-            return Instant(now.M, now.C, now.K, self._load[k], now.J)
-
-        return iter(alpha(march.scheme, at, len(self._load), march.h, self._start))
+        if self._plain is None:  # from the first step on, also where the kernel gave up later
+            march, s = self._march, slice(0, s.stop)
+            count, load = len(self._load), self._load
+            self._plain = alpha(
+                march.scheme, lambda k: march.instant(k, load[k]), count, march.h, self._start
+            )
+        for k, state in zip(range(s.start, s.stop), self._plain, strict=False):
+            self.response.put(k, state)

@@ -1,24 +1,27 @@
 """The linear system along a nominal motion: at every step, or interpolated where it is smooth.
 
+    M(t) a + C(t) v + K(t) d + r(t) - J(t)' lam = 0,     J(t) d = 0
+
 Evaluating M, C, K and J costs several times a step of the march. Between the corners of a motion
-they are smooth functions of time: evaluated at Chebyshev points, doubled until the new ones are met
-by interpolation, they serve any number of steps, and any number of marches.
+they are smooth functions of time: a few Chebyshev points of each piece, as many as its coefficients
+ask for, serve any number of steps, and any number of marches.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between, nominal
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
-from pinflex.levels.interpolated import InterpolatedPath, LinearStep, pack
-from pinflex.levels.varying import STILL, Varying
+from pinflex.levels.varying import NOISE, Varying
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
@@ -26,20 +29,58 @@ from pinflex.mechanics.mechanism import Mechanism
 _NODES = 8  # intervals between the nodes of a piece to begin with
 _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
-_LARGEST = 2e7  # numbers that the nodes may hold (160 MB)
-_KINDS = "MCKrJ"  # of each choice of rows, in the order of `LinearStep.packed`
-_ROUND_OFF = 1e-5  # of what is natural for a matrix: smaller ones, round-off alone perhaps, are
-# followed to `close` of that, 1e-14 of what is natural
+_CHUNK = 32  # steps that are interpolated at a time for a method in Python
+_RESTING = 1e-12  # of the largest speed: round-off of a motion that has ended
+_NATURAL = 1e-5  # of what is natural for a matrix: smaller ones, round-off alone perhaps, are
+# followed to `close` of that
+
+
+class Matrices(NamedTuple):
+    """The linear system at one time, in some rows and columns of the coordinates.
+
+    Attributes:
+        M, C, K: Shape (rows, n); the first n rows are those of the columns, motors follow.
+        r: What the rigid motion leaves unbalanced, shape (rows,).
+        J: Closures, shape (closures, rows).
+        base: Multipliers of the rigid motion, shape (closures,).
+    """
+
+    M: Array
+    C: Array
+    K: Array
+    r: Array
+    J: Array
+    base: Array
+
+    @property
+    def free(self) -> Instant:
+        """The system of the columns alone."""
+        n = self.M.shape[1]
+        return Instant(self.M[:n], self.C[:n], self.K[:n], self.r[:n], self.J[:, :n])
+
+    def motor_forces(self, d: Array, v: Array, a: Array, lam: Array) -> Array:
+        """What the motors give: balance in the rows below the columns.
+
+        Args:
+            d, v, a: Deviation and its rates, shape (n,). lam: Multipliers beyond `base`.
+        """
+        M, C, K, r, J = (x[self.M.shape[1] :] for x in (*self[:4], self.J.T))
+        return np.asarray(M @ a + C @ v + K @ d + r - J @ lam)
+
+    def packed(self) -> Array:
+        """Every number, in one row."""
+        return np.concatenate([x.ravel() for x in self])
 
 
 class LinearPath:
-    """The system at every instant of a nominal motion.
+    """The linear system at every instant of a nominal motion.
 
     Attributes:
         dynamics: Workspace of the flexible mechanism.
         path: The nominal motion.
         structural: Whether what the motion and the loads add to C and K is left out.
-        v, a: Its rates and accelerations, elastic ones zero, shape (nt, nv) each.
+        whole: Whether all coordinates are rows and columns; else the free ones, and motors as rows.
+        v, a: Rates and accelerations of the motion, elastic ones zero, shape (nt, nv) each.
     """
 
     def __init__(
@@ -48,6 +89,7 @@ class LinearPath:
         path: Nominal,
         structural: bool = False,
         dynamics: Equations | None = None,
+        whole: bool = False,
     ) -> None:
         """Nothing is evaluated yet.
 
@@ -56,64 +98,110 @@ class LinearPath:
             path: Its nominal motion.
             structural: Leave out what the motion and the loads add to C and K.
             dynamics: A workspace of the flexible mechanism; None: one of its own.
+            whole: All coordinates as rows and columns.
         """
-        self.dynamics, self.path = dynamics or Equations(mechanism.flexible), path
-        system, m = mechanism.flexible, int(mechanism.flexible.rigid.nv)
-        self.v, self.a = (np.zeros((len(path.t), system.nv)) for _ in range(2))
-        self.v[:, :m], self.a[:, :m] = path.v, path.a
-        self._passive, self._bases = mechanism.rigid.free, np.zeros((0, 0))
-        self._damping, self.structural = mechanism.description.system_damping, structural
+        self._mechanism, self.path = mechanism, path
+        self.dynamics, self.structural = dynamics or Equations(mechanism.flexible), structural
+        self.whole, system = whole, mechanism.flexible
+        every = np.arange(system.nv)
+        self._columns = every if whole else system.free
+        self._rows = every if whole else np.concatenate([system.free, system.motors])
+        still = np.zeros((len(path.t), system.nv - path.v.shape[1]))
+        self.v, self.a = np.hstack([path.v, still]), np.hstack([path.a, still])
 
-    def full(self, k: int) -> LinearStep:
-        """The system in all coordinates."""
-        dynamics, system = self.dynamics, self.dynamics.system
-        y = np.concatenate([self.path.q[k], np.zeros(system.n_eta)])
-        v, a, t = self.v[k], self.a[k], float(self.path.t[k])
-        base = self._base(k)
-        r, _ = dynamics.residual(y, v, a, base, t)
-        M, C, K, J = dynamics.tangent(y, v, a, base, t)
-        alpha, beta = self._damping
+    def along(self, path: Nominal) -> LinearPath:
+        """The same along other instants of the motion.
+
+        Args:
+            path: The nominal motion there.
+        """
+        return LinearPath(self._mechanism, path, self.structural, self.dynamics, self.whole)
+
+    @cached_property
+    def _y(self) -> Array:
+        return self.path.straight(self.dynamics.system.n_eta)
+
+    @cached_property
+    def _base(self) -> Array:
+        """Closure forces of the rigid motion in the rows of the flexible mechanism.
+
+        They bring the geometric stiffness of the joint forces; any split between them and the
+        deviation's own multipliers satisfies the same equations. Shape (nt, closures).
+        """
+        dynamics, t, count = self.dynamics, self.path.t, self.dynamics.system.closed.n
+        none = np.zeros((len(t), count))
+        if not count:
+            return none
+        passive = self._mechanism.rigid.free
+        r, _ = dynamics.residual(self._y, self.v, self.a, none, t)
+        J = dynamics.close(self._y).J[:, :, passive]
+        back = np.linalg.pinv(J.swapaxes(1, 2), rcond=1e-10)
+        return np.asarray((back @ r[:, passive, None])[:, :, 0])
+
+    @cached_property
+    def _load(self) -> Array:
+        """What the rigid motion leaves unbalanced, shape (nt, nv)."""
+        dynamics, t = self.dynamics, self.path.t
+        return np.asarray(dynamics.residual(self._y, self.v, self.a, self._base, t).r)
+
+    def at(self, k: int) -> Matrices:
+        """The system at an instant."""
+        dynamics, y, base = self.dynamics, self._y[k], self._base[k]
+        M, C, K, J = dynamics.tangent(y, self.v[k], self.a[k], base, float(self.path.t[k]))
+        alpha, beta = self._mechanism.description.system_damping
         if self.structural or alpha or beta:
             structure = dynamics.structural_stiffness(y)
             if self.structural:
-                C, K = system.D, structure
+                C, K = dynamics.system.D, structure
             C = C + alpha * M + beta * structure
-        return LinearStep((Instant(M, C, K, r, J),), base)
+        block, rows = np.ix_(self._rows, self._columns), self._rows
+        return Matrices(M[block], C[block], K[block], self._load[k, rows], J[:, rows], base)
 
-    def together(self) -> None:
-        """Evaluate what all instants have in common at once: all of them are wanted."""
-        self._bases = self._multipliers(slice(None))
 
-    def _base(self, k: int) -> Array:
-        found = self._bases if len(self._bases) else self._multipliers(slice(k, k + 1))
-        return np.asarray(found[k if len(self._bases) else 0])
+class EveryStep:
+    """Every step evaluated; the last few are kept: mode superposition looks three steps around.
 
-    def _multipliers(self, s: slice) -> Array:
-        """Closure forces of the rigid motion in the rows of the flexible mechanism, (k, rows).
+    Attributes:
+        count: Number of steps.
+    """
 
-        They bring the geometric stiffness of the joint forces; any split between them and the
-        deviation's own multipliers satisfies the same equations.
-        """
-        dynamics, rows = self.dynamics, self.dynamics.system.closed.n
-        v, t = self.v[s], self.path.t[s]
-        if not rows:
-            return np.zeros((len(t), 0))
-        y = np.hstack([self.path.q[s], np.zeros((len(t), dynamics.system.n_eta))])
-        r, _ = dynamics.residual(y, v, self.a[s], np.zeros((len(t), rows)), t)
-        J = dynamics.close(y).J[:, :, self._passive]
-        back = np.linalg.pinv(J.swapaxes(1, 2), rcond=1e-10)
-        return np.asarray((back @ r[:, self._passive, None])[:, :, 0])
+    def __init__(self, line: LinearPath) -> None:
+        self._line, self._recent, self.count = line, dict[int, Matrices](), len(line.path.t)
 
-    def at(self, k: int) -> LinearStep:
-        """The rows that a march needs: `free` and `motors`."""
-        step, system = self.full(k), self.dynamics.system
-        now, free = step.parts[0], system.free
-        parts = []
-        for rows in (free, system.motors):
-            square = np.ix_(rows, free)
-            parts.append(Instant(now.M[square], now.C[square], now.K[square], now.r[rows],
-                                 now.J[:, rows]))  # fmt: skip
-        return LinearStep(tuple(parts), step.base)
+    def at(self, k: int) -> Matrices:
+        """The step k."""
+        if k not in self._recent:
+            while len(self._recent) > 5:
+                self._recent.pop(min(self._recent, key=lambda j: -abs(j - k)))
+            self._recent[k] = self._line.at(k)
+        return self._recent[k]
+
+
+class InterpolatedPath:
+    """The system off polynomials, at any step.
+
+    Attributes:
+        grid: Times of the values, and how they serve the steps.
+        parts: M, C, K, r, J and base, in the order of `Matrices`.
+        missed: Estimate of what interpolation misses, of the largest entry of each matrix.
+    """
+
+    def __init__(self, grid: Interpolation, parts: Sequence[Varying], missed: float = 0.0) -> None:
+        self.grid, self.parts, self.missed = grid, tuple(parts), missed
+        self._chunk: tuple[int, list[Array]] = -1, []
+
+    @property
+    def count(self) -> int:
+        """Number of steps."""
+        return len(self.grid.t)
+
+    def at(self, k: int) -> Matrices:
+        """The step k, out of a chunk: methods in Python ask for one after the other."""
+        number = k // _CHUNK
+        if self._chunk[0] != number:
+            steps = slice(number * _CHUNK, (number + 1) * _CHUNK)
+            self._chunk = number, [x.along(self.grid, steps) for x in self.parts]
+        return Matrices(*(x[k % _CHUNK] for x in self._chunk[1]))
 
 
 def along(
@@ -124,7 +212,7 @@ def along(
     close: float,
     dynamics: Equations | None = None,
     steps: Array | None = None,
-) -> InterpolatedPath | Kept:
+) -> InterpolatedPath | EveryStep:
     """The system at every step of a nominal motion: its free coordinates and motors.
 
     Args:
@@ -136,181 +224,157 @@ def along(
         dynamics: A workspace of the flexible mechanism; None: one of its own.
         steps: Times of the steps, shape (nt,); None: those of the path.
     """
-    every = LinearPath(mechanism, path, structural, dynamics)
+    line = LinearPath(mechanism, path, structural, dynamics)
     t = path.t if steps is None else steps
     pieces, n = _pieces(motion, mechanism.flexible.loads, t, _STEPS)
     if len(pieces) * (2 * n + 1) * _STEPS < len(t):
-        found = _interpolated(every, mechanism, motion, t, LinearPath.at, pieces, n, close, _STEPS)
-        if found.missed < close:
-            return found
+        result = _interpolated(line, mechanism, motion, t, pieces, n, close, len(t) / _STEPS)
+        if result.missed < close:
+            return result
     if len(t) > len(path.t):
-        every = LinearPath(mechanism, nominal(mechanism, motion, t), structural, every.dynamics)
-    return Kept(every.at, len(t))
+        line = line.along(nominal(mechanism, motion, t))
+    return EveryStep(line)
 
 
 def full_path(
-    every: LinearPath, mechanism: Mechanism, motion: Motion, close: float
+    line: LinearPath, mechanism: Mechanism, motion: Motion, close: float
 ) -> InterpolatedPath:
-    """The system in all coordinates, interpolated whether or not that is `close`.
+    """The system along a path, interpolated whether or not that is `close`.
 
     Args:
-        every: The system at the steps.
+        line: The system at the steps.
         mechanism: Mechanism.
         motion: Its motion.
         close: What interpolation may miss, of the largest entry of each matrix. There are hardly
             more nodes than steps, so `missed` may be larger.
     """
-    t = every.path.t
+    t = line.path.t
     pieces, n = _pieces(motion, mechanism.flexible.loads, t, 1)
     if len(pieces) * (n + 1) > len(t):
         n = _FEW
     if len(pieces) * (n + 1) > len(t):
         pieces, n = PiecewiseChebyshev(float(t[0]), float(t[-1]), []), _NODES
-    return _interpolated(every, mechanism, motion, t, LinearPath.full, pieces, n, close, 1)
+    return _interpolated(line, mechanism, motion, t, pieces, n, close, len(t))
 
 
 def _interpolated(
-    every: LinearPath,
+    line: LinearPath,
     mechanism: Mechanism,
     motion: Motion,
     t: Array,
-    system: Callable[[LinearPath, int], LinearStep],
     pieces: PiecewiseChebyshev,
     n: int,
     close: float,
-    steps: int,
+    most: float,
 ) -> InterpolatedPath:
-    """Polynomials through twice the nodes until they are `close`, or nodes are one in `steps`."""
-    like = system(every, 0)
-    matrices = _Matrices([x.size for x in like.packed()])
+    """Polynomials through n + 1 nodes a piece; through more until `close`, or `most` in all."""
+    known, like = line.path, line.at(0)
 
     def packed(times: Array) -> Iterator[Array]:
-        known = every.path
         at = np.searchsorted(known.t, times).clip(max=len(known.t) - 1)
         same = np.array_equal(known.t[at], times)
-        path = known.at(at) if same else between(mechanism, motion, known, times)
-        line = LinearPath(mechanism, path, every.structural, every.dynamics)
-        line.together()
-        for k in range(len(times)):
-            yield pack(system(line, k))
+        here = line.along(known.at(at) if same else between(mechanism, motion, known, times))
+        return (here.at(k).packed() for k in range(len(times)))
 
-    for whole in (False, True):
-        moving = _Moving(packed, pieces.nodes(n).ravel(), matrices, whole)
-        most = _LARGEST * moving.share
-        values, missed = pieces.refined(moving, moving.relative, n, close, len(t) / steps, most)
-        grid = Interpolation(pieces, values.shape[1] - 1, t)
-        corners = moving.of(packed(t[grid.corners]))
-        if not moving.late:
+    fast = np.max(np.abs(known.v), axis=1, initial=0.0)
+    moving = pieces.of(known.t[fast > _RESTING * np.max(fast, initial=0.0)])
+    resting = set(range(len(pieces))) - set(moving.tolist())
+    first = np.array(list(packed(pieces.nodes(n).ravel())))
+    for everything in (False, True):
+        entries = VaryingEntries(first, like, everything)
+        begin = entries.picked(first).reshape(len(pieces), n + 1, -1)
+        evaluated = partial(entries.evaluated, packed)
+        values, missed = pieces.refined(begin, evaluated, entries.relative, close, most, resting)
+        grid = Interpolation(pieces, [len(x) - 1 for x in values], t)
+        corners = evaluated(t[grid.corners])
+        if not entries.late:
             break
-    flat = np.concatenate([values.reshape(grid.nodes, -1), corners])
-    return InterpolatedPath(grid, moving.parts(flat, [x.shape for x in like.packed()]), missed)
+    return InterpolatedPath(grid, entries.parts(np.concatenate([*values, corners])), missed)
 
 
-class _Matrices:
-    """Where the matrices of a packed system are, and how large each of them naturally is.
+class VaryingEntries:
+    """Which entries of packed systems vary, and how large those of each matrix naturally are.
 
-    A matrix that cancels (C of a beam that turns in its plane) holds round-off, which no polynomial
-    follows: its size is not its largest entry, but what its terms are made of.
-
-    Attributes:
-        of: Number of the matrix of each column, shape (width,).
-    """
-
-    def __init__(self, widths: Sequence[int]) -> None:
-        """`widths`: Numbers in each matrix, those of `LinearStep.packed`."""
-        self.of = np.repeat(np.arange(len(widths)), widths)
-        self._kinds = [_KINDS[k % len(_KINDS)] for k in range(len(widths) - 1)] + ["r"]
-
-    def largest(self, x: Array) -> Array:
-        """Largest entry of each matrix over rows x (k, width), shape (matrices,)."""
-        found = np.zeros(len(self._kinds))
-        np.maximum.at(found, self.of, _ends(x))
-        return found
-
-    def natural(self, sizes: Array) -> Array:
-        """The natural size of each, from their largest entries, shape (matrices,).
-
-        It is that of the same matrix in all rows, of C that of critical damping, sqrt(M K); of
-        loads and closures their own.
-        """
-        of = dict.fromkeys("MCK", 0.0)
-        for kind, size in zip(self._kinds, sizes.tolist(), strict=True):
-            of[kind] = max(of.get(kind, 0.0), size)
-        of["C"] = max(of["C"], float(np.sqrt(of["M"] * of["K"])))
-        pairs = zip(self._kinds, sizes.tolist(), strict=True)
-        return np.array([of[kind] if kind in "MCK" else size for kind, size in pairs])
-
-
-class _Moving:
-    """Packed systems less the entries that stand still: six sevenths of a typical one.
+    Some six sevenths are constant. A matrix that cancels (C of a beam that turns in its plane)
+    holds round-off, which no polynomial follows: its size is not its largest entry, but what its
+    terms are made of.
 
     Attributes:
-        share: Of the entries that move.
-        late: Whether others did after all, at times that were asked for later.
+        late: Whether others varied after all, at times that were asked for later.
     """
 
-    def __init__(
-        self,
-        packed: Callable[[Array], Iterator[Array]],
-        first: Array,
-        matrices: _Matrices,
-        whole: bool,
-    ) -> None:
-        """Find out what moves.
+    def __init__(self, first: Array, like: Matrices, everything: bool = False) -> None:
+        """Find out which vary at the first nodes.
 
         Args:
-            packed: Systems at times (k,), a row each.
-            first: The times that are asked for first: what stands still at all of them does.
-            matrices: Those in a row.
-            whole: Take every entry for moving.
+            first: Packed systems there, a row each.
+            like: A system, for the shapes.
+            everything: Take every entry for varying.
         """
-        self._packed, self._times = packed, first
-        rows = np.array(list(packed(first)))
-        sizes = matrices.largest(rows)
-        self._sizes = np.maximum(sizes, _ROUND_OFF * matrices.natural(sizes))
-        self._still, self._small = rows[0].copy(), (STILL * self._sizes)[matrices.of]
-        self._moves = (np.ptp(rows, axis=0) > self._small) | whole
-        self._moves[:1] |= not np.any(self._moves)  # arrays without columns keep no shape
-        self._rests = ~self._moves
-        self._rows, self._matrix = rows[:, self._moves], matrices.of[self._moves]
-        self.share, self.late = max(float(np.mean(self._moves)), 1e-3), False
+        self._constant, self._shapes, self.late = first[0].copy(), [x.shape for x in like], False
+        self._block, n = _blocks(like), 2 * len(like)
+        sizes = _largest(first, self._block, n)
+        natural = sizes.reshape(-1, 2).max(axis=1)  # of the same matrix in all rows
+        M, C, K, *others = natural
+        natural = np.array([M, max(C, float(np.sqrt(M * K))), K, *others])
+        natural[3:] = 0.0  # loads and closures: their own
+        self._sizes = np.maximum(sizes, _NATURAL * np.repeat(natural, 2))
+        self._noise = (NOISE * self._sizes)[self._block]
+        self._varies = (np.ptp(first, axis=0) > self._noise) | everything
+        self._varies[:1] |= not np.any(self._varies)  # arrays without columns have no length
 
-    def __call__(self, times: Array) -> Array:
-        """The moving entries at times (k,), shape (k, moving)."""
-        if np.array_equal(times, self._times):
-            return self._rows
-        return self.of(self._packed(times))
-
-    def of(self, rows: Iterable[Array]) -> Array:
-        """Those of systems, shape (k, moving)."""
+    def picked(self, rows: Iterable[Array]) -> Array:
+        """The varying entries of packed systems, shape (k, varying)."""
         found = []
         for row in rows:
-            self.late |= bool(np.any((np.abs(row - self._still) > self._small) & self._rests))
-            found.append(row[self._moves])
-        return np.array(found).reshape(-1, len(self._matrix))
+            differs = np.abs(row - self._constant) > self._noise
+            self.late |= bool(np.any(differs & ~self._varies))
+            found.append(row[self._varies])
+        result = np.array(found).reshape(-1, int(np.sum(self._varies)))
+        block = self._block[self._varies]
+        self._sizes = np.maximum(self._sizes, _largest(result, block, len(self._sizes)))
+        return result
 
-    def relative(self, missed: Array, values: Array) -> float:
-        """Largest miss of each matrix over its largest entry; the worst of all.
+    def evaluated(self, packed: Callable[[Array], Iterable[Array]], times: Array) -> Array:
+        """Those at times, as `packed` evaluates the systems there."""
+        return self.picked(packed(times))
+
+    def relative(self, missed: Array) -> float:
+        """Largest miss of each matrix over its size; the worst of all.
 
         Args:
-            missed, values: Of moving entries, shape (..., moving).
+            missed: Of varying entries, shape (k, varying).
         """
-        sizes = self._sizes.copy()
-        far = np.zeros(len(sizes))
-        for x, found in ((missed, far), (values, sizes)):
-            np.maximum.at(found, self._matrix, _ends(x.reshape(-1, len(self._matrix))))
-        return float(np.max(far / np.maximum(sizes, 1e-300), initial=0.0))
+        far = _largest(missed, self._block[self._varies], len(self._sizes))
+        return float(np.max(far / np.maximum(self._sizes, 1e-300), initial=0.0))
 
-    def parts(self, values: Array, shapes: Sequence[tuple[int, ...]]) -> list[Varying]:
-        """The matrices, of shapes, from their moving entries (size, moving)."""
-        found, entries = [], np.flatnonzero(self._moves)
-        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
-        for shape, end in zip(shapes, ends.tolist(), strict=True):
-            start = end - int(np.prod(shape))
+    def parts(self, values: Array) -> list[Varying]:
+        """Each matrix from the varying entries at all times, shape (size, varying)."""
+        found, start, entries = [], 0, np.flatnonzero(self._varies)
+        for shape in self._shapes:
+            end = start + int(np.prod(shape))
             a, b = np.searchsorted(entries, (start, end))
-            still = self._still[start:end].reshape(shape)
-            found.append(Varying(still, entries[a:b] - start, values[:, a:b]))
+            constant = self._constant[start:end].reshape(shape)
+            found.append(Varying(constant, entries[a:b] - start, values[:, a:b]))
+            start = end
         return found
+
+
+def _blocks(like: Matrices) -> IntArray:
+    """Number of the block of each entry of a packed system: two a matrix, the second of motors."""
+    rows, n = like.M.shape
+    motor = np.arange(rows) >= n
+    square, closures = np.repeat(motor, n), np.tile(motor, len(like.J))
+    of = square, square, square, motor, closures, np.zeros(len(like.base), bool)
+    return np.concatenate([2 * kind + x for kind, x in enumerate(of)])
+
+
+def _largest(x: Array, block: IntArray, count: int) -> Array:
+    """Largest entry of each block over rows x (k, width), shape (count,)."""
+    found = np.zeros(count)
+    ends = np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0))
+    np.maximum.at(found, block, ends)
+    return found
 
 
 def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[PiecewiseChebyshev, int]:
@@ -325,27 +389,3 @@ def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[Piecewi
         if len(pieces) * (_FEW + 1) * steps < len(t):
             return pieces, _FEW
     return PiecewiseChebyshev(start, end, corners), _NODES
-
-
-class Kept:
-    """Every step evaluated, and the last few kept: mode superposition looks three steps around.
-
-    Attributes:
-        count: Number of steps.
-    """
-
-    def __init__(self, evaluate: Callable[[int], LinearStep], count: int) -> None:
-        self._evaluate, self._kept, self.count = evaluate, dict[int, LinearStep](), count
-
-    def at(self, k: int) -> LinearStep:
-        """The step k."""
-        if k not in self._kept:
-            while len(self._kept) > 5:
-                self._kept.pop(min(self._kept, key=lambda j: -abs(j - k)))
-            self._kept[k] = self._evaluate(k)
-        return self._kept[k]
-
-
-def _ends(x: Array) -> Array:
-    """Largest entry of each column, shape (width,), of x (k, width)."""
-    return np.asarray(np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0)))

@@ -1,6 +1,6 @@
-"""A matrix along a path: what stands still of it once, and the entries that move at every node.
+"""A matrix along a path: its constant entries once, and the varying ones at every node.
 
-Some six sevenths of the linear system of a mechanism stand still; stored in full at every node it
+Some six sevenths of the linear system of a mechanism are constant; stored in full at every node it
 would take hundreds of megabytes for some ten coordinates a link, and touching them takes longer
 than the marches that use them.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.integrators.chebyshev import Interpolation
 
-STILL = 1e-12  # of the largest entry of a matrix: round-off of what does not change
+NOISE = 1e-12  # of the largest entry of a matrix: round-off of what is constant
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Varying:
     """A matrix, or a vector, at the nodes of an interpolation.
 
     Attributes:
-        still: At the first node, any shape.
-        entries: Flat numbers of those that move, ascending, shape (m,).
+        constant: At the first node, any shape.
+        entries: Flat numbers of those that vary, ascending, shape (m,).
         values: Of them at the nodes, shape (size, m).
     """
 
-    still: Array
+    constant: Array
     entries: IntArray
     values: Array
 
@@ -38,23 +38,23 @@ class Varying:
     @property
     def shape(self) -> tuple[int, ...]:
         """Of the matrix."""
-        return self.still.shape
+        return self.constant.shape
 
     @cached_property
-    def small(self) -> float:
-        """Changes up to which an entry stands still."""
-        sizes = (float(np.max(np.abs(x), initial=0.0)) for x in (self.still, self.values))
-        return STILL * max(sizes)
+    def noise(self) -> float:
+        """Changes up to which an entry counts as constant."""
+        sizes = (float(np.max(np.abs(x), initial=0.0)) for x in (self.constant, self.values))
+        return NOISE * max(sizes)
 
     @cached_property
-    def moves(self) -> BoolArray:
-        """Which entries move, in the shape of the matrix."""
+    def varies(self) -> BoolArray:
+        """Which entries vary, in the shape of the matrix."""
         return self._numbers >= 0
 
     @cached_property
     def _numbers(self) -> IntArray:
-        """Column of `values` of each entry, in the shape of the matrix; -1: it stands still."""
-        found = np.full(self.still.size, -1, dtype=np.intp)
+        """Column of `values` of each entry, in the shape of the matrix; -1: it is constant."""
+        found = np.full(self.constant.size, -1, dtype=np.intp)
         found[self.entries] = np.arange(len(self.entries))
         return found.reshape(self.shape)
 
@@ -71,7 +71,7 @@ class Varying:
         return self._filled(grid.between(self.values, at))
 
     def _filled(self, values: Array) -> Array:
-        found = np.tile(self.still.ravel(), (len(values), 1))
+        found = np.tile(self.constant.ravel(), (len(values), 1))
         found[:, self.entries] = values
         return found.reshape(len(values), *self.shape)
 
@@ -84,16 +84,16 @@ class Varying:
         block = np.ix_(*axes)
         numbers = self._numbers[block].ravel()
         entries = np.flatnonzero(numbers >= 0)
-        return Varying(self.still[block], entries, self.values[:, numbers[entries]])
+        return Varying(self.constant[block], entries, self.values[:, numbers[entries]])
 
-    def those(self, at: tuple[IntArray, ...]) -> Array:
+    def entries_at(self, at: tuple[IntArray, ...]) -> Array:
         """Some entries at every node, shape (size, k).
 
         Args:
             at: Their rows, and columns where there are any, shape (k,) each.
         """
         numbers = self._numbers[at]
-        found = np.tile(self.still[at], (len(self.values), 1))
+        found = np.tile(self.constant[at], (len(self.values), 1))
         found[:, numbers >= 0] = self.values[:, numbers[numbers >= 0]]
         return found
 
@@ -102,5 +102,5 @@ def varying(x: Array) -> Varying:
     """A matrix that is known in full at every node, shape (size, ...)."""
     flat = x.reshape(len(x), -1)
     size = max(float(np.max(x, initial=0.0)), -float(np.min(x, initial=0.0)))
-    entries = np.flatnonzero(np.ptp(flat, axis=0) > STILL * size)
+    entries = np.flatnonzero(np.ptp(flat, axis=0) > NOISE * size)
     return Varying(x[0].copy(), entries, flat[:, entries])

@@ -10,9 +10,9 @@ from pinflex.errors import PinflexError
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.schemes import generalized_alpha, newmark
 from pinflex.kernel.library import kernel
-from pinflex.kernel.linear import LinearKernel, Still
+from pinflex.kernel.linear import ConstantPart, LinearKernel
 from pinflex.levels import linear_march
-from pinflex.levels.linear_march import LinearMarch, Room
+from pinflex.levels.linear_march import LinearMarch, Workspace
 from pinflex.levels.varying import varying
 
 needs_kernel = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
@@ -41,8 +41,8 @@ def system(n: int, rows: int, corners: tuple[float, ...] = (), seed: int = 1) ->
     return grid, (M, C, K, J), load
 
 
-def march_of(scheme, grid, parts, h, room=None) -> LinearMarch:
-    return LinearMarch(scheme, grid, [varying(x) for x in parts], h, room)
+def march_of(scheme, grid, parts, h, workspace=None) -> LinearMarch:
+    return LinearMarch(scheme, grid, [varying(x) for x in parts], h, workspace)
 
 
 def without_kernel(monkeypatch: pytest.MonkeyPatch, march: LinearMarch, *given: Array) -> tuple:
@@ -78,11 +78,11 @@ def test_it_is_the_march_in_numpy(n, rows, scheme, monkeypatch):
 @pytest.mark.parametrize("steps", [20, 10 * STEPS])
 def test_marches_side_by_side_are_those_one_by_one(steps, monkeypatch):
     """Factors of a window serve all of them, and another march between uses the same room."""
-    monkeypatch.setattr(linear_march, "_KEPT", 11 * 11 * steps)
-    room = Room()
+    monkeypatch.setattr(linear_march, "_FACTORS", 11 * 11 * steps)
+    workspace = Workspace()
     grid, parts, load = system(9, 2, seed=1)
     march, other = (
-        march_of(generalized_alpha(0.8), grid, x, float(grid.t[1]), room)
+        march_of(generalized_alpha(0.8), grid, x, float(grid.t[1]), workspace)
         for x in (parts, [2.0 * x for x in parts])
     )
     start, loads = np.zeros(9), (load, -2.0 * load, 0.5 * load)
@@ -93,9 +93,9 @@ def test_marches_side_by_side_are_those_one_by_one(steps, monkeypatch):
         for one, given in zip(going, loads, strict=True):
             one.go(s, given[s], start)
     assert_same(other(load, start), without_kernel(monkeypatch, other, load, start))
-    assert_same(march(load, start), going[0].found)
+    assert_same(march(load, start), going[0].response)
     for one, given in zip(going, loads, strict=True):
-        assert_same(one.found, without_kernel(monkeypatch, march, given, start))
+        assert_same(one.response, without_kernel(monkeypatch, march, given, start))
 
 
 @needs_kernel
@@ -103,8 +103,8 @@ def test_marches_side_by_side_are_those_one_by_one(steps, monkeypatch):
 def test_a_piece_at_rest_is_one_system(kept, monkeypatch):
     """Beyond 0.4 s nothing moves: factors are kept there, also in batches."""
     grid, parts, load = system(6, 2, corners=(0.4,))
-    march = march_of(newmark(), grid, parts, float(grid.t[1]), Room() if kept else None)
-    assert len(march._systems[1]) < 0.45 * STEPS
+    march = march_of(newmark(), grid, parts, float(grid.t[1]), Workspace() if kept else None)
+    assert len(np.unique(march._at)) < 0.45 * STEPS
     start = np.zeros(6)
     assert_same(march(load, start), without_kernel(monkeypatch, march, load, start))
 
@@ -125,8 +125,10 @@ def test_coordinates_without_mass_and_stiffness_fall_back_on_least_squares(monke
 @needs_kernel
 def test_arrays_of_other_shapes_are_refused():
     one = np.eye(2)
-    still = Still(one, one, one, np.zeros((0, 2)), np.zeros((2, 2), bool), np.zeros((0, 2), bool))
-    kernel = LinearKernel(still, 0.1, (1.0, 0.25, 0.5, 0.0, 0.0), 3, kept=True)
+    constant = ConstantPart(
+        one, one, one, np.zeros((0, 2)), np.zeros((2, 2), bool), np.zeros((0, 2), bool)
+    )
+    kernel = LinearKernel(constant, 0.1, (1.0, 0.25, 0.5, 0.0, 0.0), 3, kept=True)
     value, steps = np.zeros((3, 0)), np.zeros(4, dtype=np.intp)
     found = tuple(np.zeros((4, width)) for width in (2, 2, 2, 0))
     with pytest.raises(PinflexError, match="no room"):

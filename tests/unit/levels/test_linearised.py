@@ -7,9 +7,10 @@ import pytest
 
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
-from pinflex.levels.interpolated import InterpolatedPath
+from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.ked import method_of, solve_ked
-from pinflex.levels.linearised import LinearPath, _Matrices, _Moving, along
+from pinflex.levels.linear_march import LinearMarch
+from pinflex.levels.linearised import InterpolatedPath, LinearPath, Matrices, VaryingEntries, along
 from pinflex.levels.varying import varying
 from pinflex.solver.solve import default_motion
 
@@ -32,14 +33,15 @@ def test_interpolated_matrices_are_those_of_every_step(name):
     path = nominal(robot, motion, np.linspace(0.0, end, steps))
     at, every = along(robot, motion, path, False, 1e-9), LinearPath(robot, path)
     assert isinstance(at, InterpolatedPath)
+    n = len(robot.flexible.free)
     for k in (0, 1, 7, steps // 3, steps // 2 - 1, steps // 2, steps - 2, steps - 1):
         between, here = at.at(k), every.at(k)
-        for part in ("free", "motors"):
-            for x in "MCKrJ":
-                a, b = (getattr(getattr(s, part), x) for s in (between, here))
-                # `close` is about half as many nodes; the largest entries of the whole motion
+        for a, b in zip(between[:5], here[:5], strict=True):
+            for rows in (slice(0, n), slice(n, None)):  # free coordinates, and motors
+                x, y = (m.T[rows] if m.shape == between.J.shape else m[rows] for m in (a, b))
+                # `close` is what the last polynomials hold; the largest entries of the whole motion
                 # scale it, so those of one step get ten times as much.
-                assert np.max(np.abs(a - b), initial=0.0) <= 1e-8 * np.max(np.abs(b), initial=1.0)
+                assert np.max(np.abs(x - y), initial=0.0) <= 1e-8 * np.max(np.abs(y), initial=1.0)
         assert np.allclose(between.base, here.base, rtol=1e-8, atol=1e-8)
 
 
@@ -66,8 +68,12 @@ def test_a_sampled_motion_is_cut_at_its_samples_and_rests_after_them():
         for x in "MCKrJ":
             gap = np.max(np.abs(getattr(a, x) - getattr(b, x)))
             assert gap <= 1e-8 * np.max(np.abs(getattr(b, x)), initial=1.0), (k, x)
-    # One object: a march keeps its factors while the robot rests.
-    assert at.at(600).free is at.at(700).free is not at.at(300).free
+    free = np.arange(len(robot.flexible.free))
+    square = [x.picked(free, free) for x in at.parts[:3]]
+    J = at.parts[4].picked(np.arange(at.parts[4].shape[0]), free)
+    march = LinearMarch(generalized_alpha(), at.grid, (*square, J), 1e-3)
+    # One system: a march keeps its factors while the robot rests.
+    assert march._at[600] == march._at[700] != march._at[300]
 
 
 @pytest.mark.parametrize("name", ["3rrr", "race_r2"])
@@ -85,18 +91,16 @@ def test_samples_of_the_linear_march_are_those_of_all_its_steps(name):
         assert np.max(np.abs(whole[::6] - some)) <= 1e-8 * np.max(np.abs(whole), initial=1e-6)
 
 
-def test_what_moves_late_is_noticed():
-    """An entry that stands still at the first times and not at others is among those that move."""
-    first, then = np.array([0.0, 1.0]), np.array([0.25, 0.5])
-
-    def packed(times):
-        for t in times:
-            yield np.array([1.0, 2.0 + t, t * (1.0 - t)])
-
-    matrices = _Matrices([0, 0, 0, 3, 0, 0])  # a load of three
-    moving = _Moving(packed, first, matrices, whole=False)
-    assert moving(then).shape == (2, 1) and moving.late
-    every = _Moving(packed, first, matrices, whole=True)
-    found = varying(np.array(list(packed(then))))
-    assert np.array_equal(every(then), np.array(list(packed(then)))) and not every.late
-    assert found.entries.tolist() == [1, 2] and np.array_equal(found.whole(), every(then))
+def test_what_varies_late_is_noticed():
+    """An entry that is constant at the first times and not at others is among those that vary."""
+    t = np.array([0.0, 1.0, 0.25, 0.5])
+    rows = np.stack([np.ones(4), 2.0 + t, t * (1.0 - t)], axis=1)
+    first, then = rows[:2], rows[2:]
+    none, load = np.zeros((3, 0)), np.zeros(3)
+    like = Matrices(none, none, none, load, np.zeros((0, 3)), np.zeros(0))
+    entries = VaryingEntries(first, like)
+    assert entries.picked(then).shape == (2, 1) and entries.late
+    every = VaryingEntries(first, like, everything=True)
+    assert np.array_equal(every.picked(then), then) and not every.late
+    found = varying(then)
+    assert found.entries.tolist() == [1, 2] and np.array_equal(found.whole(), then)
