@@ -56,9 +56,9 @@ def require_memory(where: str, spec: FlexibleLink, planes: Sequence[str], limit:
     """
     n, rows = per_body(spec, planes)
     total = rows * spec.segments
-    # Workspaces, G and its copies, and matrices of all elastic coordinates.
-    size = 32.0 * rows * (float(rows) ** 2 + float(n) ** 2) * spec.segments
-    size += _matrices(n * spec.segments, total)
+    # G while it is made (measured), and matrices of all elastic coordinates; of workspaces the
+    # system knows more (`require_workspace`).
+    size = 48.0 * rows * float(n) ** 2 * spec.segments + _matrices(n * spec.segments, total)
     if size > MEMORY * limit:
         key = "segments" if spec.segments > 1 else f"basis.{_count(spec)}"
         raise DescriptionError(

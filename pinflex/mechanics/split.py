@@ -55,11 +55,11 @@ def split(model: pin.Model, compiled: bool) -> tuple[Subtree, ...]:
     if model.nv <= _WHOLE:
         return ()
     heads = _heads(model, _WHOLE if compiled else _UNCUT)
-    if len(heads) == 1:
+    if len(set(heads.values())) == 1:
         return ()
     head_of, members = np.zeros(int(model.njoints), dtype=np.intp), dict[int, list[int]]()
     for j in range(1, int(model.njoints)):
-        head_of[j] = j if j in heads else head_of[model.parents[j]]
+        head_of[j] = heads[j] if j in heads else head_of[model.parents[j]]
         members.setdefault(int(head_of[j]), []).append(j)
     carriers = {int(model.parents[head]) for head in heads} - {0}
     parts, kinds = list[Subtree](), list[Subtree]()
@@ -72,24 +72,35 @@ def split(model: pin.Model, compiled: bool) -> tuple[Subtree, ...]:
     return tuple(parts)
 
 
-def _heads(model: pin.Model, most: int) -> set[int]:
-    """The first joint of every subtree; a child of the base is cut that has more rows than most."""
+def _heads(model: pin.Model, most: int) -> dict[int, int]:
+    """The first joints of every subtree, each with the first of those that it goes with.
+
+    A child of the base is cut that has more rows than most: large branches by themselves, small
+    ones of one joint, such as the stations of a beam, several together.
+    """
     nv = np.array(model.nvs)
     below = nv.copy()
     for j in range(int(model.njoints) - 1, 0, -1):
         below[model.parents[j]] += below[j]
-    heads = {int(j) for j in model.children[0]}
+    heads = {int(j): int(j) for j in model.children[0]}
     large = np.zeros(len(nv), dtype=bool)
     for j in range(1, len(nv)):
         large[j] = below[j] > most if j in heads else large[model.parents[j]]
     rest = nv.copy()
     for j in np.flatnonzero(large)[::-1]:
-        children = sorted(model.children[int(j)], key=lambda child: -rest[child])
+        children = sorted(map(int, model.children[int(j)]), key=lambda child: -rest[child])
         rest[j] += sum(rest[child] for child in children)
+        first, size = 0, _PIECE  # of small ones together
         for child in children:
-            if rest[j] > _PIECE and 4 * rest[child] > _PIECE:
-                rest[j] -= rest[child]
-                heads.add(int(child))
+            if rest[j] <= _PIECE:
+                break
+            if 4 * rest[child] > _PIECE:
+                heads[child] = child
+            else:
+                if size + rest[child] > _PIECE:
+                    first, size = child, 0
+                heads[child], size = first, size + rest[child]
+            rest[j] -= rest[child]
     return heads
 
 

@@ -49,6 +49,14 @@ def test_arms_side_by_side_move_as_one_alone() -> None:
 
 
 @compiled
+def test_a_beam_of_many_modes_is_cut_though_its_stations_are_side_by_side() -> None:
+    """154 stations on one joint: in one piece 3 GB, which was refused without asking."""
+    m = pf.load("prprp", ["flexible.beam.basis.modes=75"])
+    sizes = [part.model.nv for part in m.flexible.parts if part.like == part.number]
+    assert m.flexible.n_eta == 75 and sum(sizes) > 150 and max(sizes) <= splitting._PIECE + 6
+
+
+@compiled
 def test_a_chain_of_16_segments_has_the_frequencies_of_a_cantilever() -> None:
     m = serial(16)
     assert any(part.cut for part in m.flexible.parts)

@@ -28,8 +28,8 @@ _KINDS: tuple[Callable[[], pin.JointModel], ...] = (
 )
 
 
-def _model(seed: int, joints: int, chain: bool) -> pin.Model:
-    """A random tree of three legs: long chains, or bushes."""
+def _model(seed: int, joints: int, shape: str) -> pin.Model:
+    """A random tree of three legs: long chains, bushes, or stars about their first joint."""
     rng, model = np.random.default_rng(seed), pin.Model()
     model.gravity.linear = np.array([1.0, 2.0, -9.0])
 
@@ -37,9 +37,9 @@ def _model(seed: int, joints: int, chain: bool) -> pin.Model:
         """Joints depth first, each on the last one or on one before it."""
         path = [parent]
         for _ in range(count):
-            back = 1 if chain else int(rng.integers(1, min(len(path), 3) + 1))
-            del path[len(path) - back + 1 :]
-            kind = _KINDS[int(rng.integers(len(_KINDS)))]()
+            back = 1 if shape == "chains" else int(rng.integers(1, min(len(path), 3) + 1))
+            del path[2 if shape == "stars" else len(path) - back + 1 :]
+            kind = _KINDS[int(rng.integers(2 if shape == "stars" else len(_KINDS)))]()
             place, name = pin.SE3.Random(), f"j{model.njoints}"
             path.append(int(model.addJoint(path[-1], kind, place, name)))
             model.appendBodyToJoint(path[-1], pin.Inertia.Random(), pin.SE3.Random())
@@ -73,16 +73,18 @@ def _same(found: object, expected: object) -> None:
         np.testing.assert_allclose(one, other, rtol=0, atol=_ROUND_OFF * scale)
 
 
-@pytest.mark.parametrize("chain", [True, False], ids=["chains", "bushes"])
+@pytest.mark.parametrize("shape", ["chains", "bushes", "stars"])
 @pytest.mark.parametrize("piece", [8, 200], ids=["cut", "legs"])
 def test_a_model_in_parts_answers_as_the_whole(
-    monkeypatch: pytest.MonkeyPatch, chain: bool, piece: int
+    monkeypatch: pytest.MonkeyPatch, shape: str, piece: int
 ) -> None:
-    model = _model(3 + chain, 60, chain)
+    model = _model(3 + (shape == "chains"), 60, shape)
     if piece > model.nv // 2:
         piece = model.nv // 2 - 1  # more than any leg has, less than all have
     whole, parted, parts = _pair(monkeypatch, model, piece)
     assert parted.cut == (piece == 8) and len(parts) >= (9 if parted.cut else 3)
+    if shape == "stars":  # of branches too small to be cut one by one
+        assert not parted.cut or max(part.model.nv for part in parts) <= piece + 6
     assert sorted(j for part in parts for j in part.joints) == [*range(1, model.njoints)]
     Q, V, A = _state(model, 3)
     joints = [0, 5, model.njoints - 1, *(joint for part in parts for _, joint in part.carriers)]
