@@ -96,9 +96,8 @@ def _choice(text: str) -> tuple[str, list[dict[str, float] | float]]:
 
 def _front(front: list, minimise: str, against: str) -> str:  # type: ignore[type-arg]
     from pinflex.text import number, table
-    from pinflex.variation.measures import unit
 
-    heads = [f"{name} [{unit(name)}]" for name in (minimise, against)]
+    heads = [f"{name} [{front[0].units[name]}]" for name in (minimise, against)]
     rows = [
         [str(k), number(d.after[minimise]), number(d.after[against]), *map(number, d.best.tolist())]
         for k, d in enumerate(front, 1)

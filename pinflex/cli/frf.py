@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from pinflex.studies.frequency_response import FrequencyResponse
 
 _SHOWN = 5  # zeros in the table
+# Of the fastest natural frequency in the headline: a zero below is round-off (a double one has half
+# the digits), and one that is slow beside the vibrations of the links.
+_ROUND_OFF, _SLOW = 1e-6, 1e-3
 
 
 def add(commands: parser.Commands) -> None:
@@ -149,33 +152,45 @@ def _plain(zeros: Array) -> list[list[float]]:
 
 
 def _text(study: FrequencyResponse) -> str:
-    data = _data(study)
+    data, fastest = _data(study), float(max(study.natural[:6], default=1.0))
+    none = _ROUND_OFF * fastest
     rows = [
-        [name.split(" [")[0], "yes" if pair["collocated"] else "no", *_phase_words(pair)]
+        [name.split(" [")[0], "yes" if pair["collocated"] else "no", *_phase_words(pair, none)]
         for name, pair in data["outputs"].items()
     ]
     if data["platform"] is not None:
-        rows.append(["platform, of all motors", "no", *_phase_words(data["platform"])])
+        rows.append(["platform, of all motors", "no", *_phase_words(data["platform"], none)])
     modes = ", ".join(number(f) for f in study.natural[:6])
     blocks = [
         paragraph(f"{study.name}: response to {study.input}, natural frequencies {modes} Hz"),
         table("Zeros", "output|collocated|minimum phase|zeros [Hz]", rows, (24, 10, 24),
               last_is_text=True),
     ]  # fmt: skip
+    pairs = [*data["outputs"].values(), *([data["platform"]] if data["platform"] else [])]
+    sizes = np.array([np.hypot(*z) for pair in pairs for z in pair["zeros"]]) / (2.0 * np.pi)
+    if np.any((sizes > none) & (sizes < _SLOW * fastest)):
+        blocks.append(paragraph(
+            f"Zeros below {number(_SLOW * fastest)} Hz are those of joints that are free to move: "
+            "weight, and how the sag changes with the pose, hold them, not the links."
+        ))  # fmt: skip
     for name, one in data["measured"].items():
         coherence = "" if one["coherence"] is None else f", mean coherence {one['coherence']:.3f}"
         blocks.append(paragraph(f"measured {name}: agreement {one['agreement']:.4f}{coherence}"))
     return "\n\n".join(blocks) + "\n"
 
 
-def _phase_words(pair: dict[str, Any]) -> list[str]:
-    """Whether it is minimum phase, and its slowest zeros [Hz], signed on the real axis."""
+def _phase_words(pair: dict[str, Any], none: float) -> list[str]:
+    """Whether it is minimum phase, and its slowest zeros [Hz], signed on the real axis.
+
+    Args:
+        pair: Of `_data`. none: [Hz] below which a zero is zero.
+    """
     right = pair["right_half_plane"]
     said = "yes" if right is None else f"no: from {number(right)} Hz on"
     shown: list[str] = []
     for real, imag in pair["zeros"]:
         size = float(np.hypot(real, imag)) / (2.0 * np.pi)
-        if imag >= 0.0 and size > 1e-6:
+        if imag >= 0.0 and size > none:
             word = (
                 number(size)
                 if imag > abs(real) * 1e-9

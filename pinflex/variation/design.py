@@ -13,7 +13,6 @@ from pinflex.arrays import Array
 from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.text import brief, number, table
-from pinflex.variation.measures import unit
 from pinflex.variation.scene_file import write_scene
 
 if TYPE_CHECKING:
@@ -38,6 +37,7 @@ class Design(Worded):
         continuous: Whether every parameter was free between its bounds.
         history: Values, outputs and whether all limits are kept, of each design tried.
         description: The scene with the best numbers.
+        units: Of the outputs, by name.
     """
 
     __repr__ = brief
@@ -57,6 +57,7 @@ class Design(Worded):
     continuous: bool
     history: tuple[tuple[dict[str, float], dict[str, float], bool], ...]
     description: Description
+    units: Mapping[str, str]
 
     def text(self) -> str:
         """Before and after, what limits the design and what a looser limit buys, for people."""
@@ -69,7 +70,7 @@ class Design(Worded):
             )
         ]  # fmt: skip
         outputs = [
-            [name, unit(name), number(self.before[name]), number(value),
+            [name, self.units[name], number(self.before[name]), number(value),
              f"{100 * (value / self.before[name] - 1):+.1f} %" if self.before[name] else "-"]
             for name, value in self.after.items()
         ]  # fmt: skip
@@ -85,7 +86,7 @@ class Design(Worded):
         """How much better, in one sentence."""
         name = self.minimised
         change = 100 * (self.after[name] / self.before[name] - 1)
-        value = f"{number(self.after[name])} {unit(name)}".rstrip()
+        value = f"{number(self.after[name])} {self.units[name]}".rstrip()
         if abs(change) < 0.05:
             return f"{name} stays at {value}: the first design is the best within the bounds."
         return f"{name} falls to {value}, {change:+.1f} %."
@@ -122,7 +123,7 @@ class Design(Worded):
 
         aims = np.array([found[self.minimised] for _, found, _ in self.history])
         kept = np.array([ok for *_, ok in self.history])
-        label = f"{self.minimised} [{unit(self.minimised)}]".removesuffix(" []")
+        label = f"{self.minimised} [{self.units[self.minimised]}]".removesuffix(" []")
         drawn = histories(aims, kept, label, self.parameters, self.first, self.best)
         return drawn.axes(panel, ax, path)
 

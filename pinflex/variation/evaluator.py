@@ -17,7 +17,7 @@ from pinflex.studies.batch import keys as case_keys
 from pinflex.studies.batch import run
 from pinflex.variation.design import Design, kkt
 from pinflex.variation.limits import Limit
-from pinflex.variation.measures import RUNS, measure
+from pinflex.variation.measures import RUNS, measure, units
 from pinflex.variation.variants import Variants, keys, variants_of
 
 _STEP = 5e-4  # of a logarithm: truncation 1e-6, noise of a solved output 1e-6 or less
@@ -162,7 +162,7 @@ class Evaluator:
             tuple(f"{limit.output} {'<' if limit.upper else '>'} {limit.number(self.base):.5g}"
                   for limit in self.limits),
             margins, multipliers, ends, residual, continuous, tuple(self.history),
-            self.designs.described(case),
+            self.designs.described(case), units(found, self.designs.source),
         )  # fmt: skip
 
 

@@ -17,12 +17,13 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.pose_map import AXES, free_stiffness
 from pinflex.results.result import Result
 from pinflex.studies.check_statics import statics
-from pinflex.studies.outputs import scene_outputs
+from pinflex.studies.outputs import prismatic, scene_outputs
 from pinflex.studies.stiffness import platform_compliance
 
 RUNS = ("deviation", "torque", "stress")
@@ -36,15 +37,29 @@ def of_a_run(name: str) -> bool:
     return name.partition(".")[0] in RUNS
 
 
-def unit(name: str) -> str:
-    """Unit of an output, as in the head of this file."""
+def units(names: Iterable[str], description: Description) -> dict[str, str]:
+    """Units of outputs by name, as in the head of this file; "" where there is none.
+
+    Args:
+        names: Outputs.
+        description: The scene: motors that slide give forces.
+    """
+    slides = prismatic(description)
+    each = {motor: "N" if motor in slides else "N m" for motor in description.actuated}
+    return {name: _unit(name, each) for name in names}
+
+
+def _unit(name: str, motors: Mapping[str, str]) -> str:
     head, _, rest = name.partition(".")
+    if head == "torque":  # of one motor, or the largest of all
+        motor = rest.partition(".")[2]
+        return motors[motor] if motor in motors else " | ".join(dict.fromkeys(motors.values()))
     if head == "stiffness":
         return "N m/rad" if rest.startswith("r") else "N/m"
     if name == "deviation.rotation":
         return "rad"
     units = {"frequency": "Hz", "mass": "kg", "sag": "m", "deviation": "m", "stress": "Pa"}
-    return "" if name == "stress.yield" else units.get(head, "N m | N")
+    return "" if name == "stress.yield" else units[head]
 
 
 def check_names(names: Iterable[str], mechanism: Mechanism) -> tuple[str, ...]:

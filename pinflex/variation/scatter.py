@@ -28,7 +28,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Record, keys, run
-from pinflex.studies.outputs import check_outputs, scene_outputs, unit
+from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs, unit
 from pinflex.text import brief, number, table
 from pinflex.variation.distributions import Distribution, distributions
 from pinflex.variation.variants import variants_of
@@ -72,7 +72,11 @@ class Scatter(Worded):
     def text(self) -> str:
         """Quantiles, and the share of each parameter in the variance, for people."""
         rows = [
-            [name, unit(name), *(number(float(x)) for x in (*self.quantiles[k], self.std[k]))]
+            [
+                name,
+                self.table.units.get(name, ""),
+                *(number(float(x)) for x in (*self.quantiles[k], self.std[k])),
+            ]
             for k, name in enumerate(self.outputs)
         ]
         text = table("Scatter", "output|unit|5 %|median|95 %|std", rows, (36, 8))
@@ -126,8 +130,7 @@ class Scatter(Worded):
 
         samples = {name: self.table[name] for name in self.outputs}
         names = [d.key for d in self.distributions]
-        units = {name: unit(name) for name in self.outputs}
-        drawn = histograms(samples, units, self.quantiles, names, self.total)
+        drawn = histograms(samples, self.table.units, self.quantiles, names, self.total)
         return drawn.axes(panel, ax, path)
 
     def _sentences(self) -> list[str]:
@@ -189,7 +192,8 @@ def scatter(
         dict(zip(named, cases, strict=True)),
         jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=callback(progress),
     )  # fmt: skip
-    return _found(random, cases, [records[key] for key in named])
+    slides = prismatic(robot.description)
+    return _found(random, cases, [records[key] for key in named], slides)
 
 
 def designs(random: Sequence[Distribution], count: int, seed: int) -> Array:
@@ -228,12 +232,15 @@ def _solved(
 
 
 def _found(
-    random: tuple[Distribution, ...], cases: Sequence[Mapping[str, float]], records: list[Record]
+    random: tuple[Distribution, ...],
+    cases: Sequence[Mapping[str, float]],
+    records: list[Record],
+    slides: frozenset[str],
 ) -> Scatter:
     values = {
         name: column([record.found.get(name) for record in records]) for name in _numbers(records)
     }
-    whole = _table(random, cases, records, values)
+    whole = _table(random, cases, records, values, slides)
     n, d = len(cases) // (len(random) + 2), len(random)
     shown = tuple(name for name, x in values.items() if _scatters(x[: 2 * n]))
     quantiles = np.full((len(shown), len(QUANTILES)), np.nan)
@@ -265,12 +272,13 @@ def _table(
     cases: Sequence[Mapping[str, float]],
     records: Sequence[Record],
     values: Mapping[str, Array],
+    slides: frozenset[str],
 ) -> Columns:
     """Parameters, how each design ended, and its outputs."""
     arrays = {d.key: column([case[d.key] for case in cases]) for d in random}
     arrays["status"] = column(["failed" if record.error else "done" for record in records])
     arrays["error"] = column([record.error for record in records])
-    units = {name: unit(name) for name in values if unit(name)}
+    units = {name: unit(name, slides) for name in values if unit(name, slides)}
     return Columns({**arrays, **values}, units)
 
 

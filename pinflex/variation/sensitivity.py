@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,7 @@ from pinflex.variation.measures import (
     check_names,
     measure,
     of_a_run,
-    unit,
+    units,
 )
 from pinflex.variation.peaks import Peaks, Slope
 from pinflex.variation.variants import Variants, variants
@@ -51,6 +51,7 @@ class Sensitivities(Worded):
         table: The sensitivities, shape (parameters, outputs).
         error: Their estimated errors, same shape: of the differences between designs, of the steps
             of runs, of the instants of peaks.
+        units: Of the outputs, by name.
         remarks: Sentences on peaks that take turns, and on what the errors leave out.
     """
 
@@ -62,6 +63,7 @@ class Sensitivities(Worded):
     values: Array
     table: Array
     error: Array
+    units: Mapping[str, str]
     remarks: tuple[str, ...] = ()
 
     def __getitem__(self, pair: tuple[str, str]) -> float:
@@ -93,7 +95,7 @@ class Sensitivities(Worded):
             if abs(column[best]) < _NONE:
                 said.append(f"Nothing here changes {output}.")
                 continue
-            value = f"{number(float(self.values[k]))} {unit(output)}".rstrip()
+            value = f"{number(float(self.values[k]))} {self.units[output]}".rstrip()
             said.append(
                 f"{output} ({value}) answers most to {self.parameters[best]}: 1 % more gives "
                 f"{column[best]:+.2f} %."
@@ -119,7 +121,7 @@ class Sensitivities(Worded):
         return {
             "parameters": dict(zip(self.parameters, self.at.tolist(), strict=True)),
             "outputs": dict(zip(self.outputs, self.values.tolist(), strict=True)),
-            "units": {name: unit(name) for name in self.outputs},
+            "units": dict(self.units),
             "sensitivities": self.table.tolist(),
             "errors": self.error.tolist(),
             "remarks": list(self.remarks),
@@ -178,7 +180,8 @@ def sensitivities(
             tell(row + 1, shape[0])
     return Sensitivities(
         tuple(p.key for p in designs.parameters), designs.first,
-        outputs, np.array([values[name] for name in outputs]), found, error, tuple(remarks),
+        outputs, np.array([values[name] for name in outputs]), found, error,
+        units(outputs, robot.description), tuple(remarks),
     )  # fmt: skip
 
 

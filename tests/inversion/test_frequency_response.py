@@ -120,3 +120,60 @@ def test_unknown_inputs_and_files_are_refused(arm: pf.Mechanism, tmp_path: Path)
     file.write_text("frequency,tip.x.magnitude,tip.x.phase\n1,2,3\n")
     with pytest.raises(pf.DescriptionError, match="none of the outputs"):
         frequency_response(arm, measured=file)
+
+
+def sagging(folder: Path, elbow: float, gravity: float, rho: float = 1e-3) -> pf.Mechanism:
+    """A light round beam that a motor turns about a vertical axis, a weight on a free elbow."""
+    bodies = [
+        scenes.Body("crank", "base", "revolute"),
+        scenes.Body("elbow", "crank", xyz=(REACH, 0, 0)),
+        scenes.Body("arm", "crank", "revolute", xyz=(REACH, 0, 0), mass=1.0, com=(ARM, 0, 0),
+                    inertia=(1e-9,) * 3),
+    ]  # fmt: skip
+    yaml = f"""
+actuated: [crank_joint]
+gravity: [0, 0, {-gravity}]
+home: {{crank_joint: 0.4, arm_joint: {elbow}}}
+frames: [elbow]
+flexible:
+  crank:
+    material: {{E: 2.0e+11, nu: 0.3, rho: {rho}}}
+    section: {{shape: circle, diameter: 0.02}}
+    end: elbow
+    bending_y: true
+    bending_z: true
+    torsion: true
+"""
+    return scenes.load(folder, bodies, yaml)
+
+
+REACH, ARM = 0.3, 0.2  # [m]
+
+
+@pytest.mark.parametrize("elbow", [0.0, np.pi])
+def test_a_free_joint_feels_how_the_sag_changes_with_the_pose(tmp_path: Path, elbow: float) -> None:
+    """A zero of 0.01 Hz that looks like round-off is that of the weight, held by the sag.
+
+    F = m g at the arm's end bends the crank by F (a - x) + F b cos(elbow) and twists it by
+    F b sin(elbow), so V = -U with U the energy of both, and omega^2 = V'' / (m b^2).
+    """
+    I = np.pi * 0.02**4 / 64  # noqa: E741
+    EI, GJ, F = 2e11 * I, 2e11 / 2.6 * 2 * I, 9.81
+    stretched = 0.5 * F**2 * REACH**2 * ARM * np.cos(elbow) / EI
+    exact = (stretched - F**2 * ARM**2 * REACH * (1 / GJ - 1 / EI)) / ARM**2
+    study = frequency_response(sagging(tmp_path, elbow, 9.81), outputs=["crank_joint"])
+    zeros = study.zeros[0][np.argsort(np.abs(study.zeros[0]))][:2]
+    # slopes of the sag are 1e-4; zeros s with s^2 = -omega^2, on the real axis where V'' < 0
+    np.testing.assert_allclose((zeros**2).real, -exact, rtol=1e-3)
+    (plain,) = frequency_response(sagging(tmp_path, elbow, 0.0), outputs=["crank_joint"]).zeros
+    assert np.sort(np.abs(plain))[1] < 1e-3 * np.sqrt(abs(exact))
+
+
+def test_slow_zeros_are_said_to_be_those_of_free_joints(tmp_path: Path, capsys) -> None:
+    sagging(tmp_path, 0.0, 9.81, 7850.0)
+    scene = str(tmp_path / "scene.yaml")
+    for more, said in ((), True), (("--set", "gravity=[0, 0, 0]"), False):
+        done = call(capsys, "frf", scene, "--outputs", "crank_joint", *more)
+        assert done.code == 0
+        assert ("joints that are free to move" in done.out.replace("\n", " ")) == said
+        assert ("e-0" in done.out.split("Zeros\n")[1].split("nothing")[0]) is False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pinflex.variation import sensitivity as module
 from pinflex.variation.derivatives import extrapolated, of_frequencies
 from pinflex.variation.measures import measure
 from pinflex.variation.variants import variants
+from tests.scenes import Body, load
 
 # Differences at a held state are good to 1e-9 (round-off over the step); 1e-8 leaves a digit.
 IMPLICIT = 1e-8
@@ -172,3 +174,31 @@ def test_numbers_with_units_are_parameters():
     np.testing.assert_array_equal(found.table, plain.table)
     _, (width,) = parameters(robot.description, ["flexible.*.section.width"])
     assert width.value == 0.02
+
+
+def test_outputs_of_motors_have_the_unit_of_each_motor(tmp_path):
+    # a carriage is pushed [N] and carries an arm that is turned [N m]
+    bodies = (
+        Body("carriage", "base", "prismatic", axis=(1, 0, 0), mass=2.0, inertia=(1, 1, 1)),
+        Body("arm", "carriage", "revolute", mass=0.3, inertia=(1e-3, 1e-2, 1e-2)),
+        Body("tip", "arm", xyz=(0.4, 0, 0)),
+    )
+    yaml = """
+actuated: [carriage_joint, arm_joint]
+platform: tip
+motion: {kind: quintic, joints: {carriage_joint: 0.1, arm_joint: 0.5}, duration: 0.4}
+flexible: {arm: {material: steel, section: {shape: rectangle, width: 0.02, thickness: 0.004},
+                 end: tip}}
+"""
+    robot = load(tmp_path, bodies, yaml)
+    names = ("torque.peak", "torque.rms.carriage_joint", "torque.peak.arm_joint", "mass")
+    found = pf.sensitivities(robot, ["flexible.*.material.rho"], names, level="rigid")
+    assert dict(found.units) == dict(zip(names, ("N | N m", "N", "N m", "kg"), strict=True))
+    assert "torque.rms.carriage_joint (" in (text := found.text())
+    assert re.search(r"torque.rms.carriage_joint \([^ ]+ N\) answers", text)
+    assert re.search(r"torque.peak.arm_joint \([^ ]+ N m\) answers", text)
+    assert found.as_json()["units"]["torque.peak"] == "N | N m"
+    scattered = pf.scatter(robot, 24, normal={"flexible.*.material.rho": "5 %"}, level="rigid",
+                           outputs=["torque"])  # fmt: skip
+    assert scattered.table.units["torque.peak.carriage_joint"] == "N"
+    assert re.search(r"torque.peak.carriage_joint +N +\d", scattered.text())
