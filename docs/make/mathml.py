@@ -11,6 +11,8 @@ _FORMULA = re.compile(
     r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL
 )  # as pymdownx.arithmatex leaves it
 
+_ALIGNED = re.compile(r'<mtd columnalign="(left|right)"')
+
 
 def drawn(page: str) -> str:
     """The page with its formulas converted."""
@@ -20,4 +22,6 @@ def drawn(page: str) -> str:
 def _converted(found: re.Match[str]) -> str:
     block = found[1] == "div"
     tex = html.unescape(found[2]).strip()
-    return convert(tex, display="block" if block else "inline")
+    drawn = convert(tex, display="block" if block else "inline")
+    # MathML Core, which Chromium draws, has no `columnalign`: cells would be centred.
+    return _ALIGNED.sub(r'\g<0> style="text-align: \1"', drawn)

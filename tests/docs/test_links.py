@@ -52,3 +52,15 @@ def test_the_check_of_the_site_finds_what_is_wrong(tmp_path: Path) -> None:
     for fault in ("a.html#nowhere", "no.html", "d.html", "cdn.example", "formula", "load is"):
         assert fault in told
     assert len(told.splitlines()) == 6
+
+
+def test_rows_of_an_aligned_formula_are_aligned_where_columnalign_is_unknown() -> None:
+    """MathML Core (Chromium) centres every cell that no style aligns."""
+    pytest.importorskip("latex2mathml")
+    import mathml
+
+    tex = r"\begin{align*} r &= K y \\ &\quad - f = 0 \\ c(y) &= 0 \end{align*}"
+    drawn = mathml.drawn(f'<div class="arithmatex">\\[{tex}\\]</div>')
+    cells = re.findall(r"<mtd[^>]*>", drawn)
+    aligned = [re.search(r'text-align: (\w+)"', cell) for cell in cells]
+    assert [found and found[1] for found in aligned] == ["right", "left"] * 3
