@@ -15,7 +15,7 @@ from pinflex.kernel.build import SOURCE
 
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _STRUCTURE = re.compile(r"typedef struct \{([^}]*)\} (\w+);")
-_ENUMERATION = re.compile(r"\benum \{([^}]*)\};")
+_ENUMERATION = re.compile(r"enum \{([^}]*)\};")  # begins with a word: found quickly
 _FUNCTION = re.compile(r"^EXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]", re.MULTILINE)
 _SCALARS = {"Int": ctypes.c_int64, "int": ctypes.c_int, "double": ctypes.c_double}
 
@@ -67,22 +67,27 @@ def functions() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     return found
 
 
-@cache
 def constant(name: str) -> int:
     """The number that an enumeration of the sources gives a name.
 
     Args:
         name: Such as MOST_STAGES.
     """
+    return _constants()[name]
+
+
+@cache
+def _constants() -> dict[str, int]:
+    numbers: dict[str, int] = {}
     for names in _ENUMERATION.findall(_text()):
         number = 0
         for each in names.split(","):
             called, _, value = (part.strip() for part in each.partition("="))
             number = int(value) if value else number
-            if called == name:
-                return number
+            if called:
+                numbers[called] = number
             number += 1
-    raise KeyError(name)
+    return numbers
 
 
 def _type(declaration: str) -> Any:
