@@ -1,0 +1,140 @@
+"""How large the house is: `python -m tests.benchmarks.house [--walk] [--chain]`.
+
+Lines and modules of the package, folders of many files, the longest chain of imports, circles, and
+imports inside functions. `--walk`: the files that one answer enters, and the lines of Python that
+it executes: `pf.solve(pf.load("3rrs"), level="coupled")`, every array read and the curves drawn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from inspect import CO_OPTIMIZED
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+ROOT = Path(__file__).parents[2] / "pinflex"
+_MANY = 15  # files in a folder
+
+
+def modules() -> dict[str, Path]:
+    """Files of the package by the name that imports them."""
+    names = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = path.relative_to(ROOT.parent).with_suffix("").parts
+        names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return names
+
+
+class Imports(ast.NodeVisitor):
+    """What one module imports of the package, at its top and inside functions.
+
+    What only types need is not counted.
+    """
+
+    def __init__(self, path: Path, known: set[str]) -> None:
+        self.top, self.late, self._known, self._inside = set[str](), list[str](), known, False
+        self.visit(ast.parse(path.read_text("utf-8")))
+
+    def visit_If(self, node: ast.If) -> None:
+        if ast.unparse(node.test) != "TYPE_CHECKING":
+            self.generic_visit(node)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        before, self._inside = self._inside, True
+        self.generic_visit(node)
+        self._inside = before
+
+    def visit_Import(self, node: ast.Import) -> None:
+        self._add(alias.name for alias in node.names)
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
+        names = (f"{node.module}.{alias.name}" for alias in node.names)
+        self._add(name if name in self._known else str(node.module) for name in names)
+
+    def _add(self, names: Iterator[str]) -> None:
+        of_us = dict.fromkeys(name for name in names if name in self._known)
+        if self._inside:
+            self.late += of_us
+        else:
+            self.top.update(of_us)
+
+
+def longest(graph: dict[str, set[str]]) -> list[str]:
+    """The longest chain of imports; the graph has no circle."""
+
+    @cache
+    def from_here(name: str) -> tuple[str, ...]:
+        ways: list[tuple[str, ...]] = [from_here(each) for each in graph[name]]
+        return (name, *max(ways, key=len, default=()))
+
+    sys.setrecursionlimit(10_000)
+    chains: list[tuple[str, ...]] = [from_here(name) for name in graph]
+    return list(max(chains, key=len))
+
+
+def walk() -> tuple[int, int]:
+    """Files entered and lines executed for one answer, read and drawn."""
+    import matplotlib as mpl
+
+    import pinflex as pf
+
+    lines: set[tuple[str, int]] = set()
+
+    def trace(frame: FrameType, event: str, _: Any) -> Any:
+        ours = frame.f_code.co_filename.startswith(str(ROOT))
+        if not ours or not frame.f_code.co_flags & CO_OPTIMIZED:  # of modules and classes: imports
+            return None
+        if event == "line":
+            lines.add((frame.f_code.co_filename, frame.f_lineno))
+        return trace
+
+    mpl.use("Agg")
+    sys.settrace(trace)
+    try:
+        run = pf.solve(pf.load("3rrs"), level="coupled")
+        for key in run.arrays:
+            run.arrays[key]
+        run.plot()
+    finally:
+        sys.settrace(None)
+    return len({file for file, _ in lines}), len(lines)
+
+
+def main() -> None:
+    """Print the numbers."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--walk", action="store_true", help="files and lines of one answer")
+    options.add_argument("--chain", action="store_true", help="name the longest chain")
+    asked = options.parse_args()
+    files = modules()
+    imports = {name: Imports(path, set(files)) for name, path in files.items()}
+    graph = {name: each.top - {name} for name, each in imports.items()}
+    folders = Counter(str(path.parent.relative_to(ROOT.parent)) for path in files.values())
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+        circles, chain = "none", longest(graph)
+    except CycleError as error:
+        circles, chain = " > ".join(error.args[1]), []
+    lines = sum(len(path.read_text("utf-8").splitlines()) for path in files.values())
+    code_c = sum(len(path.read_text("utf-8").splitlines()) for path in ROOT.rglob("*.[ch]"))
+    print(f"Python lines        {lines}\nmodules             {len(files)}")
+    print(f"lines of C          {code_c}")
+    many = ", ".join(f"{name} {count}" for name, count in folders.most_common() if count > _MANY)
+    print(f"folders above {_MANY}    {many or 'none'}\nlongest chain       {len(chain)}")
+    print(f"circles             {circles}")
+    print(f"late imports        {sum(len(each.late) for each in imports.values())}")
+    if asked.chain:
+        print(" > ".join(name.removeprefix("pinflex.") for name in chain))
+    if asked.walk:
+        print("one answer          {} files, {} lines executed".format(*walk()))
+
+
+if __name__ == "__main__":
+    main()
