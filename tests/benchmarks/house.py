@@ -76,7 +76,8 @@ def longest(graph: dict[str, set[str]]) -> list[str]:
 
     sys.setrecursionlimit(10_000)
     chains: list[tuple[str, ...]] = [from_here(name) for name in graph]
-    return list(max(chains, key=len))
+    most = max(chains, key=len)
+    return list(most)
 
 
 def walk() -> tuple[int, int]:
