@@ -205,7 +205,7 @@ class Probe:
     @cached_property
     def _load(self) -> Array:
         """What the rigid motion leaves at every step, shape (nt, nv)."""
-        return self._parts[3].along(self.full.grid)
+        return self._parts[4].along(self.full.grid)
 
     @cached_property
     def _straight(self) -> Array | None:
@@ -213,7 +213,7 @@ class Probe:
 
         Joints that are not driven close all loops of most mechanisms, whatever links do.
         """
-        J, passive = self._parts[4], self.mechanism.rigid.free
+        J, passive = self._parts[3], self.mechanism.rigid.free
         P, rank = pseudo_inverse(J.picked(np.arange(J.shape[0]), passive).whole())
         if not self.dynamics.looped or np.any(rank < len(self._whole.rows)):
             return None
@@ -265,10 +265,10 @@ class Probe:
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""
         motors = self.system.motors
-        M, C, K, r, J, _ = self._parts
+        M, C, K, J, r, _ = self._parts
         every, rows = (np.arange(n) for n in J.shape[::-1])
         squares = [x.picked(motors, every) for x in (M, C, K)]
-        of_motors = *squares, r.picked(motors), J.picked(rows, motors)
+        of_motors = *squares, J.picked(rows, motors), r.picked(motors)
         states = Response(found.d, found.v, found.a, found.lam)
         return self._run(found, forces_along(self.full.grid, of_motors, states))
 
@@ -280,7 +280,7 @@ class Probe:
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""
         still = self._none(self.steps)
-        torque = self._parts[3].picked(self.system.motors)
+        torque = self._parts[4].picked(self.system.motors)
         return self._run(still, torque.along(self.full.grid))
 
     def _none(self, steps: int) -> Deviation:

@@ -41,14 +41,14 @@ class Subspace:
 
         Args:
             grid: Times of the system.
-            parts: M, C, K (nv, nv), r (nv,) and J (rows, nv) there.
+            parts: M, C, K (nv, nv) and J (rows, nv) there.
             B: Shape (nv, k).
             h: Step [s].
             workspace: For marches.
         """
         self.B, self._grid = B, grid
         self._row, self._still = _picked(B), np.zeros(B.shape[1])
-        J = _in_columns(parts[4], B, False)
+        J = _in_columns(parts[3], B, False)
         self.rows = np.sort(independent_rows(J.constant, 1e-9))
         M, C, K = (_in_columns(x, B, True) for x in parts[:3])
         self._M, self._K, self._J = M, K, J

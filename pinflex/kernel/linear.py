@@ -1,4 +1,4 @@
-"""A linear system on closures, marched by compiled code.
+"""Linear systems on closures, evaluated along a motion and marched by compiled code.
 
 The fields are those of `Linear` in source/linear_march.c, which says what they hold.
 """
@@ -6,12 +6,14 @@ The fields are those of `Linear` in source/linear_march.c, which says what they 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.errors import PinflexError
+from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.header import structure
 from pinflex.kernel.library import kernel
 
@@ -41,6 +43,32 @@ class ConstantPart:
     def width(self) -> int:
         """Number of values of one system."""
         return int(3 * np.sum(self.varies) + np.sum(self.J_varies))
+
+
+def linear_systems(evaluator: Evaluator, states: Sequence[Array], at: IntArray, out: Array) -> None:
+    """Entries of M, C, K (nv, nv) and J (closures, nv) at several states.
+
+    Args:
+        evaluator: The system.
+        states: Y (k, nq), V and A (k, nv), lam (k, closures), shares of the loads (k, forces).
+        at: Which entries, of all of these one after the other, shape (entries,).
+        out: Its first columns are written, shape (k, entries or more).
+    """
+    n = evaluator.tables.counts
+    widths = n["nq"], n["nv"], n["nv"], n["closures"], n["forces"]
+    given = [np.ascontiguousarray(x, dtype=np.float64) for x in states]
+    size = n["nv"] * (3 * n["nv"] + n["closures"])
+    if [x.shape for x in given] != [(len(out), width) for width in widths]:
+        raise PinflexError(f"kernel: states of {[x.shape for x in given]}.")
+    if not out.flags.c_contiguous or out.dtype != np.float64 or out.shape[1] < len(at):
+        raise PinflexError("kernel: no room for the linear systems.")
+    if len(at) and not 0 <= np.min(at) <= np.max(at) < size:
+        raise PinflexError(f"kernel: an entry of a tangent of {size}.")
+    numbers, room = np.ascontiguousarray(at, dtype=np.int64), np.empty(size)
+    evaluator.functions.pinflex_linear_systems(
+        evaluator.tables.address, evaluator.work, len(out), *(x.ctypes.data for x in given),
+        len(at), numbers.ctypes.data, room.ctypes.data, out.shape[1], out.ctypes.data,
+    )  # fmt: skip
 
 
 class LinearKernel:

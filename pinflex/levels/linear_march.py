@@ -21,7 +21,6 @@ from pinflex.integrators.schemes import AlphaScheme
 from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import ConstantPart, LinearKernel
 from pinflex.levels.varying import Varying
-from pinflex.mechanics.geometry import spans
 
 _WINDOW = 64  # steps at a time, at the least
 _VALUES = 100_000  # varying entries of the systems of a window (0.8 MB): caches are small
@@ -64,14 +63,16 @@ def forces_along(
 
     Args:
         grid: Times of the systems, and of the steps.
-        parts: Some rows of M, C, K (k, n) and r (k,), columns of J (closures, k).
+        parts: Some rows of M, C, K (k, n), columns of J (closures, k), rows of r (k,).
         response: The deviation and its multipliers.
         every: Steps from one of those to the next.
     """
-    force = np.empty((len(response.d), *parts[3].shape))
-    for s in spans(len(force), max(_WINDOW, _VALUES // max(parts[0].constant.size, 1))):
+    force = np.empty((len(response.d), *parts[4].shape))
+    together = max(_WINDOW, _VALUES // max(parts[0].constant.size, 1))
+    for start in range(0, len(force), together):
+        s = slice(start, min(start + together, len(force)))
         steps = slice(s.start * every, s.stop * every, every)
-        M, C, K, r, J = (x.along(grid, steps) for x in parts)
+        M, C, K, J, r = (x.along(grid, steps) for x in parts)
         d, v, a, lam = (x[s, :, None] for x in response)
         force[s] = r + (M @ a + C @ v + K @ d - J.swapaxes(1, 2) @ lam)[:, :, 0]
     return force

@@ -9,7 +9,7 @@ ask for, serve any number of steps, and any number of marches.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
+from pinflex.kernel.linear import linear_systems
 from pinflex.levels.varying import NOISE, Varying
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
@@ -40,16 +41,16 @@ class Matrices(NamedTuple):
 
     Attributes:
         M, C, K: Shape (rows, n); the first n rows are those of the columns, motors follow.
-        r: What the rigid motion leaves unbalanced, shape (rows,).
         J: Closures, shape (closures, rows).
+        r: What the rigid motion leaves unbalanced, shape (rows,).
         base: Multipliers of the rigid motion, shape (closures,).
     """
 
     M: Array
     C: Array
     K: Array
-    r: Array
     J: Array
+    r: Array
     base: Array
 
     @property
@@ -64,12 +65,8 @@ class Matrices(NamedTuple):
         Args:
             d, v, a: Deviation and its rates, shape (n,). lam: Multipliers beyond `base`.
         """
-        M, C, K, r, J = (x[self.M.shape[1] :] for x in (*self[:4], self.J.T))
+        M, C, K, J, r = (x[self.M.shape[1] :] for x in (*self[:3], self.J.T, self.r))
         return np.asarray(M @ a + C @ v + K @ d + r - J @ lam)
-
-    def packed(self) -> Array:
-        """Every number, in one row."""
-        return np.concatenate([x.ravel() for x in self])
 
 
 class LinearPath:
@@ -155,7 +152,23 @@ class LinearPath:
                 C, K = dynamics.system.D, structure
             C = C + alpha * M + beta * structure
         block, rows = np.ix_(self._rows, self._columns), self._rows
-        return Matrices(M[block], C[block], K[block], self._load[k, rows], J[:, rows], base)
+        return Matrices(M[block], C[block], K[block], J[:, rows], self._load[k, rows], base)
+
+    def packed(self) -> Array:
+        """The systems at all instants, every number of each in a row."""
+        compiled = self.dynamics.compiled
+        if compiled is None or self.structural or any(self._mechanism.description.system_damping):
+            systems = (self.at(k) for k in range(len(self.path.t)))
+            return np.array([np.concatenate([x.ravel() for x in system]) for system in systems])
+        nv, rows = self.dynamics.system.nv, self._rows
+        square = (rows[:, None] * nv + self._columns).ravel()
+        closures = 3 * nv**2 + (np.arange(self._base.shape[1])[:, None] * nv + rows).ravel()
+        at = np.concatenate([square, square + nv**2, square + 2 * nv**2, closures])
+        result = np.empty((len(self.path.t), len(at) + len(rows) + self._base.shape[1]))
+        states = self._y, self.v, self.a, self._base, compiled.scale(self.path.t)
+        linear_systems(compiled.evaluator, states, at, result)
+        result[:, len(at) :] = np.hstack([self._load[:, rows], self._base])
+        return result
 
 
 class EveryStep:
@@ -182,7 +195,7 @@ class InterpolatedPath:
 
     Attributes:
         grid: Times of the values, and how they serve the steps.
-        parts: M, C, K, r, J and base, in the order of `Matrices`.
+        parts: M, C, K, J, r and base, in the order of `Matrices`.
         missed: Estimate of what interpolation misses, of the largest entry of each matrix.
     """
 
@@ -270,26 +283,31 @@ def _interpolated(
     """Polynomials through n + 1 nodes a piece; through more until `close`, or `most` in all."""
     known, like = line.path, line.at(0)
 
-    def packed(times: Array) -> Iterator[Array]:
+    def packed(times: Array) -> Array:
         at = np.searchsorted(known.t, times).clip(max=len(known.t) - 1)
         same = np.array_equal(known.t[at], times)
-        here = line.along(known.at(at) if same else between(mechanism, motion, known, times))
-        return (here.at(k).packed() for k in range(len(times)))
+        here = known.at(at) if same else between(mechanism, motion, known, times)
+        return line.along(here).packed()
 
     fast = np.max(np.abs(known.v), axis=1, initial=0.0)
     moving = pieces.of(known.t[fast > _RESTING * np.max(fast, initial=0.0)])
     resting = set(range(len(pieces))) - set(moving.tolist())
-    first = np.array(list(packed(pieces.nodes(n).ravel())))
+    first = packed(pieces.nodes(n).ravel())
     for everything in (False, True):
         entries = VaryingEntries(first, like, everything)
         begin = entries.picked(first).reshape(len(pieces), n + 1, -1)
-        evaluated = partial(entries.evaluated, packed)
-        values, missed = pieces.refined(begin, evaluated, entries.relative, close, most, resting)
+        values, missed = pieces.refined(
+            begin, partial(_picked, entries, packed), entries.relative, close, most, resting
+        )
         grid = Interpolation(pieces, [len(x) - 1 for x in values], t)
-        corners = evaluated(t[grid.corners])
+        corners = entries.picked(packed(t[grid.corners]))
         if not entries.late:
             break
     return InterpolatedPath(grid, entries.parts(np.concatenate([*values, corners])), missed)
+
+
+def _picked(entries: VaryingEntries, packed: Callable[[Array], Array], times: Array) -> Array:
+    return entries.picked(packed(times))
 
 
 class VaryingEntries:
@@ -315,29 +333,20 @@ class VaryingEntries:
         self._block, n = _blocks(like), 2 * len(like)
         sizes = _largest(first, self._block, n)
         natural = sizes.reshape(-1, 2).max(axis=1)  # of the same matrix in all rows
-        M, C, K, *others = natural
-        natural = np.array([M, max(C, float(np.sqrt(M * K))), K, *others])
-        natural[3:] = 0.0  # loads and closures: their own
+        M, C, K = natural[:3]
+        natural = np.array([M, max(C, float(np.sqrt(M * K))), K, 0.0, 0.0, 0.0])  # others: own
         self._sizes = np.maximum(sizes, _NATURAL * np.repeat(natural, 2))
         self._noise = (NOISE * self._sizes)[self._block]
         self._varies = (np.ptp(first, axis=0) > self._noise) | everything
         self._varies[:1] |= not np.any(self._varies)  # arrays without columns have no length
 
-    def picked(self, rows: Iterable[Array]) -> Array:
+    def picked(self, systems: Array) -> Array:
         """The varying entries of packed systems, shape (k, varying)."""
-        found = []
-        for row in rows:
-            differs = np.abs(row - self._constant) > self._noise
-            self.late |= bool(np.any(differs & ~self._varies))
-            found.append(row[self._varies])
-        result = np.array(found).reshape(-1, int(np.sum(self._varies)))
-        block = self._block[self._varies]
-        self._sizes = np.maximum(self._sizes, _largest(result, block, len(self._sizes)))
-        return result
-
-    def evaluated(self, packed: Callable[[Array], Iterable[Array]], times: Array) -> Array:
-        """Those at times, as `packed` evaluates the systems there."""
-        return self.picked(packed(times))
+        constant = ~self._varies
+        differs = np.abs(systems[:, constant] - self._constant[constant]) > self._noise[constant]
+        self.late |= bool(np.any(differs))
+        self._sizes = np.maximum(self._sizes, _largest(systems, self._block, len(self._sizes)))
+        return systems[:, self._varies]
 
     def relative(self, missed: Array) -> float:
         """Largest miss of each matrix over its size; the worst of all.
@@ -365,7 +374,7 @@ def _blocks(like: Matrices) -> IntArray:
     rows, n = like.M.shape
     motor = np.arange(rows) >= n
     square, closures = np.repeat(motor, n), np.tile(motor, len(like.J))
-    of = square, square, square, motor, closures, np.zeros(len(like.base), bool)
+    of = square, square, square, closures, motor, np.zeros(len(like.base), bool)
     return np.concatenate([2 * kind + x for kind, x in enumerate(of)])
 
 

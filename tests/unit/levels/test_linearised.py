@@ -70,7 +70,7 @@ def test_a_sampled_motion_is_cut_at_its_samples_and_rests_after_them():
             assert gap <= 1e-8 * np.max(np.abs(getattr(b, x)), initial=1.0), (k, x)
     free = np.arange(len(robot.flexible.free))
     square = [x.picked(free, free) for x in at.parts[:3]]
-    J = at.parts[4].picked(np.arange(at.parts[4].shape[0]), free)
+    J = at.parts[3].picked(np.arange(at.parts[3].shape[0]), free)
     march = LinearMarch(generalized_alpha(), at.grid, (*square, J), 1e-3)
     # One system: a march keeps its factors while the robot rests.
     assert march._at[600] == march._at[700] != march._at[300]
@@ -97,7 +97,7 @@ def test_what_varies_late_is_noticed():
     rows = np.stack([np.ones(4), 2.0 + t, t * (1.0 - t)], axis=1)
     first, then = rows[:2], rows[2:]
     none, load = np.zeros((3, 0)), np.zeros(3)
-    like = Matrices(none, none, none, load, np.zeros((0, 3)), np.zeros(0))
+    like = Matrices(none, none, none, np.zeros((0, 3)), load, np.zeros(0))
     entries = VaryingEntries(first, like)
     assert entries.picked(then).shape == (2, 1) and entries.late
     every = VaryingEntries(first, like, everything=True)
