@@ -9,7 +9,8 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 
 _CORNER_GAP = 1e-9  # of the whole: a piece ends just before its corner, where the motion may jump
-_SAFETY = 1.2  # coefficients of a function in two scales fall more slowly in the end
+_SAFETY = 1.1  # coefficients of a function in two scales fall more slowly in the end
+_TRUSTED = 16  # intervals: coefficients of fewer may be small by chance
 _MOST_FINER = 8  # what few nodes say of many is rough
 
 
@@ -38,6 +39,10 @@ class PiecewiseChebyshev:
         x = 0.5 - 0.5 * np.cos(np.pi * np.arange(n + 1) / n)
         a, b = self._ends[:-1, None] + self.gap, self._ends[1:, None] - self.gap
         return np.asarray(a + (b - a) * x)
+
+    def times(self, n: Sequence[int]) -> Array:
+        """The n + 1 points of each piece, with an n of its own, one piece after the other."""
+        return np.concatenate([self.nodes(m)[k] for k, m in enumerate(n)])
 
     def coarser(self, values: Array) -> Array:
         """Values at the nodes, (pieces, n + 1, width), without the last two Chebyshev polynomials.
@@ -89,7 +94,7 @@ class PiecewiseChebyshev:
 
     def refined(
         self,
-        first: Array,
+        first: Sequence[Array],
         function: Callable[[Array], Array],
         missed: Callable[[Array], float],
         close: float,
@@ -102,17 +107,19 @@ class PiecewiseChebyshev:
         needed, and hold ten to a hundred times what is missed (measured).
 
         Args:
-            first: Values at the first nodes, shape (pieces, n + 1, width); then multiples of n.
+            first: Values at the first nodes of each piece, shape (n + 1, width); then multiples
+                of n.
             function: Of times (k,): values (k, width).
             missed: The last two polynomials of a piece, (n + 1, width), as one relative number.
             close: What may be missed.
             most: Nodes, beyond which the last are taken as they are.
-            resting: Pieces in which nothing moves; the first nodes of others are not trusted.
+            resting: Pieces in which nothing moves; few nodes of others are not trusted.
         Returns:
             Values at the nodes of each piece, (n + 1, width) each, and an estimate of what they
             miss at most.
         """
-        values, trusted = [*first], set(resting)
+        values = [*first]
+        trusted = {k for k, x in enumerate(first) if k in resting or len(x) > _TRUSTED}
         while True:
             tail = [missed(self.last_two(x)) for x in values]
             coarse = [k for k, e in enumerate(tail) if e >= close or k not in trusted]
@@ -171,8 +178,7 @@ class Interpolation:
         self.nodes = int(np.sum(self.n + 1))
         self.corners = np.flatnonzero(pieces.at_corner(t))
         self.piece = pieces.of(t)
-        at = [pieces.nodes(m)[k] for k, m in enumerate(self.n.tolist())]
-        self.times = np.concatenate([*at, t[self.corners]])
+        self.times = np.concatenate([pieces.times(self.n.tolist()), t[self.corners]])
 
     def between(
         self, values: Array, at: slice | IntArray = slice(None), out: Array | None = None

@@ -20,7 +20,7 @@ from pinflex.integrators.linear import Instant, State, alpha, start_at_rest
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import ConstantPart, LinearKernel
-from pinflex.levels.varying import Varying
+from pinflex.levels.varying import Varying, together
 
 _WINDOW = 64  # steps at a time, at the least
 _VALUES = 100_000  # varying entries of the systems of a window (0.8 MB): caches are small
@@ -68,11 +68,11 @@ def forces_along(
         every: Steps from one of those to the next.
     """
     force = np.empty((len(response.d), *parts[4].shape))
-    together = max(_WINDOW, _VALUES // max(parts[0].constant.size, 1))
-    for start in range(0, len(force), together):
-        s = slice(start, min(start + together, len(force)))
+    each = max(_WINDOW, _VALUES // max(parts[0].constant.size, 1))
+    for start in range(0, len(force), each):
+        s = slice(start, min(start + each, len(force)))
         steps = slice(s.start * every, s.stop * every, every)
-        M, C, K, J, r = (x.along(grid, steps) for x in parts)
+        M, C, K, J, r = together(parts, grid, steps)
         d, v, a, lam = (x[s, :, None] for x in response)
         force[s] = r + (M @ a + C @ v + K @ d - J.swapaxes(1, 2) @ lam)[:, :, 0]
     return force
@@ -129,7 +129,7 @@ class LinearMarch:
 
     def instant(self, k: int, load: Array) -> Instant:
         """The system at a step, under a load (n,)."""
-        M, C, K, J = (x.along(self.grid, slice(k, k + 1))[0] for x in self.parts)
+        M, C, K, J = (x[0] for x in together(self.parts, self.grid, slice(k, k + 1)))
         return Instant(M, C, K, load, J)
 
     def __call__(self, load: Array, start: Array) -> Response:

@@ -22,12 +22,14 @@ from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
 from pinflex.kernel.linear import linear_systems
-from pinflex.levels.varying import NOISE, Varying
+from pinflex.levels.varying import NOISE, Varying, together
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
 
-_NODES = 8  # intervals between the nodes of a piece to begin with
+_NODES = 8  # intervals between the nodes of a piece to begin with, where nothing moves
+_USUAL, _ROUGH, _CLOSE = 24, 16, 1e-5  # where something does: they serve most motions as they are,
+# the second where `close` is no less than the last
 _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
 _CHUNK = 32  # steps that are interpolated at a time for a method in Python
@@ -213,7 +215,7 @@ class InterpolatedPath:
         number = k // _CHUNK
         if self._chunk[0] != number:
             steps = slice(number * _CHUNK, (number + 1) * _CHUNK)
-            self._chunk = number, [x.along(self.grid, steps) for x in self.parts]
+            self._chunk = number, together(self.parts, self.grid, steps)
         return Matrices(*(x[k % _CHUNK] for x in self._chunk[1]))
 
 
@@ -239,8 +241,8 @@ def along(
     """
     line = LinearPath(mechanism, path, structural, dynamics)
     t = path.t if steps is None else steps
-    pieces, n = _pieces(motion, mechanism.flexible.loads, t, _STEPS)
-    if len(pieces) * (2 * n + 1) * _STEPS < len(t):
+    pieces, n = _pieces(motion, mechanism.flexible.loads, path, t, _STEPS, close)
+    if (2 * min(n) + 1) * len(pieces) * _STEPS < len(t):
         result = _interpolated(line, mechanism, motion, t, pieces, n, close, len(t) / _STEPS)
         if result.missed < close:
             return result
@@ -262,11 +264,11 @@ def full_path(
             more nodes than steps, so `missed` may be larger.
     """
     t = line.path.t
-    pieces, n = _pieces(motion, mechanism.flexible.loads, t, 1)
-    if len(pieces) * (n + 1) > len(t):
-        n = _FEW
-    if len(pieces) * (n + 1) > len(t):
-        pieces, n = PiecewiseChebyshev(float(t[0]), float(t[-1]), []), _NODES
+    pieces, n = _pieces(motion, mechanism.flexible.loads, line.path, t, 1, close)
+    if sum(n) + len(n) > len(t):
+        n = [_FEW] * len(pieces)
+    if sum(n) + len(n) > len(t):
+        pieces, n = PiecewiseChebyshev(float(t[0]), float(t[-1]), []), [_NODES]
     return _interpolated(line, mechanism, motion, t, pieces, n, close, len(t))
 
 
@@ -276,12 +278,12 @@ def _interpolated(
     motion: Motion,
     t: Array,
     pieces: PiecewiseChebyshev,
-    n: int,
+    n: Sequence[int],
     close: float,
     most: float,
 ) -> InterpolatedPath:
     """Polynomials through n + 1 nodes a piece; through more until `close`, or `most` in all."""
-    known, like = line.path, line.at(0)
+    known = line.path
 
     def packed(times: Array) -> Array:
         at = np.searchsorted(known.t, times).clip(max=len(known.t) - 1)
@@ -289,21 +291,28 @@ def _interpolated(
         here = known.at(at) if same else between(mechanism, motion, known, times)
         return line.along(here).packed()
 
-    fast = np.max(np.abs(known.v), axis=1, initial=0.0)
-    moving = pieces.of(known.t[fast > _RESTING * np.max(fast, initial=0.0)])
-    resting = set(range(len(pieces))) - set(moving.tolist())
-    first = packed(pieces.nodes(n).ravel())
+    like, corners = line.along(known.at(slice(0, 1))).at(0), t[pieces.at_corner(t)]
+    first, at_corners = np.split(
+        packed(np.concatenate([pieces.times(n), corners])), [sum(n) + len(n)]
+    )
+    resting = set(range(len(pieces))) - _moving(pieces, known)
     for everything in (False, True):
         entries = VaryingEntries(first, like, everything)
-        begin = entries.picked(first).reshape(len(pieces), n + 1, -1)
+        begin = np.split(entries.picked(first), np.cumsum(np.array(n) + 1)[:-1])
         values, missed = pieces.refined(
             begin, partial(_picked, entries, packed), entries.relative, close, most, resting
         )
-        grid = Interpolation(pieces, [len(x) - 1 for x in values], t)
-        corners = entries.picked(packed(t[grid.corners]))
+        values.append(entries.picked(at_corners))
         if not entries.late:
             break
-    return InterpolatedPath(grid, entries.parts(np.concatenate([*values, corners])), missed)
+    grid = Interpolation(pieces, [len(x) - 1 for x in values[:-1]], t)
+    return InterpolatedPath(grid, entries.parts(np.concatenate(values)), missed)
+
+
+def _moving(pieces: PiecewiseChebyshev, path: Nominal) -> set[int]:
+    """Pieces in which the mechanism moves."""
+    fast = np.max(np.abs(path.v), axis=1, initial=0.0)
+    return set(pieces.of(path.t[fast > _RESTING * np.max(fast, initial=0.0)]).tolist())
 
 
 def _picked(entries: VaryingEntries, packed: Callable[[Array], Array], times: Array) -> Array:
@@ -386,8 +395,10 @@ def _largest(x: Array, block: IntArray, count: int) -> Array:
     return found
 
 
-def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[PiecewiseChebyshev, int]:
-    """Time between the corners, and intervals between the nodes of a piece to begin with.
+def _pieces(
+    motion: Motion, loads: Loads, path: Nominal, t: Array, steps: int, close: float
+) -> tuple[PiecewiseChebyshev, list[int]]:
+    """Time between the corners, and intervals between the nodes of each piece to begin with.
 
     A sampled motion is a polynomial between its samples and not smooth across them: it is cut at
     each, unless that makes more nodes than one in `steps`.
@@ -396,5 +407,9 @@ def _pieces(motion: Motion, loads: Loads, t: Array, steps: int) -> tuple[Piecewi
     if motion.kind == "sampled":
         pieces = PiecewiseChebyshev(start, end, [*corners, *sample_times(motion, end)])
         if len(pieces) * (_FEW + 1) * steps < len(t):
-            return pieces, _FEW
-    return PiecewiseChebyshev(start, end, corners), _NODES
+            return pieces, [_FEW] * len(pieces)
+    pieces = PiecewiseChebyshev(start, end, corners)
+    enough = _USUAL if close < _CLOSE else _ROUGH
+    n = [enough if k in _moving(pieces, path) else _NODES for k in range(len(pieces))]
+    few = (sum(n) + len(n)) * steps > len(t)
+    return pieces, [_NODES] * len(pieces) if few else n

@@ -7,6 +7,7 @@ than the marches that use them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -60,7 +61,7 @@ class Varying:
 
     def whole(self) -> Array:
         """The matrix at every node, shape (size, ...)."""
-        return self._filled(self.values)
+        return self.filled(self.values)
 
     def along(self, grid: Interpolation, at: slice | IntArray = slice(None)) -> Array:
         """The matrix at steps, shape (steps, ...).
@@ -68,9 +69,10 @@ class Varying:
         Args:
             grid: Times of the nodes, and of the steps. at: Steps that are wanted.
         """
-        return self._filled(grid.between(self.values, at))
+        return self.filled(grid.between(self.values, at))
 
-    def _filled(self, values: Array) -> Array:
+    def filled(self, values: Array) -> Array:
+        """The matrix from its varying entries, shape (k, m), as (k, ...)."""
         found = np.tile(self.constant.ravel(), (len(values), 1))
         found[:, self.entries] = values
         return found.reshape(len(values), *self.shape)
@@ -96,6 +98,18 @@ class Varying:
         found = np.tile(self.constant[at], (len(self.values), 1))
         found[:, numbers >= 0] = self.values[:, numbers[numbers >= 0]]
         return found
+
+
+def together(parts: Sequence[Varying], grid: Interpolation, at: slice | IntArray) -> list[Array]:
+    """Several matrices at steps, shape (steps, ...) each: one interpolation for all of them.
+
+    Args:
+        parts: Matrices at the same nodes. grid: Times of the nodes, and of the steps.
+        at: Steps that are wanted.
+    """
+    ends = np.cumsum([len(x.entries) for x in parts])
+    values = np.split(grid.between(np.hstack([x.values for x in parts]), at), ends[:-1], axis=1)
+    return [x.filled(each) for x, each in zip(parts, values, strict=True)]
 
 
 def varying(x: Array) -> Varying:
