@@ -137,14 +137,35 @@ def negative_directions(K: Array, J: Array) -> int:
     """
     if not len(K):
         return 0
-    # Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of the soft ones.
-    size = np.abs(np.diag(K))
-    scale = 1.0 / np.sqrt(np.maximum(size, max(1e-12 * float(np.max(size)), 1e-300)))
-    K, J = 0.5 * (K + K.T) * scale * scale[:, None], J * scale
+    if resists(K, J):
+        return 0
+    K, J = _scaled(K, J)
+    Z = null_space(J)
+    return int(np.sum(np.linalg.eigvalsh(Z.T @ K @ Z) < -_NEUTRAL))
+
+
+def resists(K: Array, J: Array) -> bool:
+    """Whether each of some stiffnesses is plainly positive in what its closures allow.
+
+    Args:
+        K: Stiffnesses, shape (..., n, n).
+        J: Closures, shape (..., rows, n).
+    """
+    if not K.shape[-1]:
+        return True
+    K, J = _scaled(K, J)
     try:
         # What resists with springs in place of the closures resists with the closures; it is cheap.
-        np.linalg.cholesky(K + _SPRINGS * J.T @ J)
-        return 0
+        np.linalg.cholesky(K + _SPRINGS * J.swapaxes(-1, -2) @ J)
     except np.linalg.LinAlgError:
-        Z = null_space(J)
-        return int(np.sum(np.linalg.eigvalsh(Z.T @ K @ Z) < -_NEUTRAL))
+        return False
+    return True
+
+
+def _scaled(K: Array, J: Array) -> tuple[Array, Array]:
+    """Stretch is 1e6 times stiffer than bending: rows of size one keep the digits of soft ones."""
+    size = np.abs(np.diagonal(K, axis1=-2, axis2=-1))
+    least = np.maximum(1e-12 * np.max(size, axis=-1, keepdims=True), 1e-300)
+    scale = 1.0 / np.sqrt(np.maximum(size, least))
+    symmetric = 0.5 * (K + K.swapaxes(-1, -2))
+    return symmetric * scale[..., None, :] * scale[..., :, None], J * scale[..., None, :]

@@ -45,7 +45,9 @@ class ConstantPart:
         return int(3 * np.sum(self.varies) + np.sum(self.J_varies))
 
 
-def linear_systems(evaluator: Evaluator, states: Sequence[Array], at: IntArray, out: Array) -> None:
+def linear_systems(
+    evaluator: Evaluator, states: Sequence[Array], at: IntArray, out: Array, rates: bool = True
+) -> None:
     """Entries of M, C, K (nv, nv) and J (closures, nv) at several states.
 
     Args:
@@ -53,6 +55,7 @@ def linear_systems(evaluator: Evaluator, states: Sequence[Array], at: IntArray, 
         states: Y (k, nq), V and A (k, nv), lam (k, closures), shares of the loads (k, forces).
         at: Which entries, of all of these one after the other, shape (entries,).
         out: Its first columns are written, shape (k, entries or more).
+        rates: With what the rates of the second-order rows bring.
     """
     n = evaluator.tables.counts
     widths = n["nq"], n["nv"], n["nv"], n["closures"], n["forces"]
@@ -66,8 +69,9 @@ def linear_systems(evaluator: Evaluator, states: Sequence[Array], at: IntArray, 
         raise PinflexError(f"kernel: an entry of a tangent of {size}.")
     numbers, room = np.ascontiguousarray(at, dtype=np.int64), np.empty(size)
     evaluator.functions.pinflex_linear_systems(
-        evaluator.tables.address, evaluator.work, len(out), *(x.ctypes.data for x in given),
-        len(at), numbers.ctypes.data, room.ctypes.data, out.shape[1], out.ctypes.data,
+        evaluator.tables.address, evaluator.work, int(rates), len(out),
+        *(x.ctypes.data for x in given), len(at), numbers.ctypes.data, room.ctypes.data,
+        out.shape[1], out.ctypes.data,
     )  # fmt: skip
 
 

@@ -24,12 +24,13 @@ from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.linear import Alpha, Method
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
+from pinflex.kernel.linear import linear_systems
 from pinflex.levels.linear_march import LinearMarch, Response, forces_along
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
 from pinflex.levels.varying import Varying
-from pinflex.linalg import saddle
+from pinflex.linalg import resists, saddle
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
@@ -86,7 +87,7 @@ def solve_ked(
     done = deviation.sound
     if done < len(path.t) and every > 1:
         return solve_ked(mechanism, motion, t, method, start, structural, progress, close)
-    d, v, a = np.zeros((len(path.t), system.nv)), line.v, line.a
+    d, v, a = np.zeros((len(path.t), system.nv)), line.v.copy(), line.a.copy()
     d[:done, system.free] = deviation.d[:done]
     v[:done, system.free] += deviation.v[:done]
     a[:done, system.free] += deviation.a[:done]
@@ -184,18 +185,35 @@ def _diverging(line: LinearPath, run: Run) -> tuple[str, ...]:
     The march is about the rigid motion, whose stiffness may be positive where that of the pose it
     finds is not: there the links buckle (static divergence), and the linear answer is none.
     """
-    dynamics, path = line.dynamics, line.path
-    for k in np.linspace(0, len(run.t) - 1, min(_STABILITY_SAMPLES, len(run.t))).astype(int):
-        rest = np.zeros(run.system.n_eta)  # as level quasistatic looks: without the vibration
-        v, a = np.concatenate([path.v[k], rest]), np.concatenate([path.a[k], rest])
-        t = float(run.t[k])
-        if unstable_directions(dynamics, run.y[k], v, a, run.lam[k], t, run.system.free):
+    at = np.linspace(0, len(run.t) - 1, min(_STABILITY_SAMPLES, len(run.t))).astype(int)
+    if _resists(line, run, at):
+        return ()
+    for k in at:  # as level quasistatic looks: without the vibration
+        y, v, a, t = run.y[k], line.v[k], line.a[k], float(run.t[k])
+        if unstable_directions(line.dynamics, y, v, a, run.lam[k], t, run.system.free):
             return (
                 f"t = {run.t[k]:.4g} s: the stiffness of the deflected links is negative in some "
                 "direction (static divergence: they buckle), of which the linear deviation knows "
                 "nothing. From there on trust coupled; or reduce the loads, or stiffen the links.",
             )
     return ()
+
+
+def _resists(line: LinearPath, run: Run, at: IntArray) -> bool:
+    """Whether the stiffness is plainly positive at some instants, all looked at together."""
+    system, compiled = run.system, line.dynamics.compiled
+    if compiled is None:
+        return False
+    nv, free, closures = system.nv, system.free, np.arange(system.closed.n)
+    square = 2 * nv**2 + (free[:, None] * nv + free).ravel()
+    rows = 3 * nv**2 + (closures[:, None] * nv + free).ravel()
+    result = np.empty((len(at), len(square) + len(rows)))
+    states = run.y[at], line.v[at], line.a[at], run.lam[at], compiled.scale(run.t[at])
+    entries = np.concatenate([square, rows])
+    linear_systems(compiled.evaluator, states, entries, result, rates=False)
+    K, J = np.split(result, [len(square)], axis=1)
+    n = len(free)
+    return resists(K.reshape(len(at), n, n), J.reshape(len(at), len(closures), n))
 
 
 def _blown_up(
