@@ -14,7 +14,9 @@ by z^2. Elsewhere the end is sought by a sequence of small problems: most x_k un
     r + J d + d'H d / 2 for r(x + d),   |d| no longer than the last step allows,
 
 the second derivatives H those of the best point, J led along with them and by Broyden's correction,
-and taken anew by differences at the end, where it judges whether the others are fitted.
+and taken anew by differences at the end, where it judges whether the others are fitted. A valley
+that bends has several such ends: where another search went through a point within the limit that is
+further out, that for this end goes on from there.
 
 Source: Bates, Watts (1988), Nonlinear Regression Analysis, ch. 6; Venzon, Moolgavkar (1988), A
 method for computing profile-likelihood-based confidence intervals, Appl. Statist. 37, 87; Scheffe
@@ -48,6 +50,7 @@ _STALE = 10  # steps after which derivatives are taken anew
 _OVER = 0.5  # S above the limit, of z^2, from which steps still lead back
 _ENDED = 0.01  # next step, of the half width
 _MOST = 40  # steps to an end; some ten are taken
+_AGAIN = 3  # searches for an end, each from further out, once all have been through
 _HELD, _TURNS = 12, 30  # fits with a parameter held where those do not get there; steps of one
 _FAR = 1e3  # residual, of z, where there is no design
 
@@ -125,8 +128,9 @@ def ends(rows: Rows, best: Best, bounds: Array, z: float) -> Ends:
     if curved:
         steps = np.clip(0.25 * half, *_CURVE)
         profile = _Profile(rows, best, _curvature(rows, best, bounds, steps), bounds, z)
+        first = {(k, sign): profile.end(k, sign) for k in curved for sign in (-1.0, 1.0)}
         for k in curved:
-            low, high = (profile.end(k, sign) for sign in (-1.0, 1.0))
+            low, high = (profile.furthest(k, sign, first[k, sign]) for sign in (-1.0, 1.0))
             found[k] = [sign * math.inf if end.x is None else end.x[k]
                         for sign, end in ((-1.0, low), (1.0, high))]  # fmt: skip
             leaning[k] = _leaning(k, [end.x for end in (low, high) if end.x is not None], bounds)
@@ -219,43 +223,65 @@ class _End:
     unsure: bool = False
 
 
-@dataclass(frozen=True)
 class _Profile:
-    """The search for ends."""
+    """The search for ends.
 
-    rows: Rows
-    best: Best
-    H: Array
-    bounds: Array
-    z: float
+    Attributes:
+        limit: Of S.
+        within: Points that were found to be within it, and their rows.
+    """
 
-    @property
-    def limit(self) -> float:
-        """Of S."""
-        return float(self.best.r @ self.best.r) + self.z**2
+    def __init__(self, rows: Rows, best: Best, H: Array, bounds: Array, z: float) -> None:
+        self.best, self.H, self.bounds, self.z = best, H, bounds, z
+        self.limit = float(best.r @ best.r) + z**2
+        self.within = [(best.x, best.r)]
+        self._rows = rows
+
+    def rows(self, x: Array) -> Array | None:
+        """Residuals at x."""
+        r = self._rows(x)
+        if r is not None and self._over(r) <= 0:
+            self.within.append((x.copy(), r))
+        return r
 
     def end(self, k: int, sign: float) -> _End:
-        """Where x_k is last within the limit, if that is before its bound.
+        """Where x_k is last within the limit on the way from the best point, before its bound.
 
         A search that stops on the way is followed by fits with x_k held, at the bound first.
         """
+        at = _Local(self.best.x, self.best.r, self.best.J, self.H)
+        return self._from(at, k, sign)
+
+    def furthest(self, k: int, sign: float, found: _End) -> _End:
+        """That end, or one further out on the way from a point of another search."""
+        for _ in range(_AGAIN):
+            x, r = max(self.within, key=lambda point: sign * point[0][k])
+            if found.x is None and not found.unsure:
+                break
+            far = self.best.x if found.x is None else found.x
+            if sign * (x[k] - far[k]) <= _ENDED * abs(far[k] - self.best.x[k]):
+                break
+            found = self._from(self._anew(_Local(x, r, self.best.J, self.H)), k, sign)
+        return found
+
+    def _from(self, at: _Local, k: int, sign: float) -> _End:
         bound = self.bounds[k, int(sign > 0)]
-        if abs(bound - self.best.x[k]) < _AT_BOUND:
+        if abs(bound - at.x[k]) < _AT_BOUND:
             return _End(None)
-        found, last = self._followed(k, sign, bound)
+        found, last = self._followed(at, k, sign, bound)
         return self._by_held_fits(k, bound, last) if found is None else found
 
-    def _followed(self, k: int, sign: float, bound: float) -> tuple[_End | None, Array]:
+    def _followed(self, at: _Local, k: int, sign: float, bound: float) -> tuple[_End | None, Array]:
         """The end by small problems, and the last point within the limit; None: it gave up."""
-        x = last = self.best.x
-        at, longest, judged, old = _Local(x, self.best.r, self.best.J, self.H), _FIRST, False, 0
+        last = at.x
+        longest, judged, old = _FIRST, False, 0
         for _ in range(_MOST):
             over = self._over(at.r)
             last = at.x if over <= 2 * _ENDED else last
             if abs(bound - at.x[k]) < 1e-9 and over <= 2 * _ENDED:
                 return _End(None), last
             d = self._step(at, k, sign, longest)
-            width = abs(at.x[k] - x[k])
+            width = abs(at.x[k] - self.best.x[k])
             ended = abs(d[k]) <= (3 if judged else 1) * _ENDED * width and abs(over) <= 2 * _ENDED
             if ended and judged:
                 return _End(np.asarray(at.x + d)), last
@@ -315,7 +341,12 @@ class _Profile:
             low, high = self.bounds[others].T
             begin = np.clip(start[others], low + 1e-9, high - 1e-9)
             x[others] = least_squares(
-                rows, begin, bounds=(low, high), diff_step=_SLOPE, max_nfev=_TURNS, ftol=1e-6
+                rows,
+                begin,
+                bounds=(low, high),
+                diff_step=_SLOPE,
+                max_nfev=_TURNS,
+                ftol=1e-6,
             ).x
         return x, self._beyond(self.rows(x))
 
