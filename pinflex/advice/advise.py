@@ -11,6 +11,7 @@ corrections leave: of time integration and of the model; errors are relative, as
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -48,7 +49,8 @@ _WITHIN = 0.1  # of the tolerance: that of the runs that the probes are held aga
 _WINDOW = 8  # the coupled run that verifies covers this part of the time
 _STILL = 0.03  # of the tolerance: that of a quasistatic run, which hardly costs more for it
 # Modes beyond the last one tried, together: 9/16 + 9/25 + ... of what the third brings where their
-# parts fall with the square of their number, as those of a load along a beam.
+# parts fall with the square of their number, as those of a load along a beam. Where twice the
+# segments are looked at, they are measured.
 _TAIL = 3.0
 _MENDED = 0.35  # of what one more segment mends is left: bodies are right to second order
 _WORTH = 0.7  # of the error bar: segments that leave more do not pay
@@ -56,6 +58,7 @@ _NEXT_TO_NOTHING = 0.02  # of what is allowed: the model that is left is as good
 _RUN = 0.125  # of the tolerance: that of the run that is proposed, whose bar is twice as much
 _DOUBT = 0.25  # of the tolerance: where the estimate is off by more, whole runs are taken
 _LOOKS = 5  # stages that are told
+_UNTRIED = "more segments were not tried, and are not in the bars"
 
 
 @public
@@ -223,15 +226,17 @@ class _Study:
         small = fewer.smaller(
             self.rich, self.probe, self.outputs, once, room, whole.used, mechanism
         )
-        tail = {k: _TAIL * e for k, e in small.unsettled.items()}
-        for part, factor in ((small.error, SAFETY), (tail, 1.0)):
-            error = {k: x + factor * part.get(k, 0.0) for k, x in error.items()}
-        if tail and not self.tail:
+        last = {} if self._cut else small.unsettled
+        error = {
+            k: x + SAFETY * small.error.get(k, 0.0) + _TAIL * last.get(k, 0.0)
+            for k, x in error.items()
+        }
+        if last and not self.tail:
             self.notes.append(
-                f"the last mode tried still changes an output by {percent(_worst(small.unsettled))}"
+                f"the last mode tried still changes an output by {percent(_worst(last))}"
                 ", which is in the error bars: more modes may be needed"
             )
-        self.tail = tail
+        self.tail = {k: _TAIL * e for k, e in last.items()}
         found = replace(
             whole, error=error, levels=levels, left_out=(*terms, *small.tried),
             overrides=(*fewer.overrides(mechanism, small.parts), *on),
@@ -242,10 +247,10 @@ class _Study:
 
     def _with_model(self, levels: dict[str, Errors]) -> dict[str, Errors]:
         """Error bars of levels with what the richer model itself leaves out."""
-        try:
-            apart = error_bars.differences(self._look(self.rich, "coupled"), self._finer)
-        except (PinflexError, np.linalg.LinAlgError):
-            apart = {}
+        apart: Errors = {}
+        if self._finer is not None:
+            with contextlib.suppress(PinflexError, np.linalg.LinAlgError):
+                apart = error_bars.differences(self._look(self.rich, "coupled"), self._finer)
         return {
             name: error_bars.covering({k: x + self.tail.get(k, 0.0) for k, x in e.items()}, apart)
             for name, e in levels.items()
@@ -281,9 +286,11 @@ class _Study:
 
     def _segmented(self, mechanism: Mechanism, found: Advice) -> Advice:
         """The advice with the error of its whole model in its bars, and segments if they help."""
-        level = found.level if found.level in ("rigid", "quasistatic") else "coupled"
+        level, finer = found.level, self._finer
+        level = level if level in ("rigid", "quasistatic") else "coupled"
+        if finer is None:
+            return found
         try:
-            finer = self._finer
             model = load(mechanism.description.with_overrides(list(found.overrides)))
             apart = error_bars.differences(self._look(model, level), finer)
             self._tell(4, _LOOKS)
@@ -308,13 +315,28 @@ class _Study:
                 left_out=(*found.left_out, LeftOut("segments beyond those it has", apart, False)),
             )  # fmt: skip
         except (PinflexError, np.linalg.LinAlgError) as failed:
-            self.notes.append(f"more segments were not tried, and are not in the bars: {failed}")
+            self.notes.append(f"{_UNTRIED}: {failed}")
             return found
 
     @cached_property
-    def _finer(self) -> error_bars.Seen:
-        """All of the richer model and one more segment in each link."""
-        return self._look(finer_model(self.rich)[0], "coupled")
+    def _finer(self) -> error_bars.Seen | None:
+        """All of the richer model and twice its segments; None where nothing can look at that."""
+        try:
+            return self._look(finer_model(self.rich)[0], "coupled")
+        except (PinflexError, np.linalg.LinAlgError) as failed:
+            self.notes.append(f"{_UNTRIED}: {failed}")
+            return None
+
+    @property
+    def _cut(self) -> bool:
+        """Whether that has twice the segments, which tell what all modes beyond the last bring.
+
+        Their shapes hold twice the modes: what is beyond those is half of what they bring.
+        """
+        if self._finer is None:
+            return False
+        finer, own = self._finer.probe.mechanism.parts, fewer.beams(self.rich)
+        return all(finer[x.link].spec.segments >= 2 * x.spec.segments for x in own)
 
     def _look(self, model: Mechanism, level: str) -> error_bars.Seen:
         """A model at a level, on the instants of the probe; by a run where looks miss too much."""
@@ -323,9 +345,13 @@ class _Study:
         if level != "coupled" or not self.by_runs:
             return error_bars.look(probe, self.motion, level)
         some = error_bars.compared(probe)
-        scene = Scene(model, self.motion, replace(model.description.solve, level=level))
-        run = solve_to_tolerance(scene, probe.t[some], _WITHIN * self.tol)
+        run = solve_to_tolerance(self._scene(model, level), probe.t[some], _WITHIN * self.tol)
         return error_bars.Seen(probe, run, some)
+
+    def _scene(self, model: Mechanism, level: str) -> Scene:
+        """A run of a model, that is asked for no more than the advice is."""
+        spec = replace(model.description.solve, level=level, asked=self.plain.asked)
+        return Scene(model, self.motion, spec)
 
     def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
         """The motion corrected once, error bars by level, and seconds a run would take."""
@@ -376,19 +402,32 @@ class _Study:
 
         The doubts become notes: about bars that have them where a run stops.
         """
-        spec, t = self.rich.description.solve, self.probe.t
-        scenes = (Scene(self.rich, self.motion, replace(spec, level=x)) for x in ("coupled", "ked"))
-        coupled, linear = scenes
+        t, within = self.probe.t, _WITHIN * self.tol
         apart = ", ".join(f"{key} by {percent(e)}" for key, e in self.doubts.items())
         about = f"a coupled run of the first part differs from the estimate ({apart})"
         try:
-            best = solve_to_tolerance(coupled, t, _WITHIN * self.tol)
-            ked = linear.stepped(t, default_step(self.rich, self.probe.end))
+            best = solve_to_tolerance(self._scene(self.rich, "coupled"), t, within)
+            ked = self._as_compared(self._scene(self.rich, "ked"), within)
         except SceneError as failed:
             self.notes.append(f"{about}, which is in the error bars; a whole run stops: {failed}")
             return None
         self.notes.append(f"{about}: levels were judged by whole runs")
         return best, ked
+
+    def _as_compared(self, ked: Scene, tol: float) -> Run:
+        """Level ked as `compare` judges it: in steps by default these are in its error.
+
+        Steps that a scene names serve every level there: what they miss is not the level's.
+        """
+        t = self.probe.t
+        if ked.spec.dt is None:
+            return ked.stepped(t, default_step(self.rich, self.probe.end))
+        try:
+            return solve_to_tolerance(ked, t, tol)
+        except ConvergenceError as failed:  # the finest on the way there
+            if not isinstance(failed.result, Run):
+                raise
+            return failed.result
 
     def _allow(self, best: Run) -> None:
         """Let the pose of the platform be off by what the band is of its largest deviation."""
@@ -406,10 +445,9 @@ class _Study:
         Where they differ by more than `left`, that is the difference; much more is a doubt.
         """
         probe, upto = self.probe, slice(0, (self.probe.steps - 1) // _WINDOW + 1)
-        spec = replace(self.rich.description.solve, level="coupled")
         began = time.perf_counter()
         try:
-            scene = Scene(self.rich, self.motion, spec)
+            scene = self._scene(self.rich, "coupled")
             run = scene.resolved(probe.t[upto], _WITHIN * self.tol)
         except SceneError as failed:
             self.notes.append(f"a coupled run of the first part stopped: {failed}")
@@ -418,7 +456,8 @@ class _Study:
         y, v, torque = best.y.copy(), best.v.copy(), best.torque.copy()
         y[upto], v[upto], torque[upto] = run.y, run.v, run.torque
         found = self.outputs.differences(replace(best, y=y, v=v, torque=torque), best)
-        self.fast = found
+        # Of no link that bends a model may differ in anything.
+        self.fast = found if self.rich.parts else {}
         for key, apart in found.items():
             if apart > left[key] + _DOUBT * self.tol:
                 self.doubts[key] = apart

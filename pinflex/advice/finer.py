@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-from pinflex.advice.reduced_models import LARGEST, PLANES, beams
+from pinflex.advice.reduced_models import PLANES, beams, enlarged
 from pinflex.description import solid_keys
 from pinflex.errors import DescriptionError, PinflexError
-from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.mechanics.parts import FlexiblePart, resolve
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.parts import FlexiblePart
 
 _WORDS = {0: "more modes", 1: "one more segment"}
 _THICK = ("shear", "rotary_inertia")
@@ -28,11 +28,9 @@ def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
     failed: PinflexError | None = None
     for changes, words in _richer(mechanism):
         try:
-            description = mechanism.description.with_overrides(changes)
-            parts = resolve(description, mechanism.links)
-            n = sum(body.n for part in parts.values() for body in part.bodies)
-            if n <= LARGEST:
-                return load(description), f"{words}: {n} coordinates"
+            more, n = enlarged(mechanism, changes)
+            if more is not None:
+                return more, f"{words}: {n} coordinates"
         except PinflexError as error:
             failed = error
     raise failed or DescriptionError("a richer model is too large")
@@ -45,21 +43,23 @@ def _richer(mechanism: Mechanism) -> Iterator[tuple[list[str], str]]:
     if not cut:
         yield own, words
         return
-    full = "second order, stretch and twist"
     # Shapes that move at the root, under a sleeve, take one segment only.
     most = max(part.spec.segments for part in cut)  # twice as many, else one more, else none
-    for more, thick in itertools.product(sorted({most, 1, 0}, reverse=True), (True, False)):
+    rungs = [(more, True) for more in sorted({most, 1, 0}, reverse=True)]
+    if all(map(_more_shapes, cut)):
+        rungs.append((0, False))  # where all planes with all modes would be too much
+    for (more, planes), thick in itertools.product(rungs, (True, False)):
         changes = list(own)
         for part in cut:
             at = f"flexible.{part.link}"
-            changes += [f"{at}.{key}=true" for key, _ in PLANES.values()]
+            changes += [f"{at}.{key}=true" for key, _ in PLANES.values() if planes]
             added = min(more, part.spec.segments)
             changes += [f"{at}.second_order=true", f"{at}.segments={part.spec.segments + added}"]
             changes += [f"{at}.{key}=true" for key in _THICK] if thick else []
             changes += [] if more else _more_shapes(part)
-        said = [words] if words else []
-        said += [_WORDS.get(more, "twice the segments"), full]
-        yield changes, ", ".join([*said, *(["shear and rotary inertia"] if thick else [])])
+        said = [words, _WORDS.get(more, "twice the segments"), "second order"]
+        said[-1] += ", stretch and twist" if planes else " in the planes that it has"
+        yield changes, ", ".join(filter(None, [*said, "shear and rotary inertia" if thick else ""]))
 
 
 def _more_shapes(part: FlexiblePart) -> list[str]:

@@ -19,6 +19,7 @@ from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
+from pinflex.mechanics.cost import per_body
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.parts import FlexiblePart, resolve
 
@@ -73,15 +74,36 @@ def richer(mechanism: Mechanism) -> tuple[Mechanism, str]:
     for terms in (TERMS, TERMS[:1]):  # not every basis takes shear
         more = [f"flexible.{p.link}.{key}=true" for p in beams(mechanism) for key in sum(terms, ())]
         try:
-            description = mechanism.description.with_overrides([*changes, *more])
-            parts = resolve(description, mechanism.links)
-            n = sum(body.n for part in parts.values() for body in part.bodies)
-            if n <= LARGEST:
-                return load(description), ""
+            rich, n = enlarged(mechanism, [*changes, *more])
+            if rich is not None:
+                return rich, ""
             said = f"that model has {n} coordinates"
         except PinflexError as failed:
             said = str(failed)
     return mechanism, f"planes and modes were not tried: {said}"
+
+
+def enlarged(mechanism: Mechanism, changes: list[str]) -> tuple[Mechanism | None, int]:
+    """The scene with changes, None where a look at it would not be cheap; elastic coordinates.
+
+    Args:
+        mechanism: The scene. changes: "key=value" of its YAML, which take nothing away.
+    """
+    description = mechanism.description.with_overrides(changes)
+    n = sum(_least(mechanism, spec) for spec in description.flexible)  # before bodies are made
+    if n <= LARGEST:
+        parts = resolve(description, mechanism.links)
+        n = sum(body.n for part in parts.values() for body in part.bodies)
+    return load(description) if n <= LARGEST else None, n
+
+
+def _least(mechanism: Mechanism, spec: FlexibleLink) -> int:
+    """Elastic coordinates that a link has at the least."""
+    if spec.basis.kind in solid_keys.KINDS:
+        return 0
+    before = mechanism.parts[spec.link].planes
+    keys = ((d, getattr(spec, key)) for d, (key, _) in PLANES.items())
+    return per_body(spec, [d for d, on in keys if on is True or d in before])[0] * spec.segments
 
 
 def smaller(
