@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from typing import Any
 
-from pinflex.arrays import Array
+import numpy as np
+import numpy.typing as npt
+
+from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.kernel.library import kernel
 from pinflex.kernel.tables import Tables
@@ -117,21 +121,63 @@ class Evaluator:
         self.functions.pinflex_sleeves(*given, out.ctypes.data)
         return out
 
-    def poses(self, Y: Array, node: int) -> tuple[Array, Array]:
-        """Rotations (n, 3, 3) and origins (n, 3), m, of a node in the world.
+    def poses(self, Y: Array, nodes: npt.ArrayLike) -> Array:
+        """Poses [R | p] of nodes in the world, m, shape (k, n, 3, 4).
 
         Args:
             Y: Coordinates, shape (n, nq).
-            node: Number in the tree of the kernel.
+            nodes: Numbers in the tree of the kernel, shape (k,); -1: the base.
         """
-        Y, out = np.ascontiguousarray(Y, dtype=np.float64), np.empty((len(Y), 12))
-        if Y.ndim != 2 or Y.shape[1] != self._widths[0]:
-            raise PinflexError(f"kernel: poses of {Y.shape}, not (n, {self._widths[0]}).")
-        if not 0 <= node < self.tables.counts["nodes"]:
-            raise PinflexError(f"kernel: {node}: a node that is none.")
-        given = self.tables.address, self.work, len(Y), Y.ctypes.data
-        self.functions.pinflex_poses(*given, node, out.ctypes.data)
-        return out[:, :9].reshape(-1, 3, 3), out[:, 9:]
+        given, wanted = self._given((Y,)), self._nodes(nodes, -1)
+        poses = np.empty((len(wanted), len(Y), 3, 4))
+        self._call("poses", given, len(wanted), (wanted, poses))
+        return poses
+
+    def motions(self, Y: Array, V: Array, A: Array, nodes: npt.ArrayLike) -> tuple[Array, Array]:
+        """Poses (k, n, 3, 4) of nodes, and spatial velocity and acceleration (k, n, 2, 6).
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv).
+            nodes: Numbers in the tree of the kernel, shape (k,); -1: the base.
+        Returns:
+            Poses in the world; motions of the nodes' origins in their own axes.
+        """
+        given, wanted = self._given((Y, V, A)), self._nodes(nodes, -1)
+        poses, rates = np.empty((len(wanted), len(Y), 3, 4)), np.empty((len(wanted), len(Y), 2, 6))
+        self._call("motions", given, len(wanted), (wanted, poses, rates))
+        return poses, rates
+
+    def energies(self, Y: Array, V: Array, scale: Array) -> Array:
+        """Kinetic, gravity, elastic and spring energy, J, shape (4, n).
+
+        Args:
+            Y: Shape (n, nq). V: Shape (n, nv).
+            scale: Shares of the loads that act, 0 where one has no potential, shape (n, forces).
+        """
+        given, found = self._given((Y, V, scale), (0, 1, 4)), np.empty((4, len(Y)))
+        self._call("energies", given, None, (found,))
+        return found
+
+    def forces(
+        self, Y: Array, V: Array, A: Array, lam: Array, scale: Array, nodes: npt.ArrayLike
+    ) -> tuple[Array, ...]:
+        """Residuals and closures as `residuals`, and what joints, loops and sleeves carry.
+
+        Args:
+            Y, V, A, lam, scale: As of `residuals`.
+            nodes: Numbers in the tree of the kernel, shape (k,).
+        Returns:
+            r (n, nv), c (n, rows), expanded forces (n, nV), wrenches of nodes in their own axes
+            (n, k, 6), of loops on their B in the world (n, loops, 6), and (x, F, M, segment) of
+            sleeves at three places (n, sleeves, 3, 8).
+        """
+        given, wanted, n = self._given((Y, V, A, lam, scale)), self._nodes(nodes, 0), len(Y)
+        count = self.tables.counts
+        shapes = ((count["nv"],), (count["closures"],), (count["nV"],), (len(wanted), 6),
+                  (count["loops"], 6), (count["sleeves"], 3, 8))  # fmt: skip
+        found = tuple(np.empty((n, *shape)) for shape in shapes)
+        self._call("forces", given, len(wanted), (wanted, *found))
+        return found
 
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, scale: Array, rates: bool = True
@@ -168,6 +214,33 @@ class Evaluator:
         arrays = (*rooms, np.empty((n, n + 1)), order, x)
         self.functions.pinflex_saddle(n, *(array.ctypes.data for array in arrays))
         return x
+
+    def _given(self, arrays: Sequence[Array], which: Sequence[int] = range(5)) -> list[Array]:
+        """States as the C code reads them; `which` of y, v, a, lam and scales they are."""
+        given = [np.ascontiguousarray(array, dtype=np.float64) for array in arrays]
+        for array, k in zip(given, which, strict=False):
+            if array.shape != (len(given[0]), self._widths[k]):
+                raise PinflexError(f"kernel: a state of {array.shape}, not (n, {self._widths[k]}).")
+        return given
+
+    def _nodes(self, nodes: npt.ArrayLike, first: int) -> IntArray:
+        wanted = np.ascontiguousarray(nodes, dtype=np.int64)
+        if np.any(wanted < first) or np.any(wanted >= self.tables.counts["nodes"]):
+            raise PinflexError(f"kernel: {wanted}: a node that is none.")
+        return wanted
+
+    def _call(
+        self,
+        name: str,
+        given: Sequence[Array],
+        wanted: int | None,
+        rest: Sequence[npt.NDArray[Any]],
+    ) -> None:
+        """The C function of a name on states, with a number of nodes where it takes some."""
+        count = () if wanted is None else (wanted,)
+        pointers = [[x.ctypes.data for x in arrays] for arrays in (given, rest)]
+        function = getattr(self.functions, f"pinflex_{name}")
+        function(self.tables.address, self.work, len(given[0]), *pointers[0], *count, *pointers[1])
 
     def _new(self, n: int) -> _Buffers:
         if len(self._buffers) >= _SIZES:

@@ -55,7 +55,7 @@ INTEGERS = {
     "k_j": ("*k_at",),
     "d_at": ("nv+1",),
     "d_j": ("*d_at",),
-    **dict.fromkeys(("sleeve_node", "sleeve_passes"), ("sleeves",)),
+    **dict.fromkeys(("sleeve_node", "sleeve_loop", "sleeve_passes"), ("sleeves",)),
     "sleeve_at": ("sleeves+1",),
     **dict.fromkeys(("sleeve_row", "sleeve_sort", "sleeve_axis"), ("*sleeve_at",)),
     "stretch_at": ("sleeves+1",),
@@ -120,7 +120,8 @@ _INTO: dict[str, str | int] = {
     "col_first": "nv", "leg_of": "legs", "range_from": "nv", "range_last": "nv",
     "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
     "sleeve_node": "nodes", "stretch_node": "nodes", "stretch_track": "tracks",
-    "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3, "entry_row": 8,
+    "sleeve_loop": "loops", "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3,
+    "entry_row": 8,
 }  # fmt: skip
 _SLEEVE_ROWS = constant("MOST_SLEEVE_ROWS")
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
+from pinflex.errors import PinflexError
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
+from pinflex.mechanics.evaluated import Energies, JointForces
 
 if TYPE_CHECKING:
     from pinflex.mechanics.system import System
@@ -54,14 +56,14 @@ def _stiff(system: System) -> bool:
 
 
 class Compiled:
-    """Residual, closures and their derivatives of one system (make one per run, and per thread).
+    """The equations of one system by compiled functions (make one per run, and per thread).
 
     Attributes:
         evaluator: The compiled functions.
     """
 
     def __init__(self, system: System) -> None:
-        self.evaluator = Evaluator(system.tables)
+        self.evaluator, self._node_of = Evaluator(system.tables), system.node_of_joints
         self._forces = [force for force, _ in system.loads.forces]
 
     def residual(
@@ -85,6 +87,52 @@ class Compiled:
             rates: With what the rates of the second-order rows bring.
         """
         return self.evaluator.tangent(y, v, a, lam, self.scale((t,))[0], rates)
+
+    def poses(self, Y: Array, joints: Sequence[int]) -> Array:
+        """Poses of joints in the world, shape (k, n, 3, 4).
+
+        Args:
+            Y: Shape (n, nq). joints: The k joints of the expanded model.
+        """
+        return self.evaluator.poses(Y, self._nodes(joints))
+
+    def motions(self, Y: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
+        """Poses (k, n, 3, 4) of joints in the world, and their motions (k, n, 2, 6).
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv).
+            joints: The k joints of the expanded model.
+        """
+        return self.evaluator.motions(Y, V, A, self._nodes(joints))
+
+    def energies(self, Y: Array, V: Array, t: Array) -> Energies:
+        """Energies of several states, J.
+
+        Args:
+            Y: Shape (n, nq). V: Shape (n, nv). t: Times in s, shape (n,).
+        """
+        conserved = [force.potential for force in self._forces]
+        return Energies(*self.evaluator.energies(Y, V, self.scale(t) * conserved))
+
+    def joint_forces(
+        self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
+    ) -> JointForces:
+        """Forces of joints, loops and sleeves at several states.
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows). t: Times in s, (n,).
+            joints: Numbers of the joints whose forces are wanted.
+        """
+        given = Y, V, A, lam, self.scale(t), self._nodes(joints)
+        return JointForces(*self.evaluator.forces(*given))
+
+    def _nodes(self, joints: Sequence[int]) -> IntArray:
+        """Nodes of joints that outputs look at; -1: the base."""
+        wanted = np.asarray(joints, dtype=np.intp)
+        nodes = self._node_of[wanted]
+        if np.any((nodes < 0) & (wanted > 0)):
+            raise PinflexError(f"kernel: {wanted[nodes < 0]}: no joints that outputs look at.")
+        return nodes
 
     def scale(self, t: Array | Sequence[float | Array]) -> Array:
         """Shares of the loads that act at times t (n,), shape (n, forces)."""

@@ -26,7 +26,7 @@ from pinflex.mechanics.derivatives import Derivatives
 from pinflex.mechanics.evaluated import Energies, IterationMatrix, JointForces, Residual, Tangent
 from pinflex.mechanics.geometry import TOGETHER, Geometry, spans
 from pinflex.mechanics.loads import LoadRows
-from pinflex.mechanics.poses import local_wrench
+from pinflex.mechanics.poses import as_matrices, local_wrench
 from pinflex.mechanics.strain import Strain
 from pinflex.mechanics.subtrees import Subtrees
 from pinflex.mechanics.system import System
@@ -249,8 +249,13 @@ class Equations(Geometry):
             joints: Numbers of the joints whose forces are wanted.
             control_force: Generalised forces of a feedback, shape (n, nv), N | N m; None: none.
         """
-        found = [self._joint_forces(y[s], v[s], a[s], lam[s], t[s], joints) for s in spans(len(y))]
-        every = JointForces(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+        if (compiled := self.compiled) is not None:
+            every = compiled.joint_forces(y, v, a, lam, t, joints)
+        else:
+            found = [
+                self._joint_forces(y[s], v[s], a[s], lam[s], t[s], joints) for s in spans(len(y))
+            ]
+            every = JointForces(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
         return every if control_force is None else every._replace(r=every.r - control_force)
 
     def _joint_forces(
@@ -295,23 +300,41 @@ class Equations(Geometry):
             self.added.take(local, self._acted, here)
         return local
 
-    def energies(self, y: Array, v: Array, t: float | Array, own: Array | None = None) -> Energies:
+    def motions(self, y: Array, v: Array, a: Array, joints: Sequence[int]) -> tuple[Array, Array]:
+        """Poses of joints in the world (k, n, 3, 4), and their spatial motion (k, n, 2, 6).
+
+        Args:
+            y: Shape (n, nq). v, a: Shape (n, nv).
+            joints: The k joints, whose velocity and acceleration are in their own frames.
+        """
+        if (compiled := self.compiled) is not None:
+            return compiled.motions(y, v, a, joints)
+        poses, rates = np.empty((len(joints), len(y), 3, 4)), np.empty((len(joints), len(y), 2, 6))
+        for s in spans(len(y)):
+            at = self.at(y[s], v[s], a[s])
+            placed, moved = self.pinocchio.motions(at.Q, at.V, at.A, joints)
+            poses[:, s] = as_matrices(placed[:, joints]).swapaxes(0, 1)
+            rates[:, s] = moved.swapaxes(0, 1)
+        return poses, rates
+
+    def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
         """Kinetic energy, and potentials of weight, links, and of springs and loads, J.
 
         Args:
             y: Shape (nq,) or (n, nq). v: Shape (nv,) or (n, nv). t: Time in s, one or shape (n,).
-            own: Kinetic energy and potential of weight, where known, shape (2, n).
         """
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
         found, times = np.zeros((4, len(Y))), np.broadcast_to(t, len(Y))
-        for s in spans(len(Y)):
-            self._energies(found[:, s], Y[s], V[s], times[s], None if own is None else own[:, s])
+        if (compiled := self.compiled) is not None:
+            found = np.array(compiled.energies(Y, V, times))
+        else:
+            for s in spans(len(Y)):
+                self._energies(found[:, s], Y[s], V[s], times[s])
         return Energies(*(found[:, 0] if y.ndim == 1 else found))
 
-    def _energies(self, found: Array, Y: Array, V: Array, t: Array, own: Array | None) -> None:
-        if own is None or self.added is not None or self.loaded:
-            here = self.map.at(Y, V, np.zeros_like(V), True)
-        found[:2] = self.pinocchio.energies(here.Q, here.V) if own is None else own
+    def _energies(self, found: Array, Y: Array, V: Array, t: Array) -> None:
+        here = self.map.at(Y, V, np.zeros_like(V), True)
+        found[:2] = self.pinocchio.energies(here.Q, here.V)
         if self.added is not None:
             found[0] += [self.added.kinetic(*at) for at in zip(here.Q, here.V, strict=True)]
         found[2] = self.strain.energy(Y[:, self.nq_rigid :])

@@ -38,6 +38,19 @@ class Interface:
     attachment: Attachment
     force_rows: IntArray
 
+    def bottom(self, model: pin.Model) -> int:
+        """The translation at the bottom of its chain of joints.
+
+        Its force has all six components, about the displaced section, in the beam frame.
+
+        Args:
+            model: Expanded model.
+        """
+        joint = self.attachment.joint
+        while model.joints[joint].idx_v != self.force_rows[0]:
+            joint = int(model.parents[joint])
+        return joint
+
 
 @dataclass(frozen=True)
 class Slot:

@@ -77,16 +77,13 @@ def poses_of_frames(
         y: Coordinates, shape (n, nq).
         places: Joints that carry the frames, and where on them.
     """
-    compiled, nodes = system.compiled, [-1]
-    if compiled is not None:
-        nodes = [int(system.system.node_of_joints[place.joint]) for place in places]
-    if compiled is None or min(nodes, default=0) < 0:
+    if (compiled := system.compiled) is None:
         poses = system.joint_poses(y)
         return [Frame(system.model, place).pose(poses) for place in places]
-    found = [compiled.evaluator.poses(y, node) for node in nodes]
+    found = compiled.poses(y, [place.joint for place in places])
     return [
-        (R @ place.placement.rotation, R @ place.placement.translation + p)
-        for (R, p), place in zip(found, places, strict=True)
+        (at[:, :, :3] @ place.placement.rotation, at @ [*place.placement.translation, 1.0])
+        for at, place in zip(found, places, strict=True)
     ]
 
 

@@ -133,7 +133,7 @@ def node_of_joints(system: System) -> IntArray:
 def _tree(system: System) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
     used = system.closed.joints | set(_loaded(system.loads))
-    used |= {int(joint) for joint in system.added.joints}
+    used |= {int(joint) for joint in system.added.joints} | set(system.looked_at)
     return _sorted(system.expansion.model, used)
 
 

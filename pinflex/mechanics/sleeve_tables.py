@@ -34,6 +34,7 @@ def sleeve_tables(closed: Closures, node_of: IntArray) -> dict[str, Any]:
     sorts = [sort for sleeve in each for sort in sleeve.sorts]
     return {
         "sleeve_node": node_of[closed.bodies[on_b]],
+        "sleeve_loop": [one.loop for one in contacts],
         "sleeve_passes": [len(sleeve.segments) > 0 for sleeve in each],
         "sleeve_at": _starts([len(one.rows) for one in contacts]),
         "sleeve_row": np.concatenate([np.zeros(0), *(one.rows for one in contacts)]),

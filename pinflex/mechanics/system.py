@@ -143,6 +143,16 @@ class System:
         return self.expansion.pieces if serves(self) else self.expansion.legs
 
     @cached_property
+    def looked_at(self) -> tuple[int, ...]:
+        """Joints of the expanded model whose poses, motions or forces are outputs; 0: the base."""
+        model, slots = self.expansion.model, self.expansion.slots
+        joints = {int(model.getJointId(name)) for name in list(self.rigid.names)[1:]}
+        joints |= {place.joint for place in self.expansion.frames.values()}
+        joints |= {slot.root.joint for slot in slots}
+        joints |= {each.bottom(model) for slot in slots for each in slot.interfaces}
+        return tuple(sorted(joints | {0}))
+
+    @cached_property
     def tables(self) -> Tables:
         """Tables of a covered system for the compiled kernel."""
         from pinflex.mechanics.kernel_tables import tables

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.evaluated import JointForces
@@ -22,7 +22,7 @@ class Forces:
 
     Attributes:
         g: Expanded forces rnea - J_Q' lam, shape (nt, nV).
-        f: Forces of the joints that are reported or load a section, shape (nt, joints, 6).
+        f: Forces of the joints that outputs look at, shape (nt, 6) each.
         sleeves: Sleeves, each with its contact forces, shape (nt, 3, 8).
         arrays: Those of a Result, by flat key: loops, reactions and what the equations leave.
     """
@@ -30,7 +30,7 @@ class Forces:
     __repr__ = brief
 
     g: Array
-    f: Array
+    f: Mapping[int, Array]
     sleeves: tuple[tuple[Contact, Array], ...]
     arrays: dict[str, Array]
 
@@ -43,14 +43,13 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
         run: Its states.
     """
     equations, nt, system = Equations(run.system), len(run.t), run.system
-    model, joints = equations.model, _joints_with_forces(mechanism, run)
+    model, joints = equations.model, system.looked_at[1:]
     y, v = run.y, run.v
     if run.linear:
         y, v = (np.array(x) for x in zip(*(run.acting(k) for k in range(nt)), strict=True))
     u = None if run.signals is None else run.signals.u @ run.signals.B.T
     found = equations.joint_forces(y, v, run.a, run.lam, run.t, joints, u)
-    f = np.empty((nt, int(model.njoints), 6))
-    f[:, joints] = found.f
+    f = dict(zip(joints, found.f.swapaxes(0, 1), strict=True))
     c = equations.close(run.y).c if run.linear else found.c
     out: dict[str, Array] = {
         f"loop/{name}/wrench": found.wrenches[:, k]
@@ -58,7 +57,7 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
         if kind != "coupling"
     }
     for name in mechanism.rigid.rigid.names[1:]:
-        out[f"reaction/{name}"] = f[:, model.getJointId(name)]
+        out[f"reaction/{name}"] = f[model.getJointId(name)]
     out["residual/closure"] = np.abs(c).max(axis=1, initial=0.0)
     left = _left(mechanism, equations, run, found)
     out["residual/newton"] = np.abs(left[:, system.free]).max(axis=1, initial=0.0)
@@ -83,27 +82,3 @@ def _linear_forces(mechanism: Mechanism, equations: Equations, run: Run, k: int)
     alpha, beta = mechanism.description.system_damping
     force = K @ (d + beta * dv) + run.system.D @ dv
     return np.asarray(force + alpha * equations.mass(y) @ dv) if alpha else force
-
-
-def _joints_with_forces(mechanism: Mechanism, run: Run) -> list[int]:
-    """Joints whose forces are reported or load a section."""
-    model = run.system.expansion.model
-    joints = {int(model.getJointId(name)) for name in mechanism.rigid.rigid.names[1:]}
-    for slot in run.system.expansion.slots:
-        joints.update(slide(model, i.attachment.joint, i.force_rows) for i in slot.interfaces)
-    return sorted(joints)
-
-
-def slide(model: pin.Model, joint: int, rows: IntArray) -> int:
-    """The translation at the bottom of an interface's chain of joints.
-
-    Its force has all six components, about the displaced section, in the beam frame.
-
-    Args:
-        model: Expanded model.
-        joint: The last joint of the chain.
-        rows: Velocity rows of the interface's forces, the first at the bottom.
-    """
-    while model.joints[joint].idx_v != rows[0]:
-        joint = int(model.parents[joint])
-    return joint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,6 @@ from pinflex.arrays import Array
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.poses import as_matrices
 from pinflex.recovery.load_work import load_work, without_potential
@@ -24,49 +24,42 @@ class Kinematics:
     """Kinematics of one run.
 
     Attributes:
-        poses: Of the joints of the expanded model, shape (nt, joints, 3, 4).
+        poses: Of the joints that outputs look at, shape (nt, 3, 4) each.
         arrays: Those of a Result, by flat key: reported frames and energies.
         spins: Angular speeds [rad/s] of the joints that carry a flexible body, shape (nt,) each.
     """
 
     __repr__ = brief
 
-    poses: Array
+    poses: Mapping[int, Array]
     arrays: dict[str, Array]
     spins: dict[int, Array]
 
 
 def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
-    """Kinematics of a run: Pinocchio takes the samples one after the other, numpy many at once.
+    """Kinematics of a run.
 
     Args:
         mechanism: Mechanism that was solved.
         run: Its states.
     """
-    dynamics, nt = Equations(run.system), len(run.t)
-    reported = mechanism.description.reported
-    frames = {name: run.system.expansion.frames[name] for name in reported}
+    dynamics, nt, expansion = Equations(run.system), len(run.t), run.system.expansion
+    frames = {name: expansion.frames[name] for name in mechanism.description.reported}
     working = without_potential(run.system.loads)
-    moved = [*frames.values(), *(place for _, place in working)]
-    bearing = [slot.root.joint for slot in run.system.expansion.slots]
-    carriers = list(dict.fromkeys([*(frame.joint for frame in moved), *bearing]))
-    poses = np.empty((nt, int(dynamics.model.njoints), 3, 4))
-    motions, bodies = np.empty((nt, len(carriers), 2, 6)), np.empty((2, nt))
-    for s in spans(nt):
-        at = dynamics.at(run.y[s], run.v[s], run.a[s])
-        placed, motions[s] = dynamics.pinocchio.motions(at.Q, at.V, at.A, carriers, bodies[:, s])
-        poses[s] = as_matrices(placed)
-    rates = {joint: motions[:, k] for k, joint in enumerate(carriers)}
-    energies = dynamics.energies(run.y, run.v, run.t, bodies)
+    bearing = {slot.root.joint for slot in expansion.slots}
+    joints = run.system.looked_at
+    found = dynamics.motions(run.y, run.v, run.a, joints)
+    poses, rates = (dict(zip(joints, each, strict=True)) for each in found)
+    energies = dynamics.energies(run.y, run.v, run.t)
     arrays = {f"energy/{name}": x for name, x in energies._asdict().items()}
     for name, frame in frames.items():
-        found = _frame(poses[:, frame.joint], rates[frame.joint], frame.placement)
+        seen = _frame(poses[frame.joint], rates[frame.joint], frame.placement)
         keys = ("position", "rotation", "velocity", "acceleration")
-        arrays |= {f"frame/{name}/{key}": x for key, x in zip(keys, found, strict=True)}
+        arrays |= {f"frame/{name}/{key}": x for key, x in zip(keys, seen, strict=True)}
     if working:
         arrays["energy/loads"] = sum(
             (
-                load_work(force, run.t, *_frame(poses[:, at.joint], rates[at.joint], at.placement))
+                load_work(force, run.t, *_frame(poses[at.joint], rates[at.joint], at.placement))
                 for force, at in working
             ),
             np.zeros(nt),
@@ -94,25 +87,25 @@ def _frame(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array
     return position, turn @ placement.rotation, world(speed, w), world(linear, spin)
 
 
-def joint_poses(mechanism: Mechanism, path: Nominal) -> Array:
-    """Poses of the rigid joints along a nominal motion, shape (nt, joints, 3, 4).
+def joint_poses(mechanism: Mechanism, path: Nominal) -> Mapping[int, Array]:
+    """Poses of the rigid joints along a nominal motion, shape (nt, 3, 4) each.
 
     Args:
         mechanism: Mechanism that was solved.
         path: Motion of the rigid mechanism.
     """
     dynamics = Equations(mechanism.rigid)
-    return as_matrices(dynamics.joint_poses(path.q))
+    return dict(enumerate(as_matrices(dynamics.joint_poses(path.q)).swapaxes(0, 1)))
 
 
-def pose_of(poses: Array, here: Attachment) -> Array:
+def pose_of(poses: Mapping[int, Array], here: Attachment) -> Array:
     """Poses (nt, 3, 4) of something attached to a joint.
 
     Args:
-        poses: Joint poses, shape (nt, joints, 3, 4).
+        poses: Of joints, shape (nt, 3, 4) each.
         here: Joint and placement in its frame.
     """
-    joint = poses[:, here.joint]
+    joint = poses[here.joint]
     local = np.column_stack([here.placement.rotation, here.placement.translation])
     moved: Array = joint[:, :, :3] @ local
     moved[:, :, 3] += joint[:, :, 3]

@@ -21,7 +21,9 @@ SECTIONS = 21
 def links(samples: Samples) -> dict[str, Array]:
     """Arrays link/NAME/... of a Result."""
     mechanism, poses = samples.mechanism, samples.kinematics.poses
-    reference = poses if samples.rigid_poses is None else samples.rigid_poses
+    reference, frames = samples.rigid_poses, mechanism.rigid.expansion.frames
+    if reference is None:
+        reference, frames = poses, samples.run.system.expansion.frames
     out = dict[str, Array]()
     cuts = _cuts(samples)
     for name, part in mechanism.parts.items():
@@ -43,7 +45,7 @@ def links(samples: Samples) -> dict[str, Array]:
             out[f"{key}/stress/{kind}"] = value
         out[f"{key}/centreline"] = line
         out[f"{key}/section_y"] = turned[:, :, :, 1]
-        frame = mechanism.rigid.expansion.frames[name]
+        frame = frames[name]
         rigid = pose_of(reference, Attachment(frame.joint, frame.placement * part.placement))
         out[f"{key}/centreline_rigid"] = (
             rigid[:, None, :, 3] + rigid[:, None, :, 0] * x[None, :, None]
@@ -161,9 +163,7 @@ def _section_forces(
 ) -> Array:
     """Section forces (nt, nx, 6) under deflections d (nt, nx, 6) at coordinates eta (nt, n)."""
     g = samples.forces.g
-    loads = [
-        (i.x, *samples.interface_load(i.attachment.joint, i.force_rows)) for i in slot.interfaces
-    ]
+    loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     if slot.body.solid is None:
         return stress.resultants(
             section, slot.body, d, g[:, slot.stations], g[:, slot.twists], loads, eta

@@ -34,7 +34,7 @@ def world_reactions(samples: Samples) -> dict[str, Array]:
     """Wrench on the child of every tree joint, in world axes at the joint, (nt, 6), by name."""
     out: dict[str, Array] = {}
     for name, (joint, R) in _rotations(samples).items():
-        force = samples.forces.f[:, joint].reshape(-1, 2, 3)
+        force = samples.forces.f[joint].reshape(-1, 2, 3)
         out[name] = np.einsum("tij,tkj->tki", R, force).reshape(-1, 6)
     return out
 
@@ -48,7 +48,7 @@ def _rotations(samples: Samples) -> dict[str, tuple[int, Array]]:
     found = {}
     for number, name in enumerate(rigid.names[1:], start=1):
         joint = int(expanded.getJointId(name))
-        R = poses[:, joint] if nominal is None else nominal[:, number]
+        R = poses[joint] if nominal is None else nominal[number]
         found[name] = (joint, R[:, :, :3])
     return found
 

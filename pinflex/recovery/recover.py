@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -157,7 +157,9 @@ def _bodies(mechanism: Mechanism) -> list[str]:
     ]
 
 
-def _poses(key: str, poses: Array, names: Sequence[str], frames: Any) -> dict[str, Array]:
+def _poses(
+    key: str, poses: Mapping[int, Array], names: Sequence[str], frames: Any
+) -> dict[str, Array]:
     return {f"body/{name}/{key}": pose_of(poses, frames[name]) for name in names}
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 
 import numpy as np
 
 from pinflex.actuation.nominal import Nominal
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
+from pinflex.mechanics.expanded import Interface
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.forces import Forces, forces, slide
+from pinflex.recovery.forces import Forces, forces
 from pinflex.recovery.kinematics import Kinematics, joint_poses, kinematics
 from pinflex.results.result import Result
 
@@ -53,8 +54,8 @@ class Samples:
         return forces(self.mechanism, self.run)
 
     @cached_property
-    def rigid_poses(self) -> Array | None:
-        """Joint poses of the rigid mechanism, (nt, joints, 3, 4); None: the run is its own."""
+    def rigid_poses(self) -> Mapping[int, Array] | None:
+        """Joint poses of the rigid mechanism, (nt, 3, 4) each; None: the run is its own."""
         return None if self._path is None else joint_poses(self.mechanism, self._path)
 
     def said(self) -> list[str]:
@@ -65,17 +66,17 @@ class Samples:
     def _path(self) -> Nominal | None:
         return None if self._rigid_path is None else self._rigid_path()
 
-    def interface_load(self, joint: int, rows: IntArray) -> tuple[Array, Array]:
+    def interface_load(self, interface: Interface) -> tuple[Array, Array]:
         """Force (N) and moment (N m), (nt, 3) each, that what hangs on an interface needs.
 
         Args:
-            joint: Of the interface, in the expanded model.
-            rows: Of its forces, the first at the bottom of the chain of joints.
+            interface: Of a body.
         Returns:
             In the beam frame.
         """
-        joint = slide(self.run.system.expansion.model, joint, rows)
-        return self.forces.f[:, joint, :3], self.forces.f[:, joint, 3:]
+        joint = interface.bottom(self.run.system.expansion.model)
+        f = self.forces.f[joint]
+        return f[:, :3], f[:, 3:]
 
 
 def run_of(mechanism: Mechanism, result: Result) -> Run:

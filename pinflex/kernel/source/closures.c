@@ -64,6 +64,8 @@ void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c) {
         for (int d = 0; d < 3; d++) F[d] += lam[row] * gap[d] / l;
       }
     }
+    for (int d = 0; w->wrench && d < 3; d++)
+      w->wrench[6 * k + d] = F[d], w->wrench[6 * k + 3 + d] = M[d];
     add_wrench(B, b.p, F, M, -1.0);
     add_wrench(A, b.p, F, M, 1.0);
   }

@@ -6,6 +6,30 @@
    Rows of slope and bend: point by point, of each its one or two directions. */
 #include "tangent.h"
 
+/* v', w' and v'', w'' at a point. */
+static void bends(Int n, Int directions, const double *slope, const double *bend, const Lane *x,
+                  Lane *first, Lane *second) {
+  for (Int d = 0; d < directions; d++) {
+    first[d] = second[d] = lane(0);
+    for (Int i = 0; i < n; i++)
+      first[d] += slope[d * n + i] * x[i], second[d] += bend[d * n + i] * x[i];
+  }
+}
+
+Lane curvature_energy(const Tables *t, const Lane *eta) {
+  Lane energy = lane(0);
+  for (Int b = 0; b < t->bent; b++) {
+    Int n = t->bent_n[b], directions = t->bent_directions[b], at = t->bent_at[b];
+    for (Int p = t->bent_point[b]; p < t->bent_point[b + 1]; p++, at += directions * n) {
+      Lane first[2], second[2], m = lane(0);
+      bends(n, directions, t->bent_slope + at, t->bent_bend + at, eta + t->bent_first[b], first, second);
+      for (Int d = 0; d < directions; d++) m += first[d] * second[d];
+      energy += 0.5 * t->bent_weight[p] * m * m;
+    }
+  }
+  return energy;
+}
+
 void add_curvature(const Tables *t, const Lane *eta, Lane *r) {
   for (Int b = 0; b < t->bent; b++) {
     Int n = t->bent_n[b], directions = t->bent_directions[b];
@@ -14,12 +38,8 @@ void add_curvature(const Tables *t, const Lane *eta, Lane *r) {
     Lane *out = r + t->bent_first[b];
     for (Int p = t->bent_point[b]; p < t->bent_point[b + 1]; p++) {
       Lane first[2], second[2], push = lane(0);
-      for (Int d = 0; d < directions; d++) {
-        first[d] = second[d] = lane(0);
-        for (Int i = 0; i < n; i++)
-          first[d] += slope[d * n + i] * x[i], second[d] += bend[d * n + i] * x[i];
-        push += t->bent_weight[p] * first[d] * second[d];
-      }
+      bends(n, directions, slope, bend, x, first, second);
+      for (Int d = 0; d < directions; d++) push += t->bent_weight[p] * first[d] * second[d];
       for (Int d = 0; d < directions; d++)
         for (Int i = 0; i < n; i++)
           out[i] += push * (second[d] * slope[d * n + i] + first[d] * bend[d * n + i]);

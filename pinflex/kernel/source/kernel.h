@@ -48,7 +48,7 @@ typedef struct {
   const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
   const Int *rub_v;                                        /* joints with dry friction */
   const Int *k_at, *k_j, *d_at, *d_j;                      /* K of eta and D by rows */
-  const Int *sleeve_node, *sleeve_passes;                  /* of b; whether stretches follow it */
+  const Int *sleeve_node, *sleeve_loop, *sleeve_passes;    /* of b; whether stretches follow it */
   const Int *sleeve_at, *sleeve_row, *sleeve_sort, *sleeve_axis; /* rows, see sleeve_rows.c */
   const Int *stretch_at, *stretch_node, *stretch_eta, *stretch_track; /* pieces of their beams */
   const Int *track_n, *track_degrees;                      /* coordinates; degree + 1 */
@@ -90,12 +90,14 @@ typedef struct {
   const Lane *eta, *rate, *growth; /* what `expand` was given */
   Lane *beam;   /* what sleeves do to eta */
   Lane *square; /* s = psi . eta, s^2 and its two rates, (squares, 4) */
+  Lane *wrench; /* of loops on their B about frame b, (loops, 6), where wanted */
   double *room; /* of sleeves */
 } Work;
 
 /* map.c: Q = T(y), V = X v, A = X a + Xdot v; and X' g with K, D, springs and friction of joints */
 void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a);
 void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane *r);
+Lane joint_spring_angle(const Tables *t, Int k, const Lane *y); /* of spring k, rad | m */
 
 /* tree.c */
 void outward(const Tables *t, Work *w, int placed);
@@ -110,10 +112,12 @@ double dissipation(const Tables *t, const double *v); /* power of damping and fr
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
 Lane damper_power(const Tables *t, Work *w); /* of dampers between frames, W */
+Lane load_energy(const Tables *t, Work *w, const Lane *scale); /* of springs and dead forces, J */
 
 /* added_mass.c: of nodes whose motion is known; curvature.c */
 void add_masses(const Tables *t, Work *w);
 void add_curvature(const Tables *t, const Lane *eta, Lane *r);
+Lane curvature_energy(const Tables *t, const Lane *eta); /* J */
 
 /* couplings.c: the same rows and derivatives of joints that follow others */
 void couple_joints(const Tables *t, Work *w, const Lane *lam, Lane *c);
@@ -123,6 +127,7 @@ void coupling_motion(const Tables *t, const Work *w, Lane *value, Lane *rate, La
    (count, sleeves) */
 void push_sleeves(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void sleeve_places(const Tables *t, const Work *w, Int count, double *out);
+void sleeve_forces(const Tables *t, const Work *w, const Lane *lam, Int count, double *out);
 Int sleeve_room(const Tables *t);
 
 /* closure_motion.c: closures of a group in motion, their first and second time derivatives */

@@ -1,7 +1,9 @@
 /* Forces at frames, and springs with dampers between two frames.
 
    A dead load stays as it is in the world, a follower turns with its frame; both come times a scale
-   in time. A spring from p_a to p_b along u pulls by k (|d| - l) + c u . (v_b - v_a). */
+   in time. A spring from p_a to p_b along u pulls by k (|d| - l) + c u . (v_b - v_a). Their energy is
+
+     - F . p  of dead loads    k (|d| - l)^2 / 2  of springs */
 #include "kernel.h"
 
 static void apply_forces(const Tables *t, Work *w, const Lane *scale) {
@@ -77,6 +79,20 @@ Lane damper_power(const Tables *t, Work *w) {
     power += t->spring_law[3 * k + 1] * rate * rate;
   }
   return power;
+}
+
+Lane load_energy(const Tables *t, Work *w, const Lane *scale) {
+  Lane d[3], rate, energy = lane(0), p[3], v[3];
+  for (Int k = 0; k < t->forces; k++) {
+    if (t->force_follows[k]) continue;
+    point_of(t, node_at(w, t->force_node[k]), t->force_place + 3 * k, p, v);
+    for (int i = 0; i < 3; i++) energy -= scale[k] * t->force_load[6 * k + i] * p[i];
+  }
+  for (Int k = 0; k < t->springs; k++) {
+    Lane longer = stretch(t, w, k, d, &rate) - t->spring_law[3 * k + 2];
+    energy += 0.5 * t->spring_law[3 * k] * longer * longer;
+  }
+  return energy;
 }
 
 void apply_loads(const Tables *t, Work *w, const Lane *scale) {

@@ -141,8 +141,9 @@ void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *
   sum_squares(t, w);
 }
 
-static Lane angle(const Lane *y, Int paired) {
-  if (!paired) return y[0];
+Lane joint_spring_angle(const Tables *t, Int k, const Lane *y) {
+  y += t->joint_spring_q[k];
+  if (!t->joint_spring_paired[k]) return y[0];
   Lane x;
   for (int l = 0; l < LANES; l++) x[l] = atan2(y[1][l], y[0][l]);
   return x;
@@ -176,8 +177,7 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
     for (Int p = t->d_at[i]; p < t->d_at[i + 1]; p++) r[i] += t->d[p] * v[t->d_j[p]];
   for (Int k = 0; k < t->joint_springs; k++) {
     const double *law = t->joint_spring_law + 2 * k;
-    Lane q = angle(y + t->joint_spring_q[k], t->joint_spring_paired[k]);
-    r[t->joint_spring_v[k]] += law[0] * (q - law[1]);
+    r[t->joint_spring_v[k]] += law[0] * (joint_spring_angle(t, k, y) - law[1]);
   }
   add_friction(t, v, r);
 }

@@ -1,4 +1,5 @@
 /* The residual of many states: r = X' (rnea - J_Q' lam) + K y + D v and c, a group at a time. */
+#include "group.h"
 #include "tangent.h"
 
 static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
@@ -7,14 +8,12 @@ static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
    the tangent needs. */
 EXPORT Int pinflex_work_size(const Tables *t) {
   Int lanes = t->nQ + 2 * t->nV + t->nq + 4 * t->nv + 3 * t->closures + t->forces
-              + 4 * t->squares;
+              + 4 * t->squares + 6 * t->loops;
   return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
          + (tangent_size(t) + sleeve_room(t)) * (Int)sizeof(double);
 }
 
-typedef struct { Lane *y, *v, *a, *lam, *scale, *r, *c, *open; double *more; } Group;
-
-static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
+void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->node = (Node *)memory;
   w->Q = (Lane *)(memory + padded(t->nodes * (Int)sizeof(Node)));
   w->V = w->Q + t->nQ;
@@ -30,7 +29,9 @@ static void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   g->scale = g->open + t->closures;
   w->beam = g->scale + t->forces;
   w->square = w->beam + t->nv - t->nv_rigid;
-  g->more = (double *)(((uintptr_t)(w->square + 4 * t->squares) + 63) / 64 * 64);
+  g->wrench = w->square + 4 * t->squares;
+  w->wrench = 0;
+  g->more = (double *)(((uintptr_t)(g->wrench + 6 * t->loops) + 63) / 64 * 64);
   w->room = g->more + tangent_size(t);
 }
 
@@ -51,15 +52,14 @@ void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, cons
   project(t, w, y, v, r);
 }
 
-/* Rows of (count, width) from `first` on into lanes; past the end the last row is repeated. */
-static void gather(const double *from, Int count, Int width, Int first, Lane *to) {
+void gather(const double *from, Int count, Int width, Int first, Lane *to) {
   for (int l = 0; l < LANES; l++) {
     const double *row = from + (first + l < count ? first + l : count - 1) * width;
     for (Int i = 0; i < width; i++) to[i][l] = row[i];
   }
 }
 
-static void scatter(const Lane *from, Int count, Int width, Int first, double *to) {
+void scatter(const Lane *from, Int count, Int width, Int first, double *to) {
   for (int l = 0; l < LANES && first + l < count; l++)
     for (Int i = 0; i < width; i++) to[(first + l) * width + i] = from[i][l];
 }
@@ -149,27 +149,11 @@ EXPORT void pinflex_closures(const Tables *t, char *memory, Int count, const dou
   }
 }
 
-/* The nodes at rest at poses from `first` on. */
-static void stand(const Tables *t, Work *w, Group *g, const double *Y, Int count, Int first) {
+void stand(const Tables *t, Work *w, Group *g, const double *Y, Int count, Int first) {
   for (Int i = 0; i < t->nv; i++) g->v[i] = g->a[i] = lane(0);
   gather(Y, count, t->nq, first, g->y);
   expand(t, w, g->y, g->v, g->a);
   outward(t, w, 1);
-}
-
-/* Poses of one node in the world at `count` poses Y (count, nq): R row by row and p, (count, 12). */
-EXPORT void pinflex_poses(const Tables *t, char *memory, Int count, const double *Y, Int node,
-                          double *out) {
-  Work w;
-  Group g;
-  lay_out(t, memory, &w, &g);
-  for (Int first = 0; first < count; first += LANES) {
-    stand(t, &w, &g, Y, count, first);
-    for (int l = 0; l < LANES && first + l < count; l++) {
-      for (int k = 0; k < 9; k++) out[12 * (first + l) + k] = w.node[node].R[k][l];
-      for (int k = 0; k < 3; k++) out[12 * (first + l) + 9 + k] = w.node[node].p[k][l];
-    }
-  }
 }
 
 static void derivatives(const Tables *t, char *memory, Work *w, Group *g, Int rates, const double *y,

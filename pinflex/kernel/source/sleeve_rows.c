@@ -12,7 +12,6 @@
      hold  (p - r) . n_y   right, left  (r(s+-) - r) . n_y   pivot  right + left   tilt  e_x . n_y */
 #include "sleeves.h"
 
-enum { HOLD, RIGHT, LEFT, PIVOT, TILT, CHORD, TWIST };
 enum { LOOKS = 20 }; /* iterations for s */
 static const double NEAR = 1e-7, MET = 1e-9; /* last step over the length: its square is left */
 

@@ -73,16 +73,23 @@ void normals(const Pose *a, const double *h, double *n) {
     }
 }
 
-/* Add a wrench of the world (n[0..3] at b, moments e x n) to a node, in one lane. */
-static void push(Node *node, int l, const Pose *b, const double *n, double sign) {
-  double arm[3], M[3], turned[3];
-  for (int d = 0; d < 3; d++) arm[d] = b->p[d] - node->p[d][l];
-  crossed(arm, n, M);
+/* The wrench of the world at b: n[0..3], and the moments e x n. */
+static void wrench_at(const Pose *b, const double *n, double *wrench) {
+  double turned[3];
+  for (int d = 0; d < 3; d++) wrench[d] = n[d], wrench[3 + d] = 0.0;
   for (int axis = 0; axis < 2; axis++) {
     double e[3] = {b->R[axis], b->R[3 + axis], b->R[6 + axis]};
     crossed(e, n + 3 + 3 * axis, turned);
-    for (int d = 0; d < 3; d++) M[d] += turned[d];
+    for (int d = 0; d < 3; d++) wrench[3 + d] += turned[d];
   }
+}
+
+/* Add a wrench at b to a node, in one lane. */
+static void push(Node *node, int l, const Pose *b, const double *n, double sign) {
+  double arm[3], M[3];
+  for (int d = 0; d < 3; d++) arm[d] = b->p[d] - node->p[d][l];
+  crossed(arm, n, M);
+  for (int d = 0; d < 3; d++) M[d] += n[3 + d];
   for (int d = 0; d < 3; d++)
     for (int e = 0; e < 3; e++) {
       node->F[d][l] += sign * node->R[3 * e + d][l] * n[e];
@@ -107,7 +114,7 @@ void push_sleeves(const Tables *t, Work *lanes, const Lane *lam, Lane *c) {
       Sleeve w;
       Pose a, b;
       Jet h[MOST_SLEEVE_ROWS];
-      double total[9] = {0}, n[9];
+      double total[9] = {0}, n[9], wrench[6];
       sleeve_of_lane(t, lanes, k, l, &w, &a, &b);
       sleeve_rows(&w, COORDINATES, 0, h);
       for (Int at = t->sleeve_at[k]; at < t->sleeve_at[k + 1]; at++) {
@@ -118,8 +125,11 @@ void push_sleeves(const Tables *t, Work *lanes, const Lane *lam, Lane *c) {
         for (int d = 0; d < 9; d++) total[d] += x * n[d];
         add_by_eta(&w, row, x, lanes->beam, l);
       }
-      push(node_at(lanes, t->sleeve_node[k]), l, &b, total, -1.0);
-      push(node_at(lanes, t->stretch_node[w.on]), l, &b, total, 1.0);
+      wrench_at(&b, total, wrench);
+      for (int d = 0; lanes->wrench && d < 6; d++)
+        lanes->wrench[6 * t->sleeve_loop[k] + d][l] = wrench[d];
+      push(node_at(lanes, t->sleeve_node[k]), l, &b, wrench, -1.0);
+      push(node_at(lanes, t->stretch_node[w.on]), l, &b, wrench, 1.0);
     }
 }
 

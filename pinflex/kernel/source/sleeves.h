@@ -30,6 +30,9 @@ void section(Sleeve *w, Int stretch, double s, int held, Jet *r, Jet *R);
 enum { TRACK_ROWS = 8 };
 void track_rows(Sleeve *w, Int stretch, double s, Int order, int held, Jet *rows);
 
+/* Sorts of rows, see sleeve_rows.c. */
+enum { HOLD, RIGHT, LEFT, PIVOT, TILT, CHORD, TWIST };
+
 /* sleeve_rows.c: where the sleeve is, then its rows as jets */
 void find_sleeve(Sleeve *w);
 void sleeve_rows(Sleeve *w, int by, int second, Jet *rows);

@@ -36,7 +36,7 @@ def test_every_array_of_a_system_is_filled():
 def test_functions_have_the_types_of_the_sources():
     found = header.functions()
     assert found["pinflex_work_size"] == (Int, (Pointer,))
-    assert found["pinflex_poses"] == (None, (Pointer, Pointer, Int, Pointer, Int, Pointer))
+    assert found["pinflex_poses"] == (None, (Pointer, Pointer, Int, Pointer, Int, Pointer, Pointer))
     assert found["pinflex_factor"] == (ctypes.c_int, (Pointer, Pointer))
     assert found["pinflex_fingerprint"] == (ctypes.c_char_p, ())
     assert all(name.startswith("pinflex_") for name in found)

@@ -94,6 +94,23 @@ def same_closure_motion(system: System, given: Sequence[Array]) -> None:
         assert np.max(np.abs(found - known), initial=0.0) < SAME * scale
 
 
+def same_outputs(system: System, given: Sequence[Array]) -> None:
+    """What recovery asks for: motions, energies and forces are those of numpy and Pinocchio."""
+    (Y, V, A, lam, t), joints = given, system.looked_at
+    mine, plain = Compiled(system), without_kernel(system)
+    forces, known = (x.joint_forces(Y, V, A, lam, t, joints[1:]) for x in (mine, plain))
+    rates, moved = (x.motions(Y, V, A, joints)[1] for x in (mine, plain))
+    pairs = [
+        (mine.poses(Y, joints), plain.motions(Y, V, A, joints)[0]), (rates, moved),
+        *zip(mine.energies(Y, V, t), plain.energies(Y, V, t), strict=True),
+        *zip(forces, known, strict=True),
+    ]  # fmt: skip
+    for found, expected in pairs:
+        assert found.shape == expected.shape
+        scale = np.max(np.abs(expected), initial=1.0)
+        assert np.max(np.abs(found - expected), initial=0.0) < SAME * scale
+
+
 def agrees(system: System, home: Array, count: int = STATES, seed: int = 1) -> None:
     given = states(system, home, count, seed)
     R, C = Compiled(system).residual(*given)
@@ -101,6 +118,7 @@ def agrees(system: System, home: Array, count: int = STATES, seed: int = 1) -> N
     assert apart(R, r) < SAME
     assert np.max(np.abs(C - c), initial=0.0) < SAME  # m, of metre-size mechanisms
     same_closure_motion(system, given[:3])
+    same_outputs(system, given)
     # Stiffness and damping, which both take from the same tables, would hide the rest.
     zero = np.zeros_like(system.K)
     same_tangent(dataclasses.replace(system, K=zero, D=zero), [x[0] for x in given])
@@ -281,10 +299,12 @@ def test_and_frames_stand_where_pinocchio_has_them(seed: int) -> None:
         for one, other in zip(found, expected, strict=True):  # seen: 4e-15 in metres of chain
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
     evaluator = compiled.compiled.evaluator
-    with pytest.raises(PinflexError, match="poses of"):
-        evaluator.poses(Y[:, 1:], 0)
+    with pytest.raises(PinflexError, match="a state of"):
+        evaluator.poses(Y[:, 1:], [0])
     with pytest.raises(PinflexError, match="a node that is none"):
-        evaluator.poses(Y, evaluator.tables.counts["nodes"])
+        evaluator.poses(Y, [evaluator.tables.counts["nodes"]])
+    with pytest.raises(PinflexError, match="no joints that outputs look at"):
+        compiled.compiled.poses(Y, [int(np.flatnonzero(system.node_of_joints[1:] < 0)[0]) + 1])
 
 
 @needs_kernel

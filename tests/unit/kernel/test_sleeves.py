@@ -21,6 +21,7 @@ from tests.unit.kernel.test_kernel import (
     agrees,
     apart,
     same_closure_motion,
+    same_outputs,
     same_tangent,
     without_kernel,
 )
@@ -100,6 +101,7 @@ def is_numpy(system: System, states: list[list[Array]]) -> None:
     assert apart(R, r) < SAME
     assert np.abs(C - c).max() < SAME
     same_closure_motion(bare, (Y, V, A))
+    same_outputs(bare, (Y, V, A, lam, np.zeros(len(Y))))
     for each in states:
         same_tangent(bare, [*each, 0.0])
     places = [[one.place for one in without_kernel(bare).kinematics(y).closed.contacts] for y in Y]

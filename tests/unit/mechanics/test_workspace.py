@@ -22,6 +22,7 @@ _HEAVIER = [
 @pytest.fixture(autouse=True)
 def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workspace, "_spare", {})
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")  # which needs none
 
 
 def _tree(*joints: pin.JointModel, parents: tuple[int, ...] | None = None) -> pin.Model:
