@@ -53,13 +53,13 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     energies = dynamics.energies(run.y, run.v, run.t)
     arrays = {f"energy/{name}": x for name, x in energies._asdict().items()}
     for name, frame in frames.items():
-        seen = _frame(poses[frame.joint], rates[frame.joint], frame.placement)
+        seen = motion_of(poses[frame.joint], rates[frame.joint], frame.placement)
         keys = ("position", "rotation", "velocity", "acceleration")
         arrays |= {f"frame/{name}/{key}": x for key, x in zip(keys, seen, strict=True)}
     if working:
         arrays["energy/loads"] = sum(
             (
-                load_work(force, run.t, *_frame(poses[at.joint], rates[at.joint], at.placement))
+                load_work(force, run.t, *motion_of(poses[at.joint], rates[at.joint], at.placement))
                 for force, at in working
             ),
             np.zeros(nt),
@@ -68,7 +68,7 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     return Kinematics(poses, arrays, spins)
 
 
-def _frame(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:
+def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:
     """Of a frame: position, rotation, velocity and classical acceleration in the world.
 
     Args:
