@@ -143,8 +143,9 @@ def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntA
         grid: Times. r: Load by pieces. load: At all steps, shape (nt, n). h: Step [s].
     """
     pieces = grid.by_piece(r.whole())
-    before = np.array([x[-1] for x in pieces[:-1]]).reshape(-1, load.shape[1])
-    after = np.array([x[0] for x in pieces[1:]]).reshape(-1, load.shape[1])
+    shape = len(pieces) - 1, load.shape[1]
+    before = np.array([x[-1] for x in pieces[:-1]]).reshape(shape)
+    after = np.array([x[0] for x in pieces[1:]]).reshape(shape)
     corners = grid.pieces.corners
     near = np.searchsorted(0.5 * (grid.t[1:] + grid.t[:-1]), corners)
     share = 0.5 + (grid.t[near] - corners) / h
