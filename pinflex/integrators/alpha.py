@@ -22,6 +22,7 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
 from pinflex.integrators.consistent import consistent_acceleration
 from pinflex.integrators.newton import Newton, Step
+from pinflex.integrators.problem import Problem
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -61,6 +62,7 @@ class March:
     ) -> None:
         h = float(path.t[-1] - path.t[0]) / (len(path.t) - 1)
         self.dynamics, self.path, self.scheme, self.drive = dynamics, path, scheme, drive
+        self.problem = Problem(mechanism, dynamics, lambda _: path, drive)
         self.axes, self.motors = motor_axes(mechanism), dynamics.system.motors
         self.feedback = None if feedback is None else FeedbackState(feedback, dynamics, h)
         self.control_force: Array | None = None  # at the state evaluated last, shape (nv,)

@@ -12,7 +12,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.integrators.alpha import MAX_ITERATIONS, March
 from pinflex.integrators.collocation import implicit_euler
-from pinflex.integrators.compiled_stages import CompiledStages, compiled_stages
+from pinflex.integrators.compiled_stages import Stages
 from pinflex.integrators.newton import Step
 from pinflex.kernel.alpha import AlphaKernel, Iteration
 from pinflex.kernel.law import LawKernel
@@ -21,26 +21,22 @@ from pinflex.kernel.law import LawKernel
 class CompiledAlpha:
     """The steps of one march."""
 
-    def __init__(self, march: March, stages: CompiledStages, found: Sequence[Array]) -> None:
+    def __init__(self, march: March, stages: Stages, found: Sequence[Array]) -> None:
         """`found`: y, v, a, s, lam, torque and power at all instants, which are written."""
         self._march, self._stages, self._found = march, stages, found
         path, (mass, by_v, by_y) = march.path, march.weights
         given = Iteration(
             march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
         )
-        drive, scale = march.drive, stages.compiled.scale(path.t)
+        drive, scale = march.drive, stages.compiled.compiled.scale(path.t)
         feed = path.acceleration if drive is None else drive.feed_forward
         motors = path.position, path.velocity, feed, scale
         law, signals = None if march.feedback is None else _law(march), march.signals
         if signals is not None:
             found = *found, signals.u, signals.measured
             self._found = found
-        self._kernel = AlphaKernel(stages.kernel, given, motors, found, law)
+        self._kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
         self._at: Step | None = None  # where its own last step ended
-
-    def __del__(self) -> None:
-        if (stages := self.__dict__.get("_stages")) is not None:
-            self._march.dynamics.system.spares.release(stages.kind, stages, stages.size)
 
     def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
         """Steps from k on, as far as they go: the last one, and the states there and before.
@@ -83,11 +79,9 @@ def compiled_alpha(march: March, found: Sequence[Array]) -> CompiledAlpha | None
     """
     if march.feedback is not None and march.feedback.feedback.linear is None:
         return None
-    free, drive = march.newton.free, march.drive
-    stages = compiled_stages(march.dynamics, implicit_euler(), free, march.axes, drive)
-    if stages is None:
+    if not march.dynamics.on_kernel:
         return None
-    return CompiledAlpha(march, stages, found)
+    return CompiledAlpha(march, Stages(march.problem, implicit_euler()), found)
 
 
 def _law(march: March) -> LawKernel:

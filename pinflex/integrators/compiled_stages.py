@@ -1,26 +1,23 @@
-"""The stages of collocation steps on the compiled kernel, where it covers all that they need."""
+"""The stages of collocation steps on the compiled kernel."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from pinflex.actuation.drive import TorqueDrive
-from pinflex.actuation.motors import MotorAxes
+from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.problem import Problem, seen_inside
 from pinflex.kernel.march import Marched, MarchKernel, Table
 from pinflex.kernel.stages import Rows, Scheme, StageKernel
 from pinflex.mechanics.compiled import Compiled
-from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.system import System
 
 _BALL, _FREE, _PLANAR = (f"JointModel{kind}" for kind in ("Spherical", "FreeFlyer", "Planar"))
 
 
 class CompiledStages:
-    """Poses, residuals and corrections of the stages of one step at a time.
+    """Arrays of the stages of one step at a time, and of the march that takes them.
 
     Attributes:
         kernel: The arrays of the step. compiled: Residual and tangent of the system.
@@ -34,30 +31,7 @@ class CompiledStages:
         self._march: tuple[tuple[int, ...], MarchKernel] | None = None
         scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
         self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
-        self.kind, self._free = _kind(method, rows.prescribed), rows.free_at
-
-    def begin(
-        self, start: Any, t: Array, path: Any, a: Array, lam: Array, turn: Array, feed: Array | None
-    ) -> None:
-        """Take over a step: its start, the motors at the stages t (s), and a guess.
-
-        Args:
-            start: State at the beginning of the step.
-            t: Times of the stages [s], shape (s,).
-            path: Motion of the motors there.
-            a: Guess of the accelerations, shape (s, nv).
-            lam: Guess of the multipliers, shape (s, rows).
-            turn: Guess of the turns, shape (s, nv).
-            feed: Torques fed forward to driven motors, shape (s, nm); None: they follow the path.
-        """
-        k = self.kernel
-        k.y0[...], k.v0[...] = start.y, start.v
-        k.position[...], k.velocity[...] = path.position, path.velocity
-        if feed is not None:
-            k.feed[...] = feed
-        if k.scale.size:
-            k.scale[...] = self.compiled.scale(t)
-        k.a[...], k.lam[...], k.turn[...], k.change[...] = a, lam, turn, 0.0
+        self.kind = _kind(method, rows.prescribed)
 
     def march(self, marched: Marched, table: Table, room: tuple[int, int]) -> MarchKernel:
         """The arrays of a run by these stages: those of the last one, where they fit.
@@ -78,61 +52,58 @@ class CompiledStages:
         """Bytes of its arrays."""
         return self.kernel.size + (0 if self._march is None else self._march[1].size)
 
-    def solve(self, r: Array, c: Array) -> tuple[Array, Array]:
-        """dz (s, n) and dlam (s, rows) from residuals r (s, n) and closures c (s, rows).
+
+class Stages:
+    """The stages of one problem by one method, lent from the spare ones of the system.
+
+    Attributes:
+        problem: What is solved. method: The scheme. compiled: Their arrays.
+    """
+
+    def __init__(self, problem: Problem, method: Collocation) -> None:
+        self.problem, self.method = problem, method
+        self.compiled = _lent(problem, method)
+
+    def __del__(self) -> None:
+        if (compiled := self.__dict__.get("compiled")) is not None:
+            system = self.problem.dynamics.system
+            system.spares.release(compiled.kind, compiled, compiled.size)
+
+    def at(self, t: Array) -> Array:
+        """Motors' position, velocity, acceleration (or torque) and shares of loads, (k, n).
 
         Args:
-            r: Residual forces [N | N m], shape (s, n).
-            c: Closures [m | rad], shape (s, rows).
+            t: Times in s.
         """
-        k = self.kernel
-        k.r[:, self._free], k.open[...] = r, c
-        k.solve()
-        return k.change[:, self._free], k.dlam.copy()
+        return self._columns(self.problem.path(t), t)
+
+    def inside(self, t: Array) -> Array:
+        """The same at the stages of a step, shape (s, n), as they are inside it.
+
+        Args:
+            t: Times of the stages [s], shape (s,).
+        """
+        return self._columns(self.problem.path_inside(t), seen_inside(t, self.method.c))
+
+    def _columns(self, path: MotorPath, seen: Array) -> Array:
+        drive = self.problem.drive
+        feed = path.acceleration if drive is None else drive.forward(path.t)
+        scale = self.compiled.compiled.scale(seen)
+        return np.concatenate([path.position, path.velocity, feed, scale], axis=1)
 
 
-def compiled_stages(
-    equations: Equations,
-    method: Collocation,
-    free: IntArray,
-    axes: MotorAxes,
-    drive: TorqueDrive | None,
-    sampled: bool = False,
-) -> CompiledStages | None:
-    """The stages of a system on the kernel, spare ones or new; None: those of numpy serve.
-
-    Args:
-        equations: Of what moves. method: The scheme. free: Velocity rows that are solved for.
-        axes: Motors. drive: Their torques; None: they are prescribed.
-        sampled: Whether a digital controller holds forces.
-    """
-    if not equations.on_kernel:
-        return None
-    found = _stages(equations, method, free, axes, drive is None)
-    if found is None:
-        return None
-    found.kernel.take_hold(sampled)
+def _lent(problem: Problem, method: Collocation) -> CompiledStages:
+    """The stages of a system on the kernel, spare ones or new."""
+    dynamics, drive = problem.dynamics, problem.drive
+    system = dynamics.system
+    found = system.spares.acquire(_kind(method, drive is None))
+    if found is None or found.method is not method:
+        assert dynamics.compiled is not None
+        found = CompiledStages(dynamics.compiled, method, _rows(problem))
+    found.kernel.take_hold(problem.sampler is not None)
     if drive is not None:
         found.kernel.kp[...], found.kernel.kd[...] = drive.kp, drive.kd
-    return found
-
-
-def _stages(
-    equations: Equations, method: Collocation, free: IntArray, axes: MotorAxes, prescribed: bool
-) -> CompiledStages | None:
-    system = equations.system
-    spare = system.spares.acquire(_kind(method, prescribed))
-    if spare is not None and spare.method is method:
-        return spare  # type: ignore[no-any-return]
-    compiled = equations.compiled
-    sorts = _sorts(system)
-    if compiled is None or sorts is None:
-        return None
-    motors = system.motors
-    paired = np.isin(np.arange(len(motors)), axes.paired)
-    q_at = np.asarray(axes.q_at, dtype=np.intp)
-    rows = Rows(prescribed, free, motors, q_at, paired.astype(np.intp), *sorts)
-    return CompiledStages(compiled, method, rows)
+    return found  # type: ignore[no-any-return]
 
 
 def _kind(method: Collocation, prescribed: bool) -> object:
@@ -140,8 +111,16 @@ def _kind(method: Collocation, prescribed: bool) -> object:
     return method.s, prescribed
 
 
-def _sorts(system: System) -> tuple[IntArray, ...] | None:
-    """Coordinates and rows of plain joints, circles, balls and bodies; None: there are others."""
+def _rows(problem: Problem) -> Rows:
+    motors, axes = problem.motors, problem.axes
+    paired = np.isin(np.arange(len(motors)), axes.paired).astype(np.intp)
+    q_at = np.asarray(axes.q_at, dtype=np.intp)
+    sorts = sorts_of(problem.dynamics.system)
+    return Rows(problem.prescribed, problem.free, motors, q_at, paired, *sorts)
+
+
+def sorts_of(system: System) -> tuple[IntArray, ...]:
+    """Coordinates and rows of plain joints, circles, balls and bodies (see `Rows`)."""
     plain, circles, balls, bodies = [], [], [], []
     for joint in system.rigid.joints[1:]:
         first = joint.idx_q, joint.idx_v
@@ -151,10 +130,9 @@ def _sorts(system: System) -> tuple[IntArray, ...] | None:
             circles.append(first)
         elif joint.shortname() == _BALL:
             balls.append(first)
-        elif joint.shortname() in (_FREE, _PLANAR):
+        else:  # the kernel covers no others
+            assert joint.shortname() in (_FREE, _PLANAR)
             bodies.append((*first, int(joint.shortname() == _PLANAR)))
-        else:
-            return None
     found = (np.array(x, dtype=np.intp).reshape(-1, 2).T for x in (plain, circles, balls))
     columns = [column for both in found for column in both]
     return *columns, *np.array(bodies, dtype=np.intp).reshape(-1, 3).T

@@ -1,25 +1,201 @@
-"""A run of the coupled level with steps as long as the motion allows."""
+"""The march of level coupled: Radau IIA collocation on the compiled kernel, whose steps follow the
+motion or are given.
+
+Of high order where the motion is smooth, so steps are long. The kernel takes a batch of steps
+(source/march.c); a keeper records them, sets the resolution of those to come, and may send the run
+back. Python is asked where the kernel cannot know: motions and loads without a table, and a
+controller's outputs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
-from pinflex.integrators.compiled_march import CompiledMarch
-from pinflex.integrators.radau import Stages
-from pinflex.integrators.record import Record
+from pinflex.arrays import Array, IntArray
+from pinflex.errors import ConvergenceError, MotionError, RunInterrupted, SceneError
+from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.compiled_stages import Stages
+from pinflex.integrators.prescribed import tabulated
+from pinflex.integrators.problem import Problem, State
 from pinflex.integrators.run import Run
-from pinflex.integrators.step_control import March
-from pinflex.integrators.steps import Steps
+from pinflex.kernel.march import (
+    FULL,
+    HOLDS,
+    INPUTS,
+    ON,
+    RESTARTS,
+    SAMPLE,
+    START,
+    STUCK,
+    Marched,
+    MarchKernel,
+    Table,
+    no_table,
+)
 
+STAGES = 6
 # First step, of the run. A long one damps what begins to ring there, and nothing shows that it
 # did: two runs would agree without it. Only a run that knows no scale begins so.
 LONG, SHORT = 0.02, 1e-3
+TOGETHER = 8  # steps that are judged at once
+_RECORDED = 64  # steps of a batch that nobody judges
+_PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
+_RUNS_AWAY = 1e6  # m/s or rad/s: no mechanism in SI units gets there by itself
 _ENDLESS = "steps get shorter without end"
+_POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
+STATE = ("y", "v", "a", "lam", "torque")
+
+
+class States(NamedTuple):
+    """States at k instants, as they are recorded.
+
+    Attributes:
+        y: Shape (k, nq). v, a: Shape (k, nv). lam: Shape (k, rows). torque: Shape (k, nm).
+        work: Of the motors and of the damping since the start of the step, J, shape (k, 2).
+    """
+
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    torque: Array
+    work: Array
+
+
+@dataclass(frozen=True)
+class NewtonTolerance:
+    """What Newton's iteration may leave of a step.
+
+    Attributes:
+        relative: Correction over the largest displacement so far.
+        absolute: The same in every coordinate, m or rad: round-off.
+        closure: What loops are open by before the last correction, m or rad.
+        slack: Times these, where round-off ends the iteration.
+    """
+
+    relative: float
+    absolute: float
+    closure: float
+    slack: float = 1.0
+
+
+# For differences of runs: as far as arithmetic goes, and what every step reaches. 1600 steps of
+# 3rrr carry noise of 1e-9 and of 2e-7.
+SHARP, FIRM = NewtonTolerance(1e-12, 1e-16, 1e-14, 100.0), NewtonTolerance(1e-10, 1e-14, 1e-12)
+
+
+def newton_tolerance(resolution: float, loose: bool = False) -> NewtonTolerance:
+    """What Newton may leave at a resolution: too little to show in the estimate of coarseness.
+
+    A resolution coarser than 1e-3 does not loosen it further: predictions would run wild. Loops
+    may be open by a part of the resolution: the next prediction magnifies what is left, and where
+    that matters beside what is resolved, the steps get shorter without end.
+
+    Args:
+        resolution: Of the steps. loose: Ten times that, where steps are corrected later.
+    """
+    relative = (10.0 if loose else 1.0) * 1e-2 * min(resolution, 1e-3)
+    return NewtonTolerance(relative, 1e-14, min(1e-6, max(3e-5 * resolution, 1e-12)))
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """How the length of steps follows their coarseness, the error that the resolution bounds.
+
+    The coarseness is the last Legendre coefficient of the displacement over the largest one so far.
+    In a vibration the error that a step adds is about half its square for each radian.
+
+    Attributes:
+        idle: Factors on h between which a change does not pay: it costs new factors.
+        memory: Part of the last step's coarseness that this one is taken to have at least.
+        recovery: Growth of steps, each, after one that Newton did not solve.
+        shortest: Of the run: a step that has to be shorter has met something singular.
+        seen: m or rad in every coordinate that no step shows less than.
+        same_step: Of a step: pieces of a way differ by round-off (of the time: 1e-12 of 1 ms after
+            10 s), and share factors.
+        iterations: Of Newton in a step, at the most.
+        resolution: Coarseness allowed; None: the keeper's.
+    """
+
+    idle: tuple[float, float] = (1.0, 1.2)
+    memory: float = 0.7
+    recovery: float = 1.5
+    shortest: float = 1e-9
+    seen: float = 1e-13
+    same_step: float = 1e-9
+    iterations: int = 10
+    resolution: float | None = None
+
+
+CONTROL = StepControl()
+# Lengths are given: any coarseness will do.
+_GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6)
+
+
+class Batch:
+    """Steps that the kernel has made, until it makes others: read them off before.
+
+    Attributes:
+        stages: The method. kernel: Arrays of the steps, of which those from 1 on are meant.
+        table: What is prescribed, or None.
+    """
+
+    def __init__(self, stages: Stages, kernel: MarchKernel, table: Table | None, size: int) -> None:
+        self.stages, self.kernel, self.table, self._size = stages, kernel, table, size
+
+    def __len__(self) -> int:
+        return self._size
+
+    def upto(self, size: int) -> Batch:
+        """The first of its steps."""
+        return Batch(self.stages, self.kernel, self.table, size)
+
+    @property
+    def t(self) -> Array:
+        """Starts of the steps, s, shape (k,)."""
+        return self.kernel.steps["t"][1 : self._size + 1]
+
+    @property
+    def h(self) -> Array:
+        """Their lengths, s, shape (k,)."""
+        return self.kernel.steps["h"][1 : self._size + 1]
+
+    @property
+    def ends(self) -> Array:
+        """Their ends, s, a little later than they are: a sample that rounds to one is in it."""
+        return np.asarray(self.t + (1.0 + 1e-9) * self.h)
+
+    def states(self) -> States:
+        """States at their ends, without work."""
+        kernel, end = self.kernel, self._size + 2
+        columns = [kernel.steps[f"{name}0"][2:end].copy() for name in STATE]
+        if self._size == kernel.at.count:  # that of the last one is where the run is
+            columns = [
+                np.vstack([x[: end - 3], getattr(kernel, name)])
+                for name, x in zip(STATE, columns, strict=True)
+            ]
+        y, v, a, lam, torque = columns
+        return States(y, v, a, lam, torque, np.zeros((self._size, 2)))
+
+    def samples(self, t: Array, of: IntArray, room: States) -> None:
+        """Read off states.
+
+        Args:
+            t: Times in s, shape (k,). of: The step that each lies in, shape (k,).
+            room: Where the states go.
+        """
+        self.kernel.samples(t, of + 1, None if self.table else self.stages.at(t), room)
+
+    def works(self) -> Array:
+        """Work of the motors and of the damping in each step, J, shape (k, 2)."""
+        power = self.kernel.steps["power"][1 : self._size + 1]
+        return np.asarray(self.h[:, None] * (self.stages.method.A[-1] @ power))
 
 
 class Keeper(Protocol):
@@ -35,13 +211,13 @@ class Keeper(Protocol):
     def count(self) -> int:
         """Samples recorded so far."""
 
-    def start(self, now: Any) -> None:
+    def start(self, now: State) -> None:
         """Take the first state."""
 
-    def take(self, steps: Sequence[Any]) -> int:
-        """Record steps; the number of them that stay, or -1: not even earlier ones."""
+    def take(self, steps: Batch) -> int:
+        """Record steps; the number of them that stay, or ANEW: not even earlier ones."""
 
-    def finish(self, steps: Sequence[Any]) -> None:
+    def finish(self, steps: Batch) -> None:
         """Record the last steps of a run that has broken off."""
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
@@ -54,11 +230,268 @@ class Keeper(Protocol):
         """
 
 
+ANEW = -1  # of all steps none stays: the run begins again
+
+
+class Radau(Stages):
+    """Radau IIA on a problem, as a run within a resolution uses it.
+
+    Attributes:
+        control: Of the steps. tolerance: What Newton may leave; None: as the resolution allows.
+        loose: Whether a correction of the steps takes more of that away.
+        slow: Contraction of Newton's iteration above which the next step has a new tangent.
+        measured: Velocity rows whose displacements count. by_energy: Whether in the norm of elastic
+            energy: stiff coordinates that hardly move may carry forces. Else in that of the mass
+            matrix: then such coordinates must not dictate the step.
+    """
+
+    def __init__(self, problem: Problem, method: Collocation, forces: bool = True) -> None:
+        """`forces`: whether these are asked for."""
+        super().__init__(problem, method)
+        d, self.control = problem.dynamics, CONTROL
+        self.loose, self.slow = False, 0.1
+        self.tolerance: NewtonTolerance | None = None
+        self.by_energy = forces and d.flexible
+        # The elastic ones, or all if nothing bends.
+        self.measured = np.arange(d.n_rigid, d.system.nv) if d.flexible else problem.free
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """The method, for reports."""
+        return {"integrator": "radau", "stages": self.method.s}
+
+
+class March:
+    """The steps of one run.
+
+    Attributes:
+        steps: Those that are pending. resolution: Of the steps to come.
+    """
+
+    def __init__(
+        self, name: str, radau: Radau, start: tuple[Array, Array], ends: tuple[float, float],
+        stops: Mapping[int, Sequence[float]], first: float, together: tuple[int, int],
+    ) -> None:  # fmt: skip
+        """Nothing is taken yet.
+
+        Args:
+            name: Of the mechanism, for errors.
+            radau: The method.
+            start: y (nq,) and v (nv,).
+            ends: Start and end of the run [s].
+            stops: Times at which steps end by what happens there: RESTARTS, HOLDS or ON [s].
+            first: First step [s].
+            together: Steps of a batch, and tangents that stay as long.
+        """
+        self._name, self._radau, self.resolution = name, radau, 0.0
+        self._span, self._repeated, c = ends[1] - ends[0], 0, radau.control
+        times, kind = _stops(ends, stops, c.shortest)
+        problem, m = radau.problem, radau.method
+        weight = problem.dynamics.strain.stiffness if radau.by_energy else None
+        marched = Marched(*m.monomials, m.last, radau.measured, weight, times.tolist(), kind)
+        self._table = _table(radau, ends, times[kind == RESTARTS].tolist())
+        counts = radau.compiled.kernel.counts
+        table = self._table or no_table(3 * counts["motors"] + counts["forces"])
+        self._kernel = radau.compiled.march(marched, table, together)
+        self._at = at = self._kernel.at
+        at.shortest, at.held, at.growth = c.shortest * self._span, c.memory, c.recovery
+        at.idle_from, at.idle_to = c.idle
+        at.most, at.seen, at.same_step = c.iterations, c.seen, c.same_step
+        at.order, at.patience = m.s, _PATIENCE
+        at.t, at.h, at.first = ends[0], first, first
+        at.ceiling = at.refused = np.inf
+        self._kernel.y[...], self._kernel.v[...] = start
+        self._start()
+        self._origin, self.steps = self._point(), self._batch(0)
+
+    def know(self, scale: float, unjudged: bool) -> None:
+        """Set the largest displacement of the run, and whether its first step is not judged."""
+        self._at.scale, self._at.unjudged = scale, unjudged
+        self._origin = self._point()
+
+    @property
+    def done(self) -> bool:
+        """Whether the run is at its end."""
+        return bool(self._at.stop >= self._at.stops)
+
+    @property
+    def now(self) -> State:
+        """The state that the run has come to."""
+        k = self._kernel
+        return State(float(self._at.t), *(getattr(k, name).copy() for name in STATE))
+
+    @property
+    def scale(self) -> float:
+        """Largest displacement so far."""
+        return float(self._at.scale)
+
+    def cost(self) -> dict[str, float]:
+        """What the run has cost so far."""
+        at = self._at
+        counts = {
+            "steps": at.number, "rejected": at.rejected, "unresolved": at.unresolved,
+            "repeated": self._repeated, "newton": at.iterations, "tangents": at.refreshed,
+            "factorisations": at.factored,
+        }  # fmt: skip
+        return {key: float(count) for key, count in counts.items()}
+
+    def advance(self) -> None:
+        """Some steps more, which are `steps` then; raises ConvergenceError where none is short."""
+        at, radau = self._at, self._radau
+        self._follow(int(at.count))
+        given = radau.control.resolution
+        at.resolution = self.resolution if given is None else given
+        close = radau.tolerance or newton_tolerance(self.resolution, radau.loose)
+        at.least, at.round_off, at.open = close.relative, close.absolute, close.closure
+        at.slack, at.slow = close.slack, radau.slow
+        try:
+            while (end := self._kernel.advance()) not in (FULL, STUCK):
+                if end == INPUTS:
+                    times = at.t + at.size * radau.method.c
+                    self._kernel.input[...], at.given = radau.inside(times), 1
+                elif end == START:
+                    self._start()
+                elif end == SAMPLE:
+                    self._hold()
+                elif at.tangents == 1:  # nobody judges: patience is for signals and progress
+                    break
+        finally:
+            self.steps = self._batch(int(at.count))
+        self._require_on_beams()
+        if end == STUCK:
+            raise _stuck(self._name, self.now)
+
+    def settle(self, good: int, resolution: float) -> None:
+        """Let only the first of the steps stay, or none of all (ANEW).
+
+        Those that replace the others are shorter by what their resolution asks for.
+
+        Args:
+            good: Number of the last pending step that stays; ANEW: none.
+            resolution: Of the next ones.
+        """
+        at = self._at
+        if good < len(self.steps):
+            before = int(at.number)
+            finer = min(resolution / self.resolution, 1.0) ** (1.0 / self._radau.method.s)
+            self._go_back(good)
+            at.h *= finer
+            at.stale = 1
+            self._repeated += before - int(at.number)
+            if good == ANEW:
+                self._origin = self._point()
+        self.steps = self._batch(0)
+
+    def _batch(self, size: int) -> Batch:
+        return Batch(self._radau, self._kernel, self._table, size)
+
+    def _require_on_beams(self) -> None:
+        """Raise where a step has led off a beam; it is the last one then."""
+        dynamics = self._radau.problem.dynamics
+        if not dynamics.system.closed.contacts or not len(self.steps):
+            return
+        Y = self.steps.states().y
+        if (k := dynamics.first_off(Y)) is not None:
+            t = [*self.steps.t[1:], self._at.t]
+            self.steps = self.steps.upto(k + 1)
+            dynamics.require_on_beams(Y[k], self._name, float(t[k]))
+
+    def _follow(self, last: int) -> None:
+        """Let the next batch begin behind a step of the one before it."""
+        if last:
+            for name in ("a", "lam", "h"):
+                self._kernel.steps[name][0] = self._kernel.steps[name][last]
+        self._at.count = 0
+
+    def _start(self) -> None:
+        """Consistent accelerations; where the kernel has none, those of numpy."""
+        k, problem = self._kernel, self._radau.problem
+        if problem.sampler is None and self._table and k.begin():
+            return
+        found = problem.first(float(self._at.t), k.y.copy(), k.v.copy())
+        if problem.sampler is not None:
+            self._radau.compiled.kernel.held[...] = problem.sampler.held
+        k.a[...], k.lam[...], k.torque[...] = found.a, found.lam, found.torque
+
+    def _hold(self) -> None:
+        """Let the controller act: accelerations jump by what its forces do."""
+        k, at = self._kernel, self._at
+        sampler = self._radau.problem.sampler
+        assert sampler is not None
+        if not sampler.reach(at.t, k.y, k.v):
+            return
+        if not self._table:
+            k.input[0], at.given = self._radau.at(np.array([at.t]))[0], 1
+        if not k.hold(sampler.held):
+            at.follows = 0
+            self._start()
+
+    def _point(self) -> dict[str, Any]:
+        """Where the run is: it can go on from here once more."""
+        point = {name: getattr(self._at, name) for name in _POINT}
+        return point | {name: getattr(self._kernel, name).copy() for name in STATE}
+
+    def _go_back(self, good: int) -> None:
+        """To where a step of the batch began, or to the start of the run."""
+        k, at, steps = self._kernel, self._at, self._kernel.steps
+        if good == ANEW:
+            for name in STATE:
+                getattr(k, name)[...] = self._origin[name]
+            for name in _POINT:
+                setattr(at, name, self._origin[name])
+            at.count = 0
+            return
+        step = good + 1
+        for name in STATE:
+            getattr(k, name)[...] = steps[f"{name}0"][step]
+        for name in ("t", "ceiling", "before", "refused", "scale"):
+            setattr(at, name, float(steps[name][step]))
+        at.h = float(steps["next"][step])
+        for name in ("number", "stop", "follows"):
+            setattr(at, name, int(k.integers[name][step]))
+        at.count = good
+
+
+def _stops(
+    ends: tuple[float, float], stops: Mapping[int, Sequence[float]], close: float
+) -> tuple[Array, IntArray]:
+    """Times in s at which steps end, the last one of them that of the run, and their kinds."""
+    begin, until = ends
+    near = close * (until - begin)
+    every = {x for at in stops.values() for x in at if begin < x < until - near}
+    times = np.array([*sorted(every), until])
+    kind = np.full(len(times), ON)
+    for what in (HOLDS, RESTARTS):
+        at = np.concatenate([[-np.inf], np.sort(np.array(stops.get(what, ()))), [np.inf]])
+        after = np.searchsorted(at, times)
+        kind[np.minimum(at[after] - times, times - at[after - 1]) <= near] = what
+    kind[-1] = RESTARTS
+    return times, kind
+
+
+def _table(radau: Radau, ends: tuple[float, float], corners: Sequence[float]) -> Table | None:
+    """What is prescribed in a run, as polynomials between corners (s); None: it is not smooth."""
+    problem, compiled = radau.problem, radau.compiled
+    system, drive = problem.dynamics.system, problem.drive
+    made_of, table = compiled.table
+    asked_for = (problem.motion, drive and drive.forward, *ends, *corners)
+    # A load that switches is another at the end of one step than at the start of the next.
+    if system.loads.timed or made_of == asked_for:
+        return table
+    n, forces = len(system.motors), compiled.kernel.counts["forces"]
+    kinds = [slice(*pair) for pair in pairwise(np.cumsum([0, n, n, n, forces]))]
+    table = None
+    with contextlib.suppress(SceneError):  # somewhere on the way: as far as it can
+        table = tabulated(radau.at, kinds, *ends, corners)
+    compiled.table = asked_for, table
+    return table
+
+
 # A diverging iteration overflows before it is caught.
 @np.errstate(over="ignore", invalid="ignore")
 def integrate(
     name: str,
-    stages: Steps,
+    radau: Radau,
     start: tuple[Array, Array],
     t: Array,
     breaks: Sequence[float],
@@ -68,12 +501,13 @@ def integrate(
     pilot: bool = False,
     progress: Callable[[int, int], None] | None = None,
     instants: Sequence[float] = (),
+    judged: bool = False,
 ) -> Run:
     """March from t[0] to t[-1] and answer at the times t.
 
     Args:
         name: Of the mechanism, for errors.
-        stages: The method, on a mechanism and its motion.
+        radau: The method, on a problem.
         start: y (nq,) and v (nv,) on the closures.
         t: Samples in s, increasing.
         breaks: Times in s at which motion or loads are not smooth; steps end there.
@@ -85,24 +519,23 @@ def integrate(
         pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
         progress: Called with (samples done, samples).
         instants: Times in s at which a digital controller acts; steps end there too.
+        judged: Whether the keeper may send the run back.
     Returns:
         States, multipliers and torques at the samples.
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
-    stages.scale = scale
-    first, recorded = first * float(t[-1] - t[0]), type(keeper) is Record
-    march: March | CompiledMarch
-    if isinstance(stages, Stages) and stages.compiled is not None:
-        march = CompiledMarch(name, stages, start, t, breaks, first, pilot, recorded, instants)
-    else:
-        march = March(name, stages, start, t, (*breaks, *instants), first, pilot)
+    ends, together = (float(t[0]), float(t[-1])), (TOGETHER, TOGETHER + 1)
+    stops = {RESTARTS: breaks, HOLDS: instants}
+    first, room = first * (ends[1] - ends[0]), together if judged else (_RECORDED, 1)
+    march = March(name, radau, start, ends, stops, first, room)
+    march.know(scale, pilot)
     keeper.start(march.now)
 
     def run(stopped: str = "") -> Run:
-        cost = {key: float(count) for key, count in march.cost().items()}
+        cost = march.cost()
         dt = (march.now.t - float(t[0])) / max(cost["steps"], 1.0)
-        return keeper.run(cost, {**stages.settings, "scale": stages.scale, "dt": dt}, stopped)
+        return keeper.run(cost, {**radau.settings, "scale": march.scale, "dt": dt}, stopped)
 
     waiting = True  # whether the steps that are pending have yet to be recorded
     try:
@@ -126,3 +559,67 @@ def integrate(
             raise  # nothing but the start
         raise RunInterrupted(run("interrupted")) from None
     return run()
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def along(
+    name: str,
+    radau: Radau,
+    start: tuple[Array, Array],
+    ends: Array,
+    stops: Mapping[int, Sequence[float]],
+    keeper: Keeper,
+) -> Run:
+    """A run in given steps: those of another run, so that the two can be subtracted.
+
+    Steps that a run chooses for itself change with every number of its scene, and their errors with
+    them: a difference of two such runs is mostly that. In the same steps, each solved to round-off,
+    the states are a smooth function of the scene's numbers. A step that Newton does not solve is
+    taken in pieces: one that another design does not need differs by no more than what it leaves.
+
+    Args:
+        name: Of the mechanism, for errors.
+        radau: The method, on a problem.
+        start: y (nq,) and v (nv,) on the closures.
+        ends: Start of the run, and ends of the steps [s].
+        stops: Those at which motion, loads or a controller's outputs jump [s].
+        keeper: Takes the steps.
+    """
+    radau.tolerance, radau.control, span = SHARP, _GIVEN, float(ends[-1] - ends[0])
+    every = {**stops, ON: ends[1:].tolist()}
+    march = March(
+        name, radau, start, (float(ends[0]), float(ends[-1])), every, span, (_RECORDED, 1)
+    )
+    keeper.start(march.now)
+    while not march.done:
+        march.advance()
+        keeper.take(march.steps)
+        march.settle(len(march.steps), 0.0)
+    steps = len(ends) - 1
+    settings = {**radau.settings, "dt": span / steps, "steps": "given"}
+    return keeper.run({**march.cost(), "steps": float(steps)}, settings, "")
+
+
+def _stuck(name: str, now: State) -> ConvergenceError:
+    """Steps have become too short to go on: because the motion runs away, or for another reason.
+
+    Args:
+        name: Of the mechanism.
+        now: Last state.
+    """
+    fastest = float(np.max(np.abs(now.v), initial=0.0))
+    if not np.isfinite(fastest) or fastest > _RUNS_AWAY:
+        why = (
+            "the motion runs away. A link without second_order softens as it turns or is "
+            "compressed, up to that: set flexible.LINK.second_order: true; or the mechanism falls "
+            "or buckles there."
+        )
+    else:
+        why = (
+            "steps get shorter without end. Equal steps (--set solve.dt=1e-5) tell what it is: if "
+            "they pass, round-off, and a larger tol passes too; if not, the mechanism is singular "
+            "there or the links far too soft: see level=quasistatic up to that time."
+        )
+    return ConvergenceError(
+        f"{name}: t = {now.t:.6g} s: {why} error.result holds the run so far.", time=now.t
+    )

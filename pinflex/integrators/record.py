@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.integrators.compiled_march import STATE, Batch
+from pinflex.integrators.march import STATE, Batch, States
+from pinflex.integrators.problem import State
 from pinflex.integrators.run import Run
-from pinflex.integrators.steps import Recorded, States
+from pinflex.mechanics.system import System
 
 
 class Record:
@@ -18,60 +16,47 @@ class Record:
 
     Attributes:
         t: Samples in s. count: Number of those that are there.
-        resolution: Of the steps.
+        resolution: Of the steps. ends: Times at which steps ended [s].
     """
 
-    def __init__(self, stages: Recorded, t: Array, resolution: float) -> None:
-        system, n = stages.dynamics.system, len(t)
-        self._stages, self.system, self.t, self.count = stages, system, t, 0
-        self.resolution = resolution
+    def __init__(self, system: System, t: Array, resolution: float) -> None:
+        n = len(t)
+        self.system, self.t, self.count, self.resolution = system, t, 0, resolution
         widths = system.nq, system.nv, system.nv, system.closed.n, len(system.motors), 2
         self._columns = States(*(np.zeros((n, width)) for width in widths))
-        self._total, self._ahead = np.zeros(2), np.zeros((0, 2))
+        self._total = np.zeros(2)
+        self.ends: list[float] = []
 
-    def start(self, now: Any) -> None:
+    def start(self, now: State) -> None:
         """Take the first state."""
         for name in STATE:
             getattr(self._columns, name)[0] = getattr(now, name)
         self.count = 1
 
-    def ahead(self, steps: Sequence[Any]) -> States:
-        """States at the samples that lie in the steps after those taken, where `take` leaves them.
-
-        Args:
-            steps: Accepted steps, in order.
-        """
-        ends = ends_of(steps)
-        upto = int(np.searchsorted(self.t, ends[-1], side="right"))
+    def read(self, steps: Batch) -> States:
+        """States at the samples in steps that follow those taken, where `take` leaves them."""
+        upto = int(np.searchsorted(self.t, steps.ends[-1], side="right"))
         t = self.t[self.count : upto]
         room = States(*(column[self.count : upto] for column in self._columns))
-        work = self._ahead = self._works(steps)
-        if not len(t):
-            return room
-        of = np.searchsorted(ends, t)
-        if isinstance(steps, Batch):
-            steps.made.samples(t, of, room)
-        else:
-            for column, values in zip(room, self._stages.dense(steps, t, of), strict=True):
-                column[...] = values
-        np.add(room.work, (self._total + np.cumsum(work, axis=0) - work)[of], out=room.work)
+        if len(t):
+            of, work = np.searchsorted(steps.ends, t), steps.works()
+            steps.samples(t, of, room)
+            np.add(room.work, (self._total + np.cumsum(work, axis=0) - work)[of], out=room.work)
         return room
 
-    def take(self, steps: Sequence[Any], count: int | None = None) -> int:
-        """Record steps.
-
-        Args:
-            steps: Accepted steps, in order.
-            count: Samples in them, where the last call was `ahead` of them or more; None: it was
-                not.
-        """
-        if not steps:
-            return 0
-        self.count += len(self.ahead(steps).y) if count is None else count
-        self._total = self._total + self._ahead[: len(steps)].sum(axis=0)
+    def take(self, steps: Batch) -> int:
+        """Record steps, all of which stay."""
+        if len(steps):
+            self.keep(steps, len(self.read(steps).y))
         return len(steps)
 
-    def finish(self, steps: Sequence[Any]) -> None:
+    def keep(self, steps: Batch, samples: int) -> None:
+        """Let steps stay, with so many samples that have been read."""
+        self.count += samples
+        self._total = self._total + steps.works().sum(axis=0)
+        self.ends += (steps.t + steps.h).tolist()
+
+    def finish(self, steps: Batch) -> None:
         """Record the last steps of a run that has broken off."""
         self.take(steps)
 
@@ -88,23 +73,3 @@ class Record:
             self.system, self.t[: self.count], y, v, a, lam, torque, cost, settings, work, (),
             stopped,
         )  # fmt: skip
-
-    def _works(self, steps: Sequence[Any]) -> Array:
-        """Work of the motors and of the damping in each step, J, shape (k, 2)."""
-        if isinstance(steps, Batch):
-            return steps.made.works(len(steps))
-        return self._stages.works(steps)
-
-
-def spans_of(steps: Sequence[Any]) -> tuple[Array, Array]:
-    """Starts and lengths of steps, s, shape (k,) each."""
-    if isinstance(steps, Batch):
-        return steps.spans
-    t, h = np.array([(step.start.t, step.h) for step in steps]).reshape(-1, 2).T
-    return t, h
-
-
-def ends_of(steps: Sequence[Any]) -> Array:
-    """Ends of steps, s, a little later than they are: a sample that rounds to one is in it."""
-    t, h = spans_of(steps)
-    return np.asarray(t + (1.0 + 1e-9) * h)

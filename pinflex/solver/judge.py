@@ -19,11 +19,10 @@ from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.corrector import Before, Corrector
 from pinflex.integrators.inside import Inside
-from pinflex.integrators.radau import Stages
-from pinflex.integrators.record import Record, ends_of, spans_of
+from pinflex.integrators.march import ANEW, Batch, Radau, States
+from pinflex.integrators.problem import Path, State
+from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
-from pinflex.integrators.stages import Start, Step
-from pinflex.integrators.steps import Path, States
 from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
 from pinflex.solver.expected import Expected
 
@@ -61,7 +60,7 @@ class Judge:
 
     def __init__(
         self,
-        stages: Stages,
+        radau: Radau,
         t: Array,
         compare: Outputs,
         foreseen: Expected,
@@ -71,10 +70,11 @@ class Judge:
         again: bool,
     ) -> None:
         """`again`: the resolution is not to rise, for it did in a run whose error was too large."""
-        stages.path = _remembering(stages.path)  # both corrections are sampled at the same times
-        self._stages, self._corrector, self._t = stages, Corrector(stages), t
-        self._second = Corrector(self._corrector, slow=_SLOW)
-        stages.loose = True
+        problem = radau.problem
+        problem.path = _remembering(problem.path)  # both corrections are sampled at the same times
+        self._radau, self._corrector, self._t = radau, Corrector(radau), t
+        self._second = Corrector(self._corrector.stages, slow=_SLOW)
+        radau.loose = True
         self._compare, self._foreseen = compare, foreseen
         self._allowed, self._most = _SAFE * PART * tol, PART * tol
         self.resolution, self.lowest, self.stuck, self.begun = resolution, resolution, stuck, 1
@@ -89,11 +89,12 @@ class Judge:
         """Samples recorded so far."""
         return self._found.count
 
-    def start(self, now: Start) -> None:
+    def start(self, now: State) -> None:
         """Take the first state, or begin anew."""
         self._now = now
-        self._found = Record(self._corrector, self._t, self.resolution)
-        self._better = Record(self._second, self._t, self.resolution)
+        system = self._radau.problem.dynamics.system
+        self._found = Record(system, self._t, self.resolution)
+        self._better = Record(system, self._t, self.resolution)
         self._found.start(now)
         self._better.start(now)
         self._before: tuple[Before, Before] | None = None
@@ -103,24 +104,24 @@ class Judge:
         self._error, self._highest = 0.0, self.resolution
         self._error_at = float(self._t[0])
 
-    def take(self, steps: Sequence[Step]) -> int:
-        """Correct steps twice and record both; the number of them that may stay, or -1."""
-        if not steps:
+    def take(self, steps: Batch) -> int:
+        """Correct steps twice and record both; the number of them that may stay, or ANEW."""
+        if not len(steps):
             return 0
-        t, h = spans_of(steps)
-        self._stages.slow = self._slowest(float(h[-1]))
+        t, h = steps.t, steps.h
+        self._radau.slow = self._slowest(float(h[-1]))
         try:
             corrected, twice = self._corrected(steps)
         except np.linalg.LinAlgError:
             return self._shorter()
-        found, better = self._found.ahead(corrected), self._better.ahead(twice)
+        found, better = self._found.read(corrected), self._better.read(twice)
         histories = self._compared(found, better)
         errors = self._errors(corrected, twice, histories)
         bad = np.flatnonzero(~(errors <= max(self._allowed, self._borne)))
         good = len(steps)
         if len(bad) and not self.stuck:
             good = self._send_back(float(t[bad[0]] + h[bad[0]]), errors, int(bad[0]))
-            if good < 0:
+            if good == ANEW:
                 return self._anew()
             if not good:
                 return good
@@ -132,17 +133,16 @@ class Judge:
                 return self._anew()
         self._highest = max(self._highest, self.resolution)
         self._error, self._error_at = max(self._error, float(np.max(errors[:good]))), end
-        kept = self._samples(steps[:good])
-        self._keep(steps[:good], corrected[:good], twice[:good], kept)
+        steps, corrected, twice = (x.upto(good) for x in (steps, corrected, twice))
+        kept = self._samples(steps)
+        self._keep(steps, corrected, twice, kept)
         self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
 
-    def _keep(
-        self, steps: Sequence[Step], once: Sequence[Step], twice: Sequence[Step], samples: int
-    ) -> None:
+    def _keep(self, steps: Batch, once: Batch, twice: Batch, samples: int) -> None:
         """Record steps that stay, corrected once and twice, and so many samples in them."""
-        self._found.take(once, samples)
-        self._better.take(twice, samples)
+        self._found.keep(once, samples)
+        self._better.keep(twice, samples)
         self._before = self._corrector.last(steps, once), self._second.last(once, twice)
 
     def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
@@ -153,7 +153,7 @@ class Judge:
         """
         return self._found.run(cost, settings, ""), self._better.run(cost, settings, "")
 
-    def finish(self, steps: Sequence[Step]) -> None:
+    def finish(self, steps: Batch) -> None:
         """Record the last steps of a run that has broken off."""
         self.stuck = True
         self.take(steps)
@@ -181,15 +181,14 @@ class Judge:
             jumps: Times in s at which accelerations jump.
             run: A run of these steps.
         """
-        stages, drive = self._stages, self._stages.drive
-        path, axes, h = stages.path, stages.axes, float(str(run.settings["dt"]))
+        problem, drive = self._radau.problem, self._radau.problem.drive
+        path, axes, h = problem.path, problem.axes, float(str(run.settings["dt"]))
 
         def pull(run: Run) -> Array:
             assert drive is not None
             return drive.pull(path(run.t), axes, run.y, run.v)
 
-        free = np.arange(run.system.nv)[stages.free]
-        return Inside(free, None if drive is None else pull, (float(self._t[0]), *jumps), h)
+        return Inside(problem.free, None if drive is None else pull, (float(self._t[0]), *jumps), h)
 
     @cached_property
     def differences(self) -> dict[str, float]:
@@ -208,15 +207,15 @@ class Judge:
             return self._compare.differences(*self.runs({}, {}))  # at rest, or joints alone move
         return {key: error for key, error in found.items() if error is not None}
 
-    def _corrected(self, steps: Sequence[Step]) -> tuple[Sequence[Step], Sequence[Step]]:
+    def _corrected(self, steps: Batch) -> tuple[Batch, Batch]:
         """Steps corrected once and twice."""
         before, again = self._before or (None, None)
-        once = self._corrector.correct_all(steps, before)
-        return once, self._second.correct_all(once, again)
+        once = self._corrector.correct(steps, before)
+        return once, self._second.correct(once, again)
 
-    def _samples(self, steps: Sequence[Step]) -> int:
+    def _samples(self, steps: Batch) -> int:
         """Number of samples in steps to come."""
-        end = float(ends_of(steps)[-1])
+        end = float(steps.ends[-1])
         return int(np.searchsorted(self._t, end, side="right")) - self._found.count
 
     def _slowest(self, h: float) -> float:
@@ -238,22 +237,17 @@ class Judge:
         y, v, a, lam, torque, _ = states
         return Run(self._found.system, np.zeros(len(y)), y, v, a, lam, torque, {})
 
-    def _at_ends(self, corrected: Sequence[Step], twice: Sequence[Step]) -> dict[str, History]:
+    def _at_ends(self, corrected: Batch, twice: Batch) -> dict[str, History]:
         """Errors of the outputs at the ends of steps."""
-        before, after = (
-            self._run(_joined([step.start for step in some[1:]] + [of.end(some[-1])]))
-            for of, some in ((self._corrector, corrected), (self._second, twice))
-        )
+        before, after = (self._run(steps.states()) for steps in (corrected, twice))
         return self._compare.histories(before, after, None, self._now.y)
 
-    def _errors(
-        self, corrected: Sequence[Step], twice: Sequence[Step], histories: dict[str, History]
-    ) -> Array:
+    def _errors(self, corrected: Batch, twice: Batch, histories: dict[str, History]) -> Array:
         """Largest error of all outputs in each step, relative to the largest value so far."""
         worst = np.zeros(len(twice))
         if not self._moved:
             return worst  # at rest: round-off is all that differs
-        ends = ends_of(twice)
+        ends = twice.ends
         looked_at = self._t[self._found.count :]
         for key, (at, apart, _) in histories.items():
             np.maximum.at(worst, np.searchsorted(ends, looked_at[at]), apart / self._scale(key))
@@ -294,7 +288,7 @@ class Judge:
         room = AIM * (self._allowed - so_far)
         self.resolution *= min(max(room / (error - so_far), LEAST), FALL)
         self.lowest = min(self.lowest, self.resolution)
-        return -1 if anew else bad
+        return ANEW if anew else bad
 
     def _in_hindsight(self, end: float) -> bool:
         """Whether a run that has come to `end` (s) would better have begun with short steps."""
@@ -303,11 +297,11 @@ class Judge:
         return far_finer and end < half and self.begun <= _AGAIN
 
     def _anew(self) -> int:
-        """Let no step stay; -1, as `take` says it."""
+        """Let no step stay."""
         self._coarsest = self.resolution  # where it rose again the error did too
         self.begun += 1
         self.start(self._now)
-        return -1
+        return ANEW
 
     def _in_vain(self, t: float, error: float) -> bool:
         """Whether shorter steps have brought nothing at a time where the run was sent back.
@@ -361,10 +355,3 @@ def _remembering(path: Path) -> Path:
         return last
 
     return at
-
-
-def _joined(ends: Sequence[Start]) -> States:
-    y, v, a, lam, torque = (
-        np.array([getattr(end, name) for end in ends]) for name in ("y", "v", "a", "lam", "torque")
-    )
-    return States(y, v, a, lam, torque, np.zeros((len(ends), 2)))

@@ -14,8 +14,7 @@ from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.march import SHORT
-from pinflex.integrators.radau import Stages
+from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.mechanics.equations import Equations
@@ -134,13 +133,13 @@ class _OneRun:
     def _attempt(self, resolution: float, stuck: bool) -> tuple[Judge, Run]:
         scene, t, scale = self.scene, self.t, self.foreseen.scale
 
-        def keeper(stages: Stages) -> Judge:
+        def keeper(steps: Radau) -> Judge:
             given = (self.foreseen, self.tol, resolution, stuck, resolution < _FIRST * self.tol)
-            self._judge = Judge(stages, t, self.outputs, *given)
+            self._judge = Judge(steps, t, self.outputs, *given)
             return self._judge
 
         first = 0.02 * self.tol**0.25 if scale > 0.0 else SHORT
-        run = scene.kept(t, resolution, keeper, first, scale, self.progress, dynamics=self.dynamics)
+        run = scene.kept(t, resolution, keeper, first, scale, self.progress, judge=self.dynamics)
         assert self._judge is not None
         return self._judge, run
 

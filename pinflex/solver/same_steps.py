@@ -11,18 +11,13 @@ smooth function of the numbers of the scene, and each step can be halved to see 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.given_steps import Ends
-from pinflex.integrators.march import SHORT
-from pinflex.integrators.radau import FIRM
 from pinflex.integrators.run import Run
 from pinflex.mechanics import workspace
 from pinflex.mechanics.mechanism import Mechanism
@@ -130,28 +125,13 @@ class SameSteps:
             grid = np.linspace(0.0, ends[-1], len(ends) + 1)
             run = replace(scene, spec=spec).stepped(grid, float(marks[-1]))
             return run.at(np.argmin(np.abs(grid[:, None] - t), axis=0))
-        steps = replace(scene, spec=replace(scene.spec, dt=None))
-        return steps.kept(t, RESOLUTION, _keeper(t, RESOLUTION)[0], SHORT, 0.0, ends=ends)
+        return replace(scene, spec=replace(scene.spec, dt=None)).along(t, ends)
 
     def _paced(self, scene: Scene, resolution: float) -> Array:
         """Ends of the steps that a run chooses."""
-        keeper, kept = _keeper(self.grid, resolution)
         steps = replace(scene, spec=replace(scene.spec, dt=None))
         with one_blas_thread(), workspace.keep_alive():
-            steps.kept(self.grid, resolution, keeper, SHORT, 0.0)
-        return np.array(kept[-1].ends)
-
-
-def _keeper(t: Array, resolution: float) -> tuple[Callable[[Any], Ends], list[Ends]]:
-    """What keeps the samples t of firmly solved steps, and where it is found afterwards."""
-    kept: list[Ends] = []
-
-    def keeper(steps: Any) -> Ends:
-        steps.closeness = FIRM
-        kept.append(Ends(steps, t, resolution))
-        return kept[-1]
-
-    return keeper, kept
+            return steps.paced(self.grid, resolution)
 
 
 def _marks(scene: Scene) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,30 +20,37 @@ from pinflex.description.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
-from pinflex.integrators import march as adaptive
+from pinflex.integrators import march as collocation
+from pinflex.integrators import plain_radau
 from pinflex.integrators.collocation import Collocation, radau
-from pinflex.integrators.given_steps import along
-from pinflex.integrators.radau import FIRM, STAGES, Stages
+from pinflex.integrators.march import FIRM, STAGES, Radau
+from pinflex.integrators.problem import Problem
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
+from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.given_start import start_from
 from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.modes import modes
 from pinflex.levels.speeds import with_speeds
 from pinflex.levels.start import Start, start_of
+from pinflex.mechanics.compiled import serves
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.lending import lent
+from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.following import following, rigid_torques
 from pinflex.solver.resume import state
+from pinflex.solver.step_length import default_step
 
 Progress = Callable[[int, int], None]
 # Under a digital controller its holds keep steps short, and four states go side by side. What
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
-_HELD_STAGES, _HELD_NEWTON = 4, 2e-6
+_FEW_STAGES, _HELD_NEWTON = 4, 2e-6
+_AT_END = 1e-7  # of the run: a break so near its end is none
+_SAME = 1e-9  # of the run: times nearer than this are one
 _FEW = 400  # steps below which a run may be too coarse for its first mode
 _PER_PERIOD = 10.0  # steps that a vibration needs at the least
 _SHORT = 1e-6  # of the run: shorter steps are looked at for round-off
@@ -166,7 +174,7 @@ class Scene:
         pilot: bool = False,
         finer: int = 0,
     ) -> Run:
-        """The run at samples t in steps that follow the motion; see `adaptive.integrate`.
+        """The run at samples t in steps that follow the motion, on the kernel.
 
         A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
 
@@ -179,83 +187,152 @@ class Scene:
             finer: How often a run under a digital controller was refined before.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
-        first = adaptive.SHORT if scale > 0.0 else adaptive.LONG
-        return self.kept(
-            t, resolution, lambda steps: Record(steps, t, resolution), first, scale, progress,
-            pilot, finer=finer,
-        )  # fmt: skip
+        first = collocation.SHORT if scale > 0.0 else collocation.LONG
+        record = Record(self._system, t, resolution)
+        return self.kept(t, resolution, lambda _: record, first, scale, progress, pilot, finer)
 
     def kept(
         self,
         t: Array,
         resolution: float,
-        keeper: Callable[[Any], adaptive.Keeper],
+        keeper: Callable[[Radau], collocation.Keeper],
         first: float,
         scale: float,
         progress: Progress | None = None,
         pilot: bool = False,
-        dynamics: Equations | None = None,
-        ends: Array | None = None,
         finer: int = 0,
+        judge: Equations | None = None,
     ) -> Run:
-        """The run at samples t as a keeper of its steps has it; see `adaptive.integrate`.
+        """The run at samples t as a keeper of its steps has it, on the kernel.
 
         Args:
             t: Samples in s.
             resolution: Of the first steps.
-            keeper: From the steps, what they are kept by.
-            first, scale, progress, pilot: As `adaptive.integrate` has them.
-            dynamics: A workspace of what moves; None: one of its own.
-            ends: Of the steps in s, where these are given; then they are not judged.
+            keeper: From the method, what its steps are kept by.
+            first, scale, progress, pilot: As `pinflex.integrators.march.integrate` has them.
             finer: As `resolved` has it.
+            judge: A workspace of what moves, of a keeper that may send the run back; None: the
+                keeper takes all steps.
         """
-        if dynamics is None:
-            given = (t, resolution, keeper, first, scale, progress, pilot)
-            with self.equations() as own:
-                return self.kept(*given, own, ends, finer)
-        start = self._start
-        stops = breaks(self.motion, dynamics.system.loads)
-        steps, sampler = self._stages(t, dynamics, resolution)
-        instants = () if sampler is None else sampler.instants(float(t[-1]), 2**finer)
-        name, begun = self.mechanism.name, (start.y, start.v)
-        try:
-            if ends is not None:
-                run = along(name, steps, begun, t, (*stops, *instants), ends, keeper(steps))
-            else:
-                run = adaptive.integrate(
-                    name, steps, begun, t, stops, keeper(steps), first, scale, pilot, progress,
-                    instants,
-                )  # fmt: skip
-        except (SceneError, RunInterrupted) as stop:
-            _tell(stop, start)
-            raise
-        if sampler is not None:
-            run = replace(run, signals=sampler.signals(run.t, run.y))
-        return start.told(run)
+
+        def march(problem: Problem) -> Run:
+            steps, jumps = self._radau(problem, resolution), breaks(self.motion, self._loads)
+            return collocation.integrate(
+                self.mechanism.name, steps, self._begun, t, jumps, keeper(steps), first, scale,
+                pilot, progress, _instants(problem, float(t[-1]), finer), judge is not None,
+            )  # fmt: skip
+
+        return self._marched(t, march, judge)
+
+    def along(self, t: Array, ends: Array) -> Run:
+        """The run at samples t in given steps.
+
+        Args:
+            t: Samples [s], up to the last end. ends: Of the steps [s].
+        """
+
+        def march(problem: Problem) -> Run:
+            name, begun = self.mechanism.name, self._begun
+            jumps, instants = breaks(self.motion, self._loads), _instants(problem, ends[-1])
+            if self.on_kernel:
+                grid, stops = np.append(t[0], ends), {RESTARTS: jumps, HOLDS: instants}
+                record = Record(self._system, t, 0.0)
+                steps = self._radau(problem, 1.0)
+                return collocation.along(name, steps, begun, grid, stops, record)
+            corners = np.array([x for x in (*jumps, *instants) if t[0] < x < ends[-1]])
+            every = _with(ends, corners)
+            run = plain_radau.integrate(name, problem, self._few, begun, t, every, corners)
+            return replace(run, settings={**run.settings, "steps": "given"})
+
+        return self._marched(t, march)
+
+    def plainly(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
+        """The run at samples t in steps of dt (s) at the most, without the kernel."""
+
+        def march(problem: Problem) -> Run:
+            begin, end = float(t[0]), float(t[-1])
+            every = {*breaks(self.motion, self._loads), *_instants(problem, end)}
+            corners = np.array(sorted(x for x in every if begin < x < end * (1.0 - _AT_END)))
+            marks = np.array([begin, *corners, end])
+            return plain_radau.integrate(
+                self.mechanism.name, problem, self._few, self._begun, t, _cut(marks, dt), corners,
+                progress,
+            )  # fmt: skip
+
+        return self._marched(t, march)
+
+    def paced(self, t: Array, resolution: float) -> Array:
+        """Ends of the steps that a run at samples t chooses, firmly solved [s]."""
+        if not self.on_kernel:
+            marks = [x for x in breaks(self.motion, self._loads) if x < t[-1] * (1.0 - _AT_END)]
+            return _cut(np.array([t[0], *marks, t[-1]]), default_step(self.mechanism, float(t[-1])))
+        record = Record(self._system, t, resolution)
+
+        def keeper(steps: Radau) -> Record:
+            steps.tolerance = FIRM
+            return record
+
+        self.kept(t, resolution, keeper, collocation.SHORT, 0.0)
+        return np.array(record.ends)
+
+    @property
+    def on_kernel(self) -> bool:
+        """Whether the kernel takes the steps; else they are plain ones, in Python."""
+        return serves(self._system, marched=True)
 
     def equations(self) -> AbstractContextManager[Equations]:
         """A workspace of what moves, lent: the one that finding the start has given back."""
         assert self._start is not None
         return lent(self._system, marched=True)
 
-    def _stages(
-        self, t: Array, dynamics: Equations, resolution: float
-    ) -> tuple[Stages, Sampler | None]:
-        """The stages of a run, and the digital controller that acts in it."""
+    def _marched(
+        self, t: Array, march: Callable[[Problem], Run], dynamics: Equations | None = None
+    ) -> Run:
+        """The run of a problem up to the last sample, with what its start and control tell."""
+        if dynamics is None:
+            with self.equations() as own:
+                return self._marched(t, march, own)
+        start, problem = self._start, self._problem(t, dynamics)
+        try:
+            run = march(problem)
+        except (SceneError, RunInterrupted) as stop:
+            _tell(stop, start)
+            raise
+        if problem.sampler is not None:
+            run = replace(run, signals=problem.sampler.signals(run.t, run.y))
+        return start.told(run)
+
+    def _problem(self, t: Array, dynamics: Equations) -> Problem:
+        """What a run solves, with the digital controller that acts in it."""
         drive, sampler = self._drive(t), None
         if self.sampled:
             sampler, drive = self._sampler(dynamics, drive, float(t[-1]))
-        given = self.spec.method
-        few = _HELD_STAGES if self.sampled else STAGES
-        tableau = given if isinstance(given, Collocation) else radau(few)
-        stages = Stages(
-            self.mechanism, dynamics, self._path(t), resolution, tableau, drive, self.by_forces,
-            sampler,
-        )  # fmt: skip
+        return Problem(self.mechanism, dynamics, self._path(t), drive, sampler)
+
+    def _radau(self, problem: Problem, resolution: float) -> Radau:
+        method = self._few if self.sampled else self._method(STAGES)
+        steps = Radau(problem, method, self.by_forces)
         if self.sampled:
-            part = max(_HELD_NEWTON * resolution, FIRM.part)
-            stages.closeness = FIRM._replace(part=part)
-        return stages, sampler
+            part = max(_HELD_NEWTON * resolution, FIRM.relative)
+            steps.tolerance = replace(FIRM, relative=part)
+        return steps
+
+    @property
+    def _few(self) -> Collocation:
+        return self._method(_FEW_STAGES)
+
+    def _method(self, stages: int) -> Collocation:
+        given = self.spec.method
+        return given if isinstance(given, Collocation) else radau(stages)
+
+    @property
+    def _begun(self) -> tuple[Array, Array]:
+        return self._start.y, self._start.v
+
+    @property
+    def _loads(self) -> Loads:
+        loads: Loads = self._system.loads
+        return loads
 
     @property
     def by_forces(self) -> bool:
@@ -351,6 +428,25 @@ class Scene:
 def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
     if isinstance(stop.result, Run):
         stop.result = start.told(stop.result)
+
+
+def _instants(problem: Problem, end: float, finer: int = 0) -> tuple[float, ...]:
+    """Times before `end` at which a digital controller acts, and cuts of the times between [s]."""
+    return () if problem.sampler is None else problem.sampler.instants(float(end), 2**finer)
+
+
+def _with(ends: Array, corners: Array) -> Array:
+    """Ends of steps, and corners [s]; one of each where these are as good as equal."""
+    near = _SAME * float(ends[-1])
+    apart = np.abs(ends[:, None] - corners).min(axis=1, initial=np.inf) > near
+    return np.sort(np.concatenate([ends[apart], corners]))
+
+
+def _cut(marks: Array, dt: float) -> Array:
+    """Ends of equal steps of dt at the most between marks [s]."""
+    pairs = pairwise(marks.tolist())
+    pieces = [np.linspace(a, b, 1 + int(np.ceil((b - a) / dt - 1e-9)))[1:] for a, b in pairs]
+    return np.concatenate(pieces)
 
 
 def _thin(run: Run, every: int) -> Run:

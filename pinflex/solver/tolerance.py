@@ -33,6 +33,7 @@ _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose 
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
 _ROUNDS = 8
 _FINER = 16.0  # resolution of a run of collocation over that of the next
+_PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
 _WAYS_OUT = "Give a larger tol, start=static, or damping for what rings;"
 _FAILURES = 2  # runs that may break off, or change more than the last, before it is given up
@@ -42,8 +43,9 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     """The run at samples t (s) within a relative error tol.
 
     Level coupled goes by Radau IIA collocation (`in_one_run`; where joints stick or a digital
-    controller acts, `by_refinement`); members of the alpha family that are asked for, level ked and
-    a continuous control in equal steps (`by_step_halving`).
+    controller acts, `by_refinement`; without the kernel, `by_plain_steps`); members of the alpha
+    family that are asked for, level ked and a continuous control in equal steps
+    (`by_step_halving`).
 
     Args:
         scene: What is solved.
@@ -57,6 +59,8 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     collocates = given is None or given == "radau" or isinstance(given, Collocation)
     if scene.linear or not collocates or (scene.control is not None and not scene.sampled):
         return by_step_halving(scene, t, tol, progress)
+    if not scene.on_kernel:
+        return by_plain_steps(scene, t, tol, progress)
     if scene.sticks or scene.sampled:
         return by_refinement(scene, t, tol, progress)
     return in_one_run(scene, t, tol, progress)
@@ -102,6 +106,21 @@ def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | Non
     gain = 2.0 ** _order(scene.spec) - 1.0
     return _Refinement(
         scene, t, tol, lambda dt, _: scene.stepped(t, dt, progress), first, 2.0, gain
+    ).run()
+
+
+def by_plain_steps(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+    """By collocation in equal steps, half as long every time: where the kernel does not serve.
+
+    As much less is trusted as in `by_refinement`.
+
+    Args:
+        scene, t, tol, progress: As in `solve_to_tolerance`.
+    """
+    first = _PLAIN * default_step(scene.mechanism, float(t[-1] - t[0]))
+    gain = 1.0 if scene.sticks else 3.0
+    return _Refinement(
+        scene, t, tol, lambda dt, _: scene.plainly(t, dt, progress), first, 2.0, gain
     ).run()
 
 

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pinflex.advice.solve import solve
 from pinflex.description.motion import Motion
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.step_control import TOGETHER
+from pinflex.integrators.march import TOGETHER
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.progress import Callback
 from pinflex.results.result import Result

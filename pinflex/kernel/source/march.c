@@ -1,5 +1,5 @@
 /* The steps of a run, one after the other, until a batch is full or something else has to answer:
-   the same decisions as `_March` in pinflex/integrators/march.py, which says more. */
+   pinflex/integrators/march.py sets it off, and says what the numbers are. */
 #include "march.h"
 #include <stddef.h>
 #include <time.h>
@@ -69,7 +69,11 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   Int kind = ON;
   for (; m->stop < m->stops && !(m->stop_at[m->stop] > m->t + m->shortest); m->stop++)
     if (m->kind[m->stop] < kind) kind = m->kind[m->stop];
-  if (m->stop == m->stops || kind == ON) return ON;
+  if (m->stop == m->stops) return ON;
+  if (kind == ON) { /* the next step is as long as it is given */
+    m->h = fmin(m->first, m->ceiling);
+    return ON;
+  }
   m->follows = 0;
   if (kind == RESTARTS) m->h = fmin(m->h, m->first);
   return (int)kind;

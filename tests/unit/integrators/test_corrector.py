@@ -13,47 +13,47 @@ import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.corrector import Before, Corrector
-from pinflex.integrators.radau import Stages
+from pinflex.integrators.march import Batch, Radau
+from pinflex.integrators.problem import State
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
-from pinflex.integrators.stages import Step
+from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import Outputs
 from pinflex.mechanics import lending, workspace
 from pinflex.solver.expected import expected
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion, solve_level
 
+pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
+
 END, ASKED = 0.1, ("torque", "deflection")
 
 
 class Kept(Record):
-    """A record of a run and of its corrections, with the steps; it sends the run back once."""
+    """A record of a run and of its corrections; it sends the run back once, if it is to."""
 
-    def __init__(self, stages: Stages, t: Array, resolution: float, back: bool = False) -> None:
-        super().__init__(stages, t, resolution)
-        self.stages, self.corrector, self.steps, self.fine = stages, Corrector(stages), [], []
-        self.corrected, self.back = Record(self.corrector, t, resolution), back
-        self.second, self.finest = Corrector(self.corrector), []
-        self.twice = Record(self.second, t, resolution)
+    def __init__(self, radau: Radau, t: Array, resolution: float, back: bool = False) -> None:
+        system = radau.problem.dynamics.system
+        super().__init__(system, t, resolution)
+        self.corrector, self.corrected = Corrector(radau), Record(system, t, resolution)
+        self.second = Corrector(self.corrector.stages)
+        self.twice, self.back = Record(system, t, resolution), back
         self.before: tuple[Before | None, Before | None] = (None, None)
 
-    def start(self, now: object) -> None:
+    def start(self, now: State) -> None:
         super().start(now)
         self.corrected.start(now)
         self.twice.start(now)
 
-    def take(self, steps: list[Step], found: object = None) -> int:  # type: ignore[override]
+    def take(self, steps: Batch) -> int:
         if self.back:
             self.back, self.resolution = False, 0.1 * self.resolution
-            return 3 if super().take(steps[:3]) else 0
-        fine = self.corrector.correct_all(steps, self.before[0])
-        finest = self.second.correct_all(fine, self.before[1])
-        self.before = self.corrector.last(steps, fine), self.second.last(fine, finest)
-        self.corrected.take(fine)
-        self.twice.take(finest)
-        self.fine += fine
-        self.finest += finest
-        self.steps += steps
+            return super().take(steps.upto(3))
+        once = self.corrector.correct(steps, self.before[0])
+        twice = self.second.correct(once, self.before[1])
+        self.before = self.corrector.last(steps, once), self.second.last(once, twice)
+        self.corrected.take(once)
+        self.twice.take(twice)
         return super().take(steps)
 
 
@@ -66,11 +66,13 @@ def scene() -> Scene:
 def march(given: Scene, resolution: float, back: bool = False) -> tuple[Kept, Run]:
     t, kept = np.linspace(0.0, END, 51), []
 
-    def keeper(stages: Stages) -> Kept:
-        kept.append(Kept(stages, t, resolution, back))
+    def keeper(radau: Radau) -> Kept:
+        kept.append(Kept(radau, t, resolution, back))
         return kept[0]
 
-    run = given.kept(t, resolution, keeper, 5e-3, expected(given, END).scale)
+    scale = expected(given, END).scale
+    with given.equations() as own:
+        run = given.kept(t, resolution, keeper, 5e-3, scale, judge=own)
     return kept[0], run
 
 
@@ -93,50 +95,12 @@ def test_the_correction_is_the_error_of_the_run(fine: Run) -> None:
         assert again[key] == pytest.approx(left[key], rel=0.2)  # 0.94 and 1.11
 
 
-def test_samples_read_off_all_steps_at_once_are_those_of_each_step() -> None:
-    kept, run = march(scene(), 1e-3)
-    steps, t = kept.steps, run.t[1:]
-    ends = np.array([step.start.t + step.h for step in steps])
-    of = np.minimum(np.searchsorted(ends, t - 1e-12), len(steps) - 1)
-    for k in range(len(steps)):
-        at = np.flatnonzero(of == k)
-        one = kept.stages.dense([steps[k]], t[at], np.zeros(len(at), dtype=np.intp))
-        for name in ("y", "v", "a", "lam", "torque"):
-            # Sums in another order.
-            whole = getattr(run, name)[1:]
-            np.testing.assert_allclose(
-                whole[at], getattr(one, name), rtol=1e-12, atol=1e-12 * np.abs(whole).max()
-            )
-
-
 def test_a_run_that_is_sent_back_goes_on_from_there_with_shorter_steps(fine: Run) -> None:
     given = scene()
     _, run = march(given, 1e-2, back=True)
     compare = Outputs(given.mechanism, given.motion, run.t, ASKED)
     assert run.cost["repeated"] == 4  # of seven steps three stayed
     assert max(compare.differences(run, fine).values()) < 1e-2
-
-
-@pytest.mark.parametrize("name", ["race_r1", "race_r2"])  # circles; balls
-def test_corrections_of_the_kernel_are_those_of_numpy(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    m = pf.load(name)
-    spec = replace(m.description.solve, level="coupled", until=END, asked=ASKED, tol=None, dt=None)
-    given = Scene(m, default_motion(m), spec)
-    kept, _ = march(given, 1e-3)
-    monkeypatch.setenv("PINFLEX_KERNEL", "0")
-    plain, _ = march(given, 1e-3)
-    if kept.corrector.compiled is None:
-        pytest.skip("no kernel")
-    assert plain.corrector.compiled is None
-    once = plain.corrector.correct_all(kept.steps, None)
-    twice = plain.second.correct_all(once, None)
-    # Undamped steps carry round-off on: 3e-12 of the largest move, and more by h^2 in forces.
-    for part, close in (("move", 1e-10), ("lam", 1e-7), ("torque", 1e-7), ("power", 1e-7)):
-        for mine, plainly in ((kept.fine, once), (kept.finest, twice)):
-            ours, theirs = (np.array([getattr(x, part) for x in of]) for of in (mine, plainly))
-            assert np.abs(ours - theirs).max() < close * np.abs(theirs).max(), part
 
 
 def test_a_run_gives_its_workspace_back_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:

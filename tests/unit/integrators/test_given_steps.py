@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.integrators import given_steps
+from pinflex.integrators import march
 from pinflex.kernel.library import kernel
 from pinflex.solver.same_steps import SameSteps
+from pinflex.solver.scene import Scene
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +34,8 @@ def test_the_steps_of_a_run_halved_have_its_states(strip):
 def test_a_step_that_newton_does_not_solve_is_taken_in_pieces(strip, monkeypatch):
     robot, steps = strip
     expected = steps.run(robot, steps.grid, halved=False).frame("tip").position
-    monkeypatch.setattr("pinflex.integrators.radau._MAX_ITERATIONS", 2)  # most steps take three
+    few = replace(march._GIVEN, iterations=2)  # most steps take three
+    monkeypatch.setattr(march, "_GIVEN", few)
     found = steps.run(robot, steps.grid, halved=False)
     if kernel().functions is not None:
         assert found.meta["cost"]["rejected"] > 0
@@ -53,7 +57,11 @@ def test_steps_and_instants_follow_a_motion_that_takes_longer():
     np.testing.assert_allclose(far, near / 4, atol=1e-9 * np.abs(near).max())
 
 
-def test_a_break_inside_a_given_step_is_an_error():
-    with pytest.raises(pf.ConvergenceError, match="switches within a given step"):
-        given_steps._corners("robot", 0.0, [0.25], np.array([0.1, 0.2, 0.3]), 1e-9)
-    assert given_steps._corners("robot", 0.0, [0.2], np.array([0.1, 0.2, 0.3]), 1e-9) == {1}
+def test_a_break_inside_a_given_step_ends_it():
+    push = "{at: tip, force: [0, 0, 1], start: 0.03}"
+    robot = pf.load("cantilever", [f"forces={{push: {push}}}", "solve={until: 0.1}"])
+    spec = replace(robot.description.solve, level="coupled")
+    scene, t = Scene(robot, pf.hold(duration=0.1), spec), np.linspace(0.0, 0.1, 11)
+    ends = np.linspace(0.0, 0.1, 38)[1:]
+    found, expected = (scene.along(t, more) for more in (ends, np.union1d(ends, 0.03)))
+    np.testing.assert_allclose(found.y, expected.y, rtol=0, atol=1e-14)

@@ -38,7 +38,6 @@ from pinflex.mechanics.frames import Frame, frame_poses
 from pinflex.mechanics.kernel_tables import KNOWN, uncovered
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.system import Springs, System
-from pinflex.solver.tolerance import solve_to_tolerance
 from tests.benchmarks.race.case import scene
 from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
 from tests.property.trees import tree
@@ -474,17 +473,3 @@ def test_a_radau_run_on_the_kernel_takes_the_steps_of_numpy(
         found, expected = getattr(compiled, name), getattr(plain, name)
         scale = np.max(np.abs(expected), initial=1e-300)
         assert np.max(np.abs(found - expected), initial=0.0) < 1e-5 * scale
-
-
-@needs_kernel
-def test_a_run_within_a_tolerance_takes_the_steps_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = scene(pf.load("race_r2"), ())
-    t = np.linspace(0.0, run.motion.duration, 21)
-    compiled = solve_to_tolerance(run, t, 1e-2)
-    monkeypatch.setenv("PINFLEX_KERNEL", "0")
-    plain = solve_to_tolerance(run, t, 1e-2)
-    # Factors and tangents differ by round-off, which may shift an iteration.
-    for key in ("steps", "newton", "corrections"):
-        assert compiled.cost[key] == pytest.approx(plain.cost[key], rel=0.03)
-    errors = [of.settings["error"]["torque"] for of in (compiled, plain)]  # type: ignore[index]
-    assert errors[0] == pytest.approx(errors[1], rel=0.1)

@@ -14,7 +14,6 @@ from pinflex.kernel.library import kernel
 from pinflex.mechanics.compiled import Compiled, on_kernel
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.system import System
-from tests.benchmarks.race.case import scene
 from tests.scenes import Body, load
 from tests.unit.kernel.test_kernel import (
     SAME,
@@ -25,17 +24,12 @@ from tests.unit.kernel.test_kernel import (
     same_tangent,
     without_kernel,
 )
-from tests.unit.kernel.test_march import SAME as SAME_RUN
-from tests.unit.kernel.test_march import both, same
 from tests.unit.mechanics.test_slider import (
     BASES,
-    DRAWN,
     FIXED,
     ROD,
     SLEEVES,
     SPACE,
-    TELESCOPE,
-    TUBE,
     robot,
 )
 from tests.unit.mechanics.test_slider_segments import along
@@ -58,14 +52,6 @@ SPATIAL = {
                  "flexible.rod.section={shape: circle, diameter: 0.02}"),
 }  # fmt: skip
 CUTS = (1, 2, 4)
-DRAWN_FAR = (
-    "flexible.rod.basis={kind: craig_bampton, internal: 1}", "loops.mouth.sleeve=0.02",
-    "flexible.rod.bending_y=true", "flexible.rod.bending_z=true",
-    "motion={kind: cycloid, joints: {rod_joint: -0.2}, duration: 0.2}",
-)  # fmt: skip
-# What Newton leaves, as in test_alpha.py; multipliers of the ends of so short a sleeve, 1e4 N that
-# cancel to 60 N, differ by 1e-4.
-EQUAL = {"y": 1e-11, "v": 1e-8, "a": 5e-6, "torque": 1e-6}
 BESIDE = (
     *ROD,
     Body("slide", "base", "prismatic", xyz=(0.35, 0, 0), axis=(0, 0.6, 0.8), mass=0.1,
@@ -150,23 +136,6 @@ def test_differences_find_the_same_derivatives(segments: int, x: float, tmp_path
     K = d.tangent(y, zero, zero, lam, 0.0).K - d.tangent(y, zero, zero, no, 0.0).K
     pushed = along(lambda y: -d.close(y).J.T @ lam, y, v, d)
     np.testing.assert_allclose(K @ v, pushed, atol=1e-6 * np.abs(pushed).max())
-
-
-@pytest.mark.parametrize("segments", [1, 2])
-def test_marches_are_those_of_numpy(
-    segments: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Over the border of two segments at 0.25 m, by steps that are chosen and by equal ones."""
-    m = load(tmp_path, TELESCOPE, TUBE, (*DRAWN, *DRAWN_FAR, f"flexible.rod.segments={segments}"))
-    assert on_kernel(m.flexible) is not None
-    given, t = scene(m, ()), np.linspace(0.0, 0.2, 21)
-    same(*both(monkeypatch, lambda: given.resolved(t, 1e-3)), SAME_RUN)
-    monkeypatch.delenv("PINFLEX_KERNEL")
-    close = dataclasses.replace(given, tolerance=1e-10)  # Newton's, as in test_alpha.py
-    made, plain = both(monkeypatch, lambda: close.stepped(np.linspace(0.0, 0.2, 101), 2e-3))
-    for name, limit in EQUAL.items():
-        one, other = getattr(made, name), getattr(plain, name)
-        assert np.abs(one - other).max() < limit * np.abs(other).max(), name
 
 
 @pytest.mark.parametrize("how", [{"tol": 1e-2}, {"dt": 1e-3}])

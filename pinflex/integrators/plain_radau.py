@@ -1,0 +1,293 @@
+"""Radau IIA collocation in plain Python: the reference of the compiled march, and its stand-in.
+
+A step of length h from (y_0, v_0) has s stages, at each of which the equations hold:
+
+    r(y_i, v_i, a_i, lam_i) = 0,  c(y_i) = 0,  v_i = v_0 + h A_ij a_j,  y_i = y_0 (+) h A_ij u_j
+
+On a manifold, u is v seen in the exponential coordinates of the step (Munthe-Kaas 1999), else
+u = v. Newton solves for the corrections of all stages at once, on the tangent of one state:
+
+    M da_i + h C A_ij da_j + h^2 K A2_ij da_j - J' dlam_i = -r_i,    h^2 J A2_ij da_j = -c_i
+
+Steps have the lengths that they are given; one that Newton does not solve is taken in halves. It is
+to be right, not fast: no error is estimated (see `pinflex.solver.tolerance`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath
+from pinflex.arrays import Array
+from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
+from pinflex.integrators.collocation import Collocation
+from pinflex.integrators.problem import Problem, State, StepFailed, seen_inside
+from pinflex.integrators.run import Run
+from pinflex.linalg import lapack
+from pinflex.mechanics.manifold import Manifold
+
+_ITERATIONS, _HALVINGS = 20, 10  # of a step, at the most
+# Newton goes on until a correction is round-off beside the largest displacement, or m or rad; or
+# shrinks no more, at a thousand times that.
+_RELATIVE, _ABSOLUTE, _NOISE = 1e-13, 1e-15, 1e3
+# Contraction above which the next iteration has a new tangent, and above which it is none.
+_SLOW, _STALLED = 0.3, 0.7
+_SAME = 1e-9  # of the run: times nearer than this are one
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step from a state: its length in s, and its stages, shape (s, .) each.
+
+    Attributes:
+        start: State before it. h: Length [s]. turn: u - v. power: Of motors and damping [W].
+    """
+
+    start: State
+    h: float
+    move: Array
+    turn: Array
+    a: Array
+    lam: Array
+    torque: Array
+    power: Array
+
+
+class PlainRadau:
+    """The steps of one run.
+
+    Attributes:
+        iterations, tangents: Counts.
+    """
+
+    def __init__(self, problem: Problem, method: Collocation) -> None:
+        self.problem, self.method = problem, method
+        self._d = problem.dynamics
+        self._manifold = Manifold(self._d)
+        self._h = 0.0  # step of Newton's matrix
+        self._lu: tuple[Any, ...] | None = None  # its factors
+        self.iterations = self.tangents = 0
+        self._largest = 0.0  # displacement so far
+
+    def steps(self, start: State, end: float, last: Step | None, halvings: int) -> Iterator[Step]:
+        """The step from a state to a time (s), or those of its halves."""
+        h = end - start.t
+        for before in (last, None):
+            try:
+                step = self.step(start, h, before)
+            except (StepFailed, np.linalg.LinAlgError):
+                self._lu = None  # the tangent may have aged
+            else:
+                yield step
+                return
+        if not halvings:
+            raise ConvergenceError(f"a step of {h:.3g} s cannot be solved.", time=start.t)
+        for half in (start.t + 0.5 * h, end):
+            for step in self.steps(start, half, last, halvings - 1):
+                yield step
+                start, last = self.end(step), step
+            start.t = half
+
+    def step(self, start: State, h: float, last: Step | None) -> Step:
+        """The step of length h (s); the one before it, or None, predicts.
+
+        Raises:
+            StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
+        """
+        m, p = self.method, self.problem
+        t = start.t + h * m.c
+        path, seen = p.path_inside(t), seen_inside(t, m.c)
+        a, lam = np.tile(start.a, (m.s, 1)), np.tile(start.lam, (m.s, 1))
+        if last is not None:  # the polynomials of the last step go on
+            W = m.at(1.0 + h / last.h * m.c)
+            a, lam = W @ last.a, W @ last.lam
+        if p.prescribed:
+            a[:, p.motors] = path.acceleration
+        turn, size, rate = np.zeros_like(a), np.inf, 0.0
+        for _ in range(_ITERATIONS):
+            y, v, move, turn = self._placed(start, h, path, a, turn)
+            if self._lu is None or abs(h - self._h) > _SAME * h or rate > _SLOW:
+                self._factor(h, y, v, a, lam, seen)
+            r, c = self._residuals(y, v, a, lam, path, seen)
+            da, dlam = self._correction(r, c)
+            a, lam, change = a + da, lam + dlam, h * h * m.A2 @ da
+            self.iterations += 1
+            before, size = size, float(np.abs(change).max(initial=0.0))
+            rate = size / before
+            reach = max(self._largest, float(np.abs(move + change).max(initial=0.0)))
+            goal = _RELATIVE * reach + _ABSOLUTE
+            if size <= goal or (rate > _STALLED and size <= _NOISE * goal):
+                break
+            if not size <= 1e3 * max(reach, 1.0):
+                raise StepFailed
+        else:
+            raise StepFailed
+        self._largest = reach
+        y, v, move, turn = self._placed(start, h, path, a, turn)
+        torque = self._torque(y, v, a, lam, path, seen)
+        return Step(start, h, move, turn, a, lam, torque, self._power(y, v, torque))
+
+    def end(self, step: Step) -> State:
+        """The state after a step."""
+        t, p = step.start.t + step.h, self.problem
+        path = p.path_inside(np.array([t]))
+        y, v, *_ = self._read(step, np.ones(1), path)
+        return State(t, y[0], v[0], step.a[-1], step.lam[-1], step.torque[-1])
+
+    def dense(self, step: Step, t: Array) -> tuple[Array, ...]:
+        """y, v, a, lam, torque and work since the start of a step at times t (k,) s inside it."""
+        return self._read(step, (t - step.start.t) / step.h, self.problem.path(t))
+
+    def _read(self, step: Step, x: Array, path: MotorPath) -> tuple[Array, ...]:
+        """The same at places x of the step, 0 to 1, where the motors are on a path."""
+        start, h, p = step.start, step.h, self.problem
+        B1, B2, W = self.method.between(x)
+        v = start.v + h * B1 @ step.a
+        move = h * np.outer(x, start.v) + h * h * B2 @ step.a + h * B1 @ step.turn
+        y = self._manifold.retract(start.y, move)
+        # Through the value at the start too: below the first node a polynomial runs wild.
+        a, lam, torque = (
+            W @ np.vstack([getattr(start, name), getattr(step, name)])
+            for name in ("a", "lam", "torque")
+        )
+        if p.prescribed:
+            p.axes.write(y, path.position)
+            v[:, p.motors], a[:, p.motors] = path.velocity, path.acceleration
+        return y, v, a, lam, torque, h * B1 @ step.power
+
+    def _placed(
+        self, start: State, h: float, path: MotorPath, a: Array, turn: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Poses, velocities, moves and turns of the stages from their accelerations."""
+        m, p = self.method, self.problem
+        v = start.v + h * m.A @ a
+        if p.prescribed:
+            v[:, p.motors] = path.velocity
+        move = h * np.outer(m.c, start.v) + h * h * m.A2 @ a + h * m.A @ turn
+        if self._manifold.turning:
+            turn = self._manifold.turn(start.y, move, v)
+            move = h * np.outer(m.c, start.v) + h * h * m.A2 @ a + h * m.A @ turn
+        y = self._manifold.retract(start.y, move)
+        if p.prescribed:
+            p.axes.write(y, path.position)
+        return y, v, move, turn
+
+    def _residuals(
+        self, y: Array, v: Array, a: Array, lam: Array, path: MotorPath, seen: Array
+    ) -> tuple[Array, Array]:
+        """Forces (s, nv) and closures (s, rows) that the stages leave."""
+        r, c = self._d.residual(y, v, a, lam, seen, self.problem.control_force)
+        if not self.problem.prescribed:
+            r[:, self.problem.motors] -= self.problem.pull(path, y, v, seen)
+        return r, c
+
+    def _factor(self, h: float, y: Array, v: Array, a: Array, lam: Array, seen: Array) -> None:
+        """Newton's matrix from the tangent at the stage in the middle."""
+        m, p, k = self.method, self.problem, self.method.s // 2
+        M, C, K, J = self._d.tangent(y[k], v[k], a[k], lam[k], float(seen[k]))
+        if p.drive is not None:
+            C[p.motors, p.motors] += p.drive.kd
+            K[p.motors, p.motors] += p.drive.kp
+        at, J, eye = np.ix_(p.free, p.free), J[:, p.free], np.eye(m.s)
+        n, rows = m.s * len(p.free), m.s * len(J)
+        S = np.zeros((n + rows, n + rows))
+        S[:n, :n] = np.kron(eye, M[at]) + np.kron(h * m.A, C[at]) + np.kron(h * h * m.A2, K[at])
+        S[:n, n:] = -np.kron(eye, J.T)
+        S[n:, :n] = np.kron(h * h * m.A2, J)
+        if not np.isfinite(S).all():
+            raise StepFailed
+        *lu, info = lapack().dgetrf(S) if len(S) else (0,)
+        if info:
+            raise np.linalg.LinAlgError("singular iteration matrix")
+        self._lu, self._h, self.tangents = tuple(lu), h, self.tangents + 1
+
+    def _correction(self, r: Array, c: Array) -> tuple[Array, Array]:
+        """da (s, nv) and dlam (s, rows)."""
+        free, da = self.problem.free, np.zeros_like(r)
+        b = -np.concatenate([r[:, free].ravel(), c.ravel()])
+        x = lapack().dgetrs(*self._lu, b)[0] if self._lu else b
+        da[:, free] = x[: self.method.s * len(free)].reshape(-1, len(free))
+        return da, x[self.method.s * len(free) :].reshape(c.shape)
+
+    def _torque(
+        self, y: Array, v: Array, a: Array, lam: Array, path: MotorPath, seen: Array
+    ) -> Array:
+        if not self.problem.prescribed:
+            return self.problem.pull(path, y, v, seen)
+        return self._residuals(y, v, a, lam, path, seen)[0][:, self.problem.motors]
+
+    def _power(self, y: Array, v: Array, torque: Array) -> Array:
+        """Of the motors and of what a controller holds, and of the damping, W, shape (s, 2)."""
+        motors = np.sum(torque * v[:, self.problem.motors], axis=1)
+        if (force := self.problem.control_force) is not None:
+            motors = motors + v @ force
+        return np.column_stack([motors, self._d.losses(y, v)])
+
+
+# A diverging iteration overflows before it is caught.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def integrate(
+    name: str,
+    problem: Problem,
+    method: Collocation,
+    start: tuple[Array, Array],
+    t: Array,
+    ends: Array,
+    corners: Array,
+    progress: Callable[[int, int], None] | None = None,
+) -> Run:
+    """March from t[0] to the last of the ends and answer at the times t.
+
+    Args:
+        name: Of the mechanism, for errors.
+        problem: What is solved. method: Radau IIA.
+        start: y (nq,) and v (nv,) on the closures.
+        t: Samples [s], increasing, up to the last end.
+        ends: Of the steps [s], increasing.
+        corners: Those at which the motion, a load or a controller's output jumps [s].
+        progress: Called with (samples done, samples).
+    Raises:
+        ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
+    """
+    march, now, last = PlainRadau(problem, method), problem.first(float(t[0]), *start), None
+    close, work, done = _SAME * float(ends[-1] - t[0]), np.zeros(2), 0
+    begun = now.y, now.v, now.a, now.lam, now.torque, work
+    found, count = [[x[None]] for x in begun], 1
+
+    def run(stopped: str = "") -> Run:
+        y, v, a, lam, torque, worked = (np.concatenate(column) for column in found)
+        cost = {"steps": done, "newton": march.iterations, "tangents": march.tangents}
+        dt = (now.t - float(t[0])) / max(done, 1)
+        settings = {"integrator": "radau", "stages": method.s, "dt": dt}
+        given = problem.dynamics.system, t[:count], y, v, a, lam, torque
+        return Run(*given, {k: float(x) for k, x in cost.items()}, settings, worked, (), stopped)
+
+    try:
+        for end in ends.tolist():
+            for step in march.steps(now, end, last, _HALVINGS):
+                now, last, done = march.end(step), step, done + 1
+                upto = int(np.searchsorted(t, now.t + close, side="right"))
+                *states, worked = march.dense(step, t[count:upto])
+                for column, values in zip(found, (*states, work + worked), strict=True):
+                    column.append(values)
+                count, work = upto, work + step.h * method.A[-1] @ step.power
+                problem.dynamics.require_on_beams(now.y, name, now.t)
+            now.t = end
+            if np.abs(corners - end).min(initial=np.inf) <= close and end < ends[-1]:
+                now, last = problem.first(end, now.y, now.v), None
+            if progress is not None:
+                progress(count, len(t))
+    except (ConvergenceError, MotionError) as error:
+        if isinstance(error, ConvergenceError):
+            error = ConvergenceError(f"{name}: t = {now.t:.6g} s: {error}", time=now.t)
+        error.result = run(str(error) if isinstance(error, MotionError) else "diverged")
+        raise error from None
+    except KeyboardInterrupt:
+        if count < 2:
+            raise  # nothing but the start
+        raise RunInterrupted(run("interrupted")) from None
+    return run()

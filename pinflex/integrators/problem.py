@@ -1,0 +1,126 @@
+"""What a march solves: the equations of a system, and what moves its motors.
+
+    r(y, v, a, lam, t) = B tau,     c(y) = 0
+
+Motors follow a path exactly, and their torque tau is what is left; or a drive gives their torque. A
+digital controller adds forces that it holds from instant to instant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath, TorqueDrive
+from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.sampler import Sampler
+from pinflex.arrays import Array
+from pinflex.integrators.consistent import consistent_acceleration
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.mechanism import Mechanism
+
+Path = Callable[[Array], MotorPath]
+_BESIDE = 1e-10  # of the time: beyond what laws of motion snap to, less than any step to a node
+
+
+class StepFailed(Exception):
+    """Newton did not converge in a step: a shorter one may."""
+
+
+@dataclass
+class State:
+    """The state at an instant: t in s, y (nq,), v and a (nv,), lam (rows,), torque (nm,)."""
+
+    t: float
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    torque: Array
+
+
+class Problem:
+    """The equations of one run.
+
+    Attributes:
+        dynamics: Residual, tangent and poses. path: Motion of the motors; it may be asked for any
+            times of the run. motion: The same, as it was given.
+        drive: What gives the motors' torque; None: they follow the path.
+        sampler: A digital controller, or None.
+        axes, motors: Coordinates and velocity rows of the motors.
+        free: Velocity rows that are solved for.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        dynamics: Equations,
+        path: Path,
+        drive: TorqueDrive | None = None,
+        sampler: Sampler | None = None,
+    ) -> None:
+        system = dynamics.system
+        self.dynamics, self.path, self.motion = dynamics, path, path
+        self.drive, self.sampler = drive, sampler
+        self.axes, self.motors = motor_axes(mechanism), system.motors
+        self.free = system.free if drive is None else system.unheld
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the motors follow their path exactly."""
+        return self.drive is None
+
+    def first(self, t: float, y: Array, v: Array) -> State:
+        """Consistent accelerations, multipliers and torques at (y, v)."""
+        d, path = self.dynamics, self.path(np.array([t]))
+        if self.sampler is not None:
+            self.sampler.reach(t, y, v)
+        u, held, a_held = self.control_force, self.motors, path.acceleration[0]
+        if self.drive is None:
+            a, lam = consistent_acceleration(d, y, v, held, a_held, None, t, u)
+            return State(t, y, v, a, lam, d.residual(y, v, a, lam, t, u).r[self.motors])
+        torque = self.pull(path, y[None], v[None])[0]
+        a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
+        return State(t, y, v, a, lam, torque)
+
+    def pull(self, path: MotorPath, y: Array, v: Array, seen: Array | None = None) -> Array:
+        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them.
+
+        Args:
+            path: Motion that the motors should have, at k times.
+            y: Coordinates, shape (k, nq). v: Velocities, shape (k, nv).
+            seen: Times at which what is fed forward is taken [s]; None: those of the path.
+        """
+        assert self.drive is not None
+        torque = self.drive.pull(path, self.axes, y, v, seen)
+        return torque if self.sampler is None else torque + self.sampler.torque
+
+    @property
+    def control_force(self) -> Array | None:
+        """Generalised forces (nv,) that a digital controller holds now; None: none."""
+        return None if self.sampler is None else self.sampler.force
+
+    def path_inside(self, t: Array) -> MotorPath:
+        """Motion of the motors at times of stages (k,) s, the last of which may end a step.
+
+        Where accelerations jump there, they are those inside: a stage with others would leave an
+        error of the order of h in every speed.
+        """
+        rest, n = _BESIDE * np.maximum(1.0, t), len(t)
+        path, ahead = self.path(np.concatenate([t - rest, t - 2.0 * rest])), rest[:, None]
+        x, v, a = (part[:n] for part in (path.position, path.velocity, path.acceleration))
+        a = 2.0 * a - path.acceleration[n:]  # straight on from the two
+        return MotorPath(t, x + ahead * (v + 0.5 * ahead * a), v + ahead * a, a)
+
+
+def seen_inside(t: Array, c: Array) -> Array:
+    """Times of the stages at nodes c of a step as loads see them, (s,).
+
+    Where one switches at an end of the step, it is as it is inside, however that is rounded.
+
+    Args:
+        t: Times of the stages [s]. c: Nodes of the step, 0 to 1.
+    """
+    return t + max(1.0, float(t[-1])) * 1e-12 * (1.0 - 2.0 * c)

@@ -1,0 +1,159 @@
+"""The march of the kernel against the plain one in Python, step by step in the same steps.
+
+Both solve every step to round-off, one with tables, batches and a factorisation for each eigenvalue
+of the tableau, the other as the equations stand; the plain run evaluates them by Pinocchio.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.integrators.collocation import radau
+from pinflex.integrators.run import Run
+from pinflex.kernel.library import kernel
+from pinflex.levels.outputs import Outputs
+from pinflex.solver.scene import Scene
+from pinflex.solver.tolerance import solve_to_tolerance
+from tests.benchmarks.race.case import scene
+from tests.every_model import manifold
+from tests.scenes import load
+from tests.unit.mechanics.test_slider import DRAWN, TELESCOPE, TUBE
+
+pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
+
+STEPS, STAGES = 30, 4
+# Of the largest value. Newton stops at 1e-12 of what moves, at 1e-10 where round-off ends it, and
+# h^2 divides that in accelerations and forces. Seen: at most a fifth.
+SAME = {"y": 1e-11, "v": 5e-9, "a": 1e-6, "lam": 2e-8, "torque": 2e-8, "work": 1e-9}
+APART = {
+    # stiff in shear: 1e-16 m in coordinates that hardly move are 1e-5 of what is fastest
+    "free base": {**SAME, "v": 2e-6, "a": 1e-4, "lam": 1e-6, "torque": 1e-6},
+    # ends of a short sleeve carry 1e4 N that cancel to 60 N: its multipliers are not compared
+    **{
+        name: {k: x for k, x in SAME.items() if k != "lam"}
+        for name in ("sleeve", "sleeve over a border")
+    },
+}
+DRIVEN = ["solve.drive=torque", "solve.kp=1000", "solve.kd=50"]
+
+
+DRAWN_FAR = (
+    "flexible.rod.basis={kind: craig_bampton, internal: 1}", "loops.mouth.sleeve=0.02",
+    "flexible.rod.bending_y=true", "flexible.rod.bending_z=true",
+    "motion={kind: cycloid, joints: {rod_joint: -0.2}, duration: 0.2}",
+)  # fmt: skip
+
+
+def law() -> pf.Control:
+    pid = pf.digital_pid(kp=800.0, ki=300.0, kd=20.0, period=1e-3)
+    drives = (pf.Effort("elbow_joint"),)
+    return pf.Control((pf.Travel("elbow_joint"),), drives, pid, period=1e-3, follow=(True,))
+
+
+def moving(kind: str) -> pf.Mechanism:
+    """A load that ramps up and ends, and a motion with corners."""
+    ramp = ", ramp: 0.006" if kind == "trapezoid" else ""
+    motion = f"{{kind: {kind}, joints: {{motor_1: 0.2}}, duration: 0.02{ramp}}}"
+    push = "{at: platform, force: [5, 0, 0], start: 0.004, ramp: 0.003, until: 0.015}"
+    return pf.load("race_r1", [f"motion={motion}", f"forces={{push: {push}}}"])
+
+
+def of(model: str, *changes: str) -> Callable[[Path], pf.Mechanism]:
+    return lambda _: pf.load(model, list(changes))
+
+
+def telescope(segments: int) -> Callable[[Path], pf.Mechanism]:
+    parts = (*DRAWN, *DRAWN_FAR, f"flexible.rod.segments={segments}")
+    return lambda folder: load(folder, TELESCOPE, TUBE, parts)
+
+
+FREE = "motion: {kind: quintic, joints: {boom_joint: 0.3}, duration: 0.3}\n"
+RUBBING = "joints.knee_1.friction={coulomb: 0.01, speed: 0.5}"
+# Scenes and how long they are marched [s]: loops, balls, interpolated inverse kinematics, elastic
+# gears, manifolds, motors driven by torques, loads that switch, friction, sleeves over a border.
+SCENES: dict[str, tuple[Callable[[Path], pf.Mechanism], float]] = {
+    "race_r1": (of("race_r1"), 0.02),
+    "race_r2": (of("race_r2"), 0.03),
+    "race_r3": (of("race_r3"), 0.01),
+    "spinning_beam": (of("spinning_beam"), 0.5),
+    "3rrr": (of("3rrr"), 0.05),
+    "3rrs": (of("3rrs"), 0.02),
+    "ur5": (of("ur5"), 0.1),
+    "delta": (of("delta"), 0.03),
+    "cassie": (of("cassie"), 0.1),
+    "hexapod": (of("hexapod"), 0.02),
+    "geared": (of("models/ur5/geared.yaml"), 0.1),
+    "free base": (lambda folder: manifold(folder, FREE), 0.03),
+    "driven ur5": (of("ur5", *DRIVEN), 0.05),
+    "driven delta": (of("delta", *DRIVEN), 0.03),
+    "rigid, driven": (of("ur5", *DRIVEN, "solve.level=rigid"), 0.1),
+    "load": (lambda _: moving("quintic"), 0.03),
+    "corners": (lambda _: moving("trapezoid"), 0.03),
+    "friction": (of("race_r1", RUBBING), 0.02),
+    "sleeve": (telescope(1), 0.1),
+    "sleeve over a border": (telescope(2), 0.1),
+}  # fmt: skip
+
+
+def given(m: pf.Mechanism, control: pf.Control | None = None) -> Scene:
+    found = scene(m, ())
+    spec = replace(found.spec, integrator=radau(STAGES))
+    if m.description.solve.level == "rigid":
+        spec = replace(spec, level="rigid")
+    return replace(found, spec=spec, control=control)
+
+
+def both(
+    monkeypatch: pytest.MonkeyPatch, run: Scene, end: float, steps: int = STEPS
+) -> tuple[Run, Run]:
+    """In equal steps, on the kernel and without."""
+    t, ends = np.linspace(0.0, end, 41), np.linspace(0.0, end, steps + 1)[1:]
+    compiled = run.along(t, ends)
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    return compiled, run.along(t, ends)
+
+
+def same(found: Run, expected: Run, limits: dict[str, float] = SAME) -> None:
+    for name, limit in limits.items():
+        a, b = getattr(found, name), getattr(expected, name)
+        assert a.shape == b.shape
+        scale = np.max(np.abs(b), initial=1e-300)
+        assert np.max(np.abs(a - b), initial=0.0) <= limit * scale, name
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_steps_are_those_of_the_plain_march(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make, end = SCENES[name]
+    same(*both(monkeypatch, given(make(tmp_path)), end), APART.get(name, SAME))
+
+
+def test_under_a_digital_controller_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = ["solve.drive=torque", "solve.kp=2000", "solve.kd=100"]
+    found, plain = both(monkeypatch, given(pf.load("ur5", drive), law()), 0.02)
+    # Accelerations jump by 1e5 at each instant, from where a step has its start.
+    same(found, plain, {**SAME, "a": 2e-4})
+    assert found.signals is not None and plain.signals is not None
+    np.testing.assert_allclose(found.signals.u, plain.signals.u, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["race_r2", "ur5", "driven ur5", "friction", "cassie"])
+def test_a_tolerance_is_kept_without_the_kernel(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By whole runs, each in half the steps, against one run at a tenth that corrects its steps."""
+    make, end = SCENES[name]
+    run, t, tol = scene(make(tmp_path), ("torque", "deflection")), np.linspace(0.0, end, 41), 1e-2
+    fine = solve_to_tolerance(run, t, 0.1 * tol)
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    plain = solve_to_tolerance(run, t, tol)
+    compare = Outputs(run.mechanism, run.motion, t, run.spec.asked)
+    assert max(compare.differences(plain, fine).values()) < tol
+    assert max(plain.settings["error"].values()) < tol  # type: ignore[attr-defined]
