@@ -22,6 +22,7 @@ from pinflex.bodies import beam
 from pinflex.bodies.beam_check import DIRECTIONS, checked_density
 from pinflex.bodies.beam_matrices import beam_energy, bending, craig_bampton
 from pinflex.bodies.curvature import Curvature, curvature
+from pinflex.bodies.cut import Cut, cut
 from pinflex.bodies.damping import damping
 from pinflex.bodies.family import (
     BENDING,
@@ -97,6 +98,11 @@ class FlexibleBody:
     root_moves: bool
     solid: Superelement | None = None
     curvature: Curvature | None = None
+
+    @cached_property
+    def cut(self) -> Cut:
+        """Sections at which outputs are taken."""
+        return cut(self)
 
     @property
     def points(self) -> Array:

@@ -25,7 +25,7 @@ from pinflex.mechanics.equations import Equations
 # Errors of velocities and poses over those of accelerations, of h and h^2: of polynomials through
 # seven points, 1 / s and 1 / s (s + 1).
 _BY_V, _BY_Y = 1.0 / 7.0, 1.0 / 50.0
-_BLOCKS = 26  # of neighbours that share matrices: one correction more is cheaper than new ones
+_BLOCKS = 13  # of neighbours that share matrices: one correction more is cheaper than new ones
 _ROUNDS = 8
 _LEFT = 1e-6  # of the first correction: no output shows it
 _SINGULAR = 1e13  # condition: coordinates without mass have no acceleration of their own

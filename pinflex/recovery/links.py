@@ -14,9 +14,6 @@ from pinflex.recovery.kinematics import pose_of
 from pinflex.recovery.samples import Samples
 from pinflex.rotations import rotation_vector, zyx_matrix
 
-# Per body: a smooth curve on the screen and every maximum within 0.1 % of a parabola.
-SECTIONS = 21
-
 
 def links(samples: Samples) -> dict[str, Array]:
     """Arrays link/NAME/... of a Result."""
@@ -25,14 +22,10 @@ def links(samples: Samples) -> dict[str, Array]:
     if reference is None:
         reference, frames = poses, samples.run.system.expansion.frames
     out = dict[str, Array]()
-    cuts = _cuts(samples)
     for name, part in mechanism.parts.items():
         slots = _slots(samples, name)
         roots = np.array([pose_of(poses, slot.root) for slot in slots])
-        pieces = [
-            _piece(samples, slot, cuts[id(slot.body)], (k, roots), out)
-            for k, slot in enumerate(slots)
-        ]
+        pieces = [_piece(samples, slot, (k, roots), out) for k, slot in enumerate(slots)]
         x, resultant, line, turned = map(_joined, zip(*pieces, strict=True))
         x, home = x[0], pose_of(poses, slots[0].root)
         back = off_straight(line, x, home[:, :, :3], home[:, :, 3])
@@ -59,21 +52,15 @@ def resultants(samples: Samples) -> dict[str, Array]:
     Args:
         samples: Of a run.
     """
-    cuts, out, found = _cuts(samples), dict[str, Array](), dict[str, Array]()
+    out, found = dict[str, Array](), dict[str, Array]()
     for name in samples.mechanism.parts:
         slots = _slots(samples, name)
         roots = np.array([pose_of(samples.kinematics.poses, slot.root) for slot in slots])
         found[name] = _joined([
-            _forces(samples, slot, cuts[id(slot.body)], (k, roots), out)[1]
+            _forces(samples, slot, (k, roots), out)[1]
             for k, slot in enumerate(slots)
         ])  # fmt: skip
     return found
-
-
-def _cuts(samples: Samples) -> dict[int, stress.Cut]:
-    """Sections of the bodies, by their id: equal ones are one."""
-    bodies = {id(slot.body): slot.body for slot in samples.run.system.expansion.slots}
-    return {key: stress.cut(body, SECTIONS) for key, body in bodies.items()}
 
 
 def _slots(samples: Samples, name: str) -> list[Slot]:
@@ -86,50 +73,42 @@ def _joined(values: Sequence[Array]) -> Array:
 
 
 def _forces(
-    samples: Samples,
-    slot: Slot,
-    section: stress.Cut,
-    among: tuple[int, Array],
-    out: dict[str, Array],
+    samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]
 ) -> tuple[Array, Array]:
     """Deflections and section forces of one body of a link, each (nt, nx, 6).
 
     A solid body adds the stress on its surface to `out`.
 
     Args:
-        samples: Of the run. slot: The body. section: Where it is cut.
+        samples: Of the run. slot: The body.
         among: Its number on the link, and the root frames of all, shape (bodies, nt, 3, 4).
         out: Arrays of the Result.
     """
     run = samples.run
     eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
-    d = stress.deflections(section, eta)
+    d = stress.deflections(slot.body.cut, eta)
     # A linear run has its forces on the undeformed link.
     deflected = (0.0 * d, 0.0 * eta) if run.linear else (d, eta)
-    forces = _section_forces(samples, slot, section, *deflected, out)
+    forces = _section_forces(samples, slot, *deflected, out)
     for contact, table in samples.forces.sleeves:
         if contact.sleeve.link == slot.link:
-            forces += section_forces(section.x, table, *among)
+            forces += section_forces(slot.body.cut.x, table, *among)
     return d, forces
 
 
 def _piece(
-    samples: Samples,
-    slot: Slot,
-    section: stress.Cut,
-    among: tuple[int, Array],
-    out: dict[str, Array],
+    samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
     """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
 
     Args:
-        samples, slot, section, among, out: As in `_forces`.
+        samples, slot, among, out: As in `_forces`.
     """
-    d, forces = _forces(samples, slot, section, among, out)
-    root = among[1][among[0]]
-    line = centre_line(d, section.x, root[:, :, :3], root[:, :, 3])
+    d, forces = _forces(samples, slot, among, out)
+    root, x = among[1][among[0]], slot.body.cut.x
+    line = centre_line(d, x, root[:, :, :3], root[:, :, 3])
     turned = root[:, None, :, :3] @ zyx_matrix(d[:, :, 3:])
-    return (slot.offset + section.x)[None], forces, line, turned
+    return (slot.offset + x)[None], forces, line, turned
 
 
 def centre_line(d: Array, x: Array, R: Array, p: Array) -> Array:
@@ -159,15 +138,13 @@ def off_straight(line: Array, x: Array, R: Array, p: Array) -> Array:
 
 
 def _section_forces(
-    samples: Samples, slot: Slot, section: stress.Cut, d: Array, eta: Array, out: dict[str, Array]
+    samples: Samples, slot: Slot, d: Array, eta: Array, out: dict[str, Array]
 ) -> Array:
     """Section forces (nt, nx, 6) under deflections d (nt, nx, 6) at coordinates eta (nt, n)."""
     g = samples.forces.g
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     if slot.body.solid is None:
-        return stress.resultants(
-            section, slot.body, d, g[:, slot.stations], g[:, slot.twists], loads, eta
-        )
+        return stress.resultants(slot.body, d, g[:, slot.stations], g[:, slot.twists], loads, eta)
     solid, pull, hung = slot.body.solid, g[:, slot.stations], [load[1:] for load in loads]
     for key, value in solids.surface(solid, pull, hung).items():
         out[f"link/{slot.link}/mesh/{key}"] = value

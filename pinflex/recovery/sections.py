@@ -9,7 +9,7 @@ from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.frames import poses_of_frames
 from pinflex.recovery import stress
-from pinflex.recovery.links import SECTIONS, centre_line, off_straight
+from pinflex.recovery.links import centre_line, off_straight
 
 
 def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]:
@@ -21,7 +21,6 @@ def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]
         dynamics: Equations of the system. y: Poses, shape (n, nq).
     """
     slots = dynamics.system.expansion.slots
-    cuts = {id(slot.body): stress.cut(slot.body, SECTIONS) for slot in slots}
     by_link: dict[str, list[Slot]] = {}
     for slot in slots:
         by_link.setdefault(slot.link, []).append(slot)
@@ -31,7 +30,7 @@ def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]
         # Bodies beyond the first ride on the one before: where to, their roots say.
         roots = poses_of_frames(dynamics, y, [s.root for s in own]) if own[1:] else []
         for k, slot in enumerate(own):
-            cut = cuts[id(slot.body)]
+            cut = slot.body.cut
             d = stress.deflections(cut, eta[:, slot.eta])[:, :, :3]
             if k:
                 line = centre_line(d, cut.x, *roots[k])

@@ -7,88 +7,19 @@ yet converged, and it gives the axial force of links that have no axial mode.
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.polynomial import legendre
 
 from pinflex.arrays import Array
-from pinflex.bodies import beam
 from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.cut import Cut
 from pinflex.description.section import Section
-
-
-@dataclass(frozen=True)
-class Cut:
-    """Outputs of one body at sections x: deflection rows and the balance operator.
-
-    Attributes:
-        x: Sections (m), shape (nx,).
-        Phi: Rows (u, v, w, rz, ry, rx), shape (nx, 6, n). G: second order, or None.
-        outer: Integrates station forces over the part beyond x: shape (nx, ns).
-        outer_twist: The same for twist stations, shape (nx, nt).
-    """
-
-    x: Array
-    Phi: Array
-    G: Array | None
-    outer: Array
-    outer_twist: Array
-
-
-def cut(body: FlexibleBody, count: int = 21) -> Cut:
-    """Sections at equal distances along a body.
-
-    Args:
-        body: Flexible body.
-        count: Sections.
-    """
-    if body.solid is not None:
-        solid = body.solid
-        return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))
-    x = np.linspace(0.0, body.length, count)
-    families, slices = body.families, body.slices
-    Phi = beam.first_order(families, slices, x)
-    G = beam.second_order(families, slices, x, range(6)) if body.second_order else None
-    breaks = _breaks(body)
-    return Cut(x, Phi, G, _outer(x, body.x, breaks), _outer(x, body.xt, breaks))
-
-
-def _breaks(body: FlexibleBody) -> Array:
-    edges = np.concatenate([family.breaks for family in body.families.values()])
-    return np.unique(np.round(edges / body.length, 12)) * body.length
-
-
-def _outer(x: Array, stations: Array, breaks: Array) -> Array:
-    """Operator from station forces to their integral over [x, L].
-
-    Between breaks the force per length is the polynomial through the Gauss stations, so the section
-    forces are smooth curves, not stairs.
-    """
-    operator = np.zeros((len(x), len(stations)))
-    for start, end in itertools.pairwise(breaks):
-        inside = np.flatnonzero((stations > start) & (stations < end))
-        n = len(inside)
-        if not n:
-            continue
-        xi = 2.0 * (stations[inside] - start) / (end - start) - 1.0
-        V = legendre.legvander(xi, n - 1)
-        # Discrete orthogonality at Gauss points: coefficients of force density from lumped forces.
-        k = np.arange(n)
-        coefficients = (2 * k + 1)[:, None] / 2.0 * V.T
-        at = np.clip(2.0 * (x - start) / (end - start) - 1.0, -1.0, 1.0)
-        primitive = legendre.legint(np.eye(n))
-        integrals = legendre.legval(1.0, primitive) - legendre.legval(at, primitive).T
-        operator[:, inside] = integrals @ coefficients
-    return operator
 
 
 def deflections(section: Cut, eta: Array) -> Array:
     """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n).
 
     Args:
-        section: From `cut`.
+        section: Sections of the body.
         eta: Elastic coordinates of the body, shape (nt, n).
     """
     (sections, rows, n), count = section.Phi.shape, len(eta)
@@ -100,7 +31,6 @@ def deflections(section: Cut, eta: Array) -> Array:
 
 
 def resultants(
-    section: Cut,
     body: FlexibleBody,
     d: Array,
     station: Array,
@@ -111,7 +41,7 @@ def resultants(
     """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6).
 
     Args:
-        section: Sections. body: The body. d: `deflections`, shape (nt, nx, 6).
+        body: The body. d: `deflections`, shape (nt, nx, 6).
         station: Forces the stations need, beam frame, shape (nt, ns, 3), N.
         twist: Torques the twist stations need, shape (nt, nt_stations), N m.
         loads: Interfaces: x, force and moment about the displaced section, each (nt, 3), that what
@@ -120,8 +50,8 @@ def resultants(
     Returns:
         N > 0 in tension; V, T and M are what the inner part receives from the outer.
     """
-    Phi = body.Phi
-    where: Array = np.einsum("sdn,tn->tsd", Phi, eta, optimize=True)
+    section = body.cut
+    where: Array = np.einsum("sdn,tn->tsd", body.Phi, eta, optimize=True)
     where[:, :, 0] += body.x
     arm = np.cross(where, station)
     force = np.einsum("xs,tsd->txd", section.outer, station, optimize=True)

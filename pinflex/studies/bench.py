@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.bodies.cut import cut
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs, relative
@@ -262,6 +263,6 @@ def _deflections(run: Run) -> Array:
     """Of sections along every body from its own root, m, shape (nt, n, 3)."""
     eta = run.y[:, int(run.system.rigid.nq) :]
     return np.concatenate([
-        stress.deflections(stress.cut(slot.body, _SECTIONS), eta[:, slot.eta])[:, :, :3]
+        stress.deflections(cut(slot.body, _SECTIONS), eta[:, slot.eta])[:, :, :3]
         for slot in run.system.expansion.slots
     ], axis=1)  # fmt: skip
