@@ -9,9 +9,8 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 
 _CORNER_GAP = 1e-9  # of the whole: a piece ends just before its corner, where the motion may jump
-_SAFETY = 1.1  # coefficients of a function in two scales fall more slowly in the end
 _TRUSTED = 16  # intervals: coefficients of fewer may be small by chance
-_MOST_FINER = 8  # what few nodes say of many is rough
+_MOST_FINER = 4  # times: what few nodes say of many is rough
 
 
 class PiecewiseChebyshev:
@@ -152,7 +151,7 @@ class PiecewiseChebyshev:
 def _multiple(tail: float, close: float) -> int:
     """Times as many intervals whose last coefficients are `close`, if they go on to fall alike."""
     needed = np.log(close) / np.log(min(max(tail, 1e-300), 0.9))
-    return int(np.clip(np.ceil(_SAFETY * needed), 2, _MOST_FINER))
+    return int(np.clip(np.ceil(needed), 2, _MOST_FINER))
 
 
 class Interpolation:

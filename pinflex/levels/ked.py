@@ -36,7 +36,9 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.system import System
 
 _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness is looked at
-_CLOSE = 1e-7  # interpolated matrices: default steps leave 1e-3 of a vibration, round-off 1e-12
+# What interpolated matrices may miss: default steps leave 1e-3 of a vibration, round-off 1e-12. A
+# method from outside may take differences of them, as mode superposition does, over h^2.
+_CLOSE, _CLOSER = 1e-8, 1e-9
 
 
 def method_of(spec: SolveSpec) -> Method:
@@ -58,7 +60,7 @@ def solve_ked(
     start: str = "straight",
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
-    close: float = _CLOSE,
+    close: float | None = None,
     every: int = 1,
 ) -> Run:
     """March the linear deviation; one linear system a step.
@@ -69,7 +71,8 @@ def solve_ked(
         start: straight, static or auto, as in `pinflex.levels.start`.
         structural: Leave out what the motion and the loads add to C and K.
         progress: Called with (step, steps).
-        close: What interpolated matrices may miss (see `linearised.along`).
+        close: What interpolated matrices may miss (see `linearised.along`); None: below what
+            default steps do.
         every: Steps from one sample to the next: only samples are kept. Of a march that blows up,
             every step is.
     Returns:
@@ -78,6 +81,8 @@ def solve_ked(
     path, system = nominal(mechanism, motion, t[::every]), mechanism.flexible
     h = float(t[-1] - t[0]) / (len(t) - 1)
     line = LinearPath(mechanism, path)
+    if close is None:
+        close = _CLOSE if isinstance(method, Alpha) else _CLOSER
     systems = along(mechanism, motion, path, structural, close, line.dynamics, t)
     begin = linear_start(mechanism, path, structural, start, line.dynamics)
     if isinstance(method, Alpha) and isinstance(systems, InterpolatedPath):

@@ -5,15 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import PinflexError
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.schemes import generalized_alpha, newmark
 from pinflex.kernel.library import kernel
-from pinflex.kernel.linear import ConstantPart, LinearKernel
+from pinflex.kernel.linear import ConstantPart, LinearKernel, linear_systems
 from pinflex.levels import linear_march
 from pinflex.levels.linear_march import LinearMarch, Workspace
 from pinflex.levels.varying import varying
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.manifold import Manifold
 
 needs_kernel = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
 STEPS = 150
@@ -141,3 +144,26 @@ def test_arrays_of_other_shapes_are_refused():
         kernel.march(steps, value, np.zeros((4, 3)), found)
     with pytest.raises(PinflexError, match="not given"):
         kernel.march(steps + 3, value, np.zeros((4, 2)), found)
+
+
+@needs_kernel
+def test_linear_systems_of_several_states_are_the_tangents_at_each():
+    robot = pf.load("race_r1")
+    dynamics, nv, closures = Equations(robot.flexible), robot.flexible.nv, robot.flexible.closed.n
+    rng = np.random.default_rng(3)
+    v, a, lam = (rng.normal(size=(3, n)) for n in (nv, nv, closures))
+    y = Manifold(dynamics).retract(np.tile(robot.undeformed(), (3, 1)), 0.01 * v)
+    evaluator, scale = dynamics.compiled.evaluator, dynamics.compiled.scale(np.zeros(3))
+    at = rng.permutation(nv * (3 * nv + closures))[:200]
+    found = np.full((3, 210), np.nan)
+    linear_systems(evaluator, (y, v, a, lam, scale), at, found)
+    for k in range(3):
+        each = dynamics.tangent(y[k], v[k], a[k], lam[k], 0.0)
+        whole = np.concatenate([x.ravel() for x in each])
+        assert np.array_equal(found[k, :200], whole[at]) and np.all(np.isnan(found[k, 200:]))
+    with pytest.raises(PinflexError, match="no room"):
+        linear_systems(evaluator, (y, v, a, lam, scale), at, found[:, :100])
+    with pytest.raises(PinflexError, match="states of"):
+        linear_systems(evaluator, (y[:2], v, a, lam, scale), at, found)
+    with pytest.raises(PinflexError, match="an entry of a tangent"):
+        linear_systems(evaluator, (y, v, a, lam, scale), at + nv * (3 * nv + closures), found)

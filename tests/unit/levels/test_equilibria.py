@@ -75,6 +75,28 @@ def test_pieces_interpolate_smooth_parts_to_round_off_and_keep_their_corner():
     assert np.all(pieces.nodes(32)[:, ::2] == nodes)
 
 
+@pytest.mark.parametrize("speed", [1.0, 30.0, 200.0])
+def test_each_piece_gets_the_nodes_that_its_coefficients_ask_for(speed):
+    """cos(speed t) in the first, at rest in the second: entire, so that coefficients drop fast."""
+    pieces, close = PiecewiseChebyshev(0.0, 2.0, [1.0]), 1e-9
+    asked = []
+
+    def f(t):
+        asked.append(t)
+        return np.where(t < 1.0, np.cos(speed * t), np.cos(speed))[:, None]
+
+    n = [16, 8]
+    first = np.split(f(pieces.times(n)), [17])
+    values, missed = pieces.refined(first, f, lambda x: float(np.max(np.abs(x))), close, 1000, {1})
+    assert missed < close and len(values[1]) == 9
+    assert 0.5 * speed < len(values[0]) <= max(17, 4.0 * speed)
+    assert sum(len(t) for t in asked) == sum(len(x) for x in values)  # none twice
+    t = np.linspace(0.0, 2.0, 333)
+    assert np.max(np.abs(pieces.between(values, t) - f(t))) < 10 * close
+    few, missed = pieces.refined(first, f, lambda x: float(np.max(np.abs(x))), close, 26, {1})
+    assert [len(x) for x in few] == [17, 9] and (missed < close) == (speed == 1.0)
+
+
 def test_the_last_two_polynomials_are_left_out_of_the_coarser_values():
     pieces, n = PiecewiseChebyshev(0.0, 1.0, []), 8
     x = 2.0 * pieces.nodes(n)[0] - 1.0
