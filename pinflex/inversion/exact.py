@@ -7,6 +7,10 @@ y - y_quasistatic is taken. That picks the bounded solution whether the internal
 phase, rings or is not minimum phase (then motors move before the platform does). Rest is imposed at
 the start, by a large weight; the end stays free.
 
+The matrix leaves out how constraints curve. Where the links swing far beside the path (fewer
+coordinates than motors) that can turn a correction into -1.1 of itself, without end; as soon as
+two of them are opposite, the share is taken at which the next one vanishes (Irons, Tuck 1969).
+
 Source: Devasia, Chen, Paden (1996), stable inversion; Bastos, Seifried, Bruels (2013), inverse
 dynamics as an optimal control problem with the elastic energy as its cost.
 """
@@ -35,6 +39,7 @@ _STALLED = 1e-7  # m or rad: corrections that no longer shrink from here on are 
 _ASTRAY = 10.0  # m or rad
 _DEFERRED = 2  # corrections by differences of order 8: the first gains two orders, so the second
 _MOST = 20
+_OPPOSITE = -0.5  # of the last correction: beyond it corrections overshoot
 _SLOW = 0.3  # contraction above which a new matrix pays: it costs as much as ten corrections
 _PAD = FOURTH.reach
 _WIDTH = 2 * _PAD + 1
@@ -113,6 +118,7 @@ class _Inversion:
         nv, nt, per = instant.system.nv, len(self.lam), instant.system.nv + instant.rows
         self._wide = np.zeros((nt, per, _WIDTH * nv + instant.rows))  # G, instant by instant
         self._scale, self._mu = np.ones((nt, per)), np.zeros((nt, per))
+        self._last, self._share = np.zeros(self.y.shape[0] * nv), 1.0
 
     def correct(self, new: bool) -> float:
         """One linear system for all instants; returns the largest correction of a pose.
@@ -133,6 +139,7 @@ class _Inversion:
 
     def refine(self) -> None:
         """Differences of order 8 in the rows, of order 4 in their tangent: deferred correction."""
+        self._last[:] = 0.0
         for _ in range(_DEFERRED):
             v, a = rates(self.instant.dynamics, self.y, self.h, FOURTH)
             wider = padded(self.y, EIGHTH.reach - _PAD)
@@ -165,12 +172,21 @@ class _Inversion:
         shared = pushed[:, _WIDTH * nv :]
         left = np.concatenate([x.ravel() for x in (pull, shared, e * self._scale)])
         step = self._solve(-left)
+        step = self._shared(step, away.size)
         moves, more, mu = np.split(step, [away.size, away.size + self.lam.size])
         moves = moves.reshape(away.shape)
         self.y = np.array([d.integrate(*pair) for pair in zip(self.y, moves, strict=True)])
         self.lam = self.lam + more.reshape(self.lam.shape)
         self._mu += mu.reshape(self._mu.shape)
         return float(np.max(np.abs(moves)))
+
+    def _shared(self, step: Array, poses: int) -> Array:
+        """The share of a correction at which, where it turns back the last one, none is left."""
+        moves, last = step[:poses], self._last
+        along = float(moves @ last) / max(float(last @ last), 1e-300)
+        self._share = self._share / (1.0 - along) if along < _OPPOSITE else 1.0
+        self._last = moves.copy()
+        return self._share * step
 
     def _differentiate(self, v: Array, a: Array) -> None:
         """Jacobian of the rows of each instant by the poses about it and its multipliers."""

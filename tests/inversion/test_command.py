@@ -483,8 +483,24 @@ def test_fewer_coordinates_than_motors(name: str, tmp_path: Path) -> None:
     assert off_path(robot, motion, found, 0.0)[0] < 3e-6  # the rigid command misses 100 mm
     later = off_path(robot, motion, found, 0.4)[0]
     assert later < found.error[0] < 4.0 * later
+
+
+@pytest.mark.parametrize("duration", [0.25, 0.2])
+def test_links_that_swing_far_beside_the_path_keep_the_coordinate_that_is_named(
+    duration: float, tmp_path: Path
+) -> None:
+    """Each correction was -1.1 times the last one there, as the path's curvature is left out."""
+    robot, motion = two_links(tmp_path), nonic_motion(duration, x=-0.2, z=0.3)
+    found = pf.command(robot, motion, coordinates=["z"])
+    assert (
+        off_path(robot, motion, found, 0.0)[0] < 5e-8
+    )  # of 300 mm; the run itself is good to 1e-8
+    assert off_path(robot, motion, found, 0.4)[0] < found.error[0]
+
+
+def test_links_that_swing_too_far_beside_the_path_say_where_none_is_held(tmp_path: Path) -> None:
     with pytest.raises(pf.ConvergenceError, match=r"1 coordinate \(z\) for 2 motors"):
-        pf.command(robot, nonic_motion(0.25, x=-0.2, z=0.3), coordinates=["z"])
+        pf.command(two_links(tmp_path), nonic_motion(0.1, x=-0.2, z=0.3), coordinates=["z"])
 
 
 def test_what_cannot_be_commanded_is_refused_by_name(planar: pf.Mechanism) -> None:
