@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 import tokenize
 import zipfile
@@ -138,7 +139,7 @@ def read(path: str | Path, most: float) -> tuple[Array, dict[str, Array], dict[s
         raise DescriptionError(f"result: {path!r:.80} is no path. Give that of a .npz.")
     path = Path(path)
     remake = "Give a file written by `pinflex solve -o` or Result.save."
-    if not path.is_file():
+    if not os.path.isfile(path):  # False for a name that is too long, too
         raise DescriptionError(f"{path}: no such result file. {remake}", path=path)
     try:
         with path.open("rb") as stream:
