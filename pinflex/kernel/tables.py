@@ -31,11 +31,10 @@ INTEGERS = {
     **dict.fromkeys(("g_i", "g_j"), ("*g_at",)),
     "col_first": ("nV",),
     "x_at": ("nV+1",),
-    "leg_of": ("nV",),
-    "own_at": ("nV+1",),
-    "own_first": ("nV",),
-    "range_at": ("legs+1",),
-    **dict.fromkeys(("range_from", "range_last"), ("*range_at",)),
+    "block_of": ("nV",),
+    "block_at": ("blocks+1",),
+    **dict.fromkeys(("block_above", "block_depth"), ("blocks",)),
+    "node_block": ("nodes",),
     **dict.fromkeys(("node_a", "node_b"), ("loops",)),
     "loop_at": ("loops+1",),
     **dict.fromkeys(("row_kind", "row_number", "row_a", "row_b"), ("*loop_at",)),
@@ -117,7 +116,7 @@ _INTO: dict[str, str | int] = {
     "added_node": "nodes", "bent_first": "n_eta", "bent_directions": 3,
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
-    "col_first": "nv", "leg_of": "legs", "range_from": "nv", "range_last": "nv",
+    "col_first": "nv", "block_of": "blocks", "block_above": "blocks", "node_block": "blocks",
     "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
     "sleeve_node": "nodes", "stretch_node": "nodes", "stretch_track": "tracks",
     "sleeve_loop": "loops", "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3,
@@ -125,7 +124,8 @@ _INTO: dict[str, str | int] = {
 }  # fmt: skip
 _SLEEVE_ROWS = constant("MOST_SLEEVE_ROWS")
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",
-         "spring_a", "spring_b", "sleeve_node", "stretch_node"}  # fmt: skip  # may be -1: the base
+         "spring_a", "spring_b", "sleeve_node", "stretch_node",
+         "block_above"}  # fmt: skip  # may be -1: the base
 _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
     "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)
 }  # fmt: skip
@@ -183,7 +183,7 @@ class Tables:
                 raise PinflexError(f"kernel: {name}: an index outside 0 ... {limit - 1}.")
         if np.any(self._arrays["parent"] >= np.arange(sizes["nodes"])):
             raise PinflexError("kernel: parent: a node before its parent.")
-        self._check_legs()
+        self._check_blocks()
         bent = (self._arrays[f"bent_{part}"] for part in ("n", "directions", "point", "at"))
         n, directions, points, at = bent
         if np.any(n * directions * np.diff(points) != np.diff(at)):
@@ -196,16 +196,26 @@ class Tables:
                 if array[0] != 0 or np.any(np.diff(array) < 0):
                     raise PinflexError(f"kernel: {name}: rows that overlap.")
 
-    def _check_legs(self) -> None:
-        """Rows of the tangent are as wide as the columns of their legs, and hold their blocks."""
-        a = self._arrays
-        each = a["range_last"] - a["range_from"] + 1
-        of = np.repeat(np.arange(self.counts["legs"]), np.diff(a["range_at"]))
-        widths = np.bincount(of, each, minlength=self.counts["legs"])[a["leg_of"]]
-        inside = a["own_first"] + np.diff(a["x_at"]) <= widths
-        whole = np.array_equal(np.diff(a["own_at"]), widths)
-        if not whole or np.any(each < 1) or np.any(a["own_first"] < 0) or not np.all(inside):
-            raise PinflexError("kernel: own_at: rows that do not fit the columns of their legs.")
+    def _check_blocks(self) -> None:
+        """Each joint depends on one block, and finds those of the joints before it on its path."""
+        a, sizes = self._arrays, np.diff(self._arrays["block_at"])
+        of, above, depth = (a[f"block_{name}"] for name in ("of", "above", "depth"))
+        top = np.append(depth + sizes, 0)  # where a path that ends in a block ends; -1: at the base
+        node, columns = a["node_block"], np.diff(a["x_at"])
+        sound = [a["block_at"][-1] == self.counts["nv"], sizes > 0, depth == top[above]]
+        sound += [a["col_first"] >= a["block_at"][of]]
+        sound += [a["col_first"] + columns <= a["block_at"][of + 1]]
+        for name, number, width in (
+            ("node", a["parent"], np.array(_AHEAD["node_v"])[a["kind"]]),
+            ("point", a["point_node"], 3), ("twist", a["twist_node"], 1),
+        ):  # fmt: skip
+            row = a[f"{name}_v"]
+            before = np.append(node, -1)[number]
+            sound += [(before == of[row]) | (before == above[of[row]])]
+            sound += [of[row] == of[row + width - 1]]
+            sound += [node == of[row]] if name == "node" else []
+        if not all(map(np.all, sound)):
+            raise PinflexError("kernel: block_of: joints that do not fit their paths.")
 
     def _check_sleeves(self, sizes: Mapping[str, int]) -> None:
         """Each on a stretch at least, within its coordinates, and with no more rows than fit."""

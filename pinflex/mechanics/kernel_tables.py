@@ -153,7 +153,7 @@ def tables(system: System) -> Tables:
         "q_at": expansion.q_at, "v_at": expansion.v_at, "gravity": model.gravity.linear,
         "armature": model.armature,
         **_nodes(model, nodes, node_of), **_points(model, points, node_of),
-        **_twists(model, twists, node_of), **_map(expansion), **_legs(expansion),
+        **_twists(model, twists, node_of), **_map(expansion), **_blocks(expansion, nodes),
         **_loops(closed, node_of), **sleeve_tables(closed, node_of),
         **_couplings(closed.coupled, model),
         "added_node": node_of[list(system.added.joints)], "added_inertia": system.added.inertia,
@@ -169,7 +169,7 @@ def tables(system: System) -> Tables:
         "closures": closed.n, "forces": len(system.loads.forces),
         "springs": len(system.loads.springs), "dampers": dampers,
         "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
-        "legs": len(arrays["range_at"]) - 1, "couplings": len(closed.coupled.rows),
+        "blocks": len(arrays["block_depth"]), "couplings": len(closed.coupled.rows),
         "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
         "sleeves": len(closed.contacts), "tracks": len(arrays["track_n"]),
         "squares": len(arrays["square_eta"]),
@@ -303,29 +303,29 @@ def _columns(expansion: Expansion) -> dict[str, list[Any]]:
     return {"col_first": [first], "x_at": [np.concatenate([[0], np.cumsum(width)])]}
 
 
-def _legs(expansion: Expansion) -> dict[str, Any]:
-    """Columns that the rows of each child of the base depend on, in ranges."""
-    model, (first, at) = expansion.model, (x[0] for x in _columns(expansion).values())
-    leg, legs = np.zeros(int(model.njoints), dtype=np.intp), 0
-    for j in range(1, len(leg)):
-        above = int(model.parents[j])
-        leg[j] = leg[above] if above else legs
-        legs += not above
-    of, width, nv = np.repeat(leg, np.array(model.nvs)), np.diff(at), first.max(initial=0) + 1
-    nv += width.max(initial=0)  # more than any column has
-    inside = np.arange(width.sum()) - np.repeat(at[:-1], width)
-    columns = np.unique(np.repeat(of * nv + first, width) + inside)
-    start = np.searchsorted(columns, np.arange(legs + 1) * nv)  # of each leg
-    begins = np.flatnonzero(np.diff(columns, prepend=-2) != 1)
-    ends = np.flatnonzero(np.diff(columns, append=-2) != 1)
+def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
+    """Columns that the rows of a joint depend on, block by block, and the blocks on its path.
+
+    The joints of a link depend on the coordinates of that link, which follow each other, and bodies
+    beyond it on the link as a whole: of a body, the blocks on the way to it stand in a row.
+    """
+    model, first = expansion.model, _columns(expansion)["col_first"][0]
+    rows = [slice(joint.idx_v, joint.idx_v + joint.nv) for joint in list(model.joints)[1:]]
+    starts = np.unique([first[at].min() for at in rows])
+    ends = np.append(starts[1:], len(expansion.v_at) + expansion.n_eta)
+    of = np.searchsorted(starts, first, side="right") - 1
+    above, depth = np.full(len(starts), -1), np.zeros(len(starts), dtype=np.intp)
+    path = np.full(int(model.njoints), -1)  # the last block on the way to each joint
+    for j, at_joint in enumerate(rows, start=1):
+        before = path[int(model.parents[j])]
+        path[j] = block = of[at_joint.start]
+        if before not in (block, above[block]):
+            above[block] = before
+            depth[block] = depth[before] + ends[before] - starts[before]
     return {
-        "leg_of": of,
-        "own_at": np.concatenate([[0], np.cumsum(np.diff(start)[of])]),
-        "own_first": np.where(width, np.searchsorted(columns, of * nv + first) - start[of], 0),
-        "range_at": np.searchsorted(columns[begins] // nv, np.arange(legs + 1)),
-        "range_from": columns[begins] % nv,
-        "range_last": columns[ends] % nv,
-    }
+        "block_of": of, "block_at": np.append(starts, ends[-1]), "block_above": above,
+        "block_depth": depth, "node_block": path[nodes],
+    }  # fmt: skip
 
 
 def _sparse(matrix: Array, name: str) -> dict[str, Any]:

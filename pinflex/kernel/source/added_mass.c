@@ -66,11 +66,28 @@ static void add_swing(const double *M, const Frozen *n, const double *s, double 
   for (int d = 0; d < 6; d++) out[d] -= part[d];
 }
 
-/* Column j of all that the joints above a node need for its mass. */
-static void added_column(const Tables *t, Tangent *w, Int k, Int j) {
+/* Columns of a node by the coordinates, (nv,): S_j x_j, Y_j x_j + S_j x_j' and so on, see path.c. */
+static void lift_columns(const Tables *t, const Tangent *w, Int node, Column *to) {
+  memset(to, 0, t->nv * sizeof(Column));
+  for (; node >= 0; node = t->parent[node])
+    for (Int i = t->node_v[node]; i < t->node_v[node] + width(t->kind[node]); i++) {
+      const Column *c = w->column + i;
+      Column *out = to + t->col_first[i];
+      for (Int p = t->x_at[i]; p < t->x_at[i + 1]; p++, out++)
+        for (int d = 0; d < 6; d++) {
+          out->S[d] += c->S[d] * w->x[p];
+          out->Y[d] += c->Y[d] * w->x[p] + c->S[d] * w->dx[p];
+          out->U[d] += c->U[d] * w->x[p] + 2.0 * c->S[d] * w->dx[p];
+          out->Z[d] += c->Z[d] * w->x[p] + c->U[d] * w->dx[p] + c->S[d] * w->ddx[p];
+        }
+    }
+}
+
+/* Column j of M, C and K by what a node needs for its mass. */
+static void added_column(const Tables *t, Tangent *w, Int k, Int j, const Column *columns) {
   const double *M = t->added_inertia + 36 * k;
   const Frozen *n = w->frozen + t->added_node[k];
-  const Column *c = w->column + j;
+  const Column *c = columns + j;
   double Z[6], by_a[6], by_v[6], by_q[6];
   crossed(t->gravity, c->S + 3, Z);
   for (int d = 0; d < 3; d++) Z[d] += c->Z[d], Z[3 + d] = c->Z[3 + d];
@@ -79,17 +96,18 @@ static void added_column(const Tables *t, Tangent *w, Int k, Int j) {
   inertia_of(M, n, Z, by_q);
   add_swing(M, n, c->S, by_v);
   add_swing(M, n, c->Y, by_q);
-  for (Int above = t->added_node[k]; above >= 0; above = t->parent[above])
-    for (Int i = t->node_v[above]; i < t->node_v[above] + width(t->kind[above]); i++) {
-      const double *S = w->column[i].S;
-      double D[3] = {times(S, by_a, 6), times(S, by_v, 6), times(S, by_q, 6)};
-      gain(t, w, i, j, D);
-    }
+  for (Int i = 0; i < t->nv; i++) {
+    const double *S = columns[i].S;
+    w->M[i * t->nv + j] += times(S, by_a, 6);
+    w->C[i * t->nv + j] += times(S, by_v, 6);
+    w->K[i * t->nv + j] += times(S, by_q, 6);
+  }
 }
 
 void added_tangent(const Tables *t, Tangent *w) {
-  for (Int k = 0; k < t->added; k++)
-    for (Int node = t->added_node[k]; node >= 0; node = t->parent[node])
-      for (Int j = t->node_v[node]; j < t->node_v[node] + width(t->kind[node]); j++)
-        added_column(t, w, k, j);
+  Column *columns = (Column *)w->lifted;
+  for (Int k = 0; k < t->added; k++) {
+    lift_columns(t, w, t->added_node[k], columns);
+    for (Int j = 0; j < t->nv; j++) added_column(t, w, k, j, columns);
+  }
 }

@@ -25,7 +25,7 @@ typedef struct {
   Int nodes, points, twists, rows;        /* of the tree; elastic rows of the map */
   Int loops, closures;                    /* closures: their rows */
   Int forces, springs, dampers;           /* between frames */
-  Int joint_springs, rubs, legs;          /* legs: children of the base */
+  Int joint_springs, rubs, blocks;        /* blocks: of columns that joints depend on */
   Int couplings, added, bent;             /* joints that follow; added masses; large bends */
   Int sleeves, tracks;                    /* on beams; motions of sections along a beam */
   Int squares;                            /* psi . eta, squared: rows of G as sums of them */
@@ -36,8 +36,9 @@ typedef struct {
   const Int *row_q, *row_v, *phi_at, *phi_i;               /* elastic rows: Phi by rows */
   const Int *g_at, *g_i, *g_j;                             /* G, upper triangle by rows */
   const Int *col_first, *x_at;                             /* of each row of X: where its block is */
-  const Int *leg_of, *own_at, *own_first;                  /* likewise among the columns of its leg */
-  const Int *range_at, *range_from, *range_last;           /* legs: their columns in ranges */
+  const Int *block_of, *block_at;                          /* of each row of X; their columns */
+  const Int *block_above, *block_depth;                    /* next on the path to the base; columns there */
+  const Int *node_block;                                   /* the last one on the path of a node */
   const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
   const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
   const Int *couple_row, *couple_at, *couple_q, *couple_v; /* couplings of joints */

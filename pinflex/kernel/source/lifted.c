@@ -11,12 +11,14 @@ void lift(const Tables *t, const Tangent *w, Int node, double *out) {
 }
 
 void add_transposed(Int nv, const double *J, const double *P, double sign, double *K) {
-  for (int d = 0; d < 6; d++)
-    for (Int i = 0; i < nv; i++) {
-      double x = sign * J[d * nv + i];
-      if (x == 0.0) continue;
-      for (Int j = 0; j < nv; j++) K[i * nv + j] += x * P[d * nv + j];
-    }
+  const double *p = P, *q = P + nv, *r = P + 2 * nv, *s = P + 3 * nv, *u = P + 4 * nv, *v = P + 5 * nv;
+  for (Int i = 0; i < nv; i++) {
+    double x[6], *to = K + i * nv, most = 0.0;
+    for (int d = 0; d < 6; d++) x[d] = sign * J[d * nv + i], most += fabs(x[d]);
+    if (most == 0.0) continue;
+    for (Int j = 0; j < nv; j++)
+      to[j] += x[0] * p[j] + x[1] * q[j] + x[2] * r[j] + x[3] * s[j] + x[4] * u[j] + x[5] * v[j];
+  }
 }
 
 void add_product(Int nv, const double *J, const double *S, const double *D, double sign,

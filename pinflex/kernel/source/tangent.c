@@ -13,7 +13,8 @@
      dg_j/dv_i = S_j . (B S_i + I U_i)
      dg_i/da_j = S_i . I S_j
 
-   The map adds X' D X, what the rates of its rows bring, and the forces on curved rows times G.
+   All columns j before i are taken at once, and by the coordinates that they depend on: path.c. The
+   forces on curved rows times G are added.
    Source: Singh, Russo, Wensing (2022), their B written with moments of momentum. */
 #include "tangent.h"
 #include <string.h>
@@ -76,48 +77,43 @@ static void move_columns(const Frozen *up, const double *rate, const double *gro
   }
 }
 
-/* T[i] += D_ij X_j and what the rates of row j bring; D holds dg/da, dg/dv, dg/dq. Rows of T have
-   the columns of their own leg. */
-void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D) {
-  Int at = t->x_at[j], n = t->x_at[j + 1] - at, own = t->own_at[i + 1] - t->own_at[i];
-  double *M = w->T + 3 * t->own_at[i] + t->own_first[j], *C = M + own, *K = C + own;
+/* M, C, K += x_i' D x_j and what the rates of row j bring; D holds dg_i/da_j, dg_i/dv_j, dg_i/dq_j. */
+static void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D) {
+  Int at = t->x_at[j], n = t->x_at[j + 1] - at, row = t->col_first[i];
   const double *x = w->x + at, *dx = w->dx + at, *ddx = w->ddx + at;
-  for (Int k = 0; k < n; k++) {
-    M[k] += D[0] * x[k];
-    C[k] += D[1] * x[k] + 2.0 * D[0] * dx[k];
-    K[k] += D[2] * x[k] + D[1] * dx[k] + D[0] * ddx[k];
+  for (Int p = t->x_at[i]; p < t->x_at[i + 1]; p++, row++) {
+    double own = w->x[p];
+    if (own == 0.0) continue;
+    Int to = row * t->nv + t->col_first[j];
+    for (Int k = 0; k < n; k++) {
+      w->M[to + k] += own * (D[0] * x[k]);
+      w->C[to + k] += own * (D[1] * x[k] + 2.0 * D[0] * dx[k]);
+      w->K[to + k] += own * (D[2] * x[k] + D[1] * dx[k] + D[0] * ddx[k]);
+    }
   }
 }
 
-/* Columns of one joint against themselves and those of all joints before it. */
-static void couple(const Tables *t, Tangent *w, Int first, Int n, Int before, const Moments *I,
-                   const double *f) {
+/* Columns of one joint against themselves, and what they need of the path before. */
+static void couple(const Tables *t, Tangent *w, Int first, Int n, const Moments *I, const double *f) {
   for (Int i = first; i < first + n; i++) {
     const Column *own = w->column + i;
-    double by_a[6], by_v[6], by_q[6], back[3], follow[6];
-    inertia_times(I, own->S, by_a);
-    inertia_times(I, own->U, by_v);
-    inertia_times(I, own->Z, by_q);
-    add_momentum_times(I, own->S, by_v);
-    add_momentum_times(I, own->Y, by_q);
+    Needs need;
+    double follow[6];
+    inertia_times(I, own->S, need.a);
+    inertia_times(I, own->U, need.v);
+    inertia_times(I, own->Z, need.q);
+    add_momentum_times(I, own->S, need.v);
+    add_momentum_times(I, own->Y, need.q);
     wrench_cross(own->S, f, follow);
-    for (int d = 0; d < 6; d++) by_q[d] += follow[d];
-    momentum_transposed(I, own->S, back);
+    for (int d = 0; d < 6; d++) need.q[d] += follow[d];
+    momentum_transposed(I, own->S, need.b);
+    add_needs(t, w, i, &need);
     for (Int j = first; j < first + n; j++) {
       const Column *c = w->column + j;
-      double D[3] = {times(by_a, c->S, 6), times(by_a, c->U, 6) + times(back, c->S + 3, 3),
-                     times(by_a, c->Z, 6) + times(back, c->Y + 3, 3)};
+      double D[3] = {times(need.a, c->S, 6), times(need.a, c->U, 6) + times(need.b, c->S + 3, 3),
+                     times(need.a, c->Z, 6) + times(need.b, c->Y + 3, 3)};
       gain(t, w, i, j, D);
     }
-    for (Int node = before; node >= 0; node = t->parent[node])
-      for (Int j = t->node_v[node]; j < t->node_v[node] + width(t->kind[node]); j++) {
-        const Column *c = w->column + j;
-        double D[3] = {times(by_a, c->S, 6), times(by_a, c->U, 6) + times(back, c->S + 3, 3),
-                       times(by_a, c->Z, 6) + times(back, c->Y + 3, 3)};
-        double E[3] = {D[0], times(c->S, by_v, 6), times(c->S, by_q, 6)};
-        gain(t, w, i, j, D);
-        gain(t, w, j, i, E);
-      }
   }
 }
 
@@ -134,42 +130,40 @@ static const Frozen *frozen_at(const Tangent *w, Int number) {
   return number < 0 ? &w->base : w->frozen + number;
 }
 
-static void leaf(const Tables *t, Tangent *w, Int node, Int first, Int n, Moments *I) {
-  double v[6], a[6], f[6];
-  move_columns(frozen_at(w, node), w->rate + first, w->growth + first, n, w->column + first, v, a);
-  set_momentum(I, v);
-  wrench_of(I, v, a, f);
-  couple(t, w, first, n, node, I, f);
-  if (node >= 0) add_moments(&w->frozen[node].I, I);
-}
-
-static void leaves(const Tables *t, Tangent *w) {
-  for (Int k = 0; k < t->points; k++) {
-    const Frozen *up = frozen_at(w, t->point_node[k]);
-    const double *R = t->point_R + 9 * k;
-    double s[3], c[3], n[3];
-    Moments I;
-    for (int d = 0; d < 3; d++) s[d] = t->point_p[3 * k + d] + times(R + 3 * d, w->u + 3 * k, 3);
-    rotated(up->R, s, c);
-    for (int d = 0; d < 3; d++) c[d] += up->p[d];
-    for (int d = 0; d < 3; d++) {
-      double axis[3] = {R[d], R[3 + d], R[6 + d]};
-      rotated(up->R, axis, n);
-      slide_column(n, w->column[t->point_v[k] + d].S);
-    }
-    point_moments(t->point_mass[k], c, &I);
-    leaf(t, w, t->point_node[k], t->point_v[k], 3, &I);
-  }
+/* Twists are leaves, each with the moments of a turning body. */
+static void twist_tangent(const Tables *t, Tangent *w) {
   for (Int k = 0; k < t->twists; k++) {
-    const Frozen *up = frozen_at(w, t->twist_node[k]);
-    double n[3], inertia = t->twist_inertia[k];
+    Int node = t->twist_node[k], first = t->twist_v[k];
+    const Frozen *up = frozen_at(w, node);
+    Column *c = w->column + first;
+    double n[3], v[6], a[6], f[6], inertia = t->twist_inertia[k];
     Moments I = {0};
     rotated(up->R, t->twist_axis + 3 * k, n);
-    turn_column(n, up->p, w->column[t->twist_v[k]].S);
+    turn_column(n, up->p, c->S);
     for (int d = 0; d < 3; d++)
       for (int e = 0; e < 3; e++)
         I.J[3 * d + e] = inertia * ((d == e ? 0.5 : 0.0) - n[d] * n[e]);
-    leaf(t, w, t->twist_node[k], t->twist_v[k], 1, &I);
+    move_columns(up, w->rate + first, w->growth + first, 1, c, v, a);
+    set_momentum(&I, v);
+    wrench_of(&I, v, a, f);
+    begin_needs(&w->along);
+    couple(t, w, first, 1, &I, f);
+    go_to(t, w, node);
+    meet(t, &w->along, t->block_of[first], node);
+    if (node >= 0) add_moments(&w->frozen[node].I, &I);
+  }
+}
+
+/* Nodes with all that hangs on them; what they need is met on the path to the node before. */
+static void node_tangent(const Tables *t, Tangent *w) {
+  for (Int i = t->nodes - 1; i >= 0; i--)
+    if (t->parent[i] >= 0) add_moments(&w->frozen[t->parent[i]].I, &w->frozen[i].I);
+  for (Int i = 0; i < t->nodes; i++) {
+    const Frozen *here = w->frozen + i;
+    begin_needs(&w->along);
+    couple(t, w, t->node_v[i], width(t->kind[i]), &here->I, here->f);
+    go_to(t, w, t->parent[i]);
+    meet(t, &w->along, t->node_block[i], t->parent[i]);
   }
 }
 
@@ -223,27 +217,13 @@ static void map_rows(const Tables *t, Tangent *w, Int rates, const Lane *y, cons
   }
 }
 
-/* M, C, K = X' T, with G times the forces on curved rows, stiffness, damping and springs. */
-static void gather_up(const Tables *t, const Work *lanes, const Tangent *w, double *M, double *C,
-                      double *K) {
-  Int nv = t->nv, size = nv * nv * (Int)sizeof(double), m = t->nv_rigid;
-  memset(M, 0, size), memset(C, 0, size), memset(K, 0, size);
+/* Armatures, G times the forces on curved rows, stiffness, damping and springs. */
+static void add_stiffness(const Tables *t, const Work *lanes, Tangent *w) {
+  Int nv = t->nv, m = t->nv_rigid;
+  double *C = w->C, *K = w->K;
   for (Int i = 0; i < t->nV; i++) {
-    Int own = t->own_at[i + 1] - t->own_at[i], leg = t->leg_of[i];
-    for (Int k = t->x_at[i]; k < t->x_at[i + 1]; k++) {
-      const double *T = w->T + 3 * t->own_at[i];
-      double x = w->x[k];
-      Int to = (t->col_first[i] + k - t->x_at[i]) * nv;
-      for (Int part = t->range_at[leg]; part < t->range_at[leg + 1]; part++) {
-        Int from = to + t->range_from[part], n = t->range_last[part] - t->range_from[part] + 1;
-        for (Int j = 0; j < n; j++) {
-          M[from + j] += x * T[j];
-          C[from + j] += x * T[own + j];
-          K[from + j] += x * T[2 * own + j];
-        }
-        T += n;
-      }
-    }
+    double rotor[3] = {t->armature[i], 0.0, 0.0};
+    if (rotor[0] != 0.0) gain(t, w, i, i, rotor);
   }
   for (Int e = 0; e < t->rows; e++)
     for (Int p = t->g_at[e]; p < t->g_at[e + 1]; p++) {
@@ -266,7 +246,7 @@ Int tangent_size(const Tables *t) {
   Int frozen = even(t->nodes * (Int)(sizeof(Frozen) / sizeof(double)));
   Int column = even(t->nV * (Int)(sizeof(Column) / sizeof(double)));
   return frozen + column + 3 * even(t->x_at[t->nV]) + 2 * even(t->nV) + even(3 * t->points)
-         + even(3 * t->own_at[t->nV]) + 4 * even(6 * t->nv);
+         + even(path_room(t)) + 4 * even(6 * t->nv);
 }
 
 void tangent_layout(const Tables *t, double *memory, Tangent *w) {
@@ -281,7 +261,7 @@ void tangent_layout(const Tables *t, double *memory, Tangent *w) {
   w->rate = memory, memory += even(t->nV);
   w->growth = memory, memory += even(t->nV);
   w->u = memory, memory += even(3 * t->points);
-  w->T = memory, memory += even(3 * t->own_at[t->nV]);
+  path_layout(t, memory, &w->along), memory += even(path_room(t));
   w->lifted = memory;
 }
 
@@ -314,19 +294,16 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   balance(t, lanes, 1, lam, scale, c);
   project(t, lanes, y, v, r);
   freeze(t, lanes, &w);
-  memset(w.T, 0, 3 * t->own_at[t->nV] * sizeof(double));
-  leaves(t, &w);
-  for (Int i = t->nodes - 1; i >= 0; i--) {
-    const Frozen *here = w.frozen + i;
-    couple(t, &w, t->node_v[i], width(t->kind[i]), t->parent[i], &here->I, here->f);
-    if (t->parent[i] >= 0) add_moments(&w.frozen[t->parent[i]].I, &here->I);
-  }
+  w.M = M, w.C = C, w.K = K;
+  for (Int part = 0; part < 3; part++)
+    memset((double *[]){M, C, K}[part], 0, t->nv * t->nv * sizeof(double));
+  begin_paths(t, &w.along);
+  point_tangent(t, lanes, &w);
+  twist_tangent(t, &w);
+  node_tangent(t, &w);
+  put_paths(t, &w.along, M, C, K);
   added_tangent(t, &w);
-  for (Int i = 0; i < t->nV; i++) {
-    double rotor[3] = {t->armature[i], 0.0, 0.0};
-    if (rotor[0] != 0.0) gain(t, &w, i, i, rotor);
-  }
-  gather_up(t, lanes, &w, M, C, K);
+  add_stiffness(t, lanes, &w);
   curvature_tangent(t, y + t->nq_rigid, w.lifted, K + t->nv_rigid * (t->nv + 1));
   close_tangent(t, &w, lam, K, J);
   sleeve_tangent(t, lanes, &w, lam, K, J);

@@ -11,12 +11,22 @@ typedef struct { double R[9], p[3], v[6], a[6], f[6]; Moments I; } Frozen;
 /* A velocity of the expanded model. */
 typedef struct { double S[6], Y[6], Z[6], U[6]; } Column;
 
-/* T: rows of dg/da, dg/dv, dg/dq by the coordinates y, for each expanded velocity. u: places of the
-   mass points in their joints. lifted: room for four (6, nv). */
+/* Coordinates side by side: on the path to a node, `end`, and in one block (path.c); room for the map
+   (three rows of X and their rates), and for what mass points of a block need by themselves. */
+typedef struct {
+  Int end, deep, wide, *rows_at;
+  Lane *moved, *need, *map, *own, *rows;
+} Path;
+
+/* What a column i needs: I S_i, B S_i + I U_i, B Y_i + I Z_i + S_i x f, and B' S_i. */
+typedef struct { double a[6], v[6], q[6], b[3]; } Needs;
+
+/* u: places of the mass points in their joints. lifted: room for four (6, nv). */
 typedef struct {
   Frozen base, *frozen;
   Column *column;
-  double *x, *dx, *ddx, *rate, *growth, *u, *T, *lifted;
+  double *x, *dx, *ddx, *rate, *growth, *u, *lifted, *M, *C, *K;
+  Path along;
 } Tangent;
 
 /* Poses and columns of the nodes where `outward` has been, for `close_jacobian`. */
@@ -44,8 +54,19 @@ void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, dou
 void close_jacobian(const Tables *t, Tangent *w, double *J);
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
 
-/* tangent.c: add D = (dg_i/da_j, dg_i/dv_j, dg_i/dq_j) of expanded velocities i and j of one leg */
-void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D);
+/* path.c: S, U, Z and V of a node. What columns of a block need is summed up and met with the path to
+   the node before them, and in the end put into M, C and K. */
+Int path_room(const Tables *t);
+void path_layout(const Tables *t, double *memory, Path *w);
+void begin_paths(const Tables *t, Path *w);
+void go_to(const Tables *t, Tangent *w, Int node);
+void begin_needs(Path *w);
+void add_needs(const Tables *t, Tangent *w, Int i, const Needs *f);
+void meet(const Tables *t, Path *w, Int block, Int before);
+void put_paths(const Tables *t, const Path *w, double *M, double *C, double *K);
+
+/* point_tangent.c: what mass points need, which their nodes carry */
+void point_tangent(const Tables *t, const Work *lanes, Tangent *w);
 
 /* added_mass.c, curvature.c */
 void added_tangent(const Tables *t, Tangent *w);
