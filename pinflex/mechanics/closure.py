@@ -123,6 +123,17 @@ class Closures:
         roots = [s.root.joint for one in self.contacts for s in one.sleeve.segments]
         return {*self.bodies.tolist(), *roots}
 
+    def frames(self, poses: Array) -> Array:
+        """Frames [R | p] of A, then of B in the world, shape (n, 2 loops, 3, 4).
+
+        Args:
+            poses: Of the joints, shape (n, joints, 12), see `pinflex.mechanics.poses`.
+        """
+        R, p = np.split(poses[:, self.bodies].reshape(len(poses), -1, 4, 3).swapaxes(2, 3), [3], 3)
+        found: Array = R @ self.local
+        found[..., 3:] += p
+        return found
+
     def on(self, segments: Sequence[int]) -> Closures:
         """The same rows with each sleeve on a segment of its beam, by its number."""
         bodies, local, support_a = self.bodies.copy(), self.local.copy(), self.support_a.copy()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from pinflex.arrays import Array
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.reference.coordinate_map import Configuration
 
 
 # Named tuples: a frozen dataclass costs eight times as much to make, in every iteration of a step.
@@ -63,3 +66,19 @@ class JointForces(NamedTuple):
     f: Array
     wrenches: Array
     sleeves: Array
+
+
+class Kinematics(NamedTuple):
+    """Joints at n states.
+
+    Attributes:
+        here: Expanded configurations and map.
+        poses: Of joints, shape (n, joints, 12), see `pinflex.mechanics.poses`.
+        J, dJ: World Jacobians of the joints and their rates, shape (n, 6, nV); dJ (0, 6, nV)
+            without rates.
+    """
+
+    here: Configuration
+    poses: Array
+    J: Array
+    dJ: Array

@@ -95,6 +95,29 @@ class System:
         """Number of elastic coordinates."""
         return self.expansion.n_eta
 
+    def integrate(self, y: Array, dy: Array) -> Array:
+        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,).
+
+        Args:
+            y: Coordinates, shape (nq,).
+            dy: Velocity rows times time, shape (nv,).
+        """
+        q, v = int(self.rigid.nq), int(self.rigid.nv)
+        if q == v:
+            return y + dy
+        return np.concatenate([pin.integrate(self.rigid, y[:q], dy[:v]), y[q:] + dy[v:]])
+
+    def difference(self, y0: Array, y1: Array) -> Array:
+        """dy that takes y0 to y1, shape (nv,).
+
+        Args:
+            y0, y1: Coordinates, shape (nq,).
+        """
+        q = int(self.rigid.nq)
+        if q == int(self.rigid.nv):
+            return y1 - y0
+        return np.concatenate([pin.difference(self.rigid, y0[:q], y1[:q]), y1[q:] - y0[q:]])
+
     def dissipation(self, v: Array) -> Array:
         """Power that damping and friction take at speeds v (..., nv), shape (...), W."""
         loss = np.sum(v @ self.D * v, axis=-1)

@@ -1,0 +1,1 @@
+"""The plain evaluator of the equations: Pinocchio and numpy, right before fast; see `equations`."""

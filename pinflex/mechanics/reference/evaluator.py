@@ -1,0 +1,319 @@
+"""The equations of motion, written to be read: Pinocchio and numpy, state after state.
+
+    r = X' (rnea(Q, V, A) - J_F' F) - J' lam + K y + D v + friction + springs,      c(y) = 0
+
+F: loads. M is Pinocchio's crba; the other derivatives of r are differences of what is neither
+linear nor a joint's own. It is of second order in v, so that a central difference of any step is
+exact; along y four points leave round-off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.mechanics.evaluated import (
+    Closure,
+    Energies,
+    JointForces,
+    Kinematics,
+    Tangent,
+)
+from pinflex.mechanics.poses import support
+from pinflex.mechanics.reference import closures
+from pinflex.mechanics.reference.closures import Moves
+from pinflex.mechanics.reference.coordinate_map import Configuration, CoordinateMap
+from pinflex.mechanics.reference.jets import Jet, joined
+from pinflex.mechanics.reference.loads import LoadState
+from pinflex.mechanics.reference.placing import Placing
+from pinflex.mechanics.strain import Strain
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.closure import Closures
+    from pinflex.mechanics.system import System
+
+# Of the differences along y [rad | m]: the fourth order leaves 1e-13 of a force, as does round-off.
+# A sleeve may stand beside a border of elements, beyond which its rows are other polynomials.
+_STEP, _BESIDE = 1e-3, 2e-5
+_POINTS, _WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+
+
+class Reference:
+    """The equations of one system (one for each thread).
+
+    Attributes:
+        system: What is evaluated. model: Its expanded model. map: Its coordinates in that.
+        placing: Its joints. strain: Its links.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system, self.model = system, system.expansion.model
+        self.map, self.placing = CoordinateMap(system), Placing(self.model)
+        self.strain = Strain(system)
+        self._q, self._v = int(system.rigid.nq), int(system.rigid.nv)
+
+    # Forces ----------------------------------------------------------------------------------
+
+    def forces(self, Y: Array, V: Array, A: Array, t: Array) -> Array:
+        """r without closures, shape (n, nv).
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv). t: Times in s, shape (n,).
+        """
+        return self._moving(Y, V, A, t) + self._resting(Y, V)
+
+    def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
+        """r (n, nv) and c (n, rows).
+
+        Args:
+            Y, V, A, t: As of `forces`. lam: Shape (n, rows), N | N m.
+        """
+        c, J = self.close(Y)
+        return self.forces(Y, V, A, t) - (lam[:, None] @ J)[:, 0], c
+
+    def _moving(self, Y: Array, V: Array, A: Array, t: Array) -> Array:
+        """X' (rnea - J_F' F), what varies with pose and speed together, shape (n, nv)."""
+        here, model, data = self.map.at(Y, V, A), self.model, self.placing.data
+        if self.system.added.joints:
+            forces = [self._rnea(*state, {}) for state in _states(here)]
+        else:
+            forces = [pin.rnea(model, data, *state) for state in _states(here)]
+        g = np.array(forces).reshape(here.V.shape)
+        for k, load in self._loads(here.Q):
+            g[k] -= load.generalized(here.V[k], float(t[k]))
+        return here.project(g)
+
+    def _resting(self, Y: Array, V: Array) -> Array:
+        """K y + D v, with friction and springs of joints, shape (n, nv)."""
+        s, r = self.system, V @ self.system.D
+        r[:, self._v :] += self.strain.force(Y[:, self._q :])
+        r[:, s.friction.rows] += s.friction.force(V)
+        r[:, s.springs.v_at] += s.springs.stiffness * (s.springs.angles(Y) - s.springs.rest)
+        return r
+
+    def _rnea(self, q: Array, v: Array, a: Array, acting: Mapping[int, Array]) -> Array:
+        """Pinocchio's, with added masses and wrenches (6,) that act in joints' frames, (nV,)."""
+        model, data, push = self.model, self.placing.data, dict(acting)
+        for joint, wrench in self._added(q, v, a):
+            push[joint] = push.get(joint, np.zeros(6)) - wrench
+        outside = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
+        for joint, wrench in push.items():
+            outside[joint] = pin.Force(wrench)
+        return np.array(pin.rnea(model, data, q, v, a, outside))
+
+    def _added(self, q: Array, v: Array, a: Array) -> Iterator[tuple[int, Array]]:
+        """M a + v x* (M v) of added masses, in the frames of their joints, (6,)."""
+        added, data = self.system.added, self.placing.data
+        if added.joints:
+            pin.forwardKinematics(self.model, data, q, v, a)
+        for joint, M in zip(added.joints, added.inertia, strict=True):
+            speed = data.v[joint]
+            turning = speed.cross(pin.Force(M @ speed.vector)).vector
+            yield joint, M @ data.a[joint].vector + turning
+
+    def _loads(self, Q: Array) -> Iterator[tuple[int, LoadState]]:
+        """Loads from outside at each of n configurations, where there are any."""
+        if self.system.loads.present:
+            for k, (poses, J) in enumerate(zip(*self.placing.jacobians(Q), strict=True)):
+                yield k, LoadState(self.system.loads, self.model, poses, J)
+
+    # Closures --------------------------------------------------------------------------------
+
+    def close(self, Y: Array) -> Closure:
+        """c (n, rows) and J = dc/dy (n, rows, nv) at Y (n, nq)."""
+        closed, n_eta = self.system.closed, self.system.n_eta
+        if not closed.n:
+            return Closure(np.zeros((len(Y), 0)), np.zeros((len(Y), 0, self.system.nv)))
+        here = self.map.at(Y)
+        poses, J = self.placing.jacobians(here.Q)
+        X = here.X
+        found = self._rows(
+            here, poses, Y,
+            lambda on, s: closures.by_velocities(on, None if X is None else X[s], J[s], n_eta),
+        )  # fmt: skip
+        return Closure(found.value, found.grad)
+
+    def closure_bias(self, Y: Array, V: Array) -> Array:
+        """gamma in cdd = J a + gamma, shape (n, rows), at Y (n, nq) and V (n, nv)."""
+        if not self.system.closed.n:
+            return np.zeros((len(Y), 0))
+        here = self.map.at(Y, V)
+        (poses, J), dJ = self.placing.jacobians(here.Q), self.placing.jacobian_rates(here.Q, here.V)
+        found = self._rows(
+            here, poses, Y,
+            lambda on, s: closures.by_time(on, here.V[s], here.A[s], J[s], dJ[s], V[s, self._v :]),
+        )  # fmt: skip
+        assert found.hess is not None
+        return found.hess[:, :, 0, 0]
+
+    def _rows(
+        self, here: Configuration, poses: Array, Y: Array, moves: Callable[[Closures, slice], Moves]
+    ) -> Jet:
+        """The rows of n states: at once, but that every sleeve is on a segment of its own."""
+        closed, n = self.system.closed, len(Y)
+        apart = any(contact.sleeve.segments for contact in closed.contacts)
+        parts = []
+        for s in (slice(k, k + 1) for k in range(n)) if apart else (slice(0, n),):
+            on = closures.on_segments(closed, poses[s][0]) if apart else closed
+            parts.append(closures.rows(on, poses[s], here.Q[s], Y[s, self._q :], moves(on, s)))
+        return joined(parts)
+
+    def sleeve_places(self, Y: Array) -> Array:
+        """Where the sleeves are on their links (m) at Y (n, nq), shape (n, sleeves)."""
+        out = np.empty((len(Y), len(self.system.closed.contacts)))
+        for k, (y, poses) in enumerate(zip(Y, self.placing.poses(self.map.at(Y).Q), strict=True)):
+            on = closures.on_segments(self.system.closed, poses)
+            out[k] = [place.at for place in closures.sleeves_at(on, poses, y[self._q :])]
+        return out
+
+    # Derivatives -----------------------------------------------------------------------------
+
+    def mass(self, y: Array) -> Array:
+        """M = X' crba(Q) X, shape (nv, nv), at y (nq,)."""
+        here = self.map.at(y[None])
+        M = self._expanded_mass(here.Q[0])
+        return M if here.X is None else here.X[0].T @ M @ here.X[0]
+
+    def _expanded_mass(self, q: Array) -> Array:
+        """Pinocchio's crba with added masses, shape (nV, nV)."""
+        M, added = np.array(pin.crba(self.model, self.placing.data, q)), self.system.added
+        if added.joints:
+            poses, J = (x[0] for x in self.placing.jacobians(q[None]))
+        for joint, inertia in zip(added.joints, added.inertia, strict=True):
+            own = _place(poses[joint]).toActionMatrixInverse() @ (J * support(self.model, joint))
+            M += own.T @ inertia @ own
+        return M
+
+    def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
+        """Derivatives of r by a, v and y, and J.
+
+        Args:
+            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m. t: Time in s.
+        """
+        s, nv, fixed = self.system, self.system.nv, np.full(4, t)
+        C, K = s.D.copy(), s.K.copy()
+        C[s.friction.rows, s.friction.rows] += s.friction.slope(v)
+        K[s.springs.v_at, s.springs.v_at] += s.springs.stiffness
+        for at, stiffness in self.strain.bent(y[self._q :]):
+            K[self._v :, self._v :][at, at] += stiffness
+        X, most = self.map.at(y[None]).X, _BESIDE if s.closed.contacts else _STEP
+        step = np.full(nv, most) if X is None else most / np.abs(X[0]).max(axis=0)
+        for k, e in enumerate(np.eye(nv)):
+            both = self._moving(
+                np.tile(y, (2, 1)), v + np.outer([1.0, -1.0], e), np.tile(a, (2, 1)), fixed
+            )
+            C[:, k] += 0.5 * (both[0] - both[1])
+            Y = np.array([s.integrate(y, h * e) for h in step[k] * _POINTS])
+            r = (
+                self._moving(Y, np.tile(v, (4, 1)), np.tile(a, (4, 1)), fixed)
+                - lam @ self.close(Y).J
+            )
+            K[:, k] += _WEIGHTS @ r / step[k]
+        return Tangent(self.mass(y), C, K, self.close(y[None]).J[0])
+
+    # Motions, forces, energies ---------------------------------------------------------------
+
+    def kinematics(self, Y: Array, V: Array | None, joint: int | None) -> Kinematics:
+        """Joints, or one of them, at Y (n, nq); with V (n, nv), the rates of Jacobians too."""
+        here = self.map.at(Y, V)
+        poses, J = self.placing.jacobians(here.Q, joint)
+        dJ = J[:0] if V is None else self.placing.jacobian_rates(here.Q, here.V)
+        return Kinematics(here, poses, J, dJ)
+
+    def motions(self, Y: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
+        """Poses of all joints (n, joints, 12); of some, velocity and acceleration (n, k, 2, 6).
+
+        Args:
+            Y: Shape (n, nq). V, A: Shape (n, nv).
+            joints: The k joints whose spatial motion is wanted, in their own frames.
+        """
+        here, data = self.map.at(Y, V, A), self.placing.data
+        rates = np.empty((len(Y), len(joints), 2, 6))
+        for k, state in enumerate(_states(here)):
+            pin.forwardKinematics(self.model, data, *state)
+            for i, joint in enumerate(joints):
+                rates[k, i] = data.v[joint].vector, data.a[joint].vector
+        return self.placing.poses(here.Q), rates
+
+    def joint_forces(
+        self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
+    ) -> JointForces:
+        """Forces of joints, loops and sleeves at n states.
+
+        Args:
+            Y, V, A, lam, t: As of `residual`.
+            joints: Numbers of the joints whose forces are wanted.
+        """
+        here, closed = self.map.at(Y, V, A), self.system.closed
+        poses, _ = self.placing.jacobians(here.Q)
+        n, loops = len(Y), len(closed.names)
+        g, f = np.empty(here.V.shape), np.empty((n, len(joints), 6))
+        wrenches, sleeves = np.empty((n, loops, 6)), np.empty((n, len(closed.contacts), 3, 8))
+        acting: list[dict[int, Array]] = [{} for _ in range(n)]
+        for k, load in self._loads(here.Q):
+            acting[k] = load.wrenches(here.V[k], float(t[k]))
+        for k, state in enumerate(_states(here)):
+            on = closures.on_segments(closed, poses[k])
+            wrenches[k], ends = closures.wrenches(on, poses[k], here.Q[k], Y[k, self._q :], lam[k])
+            for joint, wrench in ends:
+                acting[k][joint] = acting[k].get(joint, 0.0) + wrench
+            local = {
+                j: _place(poses[k, j]).actInv(pin.Force(w)).vector for j, w in acting[k].items()
+            }
+            g[k] = self._rnea(*state, local)
+            f[k] = [self.placing.data.f[joint].vector for joint in joints]
+            places = closures.sleeves_at(on, poses[k], Y[k, self._q :])
+            pushed = zip(places, closed.contacts, strict=True)
+            sleeves[k] = np.array(
+                [place.forces(lam[k, one.rows]) for place, one in pushed]
+            ).reshape(-1, 3, 8)
+        if len((coupled := closed.coupled).rows):  # torques in joints, no wrenches on bodies
+            g -= lam[:, coupled.rows] @ coupled.J
+        r, c = self.residual(Y, V, A, lam, t)
+        return JointForces(r, c, g, f, wrenches, sleeves)
+
+    def energies(self, Y: Array, V: Array, t: Array) -> Energies:
+        """Kinetic energy, and potentials of weight, links, and of springs and loads, J, (n,).
+
+        Args:
+            Y: Shape (n, nq). V: Shape (n, nv). t: Times in s, shape (n,).
+        """
+        here, s = self.map.at(Y, V), self.system.springs
+        kinetic = [0.5 * v @ self._expanded_mass(q) @ v for q, v, _ in _states(here)]
+        weight = [pin.computePotentialEnergy(self.model, self.placing.data, q) for q in here.Q]
+        spring = 0.5 * (s.angles(Y) - s.rest) ** 2 @ s.stiffness
+        for k, load in self._loads(here.Q):
+            spring[k] += load.energy(float(t[k]))
+        elastic = self.strain.energy(Y[:, self._q :])
+        return Energies(np.array(kinetic), np.array(weight), elastic, spring)
+
+    def losses(self, Y: Array, V: Array) -> Array:
+        """Power that damping, friction and dampers between frames take, shape (n,), W.
+
+        Args:
+            Y: Shape (n, nq). V: Shape (n, nv).
+        """
+        here, power = self.map.at(Y, V), self.system.dissipation(V)
+        for k, load in self._loads(here.Q):
+            power[k] += load.dissipation(here.V[k])
+        return power
+
+    def spring_stiffness(self, y: Array) -> Array:
+        """Stiffness of springs between frames along their lines, shape (nv, nv), at y (nq,)."""
+        here, K = self.map.at(y[None]), np.zeros((self.system.nv, self.system.nv))
+        for _, load in self._loads(here.Q):
+            K += load.stiffness(here.times_map)
+        return K
+
+
+def _states(here: Configuration) -> Iterator[tuple[Array, Array, Array]]:
+    return zip(here.Q, here.V, here.A, strict=True)
+
+
+def _place(pose: Array) -> pin.SE3:
+    """A pose of twelve numbers."""
+    return pin.SE3(pose[:9].reshape(3, 3).T, pose[9:])

@@ -1,0 +1,119 @@
+"""Forces from outside at one configuration: loads at frames, springs and dampers between two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array
+from pinflex.description.external import FrameForce
+from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.poses import support
+
+
+class LoadState:
+    """Loads where joints are placed.
+
+    Attributes:
+        joints: That they act on.
+    """
+
+    def __init__(self, given: Loads, model: pin.Model, poses: Array, J: Array) -> None:
+        """`poses`: of the joints, (joints, 12). `J`: their world Jacobian, (6, nV)."""
+        self._given, self._J = given, J
+        ends = [place for _, place in given.forces]
+        ends += [place for _, a, b in given.springs for place in (a, b)]
+        self.joints = list(dict.fromkeys(place.joint for place in ends))
+        self._jacobian = {joint: J * support(model, joint) for joint in self.joints}
+        self._pose = {joint: poses[joint].reshape(4, 3) for joint in self.joints}
+
+    def wrenches(self, V: Array, t: float) -> dict[int, Array]:
+        """World wrench [force; moment about the origin] by joint, at time t (s).
+
+        Args:
+            V: Expanded velocity, shape (nV,): dampers act against it.
+            t: Time [s].
+        """
+        total = {joint: np.zeros(6) for joint in self.joints}
+        for force, place in self._given.forces:
+            p, F, M = self._load(force, place, t)
+            total[place.joint] += np.concatenate([F, np.cross(p, F) + M])
+        for spring, a, b in self._given.springs:
+            p_a, d, length = self._line(a, b)
+            u = d / max(length, 1e-300)
+            pull = spring.stiffness * (length - spring.length)
+            pull += spring.damper * self._rate(a, b, V)
+            wrench = pull * np.concatenate([u, np.cross(p_a, u)])
+            total[a.joint] += wrench
+            total[b.joint] -= wrench
+        return total
+
+    def generalized(self, V: Array, t: float) -> Array:
+        """Generalised forces J' W at time t (s), shape (nV,).
+
+        Args:
+            V: Expanded velocity, shape (nV,).
+            t: Time [s].
+        """
+        each = (wrench @ self._jacobian[joint] for joint, wrench in self.wrenches(V, t).items())
+        return np.asarray(sum(each, np.zeros(self._J.shape[1])))
+
+    def energy(self, t: float) -> float:
+        """Potential of springs and of constant forces at time t (s), J."""
+        energy = 0.0
+        for force, place in self._given.forces:
+            if force.potential:
+                p, F, _ = self._load(force, place, t)
+                energy -= float(F @ p)
+        for spring, a, b in self._given.springs:
+            stretch = self._line(a, b)[2] - spring.length
+            energy += 0.5 * spring.stiffness * stretch**2
+        return energy
+
+    def dissipation(self, V: Array) -> float:
+        """Power that the dampers take, W."""
+        dampers = ((s.damper, a, b) for s, a, b in self._given.springs if s.damper)
+        return sum(damper * self._rate(a, b, V) ** 2 for damper, a, b in dampers)
+
+    def stiffness(self, times_map: Callable[[Array], Array]) -> Array:
+        """Stiffness of the springs along their lines, by the velocities of a map, (nv, nv)."""
+        rows = []
+        for spring, a, b in self._given.springs:
+            _, d, length = self._line(a, b)
+            # One of no length pulls by k d, as stiff across its line as along it.
+            axes = (d / max(length, 1e-300))[None] if spring.length else np.eye(3)
+            rows.append(np.sqrt(spring.stiffness) * axes @ (self._moves(b) - self._moves(a)))
+        stretch = times_map(np.concatenate([np.zeros((0, self._J.shape[1])), *rows]))
+        return np.asarray(stretch.T @ stretch)
+
+    def _load(self, force: FrameForce, place: Attachment, t: float) -> tuple[Array, Array, Array]:
+        """Point, force and moment in the world."""
+        scale = force.scale(t)
+        F, M = scale * np.array(force.force), scale * np.array(force.moment)
+        if force.follower:
+            R = self._pose[place.joint][:3].T @ place.placement.rotation
+            F, M = R @ F, R @ M
+        return self._point(place), F, M
+
+    def _point(self, place: Attachment) -> Array:
+        pose = self._pose[place.joint]
+        return np.asarray(place.placement.translation @ pose[:3] + pose[3])
+
+    def _moves(self, place: Attachment) -> Array:
+        """Velocity of a point by the expanded velocities, shape (3, nV)."""
+        J = self._jacobian[place.joint]
+        return J[:3] + np.cross(J[3:], self._point(place)[:, None], axis=0)
+
+    def _line(self, a: Attachment, b: Attachment) -> tuple[Array, Array, float]:
+        """Point a, the way from a to b, and its length."""
+        p_a = self._point(a)
+        d = self._point(b) - p_a
+        return p_a, d, float(np.linalg.norm(d))
+
+    def _rate(self, a: Attachment, b: Attachment, V: Array) -> float:
+        """Rate of the distance from a to b, m/s."""
+        _, d, length = self._line(a, b)
+        return float(d @ (self._moves(b) - self._moves(a)) @ V) / max(length, 1e-300)
