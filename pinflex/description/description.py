@@ -243,7 +243,7 @@ def from_text(text: str, path: Path) -> Description:
 def _describe(
     text: str, name: str, path: Path | None, tree: Source | None, raw: Any = None
 ) -> Description:
-    """Check the whole YAML; `tree` spares reading the robot's file again, `raw` parsing the text."""
+    """Check the whole YAML; `tree` spares reading the robot again, `raw` parsing the text."""
     file = f"{name}.yaml" if path is None else path.name
     place = {key: schema.at(file, key) for key in KEYS}
     raw = yaml_text.load(text, file) if raw is None else raw
