@@ -36,6 +36,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.recover import result_of
 from pinflex.results.result import Result
 from pinflex.solver import levels
+from pinflex.solver.blows import blows
 from pinflex.solver.resume import grid, join, stored
 from pinflex.solver.scene import Scene
 from pinflex.threads import one_blas_thread
@@ -92,7 +93,9 @@ def solve_level(
                 spec = _sampled(mechanism, spec, acting, dt)
             before = None if resume is None else _before(mechanism, resume, spec, acting)
             scene = Scene(mechanism, motion, spec, acting, tolerance, before)
+            struck = blows(motion, end) if _prescribes(spec) else []
             run = _run(scene, end, progress)
+            run = replace(run, warnings=(*run.warnings, *struck))
         except (ConvergenceError, MotionError, RunInterrupted) as error:
             part, why = error.result, str(error)
             if isinstance(part, Run):
@@ -105,6 +108,11 @@ def solve_level(
             raise
         _require_finite(mechanism, run)
         return result_from(mechanism, motion, run, spec, began)
+
+
+def _prescribes(spec: SolveSpec) -> bool:
+    """Whether links have momenta that a motion of the motors changes."""
+    return spec.level in ("ked", "coupled") and spec.drive == "prescribed"
 
 
 def _require_finite(mechanism: Mechanism, run: Run) -> None:
