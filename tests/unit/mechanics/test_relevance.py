@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.relevance import NEGLIGIBLE, shares
 from pinflex.studies.check import check
 from pinflex.studies.check_text import write
@@ -222,3 +223,37 @@ def test_springs_between_frames_belong_to_the_structure(tmp_path: Path) -> None:
     sag = check(sideways).statics.linear
     assert sag is not None
     assert sag.position[1] == pytest.approx(-0.1, rel=1e-5)
+
+
+@pytest.mark.parametrize("segments", [1, 9])
+def test_a_link_in_segments_is_judged_as_one(segments: int, tmp_path: Path) -> None:
+    """Pulled along x at h beside its line a bar stretches by F L/EA and bends by F h^2 L/EI."""
+    length, side = 0.6, 0.02  # [m]
+
+    def bar(h: float) -> FlexiblePart:
+        bodies = (
+            Body("bar", "base", "revolute", mass=0.5, com=(0.3, 0, 0), inertia=(1e-4, 0.015, 0.015)),
+            Body("end", "bar", xyz=(length, 0, 0)),
+            Body("tip", "bar", xyz=(length, h, 0)),
+        )  # fmt: skip
+        yaml = f"""
+gravity: [0, 0, 0]
+actuated: [bar_joint]
+platform: tip
+flexible:
+  bar:
+    material: steel
+    section: {{shape: rectangle, width: {side}, thickness: {side}}}
+    end: end
+    segments: {segments}
+"""
+        return load(tmp_path, bodies, yaml).parts["bar"]
+
+    def share(h: float) -> float:
+        return 1.0 / (1.0 + h**2 * side**2 / (side**4 / 12))
+
+    assert share(0.0913) > 3 * NEGLIGIBLE  # a ninth of it is negligible
+    assert bar(0.0913).planes == ("u", "v")
+    (out,) = bar(0.3).left_out
+    assert (out.direction, out.of) == ("u", "compliance of tip along x")
+    assert out.share == pytest.approx(share(0.3), rel=1e-9)
