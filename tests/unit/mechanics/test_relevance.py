@@ -232,7 +232,7 @@ def test_a_link_in_segments_is_judged_as_one(segments: int, tmp_path: Path) -> N
 
     def bar(h: float) -> FlexiblePart:
         bodies = (
-            Body("bar", "base", "revolute", mass=0.5, com=(0.3, 0, 0), inertia=(1e-4, 0.015, 0.015)),
+            Body("bar", "base", "revolute", mass=0.5, com=(0.3, 0, 0), inertia=(1e-4, 0.1, 0.1)),
             Body("end", "bar", xyz=(length, 0, 0)),
             Body("tip", "bar", xyz=(length, h, 0)),
         )  # fmt: skip
