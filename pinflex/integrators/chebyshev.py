@@ -191,10 +191,10 @@ class Interpolation:
         """
         flat = values.reshape(len(values), -1)
         steps = np.arange(len(self.t))[at]
-        found = self.pieces.between(self.by_piece(flat), self.t[steps], out)
+        result = self.pieces.between(self.by_piece(flat), self.t[steps], out)
         for row, k in zip(flat[self.nodes :], self.corners, strict=True):
-            found[steps == k] = row
-        return found.reshape(len(found), *values.shape[1:])
+            result[steps == k] = row
+        return result.reshape(len(result), *values.shape[1:])
 
     def by_piece(self, values: Array) -> list[Array]:
         """Values at the nodes of each piece, (n + 1, ...) each, of values at `times`."""

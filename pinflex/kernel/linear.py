@@ -59,10 +59,10 @@ def linear_systems(
     """
     n = evaluator.tables.counts
     widths = n["nq"], n["nv"], n["nv"], n["closures"], n["forces"]
-    given = [np.ascontiguousarray(x, dtype=np.float64) for x in states]
+    arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in states]
     size = n["nv"] * (3 * n["nv"] + n["closures"])
-    if [x.shape for x in given] != [(len(out), width) for width in widths]:
-        raise PinflexError(f"kernel: states of {[x.shape for x in given]}.")
+    if [x.shape for x in arrays] != [(len(out), width) for width in widths]:
+        raise PinflexError(f"kernel: states of {[x.shape for x in arrays]}.")
     if not out.flags.c_contiguous or out.dtype != np.float64 or out.shape[1] < len(at):
         raise PinflexError("kernel: no room for the linear systems.")
     if len(at) and not 0 <= np.min(at) <= np.max(at) < size:
@@ -70,7 +70,7 @@ def linear_systems(
     numbers, room = np.ascontiguousarray(at, dtype=np.int64), np.empty(size)
     evaluator.functions.pinflex_linear_systems(
         evaluator.tables.address, evaluator.work, int(rates), len(out),
-        *(x.ctypes.data for x in given), len(at), numbers.ctypes.data, room.ctypes.data,
+        *(x.ctypes.data for x in arrays), len(at), numbers.ctypes.data, room.ctypes.data,
         out.shape[1], out.ctypes.data,
     )  # fmt: skip
 
@@ -136,7 +136,11 @@ class LinearKernel:
         self.forget()
 
     def march(
-        self, system: IntArray, value: Array, load: Array, found: tuple[Array, Array, Array, Array]
+        self,
+        system: IntArray,
+        value: Array,
+        load: Array,
+        response: tuple[Array, Array, Array, Array],
     ) -> int:
         """Steps from `state` on; the number of those that were taken before a singular system.
 
@@ -145,24 +149,24 @@ class LinearKernel:
             value: Varying entries of each system, S, C, K and J column by column,
                 shape (systems, width).
             load: Shape (count, n).
-            found: d, v and a (count, n) and the multipliers (count, rows), which are written.
+            response: d, v and a (count, n) and the multipliers (count, rows), which are written.
         """
         count, n, rows = len(system), self.n, self.rows
         at = np.ascontiguousarray(system, dtype=np.int64)
-        given = [np.ascontiguousarray(x, dtype=np.float64) for x in (value, load)]
+        arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (value, load)]
         if count and (np.min(at) < 0 or np.max(at) >= min(len(value), self._systems)):
             raise PinflexError("kernel: a step of a system that is not given.")
         if self._structure.kept and not self._arrays["lu"].size:
             raise PinflexError("kernel: no room for the factors.")
-        shapes = (given[0].shape[1:], given[1].shape, *(x.shape for x in found))
+        shapes = (arrays[0].shape[1:], arrays[1].shape, *(x.shape for x in response))
         if shapes != ((self._width,), *((count, n),) * 4, (count, rows)):
             raise PinflexError(f"kernel: a march of {shapes}.")
-        if not all(x.flags.c_contiguous and x.dtype == np.float64 for x in found):
+        if not all(x.flags.c_contiguous and x.dtype == np.float64 for x in response):
             raise PinflexError("kernel: arrays that are not in one piece.")
         here = self._structure
         here.count, here.system = count, at.ctypes.data
-        here.value, here.load = (x.ctypes.data for x in given)
-        here.d, here.v, here.a, here.lam = (x.ctypes.data for x in found)
+        here.value, here.load = (x.ctypes.data for x in arrays)
+        here.d, here.v, here.a, here.lam = (x.ctypes.data for x in response)
         return int(self._functions.pinflex_linear_march(ctypes.addressof(here)))
 
 

@@ -10,7 +10,7 @@ ask for, serve any number of steps, and any number of marches.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -128,11 +128,11 @@ class LinearPath:
         deviation's own multipliers satisfies the same equations. Shape (nt, closures).
         """
         dynamics, t, count = self.dynamics, self.path.t, self.dynamics.system.closed.n
-        none = np.zeros((len(t), count))
+        zero = np.zeros((len(t), count))
         if not count:
-            return none
+            return zero
         passive = self._mechanism.rigid.free
-        r, _ = dynamics.residual(self._y, self.v, self.a, none, t)
+        r, _ = dynamics.residual(self._y, self.v, self.a, zero, t)
         J = dynamics.close(self._y).J[:, :, passive]
         back = np.linalg.pinv(J.swapaxes(1, 2), rcond=1e-10)
         return np.asarray((back @ r[:, passive, None])[:, :, 0])
@@ -297,11 +297,9 @@ def _interpolated(
     )
     resting = set(range(len(pieces))) - _moving(pieces, known)
     for everything in (False, True):
-        entries = VaryingEntries(first, like, everything)
+        entries = VaryingEntries(packed, first, like, everything)
         begin = np.split(entries.picked(first), np.cumsum(np.array(n) + 1)[:-1])
-        values, missed = pieces.refined(
-            begin, partial(_picked, entries, packed), entries.relative, close, most, resting
-        )
+        values, missed = pieces.refined(begin, entries.at, entries.relative, close, most, resting)
         values.append(entries.picked(at_corners))
         if not entries.late:
             break
@@ -315,10 +313,6 @@ def _moving(pieces: PiecewiseChebyshev, path: Nominal) -> set[int]:
     return set(pieces.of(path.t[fast > _RESTING * np.max(fast, initial=0.0)]).tolist())
 
 
-def _picked(entries: VaryingEntries, packed: Callable[[Array], Array], times: Array) -> Array:
-    return entries.picked(packed(times))
-
-
 class VaryingEntries:
     """Which entries of packed systems vary, and how large those of each matrix naturally are.
 
@@ -330,15 +324,23 @@ class VaryingEntries:
         late: Whether others varied after all, at times that were asked for later.
     """
 
-    def __init__(self, first: Array, like: Matrices, everything: bool = False) -> None:
+    def __init__(
+        self,
+        packed: Callable[[Array], Array],
+        first: Array,
+        like: Matrices,
+        everything: bool = False,
+    ) -> None:
         """Find out which vary at the first nodes.
 
         Args:
-            first: Packed systems there, a row each.
+            packed: Packed systems at times, a row each.
+            first: Those at the first nodes.
             like: A system, for the shapes.
             everything: Take every entry for varying.
         """
-        self._constant, self._shapes, self.late = first[0].copy(), [x.shape for x in like], False
+        self._packed, self._constant, self.late = packed, first[0].copy(), False
+        self._shapes = [x.shape for x in like]
         self._block, n = _blocks(like), 2 * len(like)
         sizes = _largest(first, self._block, n)
         natural = sizes.reshape(-1, 2).max(axis=1)  # of the same matrix in all rows
@@ -348,6 +350,10 @@ class VaryingEntries:
         self._noise = (NOISE * self._sizes)[self._block]
         self._varies = (np.ptp(first, axis=0) > self._noise) | everything
         self._varies[:1] |= not np.any(self._varies)  # arrays without columns have no length
+
+    def at(self, times: Array) -> Array:
+        """The varying entries at times, shape (k, varying)."""
+        return self.picked(self._packed(times))
 
     def picked(self, systems: Array) -> Array:
         """The varying entries of packed systems, shape (k, varying)."""
@@ -368,14 +374,14 @@ class VaryingEntries:
 
     def parts(self, values: Array) -> list[Varying]:
         """Each matrix from the varying entries at all times, shape (size, varying)."""
-        found, start, entries = [], 0, np.flatnonzero(self._varies)
+        parts, start, entries = [], 0, np.flatnonzero(self._varies)
         for shape in self._shapes:
             end = start + int(np.prod(shape))
             a, b = np.searchsorted(entries, (start, end))
             constant = self._constant[start:end].reshape(shape)
-            found.append(Varying(constant, entries[a:b] - start, values[:, a:b]))
+            parts.append(Varying(constant, entries[a:b] - start, values[:, a:b]))
             start = end
-        return found
+        return parts
 
 
 def _blocks(like: Matrices) -> IntArray:
@@ -389,10 +395,10 @@ def _blocks(like: Matrices) -> IntArray:
 
 def _largest(x: Array, block: IntArray, count: int) -> Array:
     """Largest entry of each block over rows x (k, width), shape (count,)."""
-    found = np.zeros(count)
+    largest = np.zeros(count)
     ends = np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0))
-    np.maximum.at(found, block, ends)
-    return found
+    np.maximum.at(largest, block, ends)
+    return largest
 
 
 def _pieces(

@@ -55,9 +55,9 @@ class Varying:
     @cached_property
     def _numbers(self) -> IntArray:
         """Column of `values` of each entry, in the shape of the matrix; -1: it is constant."""
-        found = np.full(self.constant.size, -1, dtype=np.intp)
-        found[self.entries] = np.arange(len(self.entries))
-        return found.reshape(self.shape)
+        column = np.full(self.constant.size, -1, dtype=np.intp)
+        column[self.entries] = np.arange(len(self.entries))
+        return column.reshape(self.shape)
 
     def whole(self) -> Array:
         """The matrix at every node, shape (size, ...)."""
@@ -73,9 +73,9 @@ class Varying:
 
     def filled(self, values: Array) -> Array:
         """The matrix from its varying entries, shape (k, m), as (k, ...)."""
-        found = np.tile(self.constant.ravel(), (len(values), 1))
-        found[:, self.entries] = values
-        return found.reshape(len(values), *self.shape)
+        matrix = np.tile(self.constant.ravel(), (len(values), 1))
+        matrix[:, self.entries] = values
+        return matrix.reshape(len(values), *self.shape)
 
     def picked(self, *axes: IntArray) -> Varying:
         """Some rows, and columns where there are any, in their order.
@@ -95,9 +95,9 @@ class Varying:
             at: Their rows, and columns where there are any, shape (k,) each.
         """
         numbers = self._numbers[at]
-        found = np.tile(self.constant[at], (len(self.values), 1))
-        found[:, numbers >= 0] = self.values[:, numbers[numbers >= 0]]
-        return found
+        values = np.tile(self.constant[at], (len(self.values), 1))
+        values[:, numbers >= 0] = self.values[:, numbers[numbers >= 0]]
+        return values
 
 
 def together(parts: Sequence[Varying], grid: Interpolation, at: slice | IntArray) -> list[Array]:

@@ -5,21 +5,21 @@
      [ S   J' ] [  ds  ]     [ r + C v + K d      ]
      [ J   0  ] [ -lam ] = - [ J d / (beta h^2)   ],    S = m M + gamma h C + beta h^2 K
 
-   v and d on the right side are predicted. Of S, C, K and J most entries stand still; those that
-   move are given for each system, column by column. */
+   v and d on the right side are predicted. Most entries of S, C, K and J are constant; those
+   that vary are given for each system, column by column. */
 #include "kernel.h"
 #include "lu.h"
 #include <string.h>
 
 typedef struct {
   Int n, rows, count, kept;          /* kept: whether there is room for the factors of all systems */
-  const Int *col_at, *row;           /* moving entries of S, C and K: columns, and their rows */
+  const Int *col_at, *row;           /* varying entries of S, C and K: columns, and their rows */
   const Int *J_col_at, *J_row;       /* those of J */
-  const double *S, *J;               /* what stands still, column by column */
+  const double *S, *J;               /* constant entries, column by column */
   const Int *C_at, *C_row, *K_at, *K_row; /* of C and K the entries that are not zero */
   const double *C, *K;
   const Int *system;                 /* (count,): system of each step */
-  const double *value;               /* (systems, .): S, C, K, J of the moving entries */
+  const double *value;               /* (systems, .): S, C, K, J of the varying entries */
   const double *load;                /* (count, n): r */
   double *lu;
   Int *pivot, *holds;                /* holds: 1 + the system whose factors are there */
@@ -35,7 +35,7 @@ static void times_sparse(Int n, const Int *col_at, const Int *row, const double 
     for (Int p = col_at[j]; p < col_at[j + 1]; p++) y[row[p]] += value[p] * x[j];
 }
 
-/* y += J x: what stands still, and the entries that move. */
+/* y += J x: constant entries, and those that vary. */
 static void times_rows(const Linear *m, const double *value, const double *x, double *y) {
   for (Int j = 0; m->rows && j < m->n; j++) {
     const double *column = m->J + j * m->rows;
@@ -67,7 +67,7 @@ static const double *factored(const Linear *m, Int system, const double *value, 
 
 /* Steps from the state on; the number of those that were taken. */
 EXPORT Int pinflex_linear_march(const Linear *m) {
-  Int n = m->n, rows = m->rows, moving = m->col_at[n], width = 3 * moving + m->J_col_at[n];
+  Int n = m->n, rows = m->rows, varying = m->col_at[n], width = 3 * varying + m->J_col_at[n];
   double h = m->h, beta = m->beta, gamma = m->gamma, *x = m->work;
   double *d = m->state, *v = d + n, *a = v + n, *s = a + n;
   for (Int k = 0; k < m->count; k++) {
@@ -85,9 +85,9 @@ EXPORT Int pinflex_linear_march(const Linear *m) {
     for (Int i = 0; i < rows; i++) x[n + i] = 0.0;
     times_sparse(n, m->C_at, m->C_row, m->C, v, x);
     times_sparse(n, m->K_at, m->K_row, m->K, d, x);
-    times_sparse(n, m->col_at, m->row, value + moving, v, x);
-    times_sparse(n, m->col_at, m->row, value + 2 * moving, d, x);
-    times_rows(m, value + 3 * moving, d, x + n);
+    times_sparse(n, m->col_at, m->row, value + varying, v, x);
+    times_sparse(n, m->col_at, m->row, value + 2 * varying, d, x);
+    times_rows(m, value + 3 * varying, d, x + n);
     for (Int i = 0; i < n; i++) x[i] = -x[i];
     for (Int i = 0; i < rows; i++) x[n + i] /= -(beta * h * h);
     solve(lu, n + rows, pivot, x);

@@ -98,9 +98,9 @@ def test_what_varies_late_is_noticed():
     first, then = rows[:2], rows[2:]
     none, load = np.zeros((3, 0)), np.zeros(3)
     like = Matrices(none, none, none, np.zeros((0, 3)), load, np.zeros(0))
-    entries = VaryingEntries(first, like)
-    assert entries.picked(then).shape == (2, 1) and entries.late
-    every = VaryingEntries(first, like, everything=True)
-    assert np.array_equal(every.picked(then), then) and not every.late
+    entries = VaryingEntries(lambda _: then, first, like)
+    assert entries.at(t[2:]).shape == (2, 1) and entries.late
+    every = VaryingEntries(lambda _: then, first, like, everything=True)
+    assert np.array_equal(every.at(t[2:]), then) and not every.late
     found = varying(then)
     assert found.entries.tolist() == [1, 2] and np.array_equal(found.whole(), then)
