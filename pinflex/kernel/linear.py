@@ -45,6 +45,23 @@ class ConstantPart:
         return int(3 * np.sum(self.varies) + np.sum(self.J_varies))
 
 
+def entries_of(
+    matrices: str, nv: int, closures: int, rows: IntArray, columns: IntArray
+) -> IntArray:
+    """Where some rows and columns are in M, C, K and J, as `linear_systems` counts entries.
+
+    Args:
+        matrices: Some of MCKJ.
+        nv, closures: Sizes of the system.
+        rows, columns: Of M, C and K, as numbers of velocities; J has all its rows, and those of the
+            others as columns.
+    """
+    square = (rows[:, None] * nv + columns).ravel()
+    J = 3 * nv**2 + (np.arange(closures)[:, None] * nv + rows).ravel()
+    where = {"M": square, "C": square + nv**2, "K": square + 2 * nv**2, "J": J}
+    return np.concatenate([where[matrix] for matrix in matrices])
+
+
 def linear_systems(
     evaluator: Evaluator, states: Sequence[Array], at: IntArray, out: Array, rates: bool = True
 ) -> None:

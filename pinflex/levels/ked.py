@@ -24,7 +24,7 @@ from pinflex.integrators.chebyshev import Interpolation
 from pinflex.integrators.linear import Alpha, Method
 from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme, scheme
-from pinflex.kernel.linear import linear_systems
+from pinflex.kernel.linear import entries_of, linear_systems
 from pinflex.levels.linear_march import LinearMarch, Response, forces_along
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
@@ -38,7 +38,7 @@ from pinflex.mechanics.system import System
 _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness is looked at
 # What interpolated matrices may miss: default steps leave 1e-3 of a vibration, round-off 1e-12. A
 # method from outside may take differences of them, as mode superposition does, over h^2.
-_CLOSE, _CLOSER = 1e-8, 1e-9
+_CLOSE, _CLOSER = 1e-8, 1e-12
 
 
 def method_of(spec: SolveSpec) -> Method:
@@ -210,16 +210,14 @@ def _resists(line: LinearPath, run: Run, at: IntArray) -> bool:
     system, compiled = run.system, line.dynamics.compiled
     if compiled is None:
         return False
-    nv, free, closures = system.nv, system.free, np.arange(system.closed.n)
-    square = 2 * nv**2 + (free[:, None] * nv + free).ravel()
-    rows = 3 * nv**2 + (closures[:, None] * nv + free).ravel()
-    result = np.empty((len(at), len(square) + len(rows)))
+    free, closures, count = system.free, system.closed.n, len(at)
+    entries = entries_of("KJ", system.nv, closures, free, free)
+    result = np.empty((count, len(entries)))
     states = run.y[at], line.v[at], line.a[at], run.lam[at], compiled.scale(run.t[at])
-    entries = np.concatenate([square, rows])
     linear_systems(compiled.evaluator, states, entries, result, rates=False)
-    K, J = np.split(result, [len(square)], axis=1)
+    K, J = np.split(result, [len(free) ** 2], axis=1)
     n = len(free)
-    return resists(K.reshape(len(at), n, n), J.reshape(len(at), len(closures), n))
+    return resists(K.reshape(count, n, n), J.reshape(count, closures, n))
 
 
 def _blown_up(

@@ -21,7 +21,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
-from pinflex.kernel.linear import linear_systems
+from pinflex.kernel.linear import entries_of, linear_systems
 from pinflex.levels.varying import NOISE, Varying, together
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.loads import Loads
@@ -162,11 +162,9 @@ class LinearPath:
         if compiled is None or self.structural or any(self._mechanism.description.system_damping):
             systems = (self.at(k) for k in range(len(self.path.t)))
             return np.array([np.concatenate([x.ravel() for x in system]) for system in systems])
-        nv, rows = self.dynamics.system.nv, self._rows
-        square = (rows[:, None] * nv + self._columns).ravel()
-        closures = 3 * nv**2 + (np.arange(self._base.shape[1])[:, None] * nv + rows).ravel()
-        at = np.concatenate([square, square + nv**2, square + 2 * nv**2, closures])
-        result = np.empty((len(self.path.t), len(at) + len(rows) + self._base.shape[1]))
+        rows, size = self._rows, (self.dynamics.system.nv, self._base.shape[1])
+        at = entries_of("MCKJ", *size, rows, self._columns)
+        result = np.empty((len(self.path.t), len(at) + len(rows) + size[1]))
         states = self._y, self.v, self.a, self._base, compiled.scale(self.path.t)
         linear_systems(compiled.evaluator, states, at, result)
         result[:, len(at) :] = np.hstack([self._load[:, rows], self._base])
