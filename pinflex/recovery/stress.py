@@ -80,8 +80,7 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
         section: Cross-section.
         forces: Section forces N Vy Vz T My Mz, shape (nt, nx, 6).
     """
-    N, T = forces[:, :, 0], forces[:, :, 3]
-    My, Mz = forces[:, :, 4], forces[:, :, 5]
+    N, _, _, T, My, Mz = np.ascontiguousarray(np.moveaxis(forces, -1, 0))  # read once per fibre
     axial = N / section.A
     fibres = np.array(section.fibres)
     half = len(fibres) // 2
