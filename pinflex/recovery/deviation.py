@@ -46,9 +46,10 @@ def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
         """J d of every frame a time x [s] on, shape (frames, nt, 6)."""
         y = manifold.retract(straight, x * rate + 0.5 * x * x * acceleration)
         moved = d + x * dv + 0.5 * x * x * da
-        found = dynamics.motions(y, moved, 0.0 * moved, [place.joint for place in places])
-        each = zip(*found, places, strict=True)
-        return np.array([motion_of(*at, place.placement)[2] for *at, place in each])
+        joints = [place.joint for place in places]
+        poses, rates = dynamics.motions(y, moved, 0.0 * moved, joints)
+        each = zip(poses, rates, places, strict=True)
+        return np.array([motion_of(R, V, place.placement)[2] for R, V, place in each])
 
     before, here, after = (displaced(x) for x in (-_DELTA, 0.0, _DELTA))
     error = (here, (after - before) / (2 * _DELTA), (after - 2 * here + before) / _DELTA**2)
