@@ -1,4 +1,4 @@
-"""Newton's iteration on the stages of a collocation step, compiled.
+"""The stages of a collocation step, compiled.
 
 The fields are those of `Stages` in source/stages.h, which says what they hold. The arrays of a
 step are those of this object: they change with every call.
@@ -63,17 +63,12 @@ class Rows:
 
 
 class StageKernel:
-    """The stages of one step at a time.
+    """The stages of one step at a time, their arrays all in one block.
 
     Attributes:
-        y0, v0: Start. position, velocity: Motors at the stages. scale: Of the loads there.
-        feed: Torques that are fed forward to driven motors there. kp, kd: Gains of these.
+        y0, v0: Start. a, turn: Unknowns, shape (s, nv). y, v, move: What follows from them.
+        kp, kd: Gains of driven motors.
         held: Generalised forces of a digital controller, (nv,), where one acts (`take_hold`).
-        a, lam, turn: Unknowns, shapes (s, nv), (s, rows), (s, nv).
-        y, v, move: What follows from them, (s, nq), (s, nv), (s, nv).
-        r, open: Residuals (s, nv) and closures (s, rows) that the last correction was for.
-        torque: Of driven motors, (s, motors), in these residuals.
-        da, dlam, change: That correction: (s, free), (s, rows), and of the displacement (s, nv).
         counts: Sizes by name. functions: The C code. tables, work, address: Of the system, its
             workspace, and the C structure of the stages. size: Of all arrays in bytes.
     """
@@ -103,7 +98,7 @@ class StageKernel:
         pairs = {"value": scheme.values, "forward": scheme.forward, "back": scheme.back}
         numbers = Block(shapes, real | {name: _pairs(x) for name, x in pairs.items()})
         self._keep, self.size = (integers, numbers), integers.size + numbers.size
-        self._arrays = arrays = numbers.arrays
+        arrays = numbers.arrays
         pointers = numbers.addresses | integers.addresses
         self._structure = _Stages(
             s=s, values=values, free=free, motors=motors, prescribed=int(rows.prescribed),
@@ -111,21 +106,13 @@ class StageKernel:
             bodies=len(rows.body_v),
             **pointers,
         )  # fmt: skip
-        self.y0, self.v0, self.scale = arrays["y0"], arrays["v0"], arrays["scale"]
-        self.position, self.velocity, self.feed = (
-            arrays[name] for name in ("position", "velocity", "feed")
-        )
-        self.held, self._held = arrays["held"], pointers["held"]
-        self.kp, self.kd, self.torque = arrays["kp"], arrays["kd"], arrays["torque"]
-        self.a, self.lam, self.turn = arrays["a"], arrays["lam"], arrays["turn"]
-        self.y, self.v, self.move = arrays["y"], arrays["v"], arrays["move"]
-        self.r, self.open, self.change = arrays["r"], arrays["open"], arrays["change"]
-        self.da, self.dlam = arrays["da"], arrays["dlam"]
+        self.y0, self.v0, self.a, self.turn = (arrays[name] for name in ("y0", "v0", "a", "turn"))
+        self.y, self.v, self.move = (arrays[name] for name in ("y", "v", "move"))
+        self.kp, self.kd, self.held = arrays["kp"], arrays["kd"], arrays["held"]
+        self._held = pointers["held"]
         self.counts = {**n, "s": s, "free": free, "motors": motors}
         self.functions, self.work = evaluator.functions, evaluator.work
         self.tables, self.address = evaluator.tables.address, ctypes.addressof(self._structure)
-        self._c, self._both = self.functions, (self.tables, self.address)
-        self._all = (self.tables, self.work, self.address)
 
     def take_hold(self, acts: bool) -> None:
         """Let a digital controller act, with no force at first, or none."""
@@ -135,30 +122,7 @@ class StageKernel:
     def place(self, h: float) -> None:
         """y, v and move from a and turn, for a step h (s)."""
         self._structure.h = h
-        self._c.pinflex_place(*self._both)
-
-    def residual(self) -> None:
-        """r, open and torque from y, v, a, lam, scale and what the motors are told."""
-        self._c.pinflex_balance(*self._all)
-
-    def factor(self, M: Array, C: Array, K: Array, J: Array, h: float) -> bool:
-        """Factors of Newton's matrices; False where one is singular.
-
-        Args:
-            M, C, K: Tangent in the free rows and columns. J: Shape (rows, free). h: Step in s.
-        """
-        self._structure.h = h
-        for name, part in zip("MCKJ", (M, C, K, J), strict=True):
-            self._arrays[name][...] = part
-        return bool(self._c.pinflex_factor(*self._both))
-
-    def solve(self) -> None:
-        """dlam, and dz in the free rows of `change`, from r and open."""
-        self._c.pinflex_solve(*self._both)
-
-    def correct(self) -> None:
-        """da, dlam and change from r and open; a and lam move by them."""
-        self._c.pinflex_correct(*self._both)
+        self.functions.pinflex_place(self.tables, self.address)
 
 
 def _pairs(x: Array) -> Array:

@@ -10,6 +10,7 @@ before.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -29,24 +30,52 @@ from pinflex.solver.expected import Expected
 # Of the tolerance: what the second correction may change at the end. More than that is told: of a
 # vibration that no order follows it sees a part only (told over true: tests/benchmarks/BARS.md).
 PART = 0.45
-# Contraction above which the second correction is made twice: what it leaves would count as error.
-_SLOW = 0.02
-_SAFE = 0.95  # of that: what it may be on the way
-# Resolution to go on with over the last one, at most and at least; at least after a step back.
-RISE, FALL, LEAST = 2.0, 0.3, 0.02
-# Of what the estimate may be: what is aimed at; what is too much to go on with.
-AIM, FULL = 0.7, 0.8
-_IDLE = 0.3  # of the room that is left: a growth below it lets the steps get longer
-_SPARE = 0.05  # of what the estimate may be: the least room
-# No coarser than that, nor than so many tolerances: there steps fail, and cost more than they save.
-_COARSEST, _TOLERANCES, _FINEST = 1e-3, 2.0, 1e-13
-_HALF = 0.5  # of what is expected of an output: the least that its error is relative to
-# An error that is still so much of what it was, at a resolution so much finer, shows round-off.
-_NO_BETTER, _IN_VAIN = 0.7, 1e-2
-_MORE = 1.5  # such errors that are borne, of it
-_AGAIN = 4  # times that a run may begin anew
-# So much finer than it was, in the first half: what errs is behind, and short steps do not mend it.
-_FAR_FINER = 3e-3
+
+
+@dataclass(frozen=True)
+class ErrorControl:
+    """How the resolution of the steps follows the error so far, as of a run of many steps.
+
+    Attributes:
+        safety: Part of what the error may be at the end that it may be on the way.
+        growth, shrink: Of the resolution after a batch, at the most and at the least.
+        least: The same after a step back.
+        target, spent: Parts of what the error may be on the way that are aimed at, and that are too
+            much to go on with.
+        idle: Of the budget that is left: an error that grows by less lets the steps get longer.
+        reserve: The least budget, of what the error may be: steps do not stay short where it does
+            not grow.
+        coarsest: Resolution, and in tolerances: beyond, steps fail, and cost more than they save.
+        finest: Resolution below which round-off is all that there is.
+        expected: Of the size that is expected of an output, the least that its error relates to.
+        contraction: Of a step's Newton iteration, above which its second correction is made twice:
+            what it leaves would count as error.
+        stalled, finer: An error that is still so much of what it was, at a resolution so much
+            finer, shows round-off. borne: So many such errors are allowed then.
+        restarts: Times that a run may begin anew. hindsight: At a resolution so much finer than it
+            was, in the first half: what errs is behind, and short steps do not mend it.
+    """
+
+    safety: float = 0.95
+    growth: float = 2.0
+    shrink: float = 0.3
+    least: float = 0.02
+    target: float = 0.7
+    spent: float = 0.8
+    idle: float = 0.3
+    reserve: float = 0.05
+    coarsest: tuple[float, float] = (1e-3, 2.0)
+    finest: float = 1e-13
+    expected: float = 0.5
+    contraction: float = 0.02
+    stalled: float = 0.7
+    finer: float = 1e-2
+    borne: float = 1.5
+    restarts: int = 4
+    hindsight: float = 3e-3
+
+
+CONTROL = ErrorControl()
 
 
 class Judge:
@@ -73,12 +102,13 @@ class Judge:
         problem = radau.problem
         problem.path = _remembering(problem.path)  # both corrections are sampled at the same times
         self._radau, self._corrector, self._t = radau, Corrector(radau), t
-        self._second = Corrector(self._corrector.stages, slow=_SLOW)
+        self._second = Corrector(self._corrector.stages, slow=CONTROL.contraction)
         radau.loose = True
         self._compare, self._foreseen = compare, foreseen
-        self._allowed, self._most = _SAFE * PART * tol, PART * tol
+        self._allowed, self._most = CONTROL.safety * PART * tol, PART * tol
         self.resolution, self.lowest, self.stuck, self.begun = resolution, resolution, stuck, 1
-        self._coarsest = max(_TOLERANCES * tol, min(_COARSEST, 10.0 * tol))
+        coarsest, tolerances = CONTROL.coarsest
+        self._coarsest = max(tolerances * tol, min(coarsest, 10.0 * tol))
         if again:
             self._coarsest = resolution
         # Time (s), resolution and error of a sample that the run was sent back for.
@@ -125,7 +155,7 @@ class Judge:
                 return self._anew()
             if not good:
                 return good
-        self._borne = min(self._borne, _MORE * float(np.max(errors)))
+        self._borne = min(self._borne, CONTROL.borne * float(np.max(errors)))
         end = float(t[good - 1] + h[good - 1])
         if good == len(steps) and not len(bad) and not self.stuck:
             self._adapt(errors, end)
@@ -264,7 +294,7 @@ class Judge:
 
         Infinite while that is round-off.
         """
-        size = max(self._sizes.get(key, 0.0), _HALF * self._foreseen.sizes.get(key, 0.0))
+        size = max(self._sizes.get(key, 0.0), CONTROL.expected * self._foreseen.sizes.get(key, 0.0))
         return size if size > LEAST_SIZES.get(key, 0.0) else np.inf
 
     def _send_back(self, end: float, errors: Array, bad: int) -> int:
@@ -277,24 +307,24 @@ class Judge:
         if self._in_vain(end, error):
             return len(errors)
         before = max(self._error, float(np.max(errors[:bad], initial=0.0)))
-        anew = before > FULL * self._allowed  # what is carried along is too much already
+        anew = before > CONTROL.spent * self._allowed  # what is carried along is too much already
         if anew and error < self._most:
-            self._borne, self.resolution = self._most, FALL * self.resolution
+            self._borne, self.resolution = self._most, CONTROL.shrink * self.resolution
             return len(errors)
-        if self.resolution < _FINEST or (anew and self.begun > _AGAIN):
-            self._borne = _MORE * error
+        if self.resolution < CONTROL.finest or (anew and self.begun > CONTROL.restarts):
+            self._borne = CONTROL.borne * error
             return len(errors)
         so_far = 0.0 if anew else before
-        room = AIM * (self._allowed - so_far)
-        self.resolution *= min(max(room / (error - so_far), LEAST), FALL)
+        room = CONTROL.target * (self._allowed - so_far)
+        self.resolution *= min(max(room / (error - so_far), CONTROL.least), CONTROL.shrink)
         self.lowest = min(self.lowest, self.resolution)
         return ANEW if anew else bad
 
     def _in_hindsight(self, end: float) -> bool:
         """Whether a run that has come to `end` (s) would better have begun with short steps."""
         half = 0.5 * float(self._t[0] + self._t[-1])
-        far_finer = self.resolution < _FAR_FINER * self._highest
-        return far_finer and end < half and self.begun <= _AGAIN
+        far_finer = self.resolution < CONTROL.hindsight * self._highest
+        return far_finer and end < half and self.begun <= CONTROL.restarts
 
     def _anew(self) -> int:
         """Let no step stay."""
@@ -309,17 +339,17 @@ class Judge:
         Then the run goes on with what it has: its outputs may yet grow, and the end decides.
         """
         seen = self._seen
-        if seen is None or t > seen[0] + 1e-9 * abs(t) or error < _NO_BETTER * seen[2]:
+        if seen is None or t > seen[0] + 1e-9 * abs(t) or error < CONTROL.stalled * seen[2]:
             self._seen = t, self.resolution, error
-        elif self.resolution < _IN_VAIN * seen[1]:
-            self._borne, self.resolution = _MORE * error, seen[1]
+        elif self.resolution < CONTROL.finer * seen[1]:
+            self._borne, self.resolution = CONTROL.borne * error, seen[1]
             return True
         return False
 
     def _shorter(self) -> int:
         """Take no step of some that cannot be corrected."""
-        self.resolution *= FALL
-        if self.resolution < _FINEST:
+        self.resolution *= CONTROL.shrink
+        if self.resolution < CONTROL.finest:
             raise ConvergenceError(
                 "steps cannot be corrected: their equations are singular with one stage more. Give "
                 "a larger tol, or dt."
@@ -327,7 +357,7 @@ class Judge:
         return 0
 
     def _adapt(self, errors: Array, end: float) -> None:
-        """The resolution by what the error may still grow, and by what it grows.
+        """Adapt the resolution: extrapolate the error to the end, and compare it with the budget.
 
         What has grown so far is taken to grow once more in the same time, at the most.
         """
@@ -336,12 +366,12 @@ class Judge:
         slope = (now - self._error) / max(end - self._error_at, 1e-300)
         growth = slope * min(until - end, end - begin)
         # Some is always left: steps do not stay short where the error does not grow.
-        room = max(AIM * self._allowed - now, _SPARE * self._allowed)
+        room = max(CONTROL.target * self._allowed - now, CONTROL.reserve * self._allowed)
         if growth > room:
-            self.resolution *= max(room / growth, FALL)
-        elif growth < _IDLE * room:
-            self.resolution *= min(room / max(growth, 1e-300), RISE)
-        self.resolution = min(max(self.resolution, _FINEST), self._coarsest)
+            self.resolution *= max(room / growth, CONTROL.shrink)
+        elif growth < CONTROL.idle * room:
+            self.resolution *= min(room / max(growth, 1e-300), CONTROL.growth)
+        self.resolution = min(max(self.resolution, CONTROL.finest), self._coarsest)
 
 
 def _remembering(path: Path) -> Path:

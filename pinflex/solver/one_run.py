@@ -21,7 +21,7 @@ from pinflex.mechanics.equations import Equations
 from pinflex.solver.estimates import floor
 from pinflex.solver.expected import Expected, expected, few
 from pinflex.solver.force_errors import elastic_apart, force_errors
-from pinflex.solver.judge import AIM, LEAST, PART, Judge
+from pinflex.solver.judge import CONTROL, PART, Judge
 from pinflex.solver.ringing import ringing
 from pinflex.solver.scene import Progress, Scene
 
@@ -89,7 +89,7 @@ class _OneRun:
                 best, at = worst, resolution
             elif judge.stuck or resolution < _IN_VAIN * at:
                 break
-            resolution *= min(max(AIM * PART * self.tol / worst, LEAST), _NEXT)
+            resolution *= min(max(CONTROL.target * PART * self.tol / worst, CONTROL.least), _NEXT)
         raise floor(self.scene, self.tol, self._at_samples(run), worst)
 
     def _forces_too(self, run: Run, judge: Judge, resolution: float) -> Run:
@@ -98,7 +98,9 @@ class _OneRun:
         for _ in range(_FORCE_TRIES):
             if off <= self.tol:
                 break
-            resolution = judge.lowest * min(max(AIM * self.tol / off, LEAST), _FINER_FORCES)
+            resolution = judge.lowest * min(
+                max(CONTROL.target * self.tol / off, CONTROL.least), _FINER_FORCES
+            )
             try:
                 finer, judge = self._passed(resolution)
             except ConvergenceError:
