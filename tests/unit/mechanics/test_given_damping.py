@@ -77,8 +77,8 @@ def test_every_mode_of_a_link_has_its_ratio_in_however_many_segments(
     heavy = Body("beam", "base", mass=6.0, com=(0.4, 0, 0), inertia=(0.02, 0.6, 0.6))
     tip = Body("tip", "beam", xyz=(1, 0, 0))
     every = ("axial", "torsion", "bending_y", "bending_z")
-    more = ("shear", "rotary_inertia") if thick else ()
-    keys = [f"flexible.beam.{key}=true" for key in (*every, *more)]
+    keys = [f"flexible.beam.{key}=true" for key in every]
+    keys += [f"flexible.beam.{key}={str(thick).lower()}" for key in ("shear", "rotary_inertia")]
     changes = ["flexible.beam.damping.modal=0.02", f"flexible.beam.segments={segments}"]
     section = "flexible.beam.section={shape: rectangle, width: 1, thickness: 0.5}"
     robot = load(tmp_path, (heavy, tip), YAML, [*keys, *changes, section], inertia=inertia)
