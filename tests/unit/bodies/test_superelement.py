@@ -22,6 +22,7 @@ from scipy.sparse.linalg import eigsh
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody, flexible_body
 from pinflex.bodies.mesh import checked, read, stepped_rod
+from pinflex.bodies.second_order import _second_rotation
 from pinflex.bodies.solid import Solid, of_matrices, of_mesh
 from pinflex.bodies.summary import modal_data, save, summary
 from pinflex.bodies.superelement import reduce
@@ -474,3 +475,19 @@ def test_absurd_units_are_refused(tmp_path: Path, block: Solid) -> None:
 def test_a_solid_that_is_not_described_is_refused(tmp_path: Path, keys: str, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         load(tmp_path, RODS, SCENE % (keys + "\n    end: tip"))
+
+
+def test_a_second_rotation_is_that_of_the_joints_of_an_interface() -> None:
+    """R = Rz Ry Rx, one joint after the other: its mixed derivatives, by Pinocchio's rotations."""
+    h = 1e-3
+
+    def turned(angles: Array) -> Array:
+        x, y, z = (pin.AngleAxis(a, e).matrix() for a, e in zip(angles, np.eye(3), strict=True))
+        return np.asarray(z @ y @ x)
+
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        a, b = h * np.eye(3)[i], h * np.eye(3)[j]
+        mixed = turned(a + b) - turned(a - b) - turned(b - a) + turned(-a - b)
+        expected = mixed / (4 * h * h)
+        found = _second_rotation(np.eye(3)[i], np.eye(3)[j])
+        np.testing.assert_allclose(found, expected, atol=2e-6)  # h^2, two derivatives further

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinflex.description import material
+from pinflex.description import material, torsion
 from pinflex.description.section import Points, Section, from_spec
 from pinflex.errors import DescriptionError
 
@@ -248,3 +249,30 @@ def test_a_given_section_may_turn_with_an_inertia_that_does_not_go_with_its_stif
     plain, heavy = from_spec(spec), from_spec({**spec, "my": 20.0, "mz": 30.0})
     assert (plain.turning, plain.Ip) == ((2.0, 3.0), 5.0)
     assert (heavy.turning, heavy.Ip, heavy.Iz) == ((20.0, 30.0), 50.0, 3.0)
+
+
+@pytest.mark.parametrize(("width", "thickness"), [(0.03, 0.01), (0.01, 0.03), (0.02, 0.02)])
+def test_shear_stresses_of_a_twisted_rectangle_make_the_torque(
+    width: float, thickness: float
+) -> None:
+    """int (y tau_xz - z tau_xy) dA = 1, and no traction on the sides; 60 Gauss points each way."""
+    section = Section.rectangle(width, thickness)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    torque = 0.0
+    for y, wy in zip(nodes * thickness / 2, weights * thickness / 2, strict=True):
+        for z, wz in zip(nodes * width / 2, weights * width / 2, strict=True):
+            tau_xy, tau_xz = torsion.rectangle(section, float(y), float(z))
+            torque += wy * wz * (y * tau_xz - z * tau_xy)
+    assert torque == pytest.approx(1.0, rel=2e-3)  # J by Roark is within 0.2 % of the series
+    largest = 1.0 / section.Wt
+    for share in (-0.6, 0.3):
+        assert abs(torsion.rectangle(section, thickness / 2, share * width / 2)[0]) < 1e-3 * largest
+        assert abs(torsion.rectangle(section, share * thickness / 2, width / 2)[1]) < 1e-3 * largest
+
+
+def test_a_given_strip_shears_most_by_its_thickness() -> None:
+    """tau = T t / J of an open thin wall, whichever way the strip lies."""
+    for width, thickness in ((0.1, 1e-3), (1e-3, 0.1)):
+        s = Section.rectangle(width, thickness)
+        given = Section.given(s.A, s.Iy, s.Iz, s.J)
+        assert given.Wt == pytest.approx(s.J / 1e-3, rel=1e-9)
