@@ -29,7 +29,6 @@ INTEGERS = {
     "phi_i": ("*phi_at",),
     "g_at": ("rows+1",),
     **dict.fromkeys(("g_i", "g_j"), ("*g_at",)),
-    "col_first": ("nV",),
     "x_at": ("nV+1",),
     "block_of": ("nV",),
     "block_at": ("blocks+1",),
@@ -116,7 +115,7 @@ _INTO: dict[str, str | int] = {
     "added_node": "nodes", "bent_first": "n_eta", "bent_directions": 3,
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
-    "col_first": "nv", "block_of": "blocks", "block_above": "blocks", "node_block": "blocks",
+    "block_of": "blocks", "block_above": "blocks", "node_block": "blocks",
     "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
     "sleeve_node": "nodes", "stretch_node": "nodes", "stretch_track": "tracks",
     "sleeve_loop": "loops", "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3,
@@ -173,8 +172,6 @@ class Tables:
             top = array
             if name == "bent_first":
                 top = array + self._arrays["bent_n"] - 1
-            elif name == "col_first":
-                top = array + np.maximum(np.diff(self._arrays["x_at"]), 1) - 1
             elif name in _AHEAD:
                 top = array + np.array(_AHEAD[name])[self._arrays["kind"]] - 1
             elif name in ("point_q", "point_v"):
@@ -201,10 +198,16 @@ class Tables:
         a, sizes = self._arrays, np.diff(self._arrays["block_at"])
         of, above, depth = (a[f"block_{name}"] for name in ("of", "above", "depth"))
         top = np.append(depth + sizes, 0)  # where a path that ends in a block ends; -1: at the base
-        node, columns = a["node_block"], np.diff(a["x_at"])
+        node, elastic = a["node_block"], self.counts["nv_rigid"]
         sound = [a["block_at"][-1] == self.counts["nv"], sizes > 0, depth == top[above]]
-        sound += [a["col_first"] >= a["block_at"][of]]
-        sound += [a["col_first"] + columns <= a["block_at"][of + 1]]
+        sound += [np.diff(a["x_at"]) >= sizes[of], a["x_at"] % constant("LANES") == 0]
+        for row, column in (
+            (a["v_at"], np.arange(elastic)),
+            *((np.repeat(a["row_v"], np.diff(a[f"{i[:-2]}_at"])), elastic + a[i])
+              for i in ("phi_i", "g_i", "g_j")),
+        ):  # fmt: skip
+            block = of[row]
+            sound += [(a["block_at"][block] <= column) & (column < a["block_at"][block + 1])]
         for name, number, width in (
             ("node", a["parent"], np.array(_AHEAD["node_v"])[a["kind"]]),
             ("point", a["point_node"], 3), ("twist", a["twist_node"], 1),

@@ -17,6 +17,7 @@ from pinflex.bodies.series import Series
 from pinflex.bodies.superelement import Node, Superelement
 from pinflex.bodies.track import Track
 from pinflex.description.external import FrameForce, FrameSpring
+from pinflex.kernel.header import constant
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.added_mass import AddedMasses
 from pinflex.mechanics.closure import Closures, CoupledRows
@@ -37,6 +38,7 @@ from pinflex.mechanics.system import Springs, System
 
 REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
 _POINT, _DIRECTION, _DISTANCE = range(3)
+_LANES = constant("LANES")
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 _NONE = (0.0, 0.0, 0.0)
 _JOINTS = {
@@ -194,9 +196,10 @@ def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], lis
         name, inertia = model.joints[j].shortname().removeprefix(_PREFIX), model.inertias[j]
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
         rest = xy, xz, yy, yz, zz
-        if name == "Translation" and not any((xx, *rest, *inertia.lever.tolist())):
+        light = not model.armature[_row(model, j) : _row(model, j) + int(model.nvs[j])].any()
+        if name == "Translation" and light and not any((xx, *rest, *inertia.lever.tolist())):
             points.append(j)
-        elif name == "RX" and not any((inertia.mass, *rest, model.armature[_row(model, j)])):
+        elif name == "RX" and light and not any((inertia.mass, *rest)):
             twists.append(j)
         else:
             nodes.append(j)
@@ -283,24 +286,11 @@ def _map(expansion: Expansion) -> dict[str, Any]:
         lengths = np.zeros((bodies, count), dtype=np.intp)
         lengths[:, :curved] = np.count_nonzero(half, axis=(2, 3))
         rows["g_n"].append(lengths.ravel())
-    rows |= _columns(expansion)
     whole = {name: np.concatenate([np.zeros(0), *parts]) for name, parts in rows.items()}
     for name in ("phi", "g"):
         counts = whole.pop(f"{name}_n").astype(np.intp)
         whole[f"{name}_at"] = np.concatenate([[0], np.cumsum(counts)])
     return whole | square_tables(expansion, whole["g_at"])
-
-
-def _columns(expansion: Expansion) -> dict[str, list[Any]]:
-    """Where each row of X has its block of columns, and where that is kept."""
-    nv, nV = len(expansion.v_at), int(expansion.model.nv)
-    first, width = np.zeros(nV, dtype=np.intp), np.zeros(nV, dtype=np.intp)
-    first[expansion.v_at], width[expansion.v_at] = np.arange(nv), 1
-    for block in expansion.blocks:
-        bodies, _, n = block.Phi.shape
-        first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
-        width[block.rows] = n
-    return {"col_first": [first], "x_at": [np.concatenate([[0], np.cumsum(width)])]}
 
 
 def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
@@ -309,20 +299,27 @@ def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
     The joints of a link depend on the coordinates of that link, which follow each other, and bodies
     beyond it on the link as a whole: of a body, the blocks on the way to it stand in a row.
     """
-    model, first = expansion.model, _columns(expansion)["col_first"][0]
+    model, nv = expansion.model, len(expansion.v_at)
+    first = np.zeros(int(model.nv), dtype=np.intp)  # column of each row of X
+    first[expansion.v_at] = np.arange(nv)
+    for block in expansion.blocks:
+        bodies, _, n = block.Phi.shape
+        first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
     rows = [slice(joint.idx_v, joint.idx_v + joint.nv) for joint in list(model.joints)[1:]]
     starts = np.unique([first[at].min() for at in rows])
-    ends = np.append(starts[1:], len(expansion.v_at) + expansion.n_eta)
+    ends = np.append(starts[1:], nv + expansion.n_eta)
     of = np.searchsorted(starts, first, side="right") - 1
+    lanes = -(-(ends - starts) // _LANES)
     above, depth = np.full(len(starts), -1), np.zeros(len(starts), dtype=np.intp)
     path = np.full(int(model.njoints), -1)  # the last block on the way to each joint
     for j, at_joint in enumerate(rows, start=1):
         before = path[int(model.parents[j])]
-        path[j] = block = of[at_joint.start]
-        if before not in (block, above[block]):
-            above[block] = before
-            depth[block] = depth[before] + ends[before] - starts[before]
+        path[j] = last = of[at_joint.start]
+        if before not in (last, above[last]):
+            above[last] = before
+            depth[last] = depth[before] + ends[before] - starts[before]
     return {
+        "x_at": np.append(0, np.cumsum(_LANES * lanes[of])),
         "block_of": of, "block_at": np.append(starts, ends[-1]), "block_above": above,
         "block_depth": depth, "node_block": path[nodes],
     }  # fmt: skip

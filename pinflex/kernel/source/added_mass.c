@@ -72,8 +72,9 @@ static void lift_columns(const Tables *t, const Tangent *w, Int node, Column *to
   for (; node >= 0; node = t->parent[node])
     for (Int i = t->node_v[node]; i < t->node_v[node] + width(t->kind[node]); i++) {
       const Column *c = w->column + i;
-      Column *out = to + t->col_first[i];
-      for (Int p = t->x_at[i]; p < t->x_at[i + 1]; p++, out++)
+      Column *out = to + t->block_at[t->block_of[i]];
+      Int at = t->x_at[i];
+      for (Int p = at; p < at + columns_of(t, t->block_of[i]); p++, out++)
         for (int d = 0; d < 6; d++) {
           out->S[d] += c->S[d] * w->x[p];
           out->Y[d] += c->Y[d] * w->x[p] + c->S[d] * w->dx[p];

@@ -35,8 +35,9 @@ void coupling_jacobian(const Tables *t, const Tangent *w, double *J) {
     memset(row, 0, t->nv * sizeof(double));
     for (Int p = t->couple_at[k]; p < t->couple_at[k + 1]; p++) {
       Int j = t->couple_v[p];
-      for (Int i = t->x_at[j]; i < t->x_at[j + 1]; i++)
-        row[t->col_first[j] + i - t->x_at[j]] += t->couple_factor[p] * w->x[i];
+      const double *x = w->x + t->x_at[j];
+      for (Int k = 0; k < columns_of(t, t->block_of[j]); k++)
+        row[t->block_at[t->block_of[j]] + k] += t->couple_factor[p] * x[k];
     }
   }
 }

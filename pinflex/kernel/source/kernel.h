@@ -35,8 +35,7 @@ typedef struct {
   const Int *twist_node, *twist_q, *twist_v;               /* twists */
   const Int *row_q, *row_v, *phi_at, *phi_i;               /* elastic rows: Phi by rows */
   const Int *g_at, *g_i, *g_j;                             /* G, upper triangle by rows */
-  const Int *col_first, *x_at;                             /* of each row of X: where its block is */
-  const Int *block_of, *block_at;                          /* of each row of X; their columns */
+  const Int *x_at, *block_of, *block_at;                   /* rows of X in lanes, their blocks of columns */
   const Int *block_above, *block_depth;                    /* next on the path to the base; columns there */
   const Int *node_block;                                   /* the last one on the path of a node */
   const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
@@ -153,6 +152,13 @@ EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const doub
 EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
                            const double *a, const double *lam, const double *scale,
                            double *matrices, double *r, double *rates);
+
+/* Columns of a block, and the lanes that numbers take. */
+static inline Int columns_of(const Tables *t, Int block) {
+  return t->block_at[block + 1] - t->block_at[block];
+}
+
+static inline Int lanes_of(Int n) { return (n + LANES - 1) / LANES; }
 
 static inline Node *node_at(Work *w, Int number) { return number < 0 ? &w->base : w->node + number; }
 

@@ -7,12 +7,24 @@
 #include <math.h>
 #include <stdint.h>
 
-#define LANES 4
+enum { LANES = 4 };
 typedef int64_t Int;
 typedef double Lane __attribute__((vector_size(8 * LANES)));
+typedef double LooseLane __attribute__((vector_size(8 * LANES), aligned(8))); /* not aligned */
 typedef int64_t LaneBits __attribute__((vector_size(8 * LANES)));
 
 static inline Lane lane(double x) { return (Lane){x, x, x, x}; }
+
+/* sum of a_k b_k, n numbers */
+static inline double inner(const double *a, const double *b, Int n) {
+  Lane sums = lane(0);
+  double sum = 0.0;
+  Int k = 0;
+  for (; k + LANES <= n; k += LANES) sums += *(const LooseLane *)(a + k) * *(const LooseLane *)(b + k);
+  for (; k < n; k++) sum += a[k] * b[k];
+  for (int l = 0; l < LANES; l++) sum += sums[l];
+  return sum;
+}
 
 static inline Lane dot(const Lane *a, const Lane *b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

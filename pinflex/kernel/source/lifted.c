@@ -3,11 +3,15 @@
 
 void lift(const Tables *t, const Tangent *w, Int node, double *out) {
   memset(out, 0, 6 * t->nv * sizeof(double));
-  for (; node >= 0; node = t->parent[node])
+  for (; node >= 0; node = t->parent[node]) {
+    Int block = t->node_block[node], n = columns_of(t, block);
     for (Int j = t->node_v[node]; j < t->node_v[node] + width(t->kind[node]); j++)
-      for (Int k = t->x_at[j]; k < t->x_at[j + 1]; k++)
-        for (int d = 0; d < 6; d++)
-          out[d * t->nv + t->col_first[j] + k - t->x_at[j]] += w->column[j].S[d] * w->x[k];
+      for (int d = 0; d < 6; d++) {
+        const double *x = w->x + t->x_at[j];
+        double *to = out + d * t->nv + t->block_at[block], S = w->column[j].S[d];
+        for (Int k = 0; k < n; k++) to[k] += S * x[k];
+      }
+  }
 }
 
 void add_transposed(Int nv, const double *J, const double *P, double sign, double *K) {

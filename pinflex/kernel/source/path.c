@@ -15,21 +15,15 @@
    Coordinates of a block follow each other, and blocks do along a path. */
 #include "tangent.h"
 
-enum { OF_S = 0, OF_U = 6, OF_Z = 12, OF_V = 18, NUMBERS = 21, ROWS = 5 };
-
-static Int columns_of(const Tables *t, Int block) {
-  return t->block_at[block + 1] - t->block_at[block];
-}
-
-static Int lanes_of(Int n) { return (n + LANES - 1) / LANES; }
+enum { OF_S = 0, OF_U = 6, OF_Z = 12, OF_V = 18, NUMBERS = 21, ROWS = 5, OWN = 3 };
 
 /* Lanes of the longest path, and of the widest block. */
 static void widths(const Tables *t, Int *deep, Int *wide) {
   *deep = *wide = 0;
   for (Int b = 0; b < t->blocks; b++) {
-    Int n = columns_of(t, b), top = lanes_of(t->block_depth[b] + n);
+    Int n = lanes_of(columns_of(t, b)), top = lanes_of(t->block_depth[b] + LANES * n);
     if (top > *deep) *deep = top;
-    if (lanes_of(n) > *wide) *wide = lanes_of(n);
+    if (n > *wide) *wide = n;
   }
 }
 
@@ -38,12 +32,17 @@ static Int row_lanes(const Tables *t, Int block) {
   return lanes_of(t->block_depth[block] + columns_of(t, block));
 }
 
+/* Lanes of all rows of a block: those of its path, and what its joints need by themselves. */
+static Int block_lanes(const Tables *t, Int block) {
+  Int n = columns_of(t, block);
+  return n * (ROWS * row_lanes(t, block) + OWN * lanes_of(n));
+}
+
 Int path_room(const Tables *t) {
   Int deep, wide, rows = 0;
   widths(t, &deep, &wide);
-  for (Int b = 0; b < t->blocks; b++) rows += ROWS * columns_of(t, b) * row_lanes(t, b);
-  rows += NUMBERS * (deep + wide) + 9 * wide + 3 * LANES * wide * wide;
-  return LANES * rows + (t->blocks / 8 + 1) * 8;
+  for (Int b = 0; b < t->blocks; b++) rows += block_lanes(t, b);
+  return LANES * (rows + NUMBERS * (deep + wide) + 9 * wide) + (t->blocks / 8 + 1) * 8;
 }
 
 void path_layout(const Tables *t, double *memory, Path *w) {
@@ -52,15 +51,14 @@ void path_layout(const Tables *t, double *memory, Path *w) {
   w->rows_at = (Int *)memory; /* of each block, and where they end */
   for (Int b = 0; b < t->blocks; b++) {
     w->rows_at[b] = rows;
-    rows += ROWS * columns_of(t, b) * row_lanes(t, b);
+    rows += block_lanes(t, b);
   }
   w->rows_at[t->blocks] = rows;
   memory += (t->blocks / 8 + 1) * 8;
   w->moved = (Lane *)memory;
   w->need = w->moved + NUMBERS * w->deep;
   w->map = w->need + NUMBERS * w->wide;
-  w->own = w->map + 9 * w->wide;
-  w->rows = w->own + 3 * LANES * w->wide * w->wide;
+  w->rows = w->map + 9 * w->wide;
 }
 
 void begin_paths(const Tables *t, Path *w) {
@@ -68,34 +66,27 @@ void begin_paths(const Tables *t, Path *w) {
   memset(w->rows, 0, w->rows_at[t->blocks] * sizeof(Lane));
 }
 
-/* out += a x, n numbers */
-static void add(Int n, double a, const double *restrict x, double *restrict out) {
-  for (Int k = 0; k < n; k++) out[k] += a * x[k];
-}
-
-/* From the node before to a node. */
+/* From the node before to a node. Rows of the map end in zeros, which fill their lanes. */
 static void go_on(const Tables *t, Tangent *w, Int node) {
   Int block = t->node_block[node], up = t->parent[node], at = t->block_depth[block];
-  Int stride = LANES * w->along.deep, end = LANES * row_lanes(t, block);
+  Int deep = w->along.deep, end = LANES * row_lanes(t, block), n = lanes_of(columns_of(t, block));
   double *moved = (double *)w->along.moved;
   if (up < 0 || t->node_block[up] != block)
     for (int d = 0; d < NUMBERS; d++)
-      memset(moved + d * stride + at, 0, (end - at) * sizeof(double));
-  for (Int i = t->node_v[node]; i < t->node_v[node] + width(t->kind[node]); i++) {
-    Int from = t->x_at[i], n = t->x_at[i + 1] - from;
-    const double *x = w->x + from, *dx = w->dx + from, *ddx = w->ddx + from;
-    const Column *c = w->column + i;
-    double *to = moved + at + t->col_first[i] - t->block_at[block];
-    for (int d = 0; d < 6; d++, to += stride) {
-      double *U = to + OF_U * stride, *Z = to + OF_Z * stride;
-      add(n, c->S[d], x, to);
-      add(n, c->U[d], x, U), add(n, 2.0 * c->S[d], dx, U);
-      add(n, c->Z[d], x, Z), add(n, c->U[d], dx, Z), add(n, c->S[d], ddx, Z);
-      if (d < 3) continue;
-      double *V = to + (OF_V - 3) * stride;
-      add(n, c->Y[d], x, V), add(n, c->S[d], dx, V);
+      memset(moved + d * LANES * deep + at, 0, (end - at) * sizeof(double));
+  for (Int i = t->node_v[node]; i < t->node_v[node] + width(t->kind[node]); i++)
+    for (Int k = 0; k < n; k++) {
+      Int from = t->x_at[i] + LANES * k;
+      Lane x = *(Lane *)(w->x + from), dx = *(Lane *)(w->dx + from), ddx = *(Lane *)(w->ddx + from);
+      LooseLane *to = (LooseLane *)(moved + at) + k;
+      const Column *c = w->column + i;
+      for (int d = 0; d < 6; d++) {
+        to[(OF_S + d) * deep] += c->S[d] * x;
+        to[(OF_U + d) * deep] += c->U[d] * x + 2.0 * c->S[d] * dx;
+        to[(OF_Z + d) * deep] += c->Z[d] * x + c->U[d] * dx + c->S[d] * ddx;
+      }
+      for (int d = 0; d < 3; d++) to[(OF_V + d) * deep] += c->Y[3 + d] * x + c->S[3 + d] * dx;
     }
-  }
   w->along.end = node;
 }
 
@@ -112,15 +103,29 @@ void go_to(const Tables *t, Tangent *w, Int node) {
 void begin_needs(Path *w) { memset(w->need, 0, NUMBERS * w->wide * sizeof(Lane)); }
 
 void add_needs(const Tables *t, Tangent *w, Int i, const Needs *f) {
-  Int from = t->x_at[i], n = t->x_at[i + 1] - from, stride = LANES * w->along.wide;
-  const double *x = w->x + from, *dx = w->dx + from, *ddx = w->ddx + from;
-  double *to = (double *)w->along.need + t->col_first[i] - t->block_at[t->block_of[i]];
-  for (int d = 0; d < 6; d++, to += stride) {
-    double *v = to + OF_U * stride, *q = to + OF_Z * stride;
-    add(n, f->a[d], x, to);
-    add(n, f->v[d], x, v), add(n, 2.0 * f->a[d], dx, v);
-    add(n, f->q[d], x, q), add(n, f->v[d], dx, q), add(n, f->a[d], ddx, q);
-    if (d < 3) add(n, f->b[d], x, to + OF_V * stride);
+  Int n = lanes_of(columns_of(t, t->block_of[i])), wide = w->along.wide;
+  for (Int k = 0; k < n; k++) {
+    Int from = t->x_at[i] + LANES * k;
+    Lane x = *(Lane *)(w->x + from), dx = *(Lane *)(w->dx + from), ddx = *(Lane *)(w->ddx + from);
+    Lane *to = w->along.need + k;
+    for (int d = 0; d < 6; d++) {
+      to[(OF_S + d) * wide] += f->a[d] * x;
+      to[(OF_U + d) * wide] += f->v[d] * x + 2.0 * f->a[d] * dx;
+      to[(OF_Z + d) * wide] += f->q[d] * x + f->v[d] * dx + f->a[d] * ddx;
+    }
+    for (int d = 0; d < 3; d++) to[(OF_V + d) * wide] += f->b[d] * x;
+  }
+}
+
+void add_own(const Tables *t, Path *w, Int block, double scale, const double *left, const Lane *row,
+             Int stride) {
+  Int n = columns_of(t, block), used = lanes_of(n);
+  Lane *own = w->rows + w->rows_at[block] + n * ROWS * row_lanes(t, block);
+  for (Int k = 0; k < n; k++, own += OWN * used) {
+    double x = scale * left[k];
+    if (x == 0.0) continue;
+    for (int part = 0; part < OWN; part++)
+      for (Int c = 0; c < used; c++) own[part * used + c] += x * row[part * stride + c];
   }
 }
 
@@ -133,27 +138,38 @@ static Lane sum_three(const double *f, const Lane *x, Int deep) {
   return f[0] * x[0] + f[1] * x[deep] + f[2] * x[2 * deep];
 }
 
+/* The path's lanes of three rows, and of two columns, of M, C and K. */
+static void meet_rows(const double *f, const Lane *S, Int deep, Int lanes, Int length, Lane *M) {
+  const Lane *U = S + OF_U * deep, *Z = S + OF_Z * deep, *V = S + OF_V * deep, *turn = S + 3 * deep;
+  Lane *C = M + length, *K = C + length;
+  for (Int c = 0; c < lanes; c++) {
+    M[c] += sum_six(f, S + c, deep);
+    C[c] += sum_six(f, U + c, deep) + sum_three(f + OF_V, turn + c, deep);
+    K[c] += sum_six(f, Z + c, deep) + sum_three(f + OF_V, V + c, deep);
+  }
+}
+
+static void meet_columns(const double *f, const Lane *S, Int deep, Int lanes, Int length, Lane *C) {
+  for (Int c = 0; c < lanes; c++) {
+    C[c] += sum_six(f + OF_U, S + c, deep);
+    C[length + c] += sum_six(f + OF_Z, S + c, deep);
+  }
+}
+
 void meet(const Tables *t, Path *w, Int block, Int before) {
-  Int n = columns_of(t, block), length = row_lanes(t, block), deep = w->deep;
-  Int inside = before >= 0 && t->node_block[before] == block;
-  Int used = inside ? length : lanes_of(t->block_depth[block]);
-  for (Int k = 0; k < n; k++) {
-    Lane *M = w->rows + w->rows_at[block] + ROWS * length * k, *C = M + length, *K = C + length,
-         *by_v = K + length, *by_q = by_v + length;
+  Int length = row_lanes(t, block), inside = before >= 0 && t->node_block[before] == block;
+  Int lanes = inside ? length : lanes_of(t->block_depth[block]);
+  Lane *row = w->rows + w->rows_at[block];
+  if (lanes == 0) return;
+  for (Int k = 0; k < columns_of(t, block); k++, row += ROWS * length) {
     double f[NUMBERS], most = 0.0;
     for (int d = 0; d < NUMBERS; d++) {
       f[d] = ((const double *)(w->need + d * w->wide))[k];
       most += fabs(f[d]);
     }
     if (most == 0.0) continue;
-    for (Int c = 0; c < used; c++) {
-      const Lane *S = w->moved + c;
-      M[c] += sum_six(f, S, deep);
-      C[c] += sum_six(f, S + OF_U * deep, deep) + sum_three(f + OF_V, S + 3 * deep, deep);
-      K[c] += sum_six(f, S + OF_Z * deep, deep) + sum_three(f + OF_V, S + OF_V * deep, deep);
-      by_v[c] += sum_six(f + OF_U, S, deep);
-      by_q[c] += sum_six(f + OF_Z, S, deep);
-    }
+    meet_rows(f, w->moved, w->deep, lanes, length, row);
+    meet_columns(f, w->moved, w->deep, lanes, length, row + 3 * length);
   }
 }
 
@@ -174,7 +190,20 @@ static void put(const Tables *t, const Path *w, Int block, Int above, double *M,
   }
 }
 
+/* What the joints of a block need by themselves. */
+static void put_own(const Tables *t, const Path *w, Int block, double *M, double *C, double *K) {
+  Int n = columns_of(t, block), stride = LANES * lanes_of(n);
+  const double *own = (const double *)(w->rows + w->rows_at[block] + n * ROWS * row_lanes(t, block));
+  for (Int k = 0; k < n; k++, own += OWN * stride) {
+    Int to = (t->block_at[block] + k) * t->nv + t->block_at[block];
+    for (Int j = 0; j < n; j++)
+      M[to + j] += own[j], C[to + j] += own[stride + j], K[to + j] += own[2 * stride + j];
+  }
+}
+
 void put_paths(const Tables *t, const Path *w, double *M, double *C, double *K) {
-  for (Int b = 0; b < t->blocks; b++)
+  for (Int b = 0; b < t->blocks; b++) {
+    put_own(t, w, b, M, C, K);
     for (Int above = b; above >= 0; above = t->block_above[above]) put(t, w, b, above, M, C, K);
+  }
 }

@@ -46,27 +46,15 @@ static void carry(const Point *point, Moments *to) {
   add_moments(to, &I);
 }
 
-/* Rows of the map and of its rates from the columns of the block on, (9, wide). */
-static void spread_rows(const Tables *t, Tangent *w, const Point *point) {
-  Int wide = w->along.wide;
-  const double *from[3] = {w->x, w->dx, w->ddx};
-  memset(w->along.map, 0, 9 * wide * sizeof(Lane));
-  for (int d = 0; d < 3; d++) {
-    Int row = point->first + d, at = t->x_at[row], n = t->x_at[row + 1] - at;
-    Int skip = t->col_first[row] - t->block_at[point->block];
-    for (int k = 0; k < 3; k++)
-      memcpy((double *)(w->along.map + (3 * k + d) * wide) + skip, from[k] + at, n * sizeof(double));
-  }
-}
-
 static void fixed(const double *x, Lane *out) {
   for (int d = 0; d < 3; d++) out[d] = lane(x[d]);
 }
 
-/* N times three rows. */
-static void turn_rows(const double *N, const Lane *x, Int wide, Lane *out) {
-  for (int d = 0; d < 3; d++)
-    out[d] = N[3 * d] * x[0] + N[3 * d + 1] * x[wide] + N[3 * d + 2] * x[2 * wide];
+/* N times four coordinates of the rows of the point. */
+static void turn_rows(const Tables *t, const Point *point, const double *rows, Int c, Lane *out) {
+  Lane x[3];
+  for (int d = 0; d < 3; d++) x[d] = *(Lane *)(rows + t->x_at[point->first + d] + LANES * c);
+  turn_by(point->N, x, out);
 }
 
 /* need += m (1, c x) of a vector */
@@ -76,21 +64,24 @@ static void add_wrench(double m, const Lane *c, const Lane *x, Int wide, Lane *n
   for (int d = 0; d < 3; d++) need[d * wide] += m * x[d], need[(3 + d) * wide] += m * arm[d];
 }
 
-/* Of four coordinates; e, p and s take the place of their rows. */
-static void four(const Frozen *up, const Point *point, Int wide, Lane *row, Lane *need) {
-  Lane w[3], alpha[3], c[3], dc[3], F[3], e[3], de[3], dde[3], swept[3], p[3], s[3];
-  fixed(up->v + 3, w), fixed(up->a + 3, alpha), fixed(point->c, c), fixed(point->dc, dc), fixed(point->F, F);
-  turn_rows(point->N, row, wide, e);
-  turn_rows(point->N, row + 3 * wide, wide, de);
-  turn_rows(point->N, row + 6 * wide, wide, dde);
+/* Of four coordinates: what is needed, and e, p and s. */
+static void four(const Tables *t, Tangent *at, const Frozen *up, const Point *point, Int c) {
+  Int wide = at->along.wide;
+  Lane *need = at->along.need + c, *row = at->along.map + c;
+  Lane w[3], alpha[3], arm[3], dc[3], F[3], e[3], de[3], dde[3], swept[3], p[3], s[3];
+  fixed(up->v + 3, w), fixed(up->a + 3, alpha), fixed(point->c, arm), fixed(point->dc, dc);
+  fixed(point->F, F);
+  turn_rows(t, point, at->x, c, e);
+  turn_rows(t, point, at->dx, c, de);
+  turn_rows(t, point, at->ddx, c, dde);
   cross(w, e, swept);
   for (int d = 0; d < 3; d++) p[d] = 2.0 * (swept[d] + de[d]), swept[d] += 2.0 * de[d];
   cross(w, swept, s);
   cross(alpha, e, swept);
   for (int d = 0; d < 3; d++) s[d] += swept[d] + dde[d];
-  add_wrench(point->m, c, e, wide, need);
-  add_wrench(point->m, c, p, wide, need + 6 * wide);
-  add_wrench(point->m, c, s, wide, need + 12 * wide);
+  add_wrench(point->m, arm, e, wide, need);
+  add_wrench(point->m, arm, p, wide, need + 6 * wide);
+  add_wrench(point->m, arm, s, wide, need + 12 * wide);
   cross(e, F, swept);
   for (int d = 0; d < 3; d++) need[(15 + d) * wide] += swept[d];
   cross(dc, e, swept);
@@ -99,50 +90,24 @@ static void four(const Frozen *up, const Point *point, Int wide, Lane *row, Lane
     row[d * wide] = e[d], row[(3 + d) * wide] = p[d], row[(6 + d) * wide] = s[d];
 }
 
-/* m e.e, m e.p and m e.s of all pairs of coordinates, (3, n, wide). */
-static void add_own(double m, Int n, Int lanes, Int wide, const Lane *row, Lane *own) {
-  for (Int k = 0; k < n; k++) {
-    double e[3];
-    for (int d = 0; d < 3; d++) e[d] = m * ((const double *)(row + d * wide))[k];
-    for (int part = 0; part < 3; part++) {
-      const Lane *x = row + 3 * part * wide;
-      Lane *to = own + (part * n + k) * wide;
-      for (Int c = 0; c < lanes; c++)
-        to[c] += e[0] * x[c] + e[1] * x[wide + c] + e[2] * x[2 * wide + c];
-    }
-  }
-}
-
-/* What the points of one link on one node need together. */
-static void meet_points(const Tables *t, Tangent *w, Int block, Int node) {
-  Int nv = t->nv, at = t->block_at[block], n = t->block_at[block + 1] - at;
-  double *out[3] = {w->M, w->C, w->K};
-  go_to(t, w, node);
-  meet(t, &w->along, block, node);
-  for (int part = 0; part < 3; part++)
-    for (Int k = 0; k < n; k++) {
-      const double *own = (const double *)(w->along.own + (part * n + k) * w->along.wide);
-      for (Int j = 0; j < n; j++) out[part][(at + k) * nv + at + j] += own[j];
-    }
-}
-
 void point_tangent(const Tables *t, const Work *lanes, Tangent *w) {
-  Int wide = w->along.wide, block = -1, node = -1;
+  Int wide = w->along.wide;
+  begin_needs(&w->along);
   for (Int k = 0; k < t->points; k++) {
     Point point;
     point_of(t, lanes, w, k, &point);
-    Int n = t->block_at[point.block + 1] - t->block_at[point.block], used = (n + LANES - 1) / LANES;
-    if (block != point.block || node != point.node) {
-      if (block >= 0) meet_points(t, w, block, node);
-      block = point.block, node = point.node;
-      begin_needs(&w->along);
-      memset(w->along.own, 0, 3 * n * wide * sizeof(Lane));
+    const Frozen *up = point.node < 0 ? &w->base : w->frozen + point.node;
+    for (Int c = 0; c < lanes_of(columns_of(t, point.block)); c++) four(t, w, up, &point, c);
+    for (int d = 0; d < 3; d++) {
+      const Lane *e = w->along.map + d * wide;
+      add_own(t, &w->along, point.block, point.m, (const double *)e, e, 3 * wide);
     }
-    spread_rows(t, w, &point);
-    const Frozen *up = node < 0 ? &w->base : w->frozen + node;
-    for (Int c = 0; c < used; c++) four(up, &point, wide, w->along.map + c, w->along.need + c);
-    add_own(point.m, n, used, wide, w->along.map, w->along.own);
-    if (node >= 0) carry(&point, &w->frozen[node].I);
+    if (point.node >= 0) carry(&point, &w->frozen[point.node].I);
+    /* Points of one link on one node are met together. */
+    Int next = k + 1 < t->points ? t->block_of[t->point_v[k + 1]] : -1;
+    if (next == point.block && t->point_node[k + 1] == point.node) continue;
+    go_to(t, w, point.node);
+    meet(t, &w->along, point.block, point.node);
+    begin_needs(&w->along);
   }
-  if (block >= 0) meet_points(t, w, block, node);
 }

@@ -77,19 +77,21 @@ static void move_columns(const Frozen *up, const double *rate, const double *gro
   }
 }
 
-/* M, C, K += x_i' D x_j and what the rates of row j bring; D holds dg_i/da_j, dg_i/dv_j, dg_i/dq_j. */
-static void gain(const Tables *t, Tangent *w, Int i, Int j, const double *D) {
-  Int at = t->x_at[j], n = t->x_at[j + 1] - at, row = t->col_first[i];
-  const double *x = w->x + at, *dx = w->dx + at, *ddx = w->ddx + at;
-  for (Int p = t->x_at[i]; p < t->x_at[i + 1]; p++, row++) {
-    double own = w->x[p];
-    if (own == 0.0) continue;
-    Int to = row * t->nv + t->col_first[j];
-    for (Int k = 0; k < n; k++) {
-      w->M[to + k] += own * (D[0] * x[k]);
-      w->C[to + k] += own * (D[1] * x[k] + 2.0 * D[0] * dx[k]);
-      w->K[to + k] += own * (D[2] * x[k] + D[1] * dx[k] + D[0] * ddx[k]);
+/* D_ij = (dg_i/da_j, dg_i/dv_j, dg_i/dq_j) of n columns j of one joint, times x_j: what column i needs by
+   the coordinates of the joint itself, into three rows. */
+static void own_rows(const Tables *t, const Tangent *w, Int first, Int n, const double (*D)[3],
+                     Lane *row) {
+  Int used = lanes_of(columns_of(t, t->block_of[first])), wide = w->along.wide;
+  for (Int c = 0; c < used; c++) {
+    Lane a = lane(0), v = lane(0), q = lane(0);
+    for (Int j = 0; j < n; j++) {
+      Int at = t->x_at[first + j] + LANES * c;
+      Lane x = *(Lane *)(w->x + at), dx = *(Lane *)(w->dx + at), ddx = *(Lane *)(w->ddx + at);
+      a += D[j][0] * x;
+      v += D[j][1] * x + 2.0 * D[j][0] * dx;
+      q += D[j][2] * x + D[j][1] * dx + D[j][0] * ddx;
     }
+    row[c] = a, row[wide + c] = v, row[2 * wide + c] = q;
   }
 }
 
@@ -98,7 +100,7 @@ static void couple(const Tables *t, Tangent *w, Int first, Int n, const Moments 
   for (Int i = first; i < first + n; i++) {
     const Column *own = w->column + i;
     Needs need;
-    double follow[6];
+    double follow[6], D[6][3];
     inertia_times(I, own->S, need.a);
     inertia_times(I, own->U, need.v);
     inertia_times(I, own->Z, need.q);
@@ -108,12 +110,14 @@ static void couple(const Tables *t, Tangent *w, Int first, Int n, const Moments 
     for (int d = 0; d < 6; d++) need.q[d] += follow[d];
     momentum_transposed(I, own->S, need.b);
     add_needs(t, w, i, &need);
-    for (Int j = first; j < first + n; j++) {
-      const Column *c = w->column + j;
-      double D[3] = {times(need.a, c->S, 6), times(need.a, c->U, 6) + times(need.b, c->S + 3, 3),
-                     times(need.a, c->Z, 6) + times(need.b, c->Y + 3, 3)};
-      gain(t, w, i, j, D);
+    for (Int j = 0; j < n; j++) {
+      const Column *c = w->column + first + j;
+      D[j][0] = times(need.a, c->S, 6) + (first + j == i ? t->armature[i] : 0.0);
+      D[j][1] = times(need.a, c->U, 6) + times(need.b, c->S + 3, 3);
+      D[j][2] = times(need.a, c->Z, 6) + times(need.b, c->Y + 3, 3);
     }
+    own_rows(t, w, first, n, D, w->along.map);
+    add_own(t, &w->along, t->block_of[i], 1.0, w->x + t->x_at[i], w->along.map, w->along.wide);
   }
 }
 
@@ -201,9 +205,12 @@ static void map_rows(const Tables *t, Tangent *w, Int rates, const Lane *y, cons
   memset(w->x, 0, entries * sizeof(double));
   memset(w->dx, 0, entries * sizeof(double));
   memset(w->ddx, 0, entries * sizeof(double));
-  for (Int k = 0; k < t->nv_rigid; k++) w->x[t->x_at[t->v_at[k]]] = 1.0;
+  for (Int k = 0; k < t->nv_rigid; k++) {
+    Int row = t->v_at[k];
+    w->x[t->x_at[row] + k - t->block_at[t->block_of[row]]] = 1.0;
+  }
   for (Int e = 0; e < t->rows; e++) {
-    Int row = t->row_v[e], from = t->x_at[row] - (t->col_first[row] - t->nv_rigid);
+    Int row = t->row_v[e], from = t->x_at[row] - (t->block_at[t->block_of[row]] - t->nv_rigid);
     double *x = w->x + from, *dx = w->dx + from, *ddx = w->ddx + from;
     for (Int p = t->phi_at[e]; p < t->phi_at[e + 1]; p++) x[t->phi_i[p]] += t->phi[p];
     for (Int p = t->g_at[e]; p < t->g_at[e + 1]; p++) {
@@ -217,14 +224,10 @@ static void map_rows(const Tables *t, Tangent *w, Int rates, const Lane *y, cons
   }
 }
 
-/* Armatures, G times the forces on curved rows, stiffness, damping and springs. */
+/* G times the forces on curved rows, stiffness, damping and springs. */
 static void add_stiffness(const Tables *t, const Work *lanes, Tangent *w) {
   Int nv = t->nv, m = t->nv_rigid;
   double *C = w->C, *K = w->K;
-  for (Int i = 0; i < t->nV; i++) {
-    double rotor[3] = {t->armature[i], 0.0, 0.0};
-    if (rotor[0] != 0.0) gain(t, w, i, i, rotor);
-  }
   for (Int e = 0; e < t->rows; e++)
     for (Int p = t->g_at[e]; p < t->g_at[e + 1]; p++) {
       double push = t->g[p] * lanes->V[t->row_v[e]][0];

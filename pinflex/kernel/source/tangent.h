@@ -11,11 +11,11 @@ typedef struct { double R[9], p[3], v[6], a[6], f[6]; Moments I; } Frozen;
 /* A velocity of the expanded model. */
 typedef struct { double S[6], Y[6], Z[6], U[6]; } Column;
 
-/* Coordinates side by side: on the path to a node, `end`, and in one block (path.c); room for the map
-   (three rows of X and their rates), and for what mass points of a block need by themselves. */
+/* Coordinates side by side: on the path to a node, `end`, and in one block (path.c); room for nine rows
+   of a block, and all rows and columns of M, C and K. */
 typedef struct {
   Int end, deep, wide, *rows_at;
-  Lane *moved, *need, *map, *own, *rows;
+  Lane *moved, *need, *map, *rows;
 } Path;
 
 /* What a column i needs: I S_i, B S_i + I U_i, B Y_i + I Z_i + S_i x f, and B' S_i. */
@@ -55,7 +55,8 @@ void close_jacobian(const Tables *t, Tangent *w, double *J);
 void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, double *J);
 
 /* path.c: S, U, Z and V of a node. What columns of a block need is summed up and met with the path to
-   the node before them, and in the end put into M, C and K. */
+   the node before them (what they need by themselves, scale left' row, is added apart: three rows,
+   `stride` lanes from each other), and in the end put into M, C and K. */
 Int path_room(const Tables *t);
 void path_layout(const Tables *t, double *memory, Path *w);
 void begin_paths(const Tables *t, Path *w);
@@ -63,6 +64,8 @@ void go_to(const Tables *t, Tangent *w, Int node);
 void begin_needs(Path *w);
 void add_needs(const Tables *t, Tangent *w, Int i, const Needs *f);
 void meet(const Tables *t, Path *w, Int block, Int before);
+void add_own(const Tables *t, Path *w, Int block, double scale, const double *left, const Lane *row,
+             Int stride);
 void put_paths(const Tables *t, const Path *w, double *M, double *C, double *K);
 
 /* point_tangent.c: what mass points need, which their nodes carry */

@@ -341,6 +341,9 @@ def test_sizes_and_indices_are_checked_at_the_boundary() -> None:
         bad = {**arrays, name: np.full_like(arrays[name], wrong)}
         with pytest.raises((PinflexError, ValueError, IndexError)):
             Tables(counts, bad)
+    for name, wrong in (("x_at", 0), ("block_of", 0), ("block_above", -1), ("node_block", 0)):
+        with pytest.raises(PinflexError, match="do not fit their paths"):
+            Tables(counts, {**arrays, name: np.full_like(arrays[name], wrong)})
     with pytest.raises(PinflexError, match="entries, not"):
         Tables(counts, {**arrays, "mass": arrays["mass"][1:]})
 
