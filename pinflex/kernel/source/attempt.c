@@ -139,20 +139,23 @@ static void motor_forces(const Tables *t, const March *m, double *torque) {
   const Stages *st = m->stages;
   Int s = st->s, n = st->free, nv = t->nv, square = nv * nv, rows = t->closures;
   const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
-  for (Int i = 0; i < s; i++)
+  double *dv = st->part; /* h A da of a stage */
+  for (Int i = 0; i < s; i++) {
+    for (Int j = 0; j < n; j++) dv[j] = 0.0;
+    for (Int l = 0; l < s && led(st); l++)
+      for (Int j = 0; j < n; j++) dv[j] += st->h * st->A[i * s + l] * st->da[l * n + j];
     for (Int k = 0; k < led(st); k++) {
       Int row = st->motor_v[k];
       double sum = st->r[i * nv + row];
       for (Int j = 0; j < n; j++) {
         const double *at = M + row * nv + st->free_at[j];
-        double dv = 0.0;
-        for (Int l = 0; l < s; l++) dv += st->A[i * s + l] * st->da[l * n + j];
-        sum += at[0] * st->da[i * n + j] + at[square] * st->h * dv
+        sum += at[0] * st->da[i * n + j] + at[square] * dv[j]
                + at[2 * square] * st->change[i * nv + st->free_at[j]];
       }
       for (Int j = 0; j < rows; j++) sum -= st->dlam[i * rows + j] * J[j * nv + row];
       torque[i * st->motors + k] = sum;
     }
+  }
 }
 
 /* The step with its last correction in everything that follows from it. */

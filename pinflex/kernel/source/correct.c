@@ -45,27 +45,16 @@ static void guess(const Tables *t, const March *run, March *m, Int k, const doub
 static void follow(const Tables *t, const March *run, March *m, Int k) {
   Stages *st = m->stages;
   Int n = st->free, nv = t->nv, rows = t->closures;
-  double *dy = st->move, *moved = st->da; /* both free until the stages are placed */
+  double *dy = st->move, *moved = st->da, *rate = st->part; /* free until the stages are placed */
   displacement(t, st, run->steps.y0 + k * t->nq, m->y, dy);
   const double *v = run->steps.v0 + k * nv;
+  for (Int j = 0; j < n; j++) rate[j] = m->v[st->free_at[j]] - v[st->free_at[j]];
   for (Int i = 0; i < st->s; i++) {
-    for (Int j = 0; j < n; j++) {
-      Int row = st->free_at[j];
-      moved[j] = dy[row] + st->h * st->c[i] * (m->v[row] - v[row]);
-    }
-    for (Int l = 0; l < n; l++) {
-      double sum = 0.0;
-      for (Int j = 0; j < n; j++) {
-        Int row = st->free_at[j];
-        sum += st->K[l * n + j] * moved[j] + st->C[l * n + j] * (m->v[row] - v[row]);
-      }
-      st->r[i * nv + st->free_at[l]] = sum;
-    }
-    for (Int l = 0; l < rows; l++) {
-      double sum = 0.0;
-      for (Int j = 0; j < n; j++) sum += st->J[l * n + j] * moved[j];
-      st->open[i * rows + l] = sum;
-    }
+    for (Int j = 0; j < n; j++) moved[j] = dy[st->free_at[j]] + st->h * st->c[i] * rate[j];
+    for (Int l = 0; l < n; l++)
+      st->r[i * nv + st->free_at[l]]
+          = inner(st->K + l * n, moved, n) + inner(st->C + l * n, rate, n);
+    for (Int l = 0; l < rows; l++) st->open[i * rows + l] = inner(st->J + l * n, moved, n);
   }
   pinflex_correct(t, st);
 }

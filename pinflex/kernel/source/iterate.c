@@ -7,12 +7,8 @@
 
 double weighed(const Newton *n, const double *x) {
   double sum = 0.0;
-  for (Int i = 0; i < n->measured; i++) {
-    const double *row = n->weight + i * n->measured;
-    double push = 0.0;
-    for (Int j = 0; j < n->measured; j++) push += row[j] * x[j];
-    sum += push * x[i];
-  }
+  for (Int i = 0; i < n->measured; i++)
+    sum += x[i] * inner(n->weight + i * n->measured, x, n->measured);
   return sum;
 }
 

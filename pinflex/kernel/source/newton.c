@@ -5,6 +5,7 @@
 
    Unknowns that no entry links, such as those of arms side by side, are factored apart, block by
    block. Factors lie column by column, real parts before imaginary ones. */
+#include "lu.h"
 #include "march.h"
 
 static Int size_of(const Tables *t, const Stages *st) { return st->free + t->closures; }
@@ -152,6 +153,9 @@ static void assemble(const Stages *st, Int e, const Int *at, Int n, double *re, 
   }
 }
 
+/* Of an odd number of stages one eigenvalue is real, and so is its matrix. */
+static int is_real(const Stages *st, Int e) { return st->value[2 * e + 1] == 0.0; }
+
 /* Factors of the step; returns 0 where the matrix of one eigenvalue is singular. */
 EXPORT int pinflex_factor(const Tables *t, const Stages *st) {
   Int size = size_of(t, st), *order = order_of(t, st), *ends = order + size;
@@ -161,7 +165,8 @@ EXPORT int pinflex_factor(const Tables *t, const Stages *st) {
     for (Int b = 1, first = 0; b <= ends[0]; first = ends[b++]) {
       Int n = ends[b] - first;
       assemble(st, e, order + first, n, re, re + n * n);
-      if (!decompose(re, re + n * n, n, st->pivot + e * size + first)) return 0;
+      Int *pivot = st->pivot + e * size + first;
+      if (!(is_real(st, e) ? factors(re, n, pivot) : decompose(re, re + n * n, n, pivot))) return 0;
       re += 2 * n * n;
     }
   }
@@ -193,7 +198,9 @@ EXPORT void pinflex_solve(const Tables *t, const Stages *st) {
     project_stages(t, st, e, x, y);
     for (Int b = 1, first = 0; b <= ends[0]; first = ends[b++]) {
       Int m = ends[b] - first;
-      substitute(re, re + m * m, m, st->pivot + e * size + first, x + first, y + first);
+      const Int *pivot = st->pivot + e * size + first;
+      if (is_real(st, e)) solve(re, m, pivot, x + first);
+      else substitute(re, re + m * m, m, pivot, x + first, y + first);
       re += 2 * m * m;
     }
   }
