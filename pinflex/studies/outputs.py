@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from pinflex.advice.solve import solve
@@ -15,6 +15,7 @@ from pinflex.results.result import Result, peak, rms
 from pinflex.studies.check import first_frequencies
 from pinflex.studies.study_notes import yield_strengths
 
+Beside = Callable[[Result, Result | None], Mapping[str, float]]
 OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")
 _FREQUENCIES = 6
 _UNITS = {
@@ -50,6 +51,7 @@ def scene_outputs(
     level: str | None = None,
     wanted: Iterable[str] = OUTPUTS,
     rigid: Result | None = None,
+    beside: Beside = lambda run, rigid: {},
 ) -> dict[str, Any]:
     """Numbers, flags and texts of one scene, SI units; what does not exist is left out.
 
@@ -58,6 +60,7 @@ def scene_outputs(
         level: Default: the level of the YAML.
         wanted: Groups of numbers; without any but `frequency` nothing is solved.
         rigid: The rigid run, where it is known.
+        beside: More numbers of a run and of the rigid one beside it.
 
     Returns:
         torque.peak.MOTOR, torque.rms.MOTOR (N m | N); deviation.position (m) and .rotation (rad):
@@ -71,7 +74,9 @@ def scene_outputs(
     found: dict[str, Any] = {}
     if groups - {"frequency"}:
         run = solve(mechanism, level=level, asked=_asked(mechanism, groups))
-        found = _of_run(mechanism, run, groups, rigid)
+        if "deviation" in groups and rigid is None:
+            rigid = _rigid(mechanism, run)
+        found = _of_run(mechanism, run, groups, rigid) | dict(beside(run, rigid))
     if "frequency" in groups:
         frequencies, _ = first_frequencies(mechanism, _FREQUENCIES)
         found |= {f"frequency.{i}": f for i, f in enumerate(frequencies, 1)}
@@ -126,8 +131,6 @@ def _of_run(
     found: dict[str, Any] = {}
     if "torque" in groups:
         found |= _torques(run)
-    if "deviation" in groups and rigid is None:
-        rigid = _rigid(mechanism, run)
     if "deviation" in groups and rigid is not None and run.level != "rigid":
         place = platform_row("run", rigid, run)
         found |= {"deviation.position": place.position, "deviation.rotation": place.rotation}

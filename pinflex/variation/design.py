@@ -160,32 +160,38 @@ class Design(Worded):
 
 
 def kkt(
-    slope: Array, rates: Array, margins: Array, x: Array, bounds: Array
+    slopes: Array, rates: Array, margins: Array, x: Array, bounds: Array
 ) -> tuple[Array, dict[int, float], float]:
     """Multipliers of what is active, those of bounds, and the residual of the conditions.
 
-    slope = sum of multiplier * rate over the active margins, and of multipliers along the axes
-    whose bound is reached; none is negative (Karush 1939; Kuhn, Tucker 1951).
+    sum of share * slope = sum of multiplier * rate over the active margins, and of multipliers
+    along the axes whose bound is reached; none is negative, and the shares add up to 1 (Karush
+    1939; Kuhn, Tucker 1951).
 
     Args:
-        slope: Gradient of the objective, shape (n,). rates: Of the margins, shape (limits, n).
-        margins: Shape (limits,). x: Shape (n,). bounds: Shape (n, 2).
+        slopes: Gradients of the aims of which the largest is to be least, shape (n,) or (aims, n).
+        rates: Of the margins, shape (rows, n).
+        margins: Shape (rows,). x: Shape (n,). bounds: Shape (n, 2).
     """
     from scipy.optimize import nnls
 
-    n = len(x)
+    slopes, n = np.atleast_2d(slopes), len(x)
     active = np.flatnonzero(margins < _ACTIVE)
     low = np.flatnonzero(x - bounds[:, 0] < _AT_BOUND)
     high = np.flatnonzero(bounds[:, 1] - x < _AT_BOUND)
     eye = np.eye(n)
     columns = np.concatenate([rates[active], eye[low], -eye[high]])
     multipliers, ends = np.zeros(len(margins)), dict[int, float]()
-    size = float(np.linalg.norm(slope)) or 1.0
-    if not len(columns):
-        return multipliers, ends, float(np.linalg.norm(slope)) / size
-    found, left = nnls(columns.T, slope)
-    multipliers[active] = found[: len(active)]
-    for k, value in zip((*low, *high), found[len(active) :], strict=True):
+    size = float(np.max(np.linalg.norm(slopes, axis=1))) or 1.0
+    # Least |sum| with shares that add up to 1: of any size first, since what is best scales.
+    every = np.concatenate([-slopes, columns]).T
+    sums = np.concatenate([np.full(len(slopes), size), np.zeros(len(columns))])
+    found, _ = nnls(np.vstack([every, sums]), np.append(np.zeros(n), size))
+    found /= np.sum(found[: len(slopes)])
+    left = np.linalg.norm(every @ found)
+    held = found[len(slopes) :]
+    multipliers[active] = held[: len(active)]
+    for k, value in zip((*low, *high), held[len(active) :], strict=True):
         if value > 1e-6:
             ends[int(k)] = float(value)
     return multipliers, ends, float(left) / size

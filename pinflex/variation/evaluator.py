@@ -17,12 +17,13 @@ from pinflex.studies.batch import keys as case_keys
 from pinflex.studies.batch import run
 from pinflex.variation.design import Design, kkt
 from pinflex.variation.limits import Limit
-from pinflex.variation.measures import RUNS, measure, units
+from pinflex.variation.measures import AT, RUNS, is_peak, measure, units
 from pinflex.variation.variants import Variants, keys, variants_of
 
 _STEP = 5e-4  # of a logarithm: truncation 1e-6, noise of a solved output 1e-6 or less
 _SHARP = 2e3  # per logarithm: frequencies nearer than its inverse count together
 FEASIBLE = -1e-5  # a margin below this is a limit broken
+_TIED = 1e-5  # of samples, as a logarithm: both are the peak, as far as a search can tell
 _BEYOND = 10.0  # objective where a design cannot be solved
 
 
@@ -49,14 +50,19 @@ class Evaluator:
         self.bounds, self.jobs, self.journal, self.progress = bounds, jobs, journal, progress
         above = _above(limit.output for limit in given if not limit.upper)
         self.names = tuple(dict.fromkeys([*wanted, *above]))
+        tops = [wanted[0], *(limit.output for limit in given if limit.upper)]
+        self.sampled = tuple(dict.fromkeys(name for name in tops if is_peak(name)))
         self.history: list[tuple[dict[str, float], dict[str, float], bool]] = []
         self._told: set[bytes] = set()
         self._known: dict[bytes, dict[str, float] | None] = {}
+        self._samples: dict[bytes, dict[str, Array]] = {}
         self._why = ""  # the last design could not be solved
         first = self([np.zeros(len(designs.parameters))])[0]
         if first is None:
             raise SceneError(f"{designs.base.name}: the first design cannot be solved: {self._why}")
         self.base = first
+        begun = self._samples[np.zeros(len(designs.parameters)).tobytes()]
+        self._counts = {name: len(values) for name, values in begun.items()}
 
     def __call__(self, points: Sequence[Array]) -> list[dict[str, float] | None]:
         """Outputs at points x; None where a design cannot be solved."""
@@ -64,16 +70,19 @@ class Evaluator:
         if new:
             cases = [self.designs.values(x) for x in new.values()]
             description, patterns = self.designs.source, keys(self.designs.parameters)
-            named = case_keys(description, cases, "design", self.level, self.names)
+            about = self.names, self.sampled
+            named = case_keys(description, cases, "design", self.level, *about)
             records = run(
-                partial(_solved, description, patterns, self.names, self.level),
+                partial(_solved, description, patterns, *about, self.level),
                 dict(zip(named, cases, strict=True)),
                 jobs=self.jobs, journal=self.journal, progress=self.progress,
             )  # fmt: skip
             for x, key in zip(new, named, strict=True):
                 record = records[key]
                 self._why = record.error or self._why
-                self._known[x] = None if record.error else dict(record.found)
+                apart = _samples(record.found)
+                found = {name: y for name, y in record.found.items() if AT not in name}
+                self._known[x], self._samples[x] = None if record.error else found, apart
         return [self._known[x.tobytes()] for x in points]
 
     def margins(self, found: Mapping[str, float] | None) -> Array:
@@ -126,14 +135,70 @@ class Evaluator:
             self.history.append((self.designs.values(x), found, self.keeps(found)))
         return self.objective(found), margins
 
-    def slopes(self, x: Array) -> tuple[Array, Array]:
-        """Gradients of objective, shape (n,), and margins, shape (limits, n)."""
+    def rows(self, x: Array, unit: float, limits: bool = True) -> tuple[Array, Array]:
+        """What is to be least, the largest of shape (aims,), and all margins, shape (rows,).
+
+        A peak has kinks where another instant takes over; each of its samples is smooth by itself.
+        So each is an aim, or a margin, of its own.
+
+        Args:
+            x: Point; it is kept in the history.
+            unit: Of a peak that is minimised: aims are its logarithms from half of that on.
+            limits: Whether limits are on samples too; else each has one margin.
+        """
+        self.at(x)
+        return self._rows(x, unit, limits)
+
+    def _rows(self, x: Array, unit: float, limits: bool = True) -> tuple[Array, Array]:
+        (found,) = self([x])
+        aims = np.array([self.objective(found)])
+        if self.minimise in self.sampled:
+            aims = self._graded(x, self.minimise, unit, aims[0])
+        each = [
+            -self._graded(x, limit.output, limit.number(self.base), -margin)
+            if limits and self._by_samples(limit)
+            else np.array([margin])
+            for limit, margin in zip(self.limits, self.margins(found), strict=True)
+        ]
+        return aims, np.concatenate([np.zeros(0), *each])
+
+    @property
+    def limited_peaks(self) -> bool:
+        """Whether a peak has a limit."""
+        return any(map(self._by_samples, self.limits))
+
+    def _by_samples(self, limit: Limit) -> bool:
+        """Whether every sample of a peak is to keep a limit."""
+        return limit.upper and limit.output in self.sampled
+
+    def _graded(self, x: Array, name: str, unit: float, otherwise: float) -> Array:
+        """Logarithms of a peak's samples over a unit, and straight on below a half of it.
+
+        There is no logarithm where a history passes zero, and no need of one.
+
+        Args:
+            x: Point. name: Of the peak. unit: SI. otherwise: Value where there are no samples.
+        """
+        samples = self._samples[x.tobytes()].get(name)
+        if samples is None or len(samples) != self._counts[name]:
+            return np.full(self._counts[name], otherwise)
+        share = samples / unit
+        return np.where(
+            share > 0.5, np.log(np.maximum(share, 0.5)), math.log(0.5) + 2.0 * (share - 0.5)
+        )
+
+    def slopes(self, x: Array, unit: float, limits: bool = True) -> tuple[Array, Array]:
+        """Gradients of aims, shape (aims, n), and margins, shape (rows, n).
+
+        Args:
+            As `rows`.
+        """
         n = len(x)
         sides = [x + s * _STEP * np.eye(n)[k] for k in range(n) for s in (-1.0, 1.0)]
-        found = self(sides)
-        f = np.array([self.objective(each) for each in found]).reshape(n, 2)
-        g = np.array([self.margins(each) for each in found]).reshape(n, 2, -1)
-        return (f[:, 1] - f[:, 0]) / (2 * _STEP), (g[:, 1] - g[:, 0]).T / (2 * _STEP)
+        self(sides)  # many at a time
+        pairs = (self._rows(side, unit, limits) for side in sides)
+        f, g = (np.array(each).reshape(n, 2, -1) for each in zip(*pairs, strict=True))
+        return (f[:, 1] - f[:, 0]).T / (2 * _STEP), (g[:, 1] - g[:, 0]).T / (2 * _STEP)
 
     def nearest(self) -> str:
         """The design whose worst margin is least bad, in words."""
@@ -152,9 +217,18 @@ class Evaluator:
         """
         (found,) = self([x])
         assert found is not None
-        slope, rates = self.slopes(x)
+        unit = found[self.minimise]
+        (aims, rows), (slopes, rates) = self._rows(x, unit), self.slopes(x, unit)
         margins = np.array([min(self._each(limit, found)) for limit in self.limits])
-        multipliers, ends, residual = kkt(slope, rates, margins, x, self.bounds)
+        counts = [self._counts[x.output] if self._by_samples(x) else 1 for x in self.limits]
+        owner = np.repeat(np.arange(len(counts)), counts)
+        tops, least = (
+            aims > np.max(aims) - _TIED,
+            [min(rows[owner == k]) for k in range(len(counts))],
+        )
+        near = np.array([m < least[k] + _TIED for m, k in zip(rows, owner, strict=True)], bool)
+        held, ends, residual = kkt(slopes[tops], rates[near], rows[near], x, self.bounds)
+        multipliers = np.asarray(np.bincount(owner[near], held, len(counts)), float)
         case, first = self.designs.values(x), self.designs.first
         return Design(
             self.minimise, keys(self.designs.parameters), first, np.array([*case.values()]),
@@ -176,14 +250,25 @@ def _above(names: Iterable[str]) -> list[str]:
     return found
 
 
+def _samples(found: Mapping[str, Any]) -> dict[str, Array]:
+    """Peaks at every sample, by name."""
+    histories: dict[str, list[float]] = {}
+    for key, value in found.items():
+        name, at, _ = key.partition(AT)
+        if at:
+            histories.setdefault(name, []).append(float(value))
+    return {name: np.array(values) for name, values in histories.items()}
+
+
 def _solved(
     description: Description,
     patterns: tuple[str, ...],
     names: tuple[str, ...],
+    sampled: tuple[str, ...],
     level: str | None,
     case: Mapping[str, float],
 ) -> dict[str, Any]:
     runs = any(name.partition(".")[0] in RUNS for name in names)
     designs = variants_of(description, patterns)
     rigid = designs.rigid if any(name.startswith("deviation") for name in names) else None
-    return measure(designs.at(case), names, level if runs else None, rigid)
+    return measure(designs.at(case), names, level if runs else None, rigid, sampled)

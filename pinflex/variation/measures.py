@@ -25,11 +25,18 @@ from pinflex.results.result import Result
 from pinflex.studies.check_statics import statics
 from pinflex.studies.outputs import prismatic, scene_outputs
 from pinflex.studies.stiffness import platform_compliance
+from pinflex.variation.peaks import over_time
 
 RUNS = ("deviation", "torque", "stress")
+AT = " at "  # between a peak's name and the number of a sample
 _SHORT = {"deviation.peak": "deviation.position"}
 _FREQUENCIES = 12
 DEFAULT = ("frequency.1", "mass", "sag", "deviation.peak", "torque.peak", "stress.peak")
+
+
+def is_peak(name: str) -> bool:
+    """Whether an output is the largest value of a run over time."""
+    return of_a_run(name) and not name.startswith("torque.rms")
 
 
 def of_a_run(name: str) -> bool:
@@ -92,6 +99,7 @@ def measure(
     names: Iterable[str],
     level: str | None = None,
     rigid: Result | None = None,
+    every: Iterable[str] = (),
 ) -> dict[str, float]:
     """The outputs of a scene.
 
@@ -100,6 +108,7 @@ def measure(
         names: As in the head of this file; what a run gives is solved only if it is asked for.
         level: Of the run; default: that of the YAML.
         rigid: The rigid run of the scene, where it is known: deviations are from it.
+        every: Peaks among the names that are wanted at every sample too, as "NAME at 0" and so on.
 
     Returns:
         By name, SI units.
@@ -108,7 +117,7 @@ def measure(
         DescriptionError: An output that the scene does not have, such as a sag without a platform.
     """
     wanted = check_names(names, mechanism)
-    found = available(mechanism, wanted, level, rigid)
+    found = available(mechanism, wanted, level, rigid, every)
     missing = [name for name in wanted if name not in found]
     if missing:
         raise DescriptionError(
@@ -123,6 +132,7 @@ def available(
     names: Iterable[str],
     level: str | None = None,
     rigid: Result | None = None,
+    every: Iterable[str] = (),
 ) -> dict[str, float]:
     """Those of the outputs that a scene has, as `measure`.
 
@@ -131,7 +141,13 @@ def available(
         names: Outputs.
         level: Of the run; default: that of the YAML.
         rigid: The rigid run, where it is known.
+        every: Peaks that are wanted at every sample too.
     """
+
+    def samples(run: Result, reference: Result | None) -> dict[str, float]:
+        each = {name: over_time(name, mechanism, run, reference) for name in every}
+        return {f"{name}{AT}{k}": x for name, c in each.items() for k, x in enumerate(c.tolist())}
+
     wanted = tuple(names)
     heads = {name.partition(".")[0] for name in wanted}
     found: dict[str, float] = {}
@@ -142,10 +158,11 @@ def available(
     if mechanism.description.motion is None and mechanism.description.solve.until is None:
         groups = [group for group in groups if group not in RUNS]
     if groups:
-        found |= _numbers(scene_outputs(mechanism, level, groups, rigid))
+        found |= _numbers(scene_outputs(mechanism, level, groups, rigid, samples))
     found |= {short: found[full] for short, full in _SHORT.items() if full in found}
     found |= _of_all_motors(found)
-    return {name: found[name] for name in wanted if name in found}
+    told = {name: x for name, x in found.items() if AT in name}
+    return {name: found[name] for name in wanted if name in found} | told
 
 
 def _of_all_motors(found: Mapping[str, float]) -> dict[str, float]:

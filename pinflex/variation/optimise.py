@@ -3,6 +3,10 @@
 In logarithms, x = ln(p / p0): least ln f(x) with margins g(x) >= 0 and bounds, by SLSQP (Kraft
 1988) from several starts, with central differences. Multipliers of what is active say what a looser
 limit buys: d ln f / d ln limit = -multiplier for a largest value.
+
+A peak over time has kinks where one instant takes over from another, and least peaks are mostly
+there. Each sample of it is smooth: so the largest of them is made least, or kept within a limit, as
+so many functions of the design.
 """
 
 from __future__ import annotations
@@ -194,21 +198,63 @@ def _best(evaluate: Evaluator, starts: int, seed: int) -> Array | None:
 
 
 def _descent(evaluate: Evaluator, x: Array) -> Array | None:
-    """SLSQP from a start; None where it ends at a design that breaks a limit."""
+    """The end of a descent from a start; None where it is a design that breaks a limit.
+
+    Peaks keep their limits as one number first, which a start far beyond them asks less of.
+    """
+    end = _sqp(evaluate, x, False)
+    if evaluate.limited_peaks and evaluate.feasible(end):
+        last = _sqp(evaluate, end, True)
+        end = last if evaluate.feasible(last) else end
+    return end if evaluate.feasible(end) else None
+
+
+def _sqp(evaluate: Evaluator, x: Array, sampled: bool) -> Array:
+    """The end of SLSQP from a start.
+
+    Where a peak is minimised, every sample is an aim f(x): then z = (x, s) with least s >= f(x),
+    which has no kinks.
+
+    Args:
+        evaluate: Designs. x: Start. sampled: Whether limits are on samples of peaks too.
+    """
     from scipy.optimize import minimize
 
-    constraint = {
-        "type": "ineq",
-        "fun": lambda x: evaluate.at(x)[1],
-        "jac": lambda x: evaluate.slopes(x)[1],
-    }
+    n, unit = len(x), math.exp(evaluate.at(x)[0])
+    aims, margins = evaluate.rows(x, unit, sampled)
+    several = len(aims) > 1
+    z = np.append(x, np.max(aims)) if several else x
+    last = np.eye(len(z))[-1]
+
+    def rows(z: Array) -> tuple[Array, Array]:
+        return evaluate.rows(z[:n].copy(), unit, sampled)
+
+    def slopes(z: Array) -> tuple[Array, Array]:
+        return evaluate.slopes(z[:n].copy(), unit, sampled)
+
+    def kept(z: Array) -> Array:
+        aims, margins = rows(z)
+        return np.append(z[n] - aims, margins) if several else margins
+
+    def rates(z: Array) -> Array:
+        steep, rates = slopes(z)
+        if not several:
+            return rates
+        of_s = np.append(np.ones(len(steep)), np.zeros(len(rates)))
+        return np.column_stack([np.concatenate([-steep, rates]), of_s])
+
     found = minimize(
-        lambda x: evaluate.at(x)[0], x, jac=lambda x: evaluate.slopes(x)[0], method="SLSQP",
-        bounds=evaluate.bounds, constraints=[constraint] if evaluate.limits else [],
-        options={"maxiter": 60, "ftol": 1e-8},
-    )  # fmt: skip
-    end = np.clip(found.x, *evaluate.bounds.T)
-    return end if evaluate.feasible(end) else None
+        (lambda z: z[n]) if several else lambda z: rows(z)[0][0],
+        z,
+        jac=(lambda z: last) if several else lambda z: slopes(z)[0][0],
+        method="SLSQP",
+        bounds=[*evaluate.bounds, *[(None, None)] * several],
+        constraints=[{"type": "ineq", "fun": kept, "jac": rates}]
+        if several or len(margins)
+        else [],
+        options={"maxiter": 60, "ftol": 1e-6 if several else 1e-8},
+    )
+    return np.asarray(np.clip(found.x[:n], *evaluate.bounds.T), float)
 
 
 def _chosen(

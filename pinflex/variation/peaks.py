@@ -260,7 +260,7 @@ class Peaks:
         """Curves of a design at instants of the first one, by output."""
         run = self.steps.run(design, t, halved)
         rigid = None if self._rigid is None else self._rigid.run(design, t, halved)
-        found = {name: _curves(name, design, run, rigid) for name in self._names}
+        found = {name: curves_of(name, design, run, rigid) for name in self._names}
         return {name: curves for name, curves in found.items() if curves is not None}
 
 
@@ -278,8 +278,26 @@ def _instants(curves: _Curves) -> set[int]:
     return {k for height, k in sorted(tops, reverse=True)[:_MOST] if height >= least}
 
 
-def _curves(name: str, design: Mechanism, run: Result, rigid: Result | None) -> _Curves | None:
-    """An output over time; None where the scene does not have it."""
+def over_time(name: str, design: Mechanism, run: Result, rigid: Result | None) -> Array:
+    """An output at every sample, by motor or link: values whose largest is the peak, shape (n,).
+
+    Args:
+        name: A peak, see `pinflex.variation.measures`.
+        design, run: The scene and its run. rigid: The rigid run that deviations are from.
+    """
+    curves = curves_of(name, design, run, rigid)
+    if curves is None:
+        return np.zeros(0)
+    groups = [curves.values[:, curves.groups == group] for group in np.unique(curves.groups)]
+    return np.concatenate([np.max(values, axis=1) for values in groups])
+
+
+def curves_of(name: str, design: Mechanism, run: Result, rigid: Result | None) -> _Curves | None:
+    """An output over time; None where the scene does not have it.
+
+    Args:
+        As `over_time`.
+    """
     head, _, rest = name.partition(".")
     if head == "torque":
         _, _, motor = rest.partition(".")

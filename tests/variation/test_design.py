@@ -168,6 +168,33 @@ def test_more_starts_are_never_worse_where_a_peak_has_kinks(tmp_path):
     assert peaks[0] > 2 * peaks[1]  # the first descent ends in another low
 
 
+def test_a_peak_is_least_where_two_instants_are_equally_high(tmp_path):
+    # Thinner, one peak over time grows; thicker, another: secants of both meet in the kink.
+    robot, key = load(tmp_path, ARM, SHAKEN), "flexible.arm.section.thickness"
+
+    def peak(thickness: float) -> float:
+        scene = pf.load(robot.description, [f"{key}={thickness!r}"])
+        return measure(scene, ["deviation.peak"], "coupled")["deviation.peak"]
+
+    left, right = (
+        [(t, peak(t)) for t in pair] for pair in ((1.576e-3, 1.577e-3), (1.578e-3, 1.579e-3))
+    )
+    (a, b), (c, d) = (np.polyfit(*zip(*pair, strict=True), 1) for pair in (left, right))
+    kink = (d - b) / (a - c)
+    assert a < 0 < c
+    found = pf.design(robot, "deviation.peak", {key: (1.5e-3, 1.9e-3)}, level="coupled", starts=1)
+    # What a curve bends within a micrometre: some 1e-7 of either.
+    assert found.best[0] == pytest.approx(kink, rel=1e-5)
+    assert found.after["deviation.peak"] == pytest.approx(a * kink + b, rel=1e-6)
+    assert found.residual < 1e-6  # 1 where the peak is one number: no gradient vanishes there
+    light = pf.design(
+        robot, "mass", {key: (1.5e-3, 1.9e-3)}, [f"deviation.peak < {peak(1.56e-3)!r}"],
+        level="coupled", starts=1,
+    )  # fmt: skip
+    assert light.best[0] == pytest.approx(1.56e-3, rel=2e-5)  # what limits are kept to
+    assert light.multipliers[0] > 0.1 and light.residual < 1e-6
+
+
 def test_sag_is_that_under_loads_too():
     load_ = "forces={push: {at: tip, force: [0, 0, -0.1]}}"
     robot = pf.load("cantilever", ["gravity=[0, 0, 0]", load_])
