@@ -1,4 +1,6 @@
-"""The array types of the package."""
+"""The array types of the package, and slices of stacked states."""
+
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -6,3 +8,11 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
+
+_TOGETHER = 32  # states: numpy's price for a call is spread, what is used stays in cache
+
+
+def spans(count: int, most: int = _TOGETHER) -> Iterator[slice]:
+    """Slices that cover all of `count` states, `most` in each."""
+    for first in range(0, count, most):
+        yield slice(first, min(first + most, count))

@@ -14,6 +14,7 @@ from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError, MotionError, SceneError, SingularityError
 from pinflex.mechanics import assembly
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluated import Kinematics
 from pinflex.mechanics.expanded import Attachment
 from pinflex.mechanics.frames import PlatformCoordinates
 from pinflex.mechanics.manifold import Manifold
@@ -140,13 +141,16 @@ class Path:
             target: Imposed platform coordinates [m | rad], shape (k,) or (n, k); not looked
                 at where motors are imposed.
         """
-        at = self.dynamics.kinematics(poses)
-        c, J = self.dynamics.closure_of(at)
+        c, J = self.dynamics.close(poses)
         if self.platform is None:
             return c, J
-        place, J_place = self.platform.at(at)
+        place, J_place = self.platform.at(self._placed(poses))
         error = self.platform.error(place, target)
         return np.concatenate([c, error], axis=1), np.concatenate([J, J_place], axis=1)
+
+    def _placed(self, poses: Array, v: Array | None = None) -> Kinematics:
+        assert self.platform is not None
+        return self.dynamics.kinematics(poses, v, self.platform.joint)
 
     def _values(self, pose: Array) -> Array:
         """Platform coordinates that are imposed, at a pose, shape (k,)."""
@@ -156,17 +160,18 @@ class Path:
 
     def _jacobian(self, pose: Array) -> Array:
         """Jacobian of the rows at a pose, by all velocity rows, shape (1, k, nv)."""
-        at = self.dynamics.kinematics(pose)
-        J = self.dynamics.closure_of(at).J
-        return J if self.platform is None else np.concatenate([J, self.platform.at(at)[1]], axis=1)
+        J = self.dynamics.close(pose[None]).J
+        if self.platform is None:
+            return J
+        return np.concatenate([J, self.platform.at(self._placed(pose))[1]], axis=1)
 
     def _bias(self, poses: Array, v: Array) -> Array:
         """What velocities v (n, nv) alone make of the rows' accelerations, shape (n, k)."""
-        at = self.dynamics.kinematics(poses, v)
-        gamma = self.dynamics.bias_of(at, v)
+        gamma = self.dynamics.closure_bias(poses, v)
         if self.platform is None:
             return gamma
-        return np.concatenate([gamma, self.platform.bias(at)], axis=1)
+        swept = self.platform.bias(self._placed(poses, v))
+        return np.concatenate([gamma, swept], axis=1)
 
     def _equations(self, pose: Array, target: Array) -> tuple[Array, Array]:
         error, J = self.equations(pose[None], target)

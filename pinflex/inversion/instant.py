@@ -18,12 +18,11 @@ import numpy as np
 from scipy.linalg import inv
 
 from pinflex.actuation.motors import motor_axes
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, spans
 from pinflex.errors import ConvergenceError
 from pinflex.inversion.target import Target
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import PlatformCoordinates
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism
 
 _BALANCED = 1e-11  # m or rad: the last Newton correction; the next is round-off

@@ -101,7 +101,7 @@ def target(
     at = dynamics.kinematics(path.q)
     position, J = every.at(at)
     position[:, 3:] = np.unwrap(position[:, 3:], axis=0)
-    closed = dynamics.closure_of(at).J
+    closed = dynamics.close(path.q).J
     gain = np.array([_by_motors(mechanism, *pair) for pair in zip(closed, J, strict=True)])
     nm = len(axes.v_at)
     chosen = tuple(names or (motion.names if motion.target == "platform" else ()))

@@ -132,9 +132,10 @@ def momenta(mechanism: Mechanism, run: Result) -> Momenta:
         run: Its run.
     """
     dynamics, rows = Equations(mechanism.flexible), []
+    data = dynamics.data
     y = np.hstack([run.array("joint/q"), run.array("eta")])
     v = np.hstack([run.array("joint/v"), run.array("eta_v")])
     for here in (dynamics.at(*state, 0 * state[1]) for state in zip(y, v, strict=True)):
-        h = pin.computeCentroidalMomentum(dynamics.model, dynamics.data, here.Q[0], here.V[0])
-        rows.append([dynamics.data.com[0].copy(), h.linear, h.angular])
+        h = pin.computeCentroidalMomentum(dynamics.model, data, here.Q[0], here.V[0])
+        rows.append([data.com[0].copy(), h.linear, h.angular])
     return Momenta(*np.array(rows).transpose(1, 0, 2))

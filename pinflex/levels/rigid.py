@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.actuation.nominal import nominal
-from pinflex.arrays import Array
+from pinflex.arrays import Array, spans
 from pinflex.boundary import public
 from pinflex.description.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 
 _RIGID = 1e-6  # of the least compliance of the others: of a motor without a stiffness beside them
@@ -37,10 +36,7 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
             f'{len(system.closed.names)} loops. Use solve(level="rigid").'
         )
     dynamics = Equations(system)
-    if np.any(system.D) or len(system.springs.v_at) or system.friction.present:
-        apart = np.zeros((len(q), system.closed.n))  # couplings: of each joint alone
-        return dynamics.residual(q, v, a, apart, 0.0).r
-    return dynamics.rnea(q, v, a)
+    return dynamics.open(q, v, a, np.zeros(len(q)))
 
 
 def multipliers(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array]:
@@ -114,7 +110,7 @@ def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     lam, torque = np.zeros((n, system.closed.n)), np.empty((n, len(system.motors)))
     for at in spans(n):
         q, v, a = path.q[at], path.v[at], path.a[at]
-        r, _ = dynamics.residual(q, v, a, lam[at], path.t[at])
+        r = dynamics.open(q, v, a, path.t[at])
         lam[at], torque[at] = multipliers(mechanism, dynamics.close(q).J, r)
     said = tuple(filter(None, [sharing(mechanism)]))
     return Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n}, warnings=said)

@@ -76,7 +76,7 @@ def in_equilibrium(mechanism: Mechanism, start: str, y: Array | None = None) -> 
 
 def acted_on(system: System, y: Array) -> bool:
     """Whether anything pushes a free coordinate of the system at rest at y, at t = 0."""
-    dynamics, still = Equations(system, often=False), np.zeros(system.nv)
+    dynamics, still = Equations(system), np.zeros(system.nv)
     r, _ = dynamics.residual(y, still, still, np.zeros(system.closed.n), 0.0)
     free = system.free
     heaviest = float(np.max(np.diag(dynamics.mass(y))[free], initial=0.0))

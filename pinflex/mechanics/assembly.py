@@ -102,7 +102,7 @@ def units(dynamics: Equations, home: Array) -> Units:
         dynamics: Equations of the rigid mechanism.
         home: Closed pose q, shape (nq,).
     """
-    closed, length = dynamics.system.closed, size_of(dynamics.kinematics(home))
+    closed, length = dynamics.system.closed, size_of(dynamics, home)
     rows = np.full(closed.n, 1.0 / length)
     rows[closed.dot_rows] = 1.0
     for one in closed.contacts:

@@ -151,7 +151,7 @@ class _Search:
         self, dynamics: Equations, guess: Array, held: IntArray, limits: Limits, given: IntArray
     ) -> None:
         self.dynamics, self.guess = dynamics, guess
-        self.length = size_of(dynamics.kinematics(guess))
+        self.length = size_of(dynamics, guess)
         self.closure = LogClosure(dynamics, self.length)
         cosines = self.closure.axes(guess)
         rows, model = dynamics.n_rigid, dynamics.system.rigid

@@ -24,7 +24,6 @@ from pinflex.mechanics.closure import LENGTHS, Closures
 
 if TYPE_CHECKING:
     from pinflex.mechanics.equations import Equations
-    from pinflex.mechanics.geometry import Kinematics
 
 _STRAIGHT = 1e-9  # sine of the angle of two axes below which they count as one line
 
@@ -47,9 +46,7 @@ class LogClosure:
 
     def _frames(self, pose: Array) -> tuple[Array, Array]:
         """Rotations of the frames of the loops, (loops, 3, 3) each."""
-        state = self.dynamics.kinematics(pose).closed
-        assert state is not None
-        return state.frames_a[:, :, :3], state.frames_b[:, :, :3]
+        return _frames(self.dynamics.system.closed, self.dynamics.joint_poses(pose))
 
     def axes(self, pose: Array) -> Array:
         """Cosine of the angle of the two axes of each loop (1 where it has none), at a pose."""
@@ -74,12 +71,11 @@ class LogClosure:
     def at(self, y: Array) -> tuple[Array, Array]:
         """Residual (m), shape (rows,), and its Jacobian, shape (rows, nv)."""
         d = self.dynamics
-        at, closed = d.kinematics(y), d.system.closed
-        c, J = (x[0] for x in d.closure_of(at))
-        state, spin = at.closed, at.J[0, 3:]
-        assert state is not None
+        at, closed, (c, J) = d.kinematics(y), d.system.closed, d.close(y)
+        frames_a, frames_b = _frames(closed, at.poses)
+        spin = at.J[0, 3:]
         for k, kind, rows in self._turns:
-            a, b = state.frames_a[k, :, :3], state.frames_b[k, :, :3]
+            a, b = frames_a[k], frames_b[k]
             relative = spin * closed.row_mask[rows[0]]
             if _holds(kind) == TURNED:
                 R = a.T @ b
@@ -128,12 +124,17 @@ def _between(z: Array) -> tuple[Array, Array]:
     return f * z[:2], f * turn[:2] + np.outer(z[:2], df)
 
 
-def size_of(at: Kinematics) -> float:
-    """Size of a mechanism at one state: the largest distance of two joints or frames, m."""
-    points = at.poses[0, 1:, 9:]
-    if at.closed is not None:
-        frames = at.closed.frames_a, at.closed.frames_b
-        points = np.concatenate([points, *(frame[:, :, 3] for frame in frames)])
+def _frames(closed: Closures, poses: Array) -> tuple[Array, Array]:
+    """Rotations of the frames of the loops, (loops, 3, 3) each, at one state's joint poses."""
+    frames_a, frames_b = np.split(closed.frames(poses)[0, :, :, :3], 2)
+    return frames_a, frames_b
+
+
+def size_of(dynamics: Equations, y: Array) -> float:
+    """Size of a mechanism at y (nq,): the largest distance of two joints or frames, m."""
+    poses = dynamics.joint_poses(y)
+    frames = dynamics.system.closed.frames(poses)[0, :, :, 3]
+    points = np.concatenate([poses[0, 1:, 9:], frames])
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     largest = float(np.max(apart, initial=0.0))
     return largest if largest > LENGTHS else 1.0

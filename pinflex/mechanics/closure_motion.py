@@ -6,28 +6,17 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.geometry import spans
 from pinflex.mechanics.manifold import Manifold
 
 _MOVE = 1e-7  # m or rad: of a difference
 
 
 def closure_motion(dynamics: Equations, Y: Array, V: Array, A: Array) -> Array:
-    """Closures, and their first and second time derivatives, shape (3, n, rows).
-
-    Args:
-        dynamics: Workspace of the system.
-        Y: Shape (n, nq).
-        V, A: Shape (n, nv).
-    """
+    """Closures, and their first and second time derivatives, shape (3, n, rows)."""
     if (compiled := dynamics.compiled) is not None:
         return compiled.evaluator.closure_motion(Y, V, A)
-    found = np.empty((3, len(Y), dynamics.system.closed.n))
-    for s in spans(len(Y)):
-        found[0, s], J = dynamics.close(Y[s])
-        found[1, s], found[2, s] = ((J @ x[s][:, :, None])[:, :, 0] for x in (V, A))
-        found[2, s] += dynamics.closure_bias(Y[s], V[s])
-    return found
+    c, J = dynamics.close(Y)
+    return np.array([c, _times(J, V), _times(J, A) + dynamics.closure_bias(Y, V)])
 
 
 class FrozenLinks:
@@ -42,13 +31,7 @@ class FrozenLinks:
     """
 
     def __init__(self, dynamics: Equations, passive: IntArray, free: IntArray) -> None:
-        """Nothing is evaluated yet.
-
-        Args:
-            dynamics: Workspace of the flexible mechanism.
-            passive: Velocity rows of the joints that the rigid motion determines.
-            free: All velocity rows that balance.
-        """
+        """Nothing is evaluated yet."""
         system = dynamics.system
         self._dynamics, self._free, self._K = dynamics, passive, np.zeros((0, 0))
         if len(passive) != system.closed.n:
@@ -58,12 +41,7 @@ class FrozenLinks:
             self._K = K[np.ix_(free, free)]
 
     def rates(self, Y: Array, V: Array, A: Array) -> tuple[Array, Array]:
-        """Velocities and accelerations (n, nv) at poses Y (n, nq) that meet the closures there.
-
-        Args:
-            Y: Shape (n, nq).
-            V, A: Those of the rigid motion, shape (n, nv).
-        """
+        """Velocities and accelerations (n, nv) at poses Y (n, nq) that meet the closures there."""
         d = self._dynamics
         if not self._moving(V, A):
             return V, A
@@ -76,11 +54,6 @@ class FrozenLinks:
         """What their change from pose to pose adds to the stiffness, shape (nv, nv).
 
         By differences, of round-off 1e-8: Newton asks for no more.
-
-        Args:
-            y: Pose, shape (nq,).
-            v, a: What `rates` finds there, shape (nv,).
-            M, C: Derivatives of the residual by them, shape (nv, nv).
         """
         d, nv = self._dynamics, len(v)
         if not self._moving(v, a):

@@ -74,15 +74,12 @@ def require_workspace(where: str, system: System, limit: float) -> None:
     Args:
         where: Name of the model. system: The system. limit: The key `limit`.
 
-    A workspace of Pinocchio has four tensors of its coordinates cubed. Parts of a child of the base
-    that is cut do with small ones, where the compiled kernel has what couples them.
+    Without the compiled kernel Pinocchio does the work, on four tensors of its coordinates cubed.
     """
     from pinflex.mechanics.compiled import evaluated_by, serves  # late: systems are made of parts
 
-    parts, coordinates = system.parts, int(system.expansion.model.nv)
-    sizes = [part.model.nv for part in parts if part.like == part.number] or [coordinates]
-    whole = any(part.cut for part in parts) and not serves(system)
-    size = 32.0 * sum(float(n) ** 3 for n in ([coordinates] if whole else sizes))
+    coordinates, whole = int(system.expansion.model.nv), not serves(system)
+    size = 32.0 * float(coordinates) ** 3 if whole else 0.0
     size += _matrices(system.nv, coordinates)
     if size > MEMORY * limit:
         why = (

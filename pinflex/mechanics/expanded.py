@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.split import Subtree, split
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -126,16 +124,6 @@ class Expansion:
     slots: tuple[Slot, ...]
     n_eta: int
     drives: tuple[ElasticDrive, ...] = ()
-
-    @cached_property
-    def legs(self) -> tuple[Subtree, ...]:
-        """Parts of a large model, cut where nothing else will do; none where it stays whole."""
-        return split(self.model, False)
-
-    @cached_property
-    def pieces(self) -> tuple[Subtree, ...]:
-        """The same for the compiled kernel, which needs no mass and no derivatives of them."""
-        return split(self.model, True)
 
 
 def gear_name(joint: str) -> str:

@@ -12,8 +12,8 @@ from pinflex.arrays import Array
 from pinflex.description.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluated import Kinematics
 from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.geometry import Geometry, Kinematics
 from pinflex.mechanics.poses import skew, support
 from pinflex.rotations import euler_rates, zyx_angles
 
@@ -87,11 +87,11 @@ def poses_of_frames(
     ]
 
 
-def frame_pose(system: Geometry, y: Array, place: Attachment) -> pin.SE3:
+def frame_pose(system: Equations, y: Array, place: Attachment) -> pin.SE3:
     """Pose of a frame in the world at y (nq,).
 
     Args:
-        system: Geometry of a system.
+        system: Equations of a system.
         y: Coordinates, shape (nq,).
         place: Joint that carries the frame, and where on it.
     """
@@ -99,11 +99,11 @@ def frame_pose(system: Geometry, y: Array, place: Attachment) -> pin.SE3:
     return pin.SE3(R[0], p[0])
 
 
-def frame_jacobian(system: Geometry, y: Array, place: Attachment) -> Array:
+def frame_jacobian(system: Equations, y: Array, place: Attachment) -> Array:
     """Velocity of a frame's origin and its angular velocity by velocity rows, world axes, (6, nv).
 
     Args:
-        system: Geometry of a system.
+        system: Equations of a system.
         y: Coordinates, shape (nq,).
         place: Joint that carries the frame, and where on it.
     """
@@ -116,17 +116,17 @@ class PlatformCoordinates:
 
     Attributes:
         names: Coordinates that are read, in order.
-        turning: Which of them are angles, shape (k,).
+        turning: Which of them are angles, shape (k,). joint: That carries the frame.
     """
 
-    def __init__(self, system: Geometry, place: Attachment, names: Sequence[str]) -> None:
+    def __init__(self, system: Equations, place: Attachment, names: Sequence[str]) -> None:
         for name in names:
             if name not in PLATFORM_COORDINATES:
                 raise DescriptionError(
                     f"coordinates: {name}: no platform coordinate."
                     f"{nearest(name, PLATFORM_COORDINATES)}"
                 )
-        self.names = tuple(names)
+        self.names, self.joint = tuple(names), place.joint
         self.turning = np.array([name.startswith("r") for name in names], dtype=bool)
         self._frame = Frame(system.model, place)
         self._columns = [PLATFORM_COORDINATES.index(name) for name in names]

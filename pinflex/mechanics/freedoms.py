@@ -95,9 +95,9 @@ class Freedoms:
 
     def __init__(self, dynamics: Equations, home: Array) -> None:
         model, frames = dynamics.model, dynamics.system.expansion.frames
-        poses, J, _ = dynamics.pinocchio.jacobians(home[None])
-        self._all, self._model, self._frames = J[0], model, frames
-        self._poses = [pin.SE3(p[:, :3], p[:, 3]) for p in as_matrices(poses[0])]
+        at = dynamics.kinematics(home)
+        self._all, self._model, self._frames = at.J[0], model, frames
+        self._poses = [pin.SE3(p[:, :3], p[:, 3]) for p in as_matrices(at.poses[0])]
         self._inertia_of_rows = np.abs(np.diag(dynamics.mass(home)))
         self._carried: dict[int, str] = {}
         for name, place in frames.items():

@@ -28,10 +28,8 @@ def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
         Text with a space before it, or "".
     """
     at, system = dynamics.kinematics(pose), dynamics.system
-    state = at.closed
-    assert state is not None
     closed, model = system.closed, system.rigid
-    turning = at.J[0, 3:]
+    placed, turning = closed.frames(at.poses)[0, :, :, :3], at.J[0, 3:]
     hinged = {
         joint.idx_v: name
         for joint, name in zip(model.joints[1:], model.names[1:], strict=True)
@@ -47,7 +45,7 @@ def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
         turned = [v for v in moves if np.linalg.norm(turning[:, v]) > 0.5]
         if len(beside) < 2 or len(turned) > len(beside):  # a ball or a universal joint turns too
             continue
-        frames = state.frames_a[k, :, :3], state.frames_b[k, :, :3]
+        frames = placed[k], placed[len(closed.names) + k]
         names = [hinged[v] for v in beside]
         found.append(_hint(loop, frames, turning[:, beside], names))
     return "".join(found)

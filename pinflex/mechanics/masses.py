@@ -20,8 +20,8 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.errors import AssemblyError
+from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import Frame
-from pinflex.mechanics.geometry import Geometry
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.poses import skew
 from pinflex.mechanics.ride import end_riders
@@ -50,11 +50,9 @@ def require_mass(
         AssemblyError: An error of pinflex, not of the scene.
     """
     y = np.concatenate([home, np.zeros(flexible.n_eta)])
-    poses = Geometry(rigid).joint_poses(home)
+    poses = Equations(rigid).joint_poses(home)
     said = of_scene(description, links, parts, given, rigid, flexible, poses)
-    made = of_model(
-        flexible, poses if flexible is rigid else Geometry(flexible, often=False).joint_poses(y)
-    )
+    made = of_model(flexible, poses if flexible is rigid else Equations(flexible).joint_poses(y))
     rotors = _rotors(description, links), float(flexible.expansion.model.armature.sum())
     off = np.abs(made - said).max() / max(np.abs(said).max(), np.finfo(float).tiny)
     turns = abs(rotors[1] - rotors[0]) / max(abs(rotors[0]), np.finfo(float).tiny)

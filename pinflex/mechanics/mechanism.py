@@ -21,7 +21,6 @@ from pinflex.description.flexible import FlexibleLink
 from pinflex.description.overrides import assignments
 from pinflex.description.schema import shown
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics import workspace
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.compiled import evaluated_by
@@ -273,8 +272,6 @@ class _Loading:
                 self.description, self.links, parts, flexible, rigid.home, tuple(self.own)
             )
             if coarse or any(out.values()):
-                # The workspace of the look fits no other model.
-                workspace.forget(flexible.expansion.model)
                 parts = self.parts(out)
                 tree = self.tree(parts)
                 if rigid.system.closed.contacts:  # a sleeve knows the beam that it is on

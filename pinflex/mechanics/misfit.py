@@ -92,10 +92,11 @@ def nearly_closed(dynamics: Equations, guess: Array, moving: IntArray) -> Array 
 
 def _size(dynamics: Equations, pose: Array) -> float:
     """Size of the mechanism [m]; without a joint, from the base to the furthest loop."""
-    at = dynamics.kinematics(pose)
-    if dynamics.n_rigid or at.closed is None:
-        return size_of(at)
-    return float(np.max(np.linalg.norm(at.closed.frames_b[:, :, 3], axis=1)))
+    closed = dynamics.system.closed
+    if dynamics.n_rigid or not closed.names:
+        return size_of(dynamics, pose)
+    origins = closed.frames(dynamics.joint_poses(pose))[0, len(closed.names) :, :, 3]
+    return float(np.max(np.linalg.norm(origins, axis=1)))
 
 
 def _fits(dynamics: Equations, pose: Array, size: float) -> bool:
@@ -118,9 +119,8 @@ def misfit(dynamics: Equations, pose: Array) -> Misfit:
         dynamics: Workspace of the rigid mechanism, with all rows.
         pose: q, shape (nq,).
     """
-    at, closed = dynamics.kinematics(pose), dynamics.system.closed
-    state = at.closed
-    assert state is not None
+    closed = dynamics.system.closed
+    frames_a, frames_b = np.split(closed.frames(dynamics.joint_poses(pose))[0], 2)
     c, _ = dynamics.close(pose)
     apart, turned = LogClosure(dynamics, 1.0).gaps(c)
     gaps: dict[str, tuple[float, float]] = {}
@@ -132,9 +132,9 @@ def misfit(dynamics: Equations, pose: Array) -> Misfit:
             continue
         gaps[name] = gap
         if closed.kinds[k] == "distance":
-            lengths[name] = float(np.linalg.norm(state.gap[k]))
+            lengths[name] = float(np.linalg.norm(frames_b[k, :, 3] - frames_a[k, :, 3]))
             continue
-        a, b = state.frames_a[k], state.frames_b[k]
+        a, b = frames_a[k], frames_b[k]
         held = closed.point_axes[closed.loop_of[closed.point_rows] == k]
         u = a[:, held]
         move = -u @ (u.T @ (b[:, 3] - a[:, 3]))

@@ -28,9 +28,10 @@ from pinflex.errors import PinflexError
 from pinflex.linalg import null_space
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.frames import frame_jacobian, frame_pose
+from pinflex.mechanics.frames import Frame, frame_pose
 from pinflex.mechanics.parts import FlexiblePart
 from pinflex.mechanics.planes import LeftOut, undecided
+from pinflex.mechanics.reference.placing import falling
 from pinflex.mechanics.system import System
 from pinflex.mechanics.tree import Link
 
@@ -143,10 +144,10 @@ class _Look:
     """A system at home in linear statics, motors locked; what is free to move is held."""
 
     def __init__(self, system: System, home: Array) -> None:
-        self.dynamics = dynamics = Equations(system, often=False)
+        self.dynamics = dynamics = Equations(system)
         self.system, self.n = system, int(system.rigid.nv)
         self.y = np.concatenate([home, np.zeros(system.n_eta)])
-        self.K = dynamics.structural_stiffness(self.y)
+        self.at, self.K = dynamics.kinematics(self.y), dynamics.structural_stiffness(self.y)
         self.J = dynamics.close(self.y).J
         # Rows of unit stiffness: stretch is 1e6 times stiffer than bending.
         self.scale = np.ones(system.nv)
@@ -196,7 +197,8 @@ class _Look:
 
     def jacobian(self, place: Attachment) -> Array:
         """Of a frame's origin and its rotation, world axes, shape (6, nv)."""
-        return frame_jacobian(self.dynamics, self.y, place)
+        found: Array = Frame(self.dynamics.model, place).jacobian(self.at)[0]
+        return found
 
     def at_rest(self) -> Array:
         """Generalised forces of gravity, loads and tensioned springs, shape (nv,)."""
@@ -210,8 +212,8 @@ class _Look:
 
     def falling(self) -> Array:
         """Generalised forces of a unit gravity along x, y and z, shape (nv, 3)."""
-        here = self.dynamics.at(self.y)
-        return here.times_map(self.dynamics.placing.falling(here.Q[0])).T
+        pulled = falling(self.dynamics.model, self.at.poses[0], self.at.J[0])
+        return self.at.here.times_map(pulled).T
 
 
 def _frames(

@@ -16,7 +16,6 @@ from pinflex.mechanics.added_mass import AddedMasses
 from pinflex.mechanics.expanded import Expansion
 from pinflex.mechanics.friction import DryFriction
 from pinflex.mechanics.loads import Loads
-from pinflex.mechanics.split import Subtree
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -155,15 +154,6 @@ class System:
         from pinflex.mechanics.kernel_tables import uncovered
 
         return uncovered(self)
-
-    @cached_property
-    def parts(self) -> tuple[Subtree, ...]:
-        """Parts of an expanded model too large for one workspace; none where it stays whole."""
-        from pinflex.mechanics.compiled import serves
-
-        if self.added.joints:  # its terms are of the whole model
-            return ()
-        return self.expansion.pieces if serves(self) else self.expansion.legs
 
     @cached_property
     def looked_at(self) -> tuple[int, ...]:

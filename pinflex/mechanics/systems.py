@@ -13,7 +13,7 @@ from pinflex.description.description import Description
 from pinflex.description.drives import elastic
 from pinflex.description.frames import WORLD
 from pinflex.errors import DescriptionError, SingularityError
-from pinflex.mechanics import assembly, workspace
+from pinflex.mechanics import assembly
 from pinflex.mechanics.added_mass import added_masses
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import Closed, Limits, assemble
@@ -32,11 +32,9 @@ from pinflex.mechanics.loads import loads, require_apart
 from pinflex.mechanics.loop_axes import axis_hint
 from pinflex.mechanics.misfit import Misfit
 from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.reference.placing import Placing
 from pinflex.mechanics.slider import sleeves
-from pinflex.mechanics.subtrees import on_model
 from pinflex.mechanics.system import System
-
-_LARGE = 4e7  # bytes of a workspace that takes ten times as long to make as tables for the kernel
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ def _ground(description: Description, tree: Expansion, guess: Array) -> dict[str
     if not loops:
         return {}
     places = {}
-    poses = on_model(tree.model, tree.legs).poses(guess[None])
+    poses = Placing(tree.model).poses(guess[None])
     for loop in loops:
         frame = tree.frames[loop.frame_b if loop.frame_a == WORLD else loop.frame_a]
         R, p = Frame(tree.model, frame).pose(poses)
@@ -213,8 +211,7 @@ def flexible_system(
     require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))
     if every.n:
-        large = workspace.size(system.expansion.model) > _LARGE
-        _, J = Equations(system, large).close(np.concatenate([home, np.zeros(m)]))
+        _, J = Equations(system).close(np.concatenate([home, np.zeros(m)]))
     kept, redundant = assembly.independent_rows(J, every.labels, assembled.misfit.rank)
     spun = len(idle.spins)
     own = spun + len(coupled)
@@ -241,9 +238,9 @@ def _with_lengths(system: System, guess: Array) -> Closures:
     dynamics = Equations(
         replace(system, closed=replace(closed, lengths=np.ones(len(closed.lengths))))
     )
-    placed = dynamics.kinematics(guess).closed
-    assert placed is not None
-    measured = np.linalg.norm(placed.gap[closed.loop_of[closed.distance_rows]], axis=1)
+    origins = closed.frames(dynamics.joint_poses(guess))[0, :, :, 3]
+    a, loops = closed.loop_of[closed.distance_rows], len(closed.names)
+    measured = np.linalg.norm(origins[loops + a] - origins[a], axis=1)
     lengths = np.where(np.isnan(closed.lengths), measured, closed.lengths)
     if np.any(lengths < 1e-12):
         raise DescriptionError("loops: a distance of zero. Use kind: spherical for a common point.")

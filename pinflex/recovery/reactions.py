@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, spans
 from pinflex.integrators.run import Run
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.loads import LoadRows, Loads
+from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.kinematics import joint_poses
 from pinflex.recovery.samples import Samples, run_of, samples_of
@@ -69,28 +71,27 @@ def shaking_of(run: Run) -> Array:
     Weight, external loads and inertia of all that moves, motors' reactions included:
     -(dh/dt - gravity - loads). A rotor's own spin counts as inertia about its joint's axis.
     """
-    dynamics = Equations(run.system)
-    out = np.empty((len(run.t), 6))
-    for k in range(len(run.t)):
-        y, v = run.acting(k)
-        out[k] = -_from_ground(dynamics, y, v, run.a[k], float(run.t[k]))
+    system, nt = run.system, len(run.t)
+    if system.loads.springs:  # which pull on the frame too: of these it is told
+        system = replace(system, loads=Loads(system.loads.forces, ()))
+    dynamics = Equations(system)
+    y, v = (np.array(x) for x in zip(*(run.acting(k) for k in range(nt)), strict=True))
+    base = [int(joint) for joint in dynamics.model.children[0]]
+    # What the first joints carry; multipliers, without which nothing balances, add none to it.
+    carried = dynamics.joint_forces(y, v, run.a, 0.0 * run.lam, run.t, base).f
+    out, poses = _rotors(dynamics, y, v, run.a), dynamics.joint_poses(y)
+    for k, joint in enumerate(base):
+        axes, origin = poses[:, joint, :9].reshape(-1, 3, 3), poses[:, joint, 9:]
+        force, moment = ((x[:, None] @ axes)[:, 0] for x in (carried[:, k, :3], carried[:, k, 3:]))
+        out[:, :3] -= force
+        out[:, 3:] -= moment + np.cross(origin, force)
     return out
 
 
-def _from_ground(dynamics: Equations, y: Array, v: Array, a: Array, t: float) -> Array:
-    """Wrench about the origin that the moving bodies need from the ground at t, shape (6,)."""
-    model, here = dynamics.model, dynamics.at(y, v, a)
-    V, A = here.V[0], here.A[0]
-    force, moment = dynamics.pinocchio.from_ground(here.Q[0], V, A)
-    poses, J, _ = dynamics.pinocchio.jacobians(here.Q)
-    axes = J[0, 3:]  # zero for joints that slide
-    moment = moment + axes @ (model.armature * A)
-    wrench = np.concatenate([force, moment])
-    if dynamics.added is not None:
-        wrench += dynamics.added.from_ground(here.Q[0], V, A)
-    given = dynamics.system.loads.forces
-    if given:
-        loads = LoadRows(Loads(given, ()), model).at(poses[0], J[0])
-        for joint, load in loads.wrenches(V, t).items():
-            wrench -= load if joint else 0.0 * load
-    return wrench
+def _rotors(dynamics: Equations, y: Array, v: Array, a: Array) -> Array:
+    """What the spins of rotors do to the frame, shape (nt, 6)."""
+    out, armature = np.zeros((len(y), 6)), np.asarray(dynamics.model.armature)
+    for s in spans(len(y)) if armature.any() else ():
+        axes = dynamics.kinematics(y[s]).J[:, 3:]  # zero for joints that slide
+        out[s, 3:] -= (axes @ (armature * dynamics.at(y[s], v[s], a[s]).A)[:, :, None])[:, :, 0]
+    return out

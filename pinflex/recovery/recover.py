@@ -10,7 +10,6 @@ import numpy as np
 from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
 from pinflex.integrators.run import Run
-from pinflex.mechanics import workspace
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.deviation import frame_deviations
@@ -50,7 +49,7 @@ def result_of(
     arrays = _arrays(samples, run)
 
     def assessed() -> dict[str, Any]:
-        with one_blas_thread(), workspace.keep_alive():
+        with one_blas_thread():
             found = assess(mechanism, samples.run, arrays, samples.kinematics.spins)
             return plain_meta(found | {"warnings": [*found["warnings"], *samples.said()]})
 
@@ -99,8 +98,8 @@ def _arrays(samples: Samples, run: Run) -> Late[Array]:
 
 
 def _read_only(find: Callable[[T], dict[str, Array]], samples: T) -> dict[str, Array]:
-    """Read-only arrays, found as runs are: one BLAS thread, workspaces kept meanwhile."""
-    with one_blas_thread(), workspace.keep_alive():
+    """Read-only arrays, found as runs are: on one BLAS thread."""
+    with one_blas_thread():
         arrays = {key: np.asarray(x, float).view() for key, x in find(samples).items()}
     for x in arrays.values():
         x.setflags(write=False)

@@ -15,7 +15,6 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import ROUND_OFF
-from pinflex.mechanics import workspace
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.links import resultants
@@ -42,7 +41,7 @@ def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> T
     def told() -> dict[str, float]:
         some = _worst(coarse, fine)
         a, b = (Samples(mechanism, run.at(some)) for run in (coarse, fine))
-        with one_blas_thread(), workspace.keep_alive():
+        with one_blas_thread():
             found = _differences(a, b)
         return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
 

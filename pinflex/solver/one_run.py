@@ -44,8 +44,7 @@ def in_one_run(scene: Scene, t: Array, tol: float, progress: Progress | None = N
     Args:
         scene, t, tol, progress: As in `solve_to_tolerance`.
     """
-    with scene.equations() as dynamics:
-        return _OneRun(scene, t, tol, progress, dynamics).run()
+    return _OneRun(scene, t, tol, progress, scene.equations()).run()
 
 
 class _OneRun:

@@ -19,7 +19,6 @@ from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
-from pinflex.mechanics import workspace
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.solver.levels import LEVELS
@@ -110,7 +109,7 @@ class SameSteps:
             raise ConvergenceError(f"{design.name}: its motion or loads have other breaks.")
         # from instant to instant, closed loops are followed: not too far at once
         every = np.union1d(t, self.marks[[0, -1]] if self.stepped else self.grid)
-        with one_blas_thread(), workspace.keep_alive():
+        with one_blas_thread():
             found = self._run(scene, np.interp(every, self.marks, marks), marks, halved)
             found = found.at(np.searchsorted(every, t))
             return result_from(design, scene.motion, found, scene.spec, began)
@@ -130,7 +129,7 @@ class SameSteps:
     def _paced(self, scene: Scene, resolution: float) -> Array:
         """Ends of the steps that a run chooses."""
         steps = replace(scene, spec=replace(scene.spec, dt=None))
-        with one_blas_thread(), workspace.keep_alive():
+        with one_blas_thread():
             return steps.paced(self.grid, resolution)
 
 

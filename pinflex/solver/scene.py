@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from itertools import pairwise
@@ -37,7 +36,6 @@ from pinflex.levels.start import Start, start_of
 from pinflex.mechanics.compiled import serves
 from pinflex.mechanics.cost import require_steps
 from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.lending import lent
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.following import following, rigid_torques
@@ -116,7 +114,6 @@ class Scene:
             start = Start(self.before.y[-1], self.before.v[-1], begun)
             at = every * (len(self.before.t) - 1)
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
-        # takes the workspace that the start has given back
         dynamics = Equations(self._system, marched=True)
         try:
             run = coupled.integrate(
@@ -280,19 +277,15 @@ class Scene:
         """Whether the kernel takes the steps; else they are plain ones, in Python."""
         return serves(self._system, marched=True)
 
-    def equations(self) -> AbstractContextManager[Equations]:
-        """A workspace of what moves, lent: the one that finding the start has given back."""
-        assert self._start is not None
-        return lent(self._system, marched=True)
+    def equations(self) -> Equations:
+        """The equations of what moves."""
+        return Equations(self._system, marched=True)
 
     def _marched(
         self, t: Array, march: Callable[[Problem], Run], dynamics: Equations | None = None
     ) -> Run:
         """The run of a problem up to the last sample, with what its start and control tell."""
-        if dynamics is None:
-            with self.equations() as own:
-                return self._marched(t, march, own)
-        start, problem = self._start, self._problem(t, dynamics)
+        start, problem = self._start, self._problem(t, dynamics or self.equations())
         try:
             run = march(problem)
         except (SceneError, RunInterrupted) as stop:

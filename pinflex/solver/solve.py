@@ -29,7 +29,6 @@ from pinflex.integrators.run import Run
 from pinflex.integrators.schemes import AlphaScheme
 from pinflex.kernel.library import warn_if_missing
 from pinflex.levels.excited import default_motion as default_motion
-from pinflex.mechanics import workspace
 from pinflex.mechanics.cost import require_samples
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -85,7 +84,7 @@ def solve_level(
     end = spec.until if spec.until is not None else motion.duration
     if not 0 < end < np.inf:
         raise DescriptionError(f"{mechanism.name}: solve.until: {end}. Give a time above 0 s.")
-    with one_blas_thread(), workspace.keep_alive():
+    with one_blas_thread():
         began = time.perf_counter()
         try:
             acting = _control(mechanism, spec, control)

@@ -14,7 +14,6 @@ from pinflex.levels.rigid import multipliers
 from pinflex.levels.start import acted_on
 from pinflex.mechanics.equations import Equations
 from pinflex.mechanics.frames import frame_jacobian, frame_pose
-from pinflex.mechanics.geometry import Geometry
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.rotations import rotation_vector
 from pinflex.text import brief
@@ -117,7 +116,7 @@ def _sag(
 ) -> Sag | None:
     if found is None or mechanism.description.platform is None:
         return None
-    flat, look = mechanism.undeformed(), Geometry(dynamics.system, often=False)
+    flat, look = mechanism.undeformed(), Equations(dynamics.system)
     here = mechanism.frame(mechanism.description.platform)
     if linear:  # the differential of the pose, without the second order of its turns
         moved = frame_jacobian(look, flat, here) @ dynamics.difference(flat, found.y)

@@ -21,7 +21,7 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.description.description import model_names
 from pinflex.mechanics import masses
-from pinflex.mechanics.geometry import Geometry
+from pinflex.mechanics.equations import Equations
 from tests.scenes import Body, load
 
 RHO, WIDTH, THICK = 2700.0, 0.02, 0.006
@@ -120,12 +120,12 @@ flexible:
 
 def modelled(m: pf.Mechanism) -> Array:
     """Spatial inertia (6, 6) of a flexible model at home about the origin."""
-    return masses.of_model(m.flexible, Geometry(m.flexible).joint_poses(m.undeformed()))
+    return masses.of_model(m.flexible, Equations(m.flexible).joint_poses(m.undeformed()))
 
 
 def off_scene(m: pf.Mechanism) -> float:
     """How far a model is off what `load` holds it against."""
-    poses = Geometry(m.rigid).joint_poses(m.home)
+    poses = Equations(m.rigid).joint_poses(m.home)
     said = masses.of_scene(m.description, m.links, m.parts, m.own, m.rigid, m.flexible, poses)
     return share(modelled(m), said)
 

@@ -7,7 +7,7 @@ import scipy.linalg  # noqa: F401  # its BLAS is not numpy's
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.reference.evaluator import Reference
 from pinflex.studies.check import check
 from pinflex.threads import one_blas_thread
 
@@ -28,13 +28,13 @@ def test_every_blas_is_held_and_let_go() -> None:
 def test_what_linearises_holds_it_too(call: object, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PINFLEX_KERNEL", "0")  # it needs no BLAS
     robot, seen = pf.load("cantilever"), []
-    tangent = Equations._derivatives
+    tangent = Reference.tangent
 
     def watched(*args: object) -> object:
         seen.append(blas_threads())
         return tangent(*args)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Equations, "_derivatives", watched)
+    monkeypatch.setattr(Reference, "tangent", watched)
     with threadpool_limits(limits=2, user_api="blas"):
         call(robot)  # type: ignore[operator]
     assert seen

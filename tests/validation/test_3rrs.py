@@ -6,7 +6,6 @@ fit to four of their numbers, so the last test shows consistency, not agreement.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -15,7 +14,6 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.mechanics import workspace
 from pinflex.mechanics.equations import Equations
 
 BASES = {
@@ -26,13 +24,6 @@ BASES = {
 FREQUENCIES = (1.524, 2.677, 4.544, 7.450, 8.224, 13.30)  # [Hz] undeformed, no preload
 LOADED = (1.2913, 2.5416, 3.9969, 7.3804, 7.8485, 12.7386)  # [Hz] about the equilibrium; ours
 WEIGHT_TORQUE = 0.11296  # [N m] of each motor in the undeformed pose
-
-
-@pytest.fixture(scope="module", autouse=True)
-def workspaces_stay() -> Iterator[None]:
-    """That of the cubic elements takes 1.8 GB: too large to be kept from call to call otherwise."""
-    with workspace.keep_alive():
-        yield
 
 
 @cache

@@ -12,7 +12,6 @@ import pytest
 import pinflex as pf
 from pinflex.errors import DescriptionError
 from pinflex.kernel.library import kernel
-from pinflex.mechanics import split as splitting
 from tests.analytical import wave_numbers
 from tests.benchmarks.growth import serial, tree
 from tests.validation.test_advise import measured, truth
@@ -49,17 +48,15 @@ def test_arms_side_by_side_move_as_one_alone() -> None:
 
 
 @compiled
-def test_a_beam_of_many_modes_is_cut_though_its_stations_are_side_by_side() -> None:
-    """154 stations on one joint: in one piece 3 GB, which was refused without asking."""
+def test_a_beam_of_many_modes_needs_no_workspace_of_pinocchio() -> None:
+    """154 stations on one joint: 3 GB, which was refused without asking."""
     m = pf.load("prprp", ["flexible.beam.basis.modes=75"])
-    sizes = [part.model.nv for part in m.flexible.parts if part.like == part.number]
-    assert m.flexible.n_eta == 75 and sum(sizes) > 150 and max(sizes) <= splitting._PIECE + 6
+    assert m.flexible.n_eta == 75 and m.flexible.expansion.model.nv > 400
 
 
 @compiled
 def test_a_chain_of_16_segments_has_the_frequencies_of_a_cantilever() -> None:
     m = serial(16)
-    assert any(part.cut for part in m.flexible.parts)
     part = m.parts["l"]
     section, rho = part.spec.section, part.spec.material.rho
     k = wave_numbers("clamped_free", 4)
@@ -70,27 +67,12 @@ def test_a_chain_of_16_segments_has_the_frequencies_of_a_cantilever() -> None:
     np.testing.assert_allclose(found / exact - 1.0, too_high, rtol=0.1, atol=1e-8)
 
 
-@compiled
-def test_a_chain_in_pieces_gives_the_results_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = {"level": "coupled", "until": 0.05, "dt": 5e-4, "samples": 11}
-    parted = pf.solve(serial(12), **keys)
-    monkeypatch.setattr(splitting, "_WHOLE", 10**6)
-    m = serial(12)
-    assert not m.flexible.parts
-    whole = pf.solve(m, **keys)
-    for name, array in whole.arrays.items():
-        scale = max(float(np.abs(array).max(initial=0.0)), 1e-6)  # below: round-off alone
-        # Newton starts from masses that differ by round-off.
-        np.testing.assert_allclose(parted.arrays[name], array, rtol=0, atol=1e-6 * scale)
-
-
 def test_without_the_kernel_a_long_chain_is_refused_and_says_why(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("PINFLEX_KERNEL", "0")
     with pytest.raises(DescriptionError, match="compiled kernel needs less.*PINFLEX_KERNEL=0"):
         serial(32)
-    assert len(tree(64).flexible.parts) == 32  # each arm by itself is small
 
 
 @compiled

@@ -38,12 +38,7 @@ class Moves:
 
 
 def by_velocities(closed: Closures, X: Array | None, J: Array, n_eta: int) -> Moves:
-    """Every velocity of the n states is a variable.
-
-    Args:
-        closed: Loops. X: dQ/dy, shape (n, nV, nv); None: the identity.
-        J: World Jacobians of the joints, shape (n, 6, nV). n_eta: Number of elastic coordinates.
-    """
+    """Every velocity of the n states is a variable."""
     supports = np.concatenate([closed.support_a, closed.support_b])
     twists, (n, _, nV) = J[:, None] * supports[:, None], J.shape
     if X is None:
@@ -54,13 +49,7 @@ def by_velocities(closed: Closures, X: Array | None, J: Array, n_eta: int) -> Mo
 
 
 def by_time(closed: Closures, V: Array, A: Array, J: Array, dJ: Array, eta_rate: Array) -> Moves:
-    """Time is the variable, with no accelerations in minimal coordinates.
-
-    Args:
-        closed: Loops. V: Expanded speeds, and A what they make of accelerations, shape (n, nV).
-        J, dJ: World Jacobians and their rates, shape (n, 6, nV).
-        eta_rate: Elastic speeds, shape (n, n_eta).
-    """
+    """Time is the variable, with no accelerations in minimal coordinates."""
     supports = np.concatenate([closed.support_a, closed.support_b])
     speeds, swept = V[:, None] * supports, A[:, None] * supports  # (n, 2 loops, nV)
     twists = speeds @ J.swapaxes(1, 2)
@@ -73,12 +62,9 @@ def wrenches(
 ) -> tuple[Array, list[tuple[int, Array]]]:
     """What multipliers do to bodies at one state: how far rows change with the twist of B alone.
 
-    Args:
-        closed: Loops, each sleeve on its segment. poses: Of the joints, shape (joints, 12).
-        Q: Shape (nQ,). eta: Shape (n_eta,). lam: Shape (rows,), N | N m.
     Returns:
-        On each B about the origin of frame b, shape (loops, 6), and about the world's origin by
-        joint, A's opposite ones among them: (joint, (6,)).
+    On each B about the origin of frame b, shape (loops, 6), and about the world's origin by
+    joint, A's opposite ones among them: (joint, (6,)).
     """
     loops = len(closed.names)
     twists = np.zeros((1, 2 * loops, 6, 6))
@@ -94,12 +80,7 @@ def wrenches(
 
 
 def sleeves_at(closed: Closures, poses: Array, eta: Array) -> list[sleeves.Place]:
-    """Where the sleeves are at one state.
-
-    Args:
-        closed: Loops, each sleeve on its segment. poses: Of the joints, shape (joints, 12).
-        eta: Elastic coordinates, shape (n_eta,).
-    """
+    """Where the sleeves are at one state."""
     loops, frames = len(closed.names), closed.frames(poses[None])[0].swapaxes(1, 2)
     a_b = Jet(frames, np.zeros((*frames.shape, 1)))
     z = Jet(eta, np.zeros((len(eta), 1)))
@@ -107,14 +88,7 @@ def sleeves_at(closed: Closures, poses: Array, eta: Array) -> list[sleeves.Place
 
 
 def rows(closed: Closures, poses: Array, Q: Array, eta: Array, moves: Moves) -> Jet:
-    """c of all rows, shape (n, rows).
-
-    Args:
-        closed: Loops, each sleeve on its segment (`on_segments`).
-        poses: Of the joints, shape (n, joints, 12). Q: Expanded coordinates, shape (n, nQ).
-        eta: Elastic coordinates, shape (n, n_eta).
-        moves: What the states move with.
-    """
+    """c of all rows, shape (n, rows)."""
     frames, (n, m) = _moving(closed.frames(poses), moves), (len(poses), moves.Q.shape[2])
     loops, timed = len(closed.names), moves.swept is not None
     value, grad = np.zeros((n, closed.n)), np.zeros((n, closed.n, m))
@@ -173,9 +147,6 @@ def on_segments(closed: Closures, poses: Array) -> Closures:
     """The closures of one state, each sleeve on the segment of its beam that it stands before.
 
     It has passed the root of a segment when it stands before the section there.
-
-    Args:
-        closed: Loops. poses: Of the joints, shape (joints, 12).
     """
     if not any(contact.sleeve.segments for contact in closed.contacts):
         return closed

@@ -62,11 +62,7 @@ class CoordinateMap:
             self._X[body.rows, body.columns] = body.Phi
 
     def at(self, Y: Array, V: Array | None = None, A: Array | None = None) -> Configuration:
-        """The map at n states.
-
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv); None: at rest.
-        """
+        """The map at n states."""
         none = np.zeros((len(Y), self._system.nv))
         V, A = none if V is None else V, none if A is None else A
         if not self._bodies:

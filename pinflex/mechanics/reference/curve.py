@@ -42,12 +42,7 @@ _NEWTON, _MET = 20, 1e-9  # iterations, and the last step over the length: its s
 
 
 def section(track: Track, x: Jet, eta: Jet, rows: Sequence[int], order: int) -> Jet:
-    """Some rows of (u, v, w, rz, ry, rx), or a derivative of them by x, shape (rows,).
-
-    Args:
-        track: Of the body. x: Place on it (m). eta: Its coordinates, shape (n,).
-        rows: Their numbers. order: Of the derivative, 0 or 1.
-    """
+    """Some rows of (u, v, w, rz, ry, rx), or a derivative of them by x, shape (rows,)."""
     there, z = track.at(float(x.value)), joined([stacked([x]), eta])
     # Of order 3 the derivative is zero in one of third degree: nothing asks for more.
     at = slice(order, order + 3)
@@ -181,12 +176,7 @@ class Curve:
 def _root(
     f: Callable[[Jet], Jet], flat: Callable[[Jet], Jet], guess: float, length: float, like: Jet
 ) -> Jet:
-    """s with f(s) = 0: a number by Newton, then its derivatives, one order an iteration.
-
-    Args:
-        f: Function of s with the derivatives of all else. flat: The same with s alone varying.
-        guess: To start from (m). length: Of the segment (m). like: Has the variables.
-    """
+    """s with f(s) = 0: a number by Newton, then its derivatives, one order an iteration."""
     x, step = guess, length
     for _ in range(_NEWTON):
         found = flat(Jet(np.array(x), np.ones(1)))

@@ -5,6 +5,8 @@
 F: loads. M is Pinocchio's crba; the other derivatives of r are differences of what is neither
 linear nor a joint's own. It is of second order in v, so that a central difference of any step is
 exact; along y four points leave round-off.
+
+States are stacked: Y (n, nq), V and A (n, nv), lam (n, rows) [N | N m], t (n,) [s].
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
 # Of the differences along y [rad | m]: the fourth order leaves 1e-13 of a force, as does round-off.
 # A sleeve may stand beside a border of elements, beyond which its rows are other polynomials.
 _STEP, _BESIDE = 1e-3, 2e-5
-_POINTS, _WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+_POINTS, _WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0])
 
 
 class Reference:
@@ -59,19 +61,11 @@ class Reference:
     # Forces ----------------------------------------------------------------------------------
 
     def forces(self, Y: Array, V: Array, A: Array, t: Array) -> Array:
-        """r without closures, shape (n, nv).
-
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv). t: Times in s, shape (n,).
-        """
+        """r without closures, shape (n, nv)."""
         return self._moving(Y, V, A, t) + self._resting(Y, V)
 
     def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Array) -> tuple[Array, Array]:
-        """r (n, nv) and c (n, rows).
-
-        Args:
-            Y, V, A, t: As of `forces`. lam: Shape (n, rows), N | N m.
-        """
+        """r (n, nv) and c (n, rows)."""
         c, J = self.close(Y)
         return self.forces(Y, V, A, t) - (lam[:, None] @ J)[:, 0], c
 
@@ -189,11 +183,7 @@ class Reference:
         return M
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
-        """Derivatives of r by a, v and y, and J.
-
-        Args:
-            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m. t: Time in s.
-        """
+        """Derivatives of r by a, v and y, and J."""
         s, nv, fixed = self.system, self.system.nv, np.full(4, t)
         C, K = s.D.copy(), s.K.copy()
         C[s.friction.rows, s.friction.rows] += s.friction.slope(v)
@@ -212,7 +202,7 @@ class Reference:
                 self._moving(Y, np.tile(v, (4, 1)), np.tile(a, (4, 1)), fixed)
                 - lam @ self.close(Y).J
             )
-            K[:, k] += _WEIGHTS @ r / step[k]
+            K[:, k] += _WEIGHTS @ r / (12.0 * step[k])
         return Tangent(self.mass(y), C, K, self.close(y[None]).J[0])
 
     # Motions, forces, energies ---------------------------------------------------------------
@@ -225,29 +215,20 @@ class Reference:
         return Kinematics(here, poses, J, dJ)
 
     def motions(self, Y: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
-        """Poses of all joints (n, joints, 12); of some, velocity and acceleration (n, k, 2, 6).
-
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv).
-            joints: The k joints whose spatial motion is wanted, in their own frames.
-        """
-        here, data = self.map.at(Y, V, A), self.placing.data
-        rates = np.empty((len(Y), len(joints), 2, 6))
-        for k, state in enumerate(_states(here)):
+        """Poses of joints (k, n, 3, 4); velocity and acceleration in their frames (k, n, 2, 6)."""
+        here, data, (n, k) = self.map.at(Y, V, A), self.placing.data, (len(Y), len(joints))
+        poses, rates = np.empty((k, n, 3, 4)), np.empty((k, n, 2, 6))
+        for at, state in enumerate(_states(here)):
             pin.forwardKinematics(self.model, data, *state)
             for i, joint in enumerate(joints):
-                rates[k, i] = data.v[joint].vector, data.a[joint].vector
-        return self.placing.poses(here.Q), rates
+                poses[i, at] = data.oMi[joint].np[:3]
+                rates[i, at] = data.v[joint].vector, data.a[joint].vector
+        return poses, rates
 
     def joint_forces(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
     ) -> JointForces:
-        """Forces of joints, loops and sleeves at n states.
-
-        Args:
-            Y, V, A, lam, t: As of `residual`.
-            joints: Numbers of the joints whose forces are wanted.
-        """
+        """Forces of joints, loops and sleeves at n states."""
         here, closed = self.map.at(Y, V, A), self.system.closed
         poses, _ = self.placing.jacobians(here.Q)
         n, loops = len(Y), len(closed.names)
@@ -265,7 +246,8 @@ class Reference:
                 j: _place(poses[k, j]).actInv(pin.Force(w)).vector for j, w in acting[k].items()
             }
             g[k] = self._rnea(*state, local)
-            f[k] = [self.placing.data.f[joint].vector for joint in joints]
+            for i, joint in enumerate(joints):
+                f[k, i] = self.placing.data.f[joint].vector
             places = closures.sleeves_at(on, poses[k], Y[k, self._q :])
             pushed = zip(places, closed.contacts, strict=True)
             sleeves[k] = np.array(
@@ -277,11 +259,7 @@ class Reference:
         return JointForces(r, c, g, f, wrenches, sleeves)
 
     def energies(self, Y: Array, V: Array, t: Array) -> Energies:
-        """Kinetic energy, and potentials of weight, links, and of springs and loads, J, (n,).
-
-        Args:
-            Y: Shape (n, nq). V: Shape (n, nv). t: Times in s, shape (n,).
-        """
+        """Kinetic energy, and potentials of weight, links, and of springs and loads, J, (n,)."""
         here, s = self.map.at(Y, V), self.system.springs
         kinetic = [0.5 * v @ self._expanded_mass(q) @ v for q, v, _ in _states(here)]
         weight = [pin.computePotentialEnergy(self.model, self.placing.data, q) for q in here.Q]
@@ -292,11 +270,7 @@ class Reference:
         return Energies(np.array(kinetic), np.array(weight), elastic, spring)
 
     def losses(self, Y: Array, V: Array) -> Array:
-        """Power that damping, friction and dampers between frames take, shape (n,), W.
-
-        Args:
-            Y: Shape (n, nq). V: Shape (n, nv).
-        """
+        """Power that damping, friction and dampers between frames take, shape (n,), W."""
         here, power = self.map.at(Y, V), self.system.dissipation(V)
         for k, load in self._loads(here.Q):
             power[k] += load.dissipation(here.V[k])

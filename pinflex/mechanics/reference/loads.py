@@ -31,12 +31,7 @@ class LoadState:
         self._pose = {joint: poses[joint].reshape(4, 3) for joint in self.joints}
 
     def wrenches(self, V: Array, t: float) -> dict[int, Array]:
-        """World wrench [force; moment about the origin] by joint, at time t (s).
-
-        Args:
-            V: Expanded velocity, shape (nV,): dampers act against it.
-            t: Time [s].
-        """
+        """World wrench [force; moment about the origin] by joint, at time t (s)."""
         total = {joint: np.zeros(6) for joint in self.joints}
         for force, place in self._given.forces:
             p, F, M = self._load(force, place, t)
@@ -52,12 +47,7 @@ class LoadState:
         return total
 
     def generalized(self, V: Array, t: float) -> Array:
-        """Generalised forces J' W at time t (s), shape (nV,).
-
-        Args:
-            V: Expanded velocity, shape (nV,).
-            t: Time [s].
-        """
+        """Generalised forces J' W at time t (s), shape (nV,)."""
         each = (wrench @ self._jacobian[joint] for joint, wrench in self.wrenches(V, t).items())
         return np.asarray(sum(each, np.zeros(self._J.shape[1])))
 

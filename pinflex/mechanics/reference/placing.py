@@ -104,9 +104,6 @@ def falling(model: pin.Model, poses: Array, J: Array) -> Array:
     """Generalised forces of a unit gravity along x, y, z, shape (3, nV).
 
     Of each row the mass beyond it, times how it moves its centre.
-
-    Args:
-        model: The model. poses: Of its joints, shape (joints, 12). J: In the world, shape (6, nV).
     """
     joints = int(model.njoints)
     mass, first = np.zeros(joints), np.zeros((joints, 3))

@@ -59,9 +59,6 @@ class Place:
         """What the sleeve does to the beam: (x, F, M, segment) at its ends and middle, (3, 8).
 
         x is from the root of the segment that the sleeve is on, whose frame F and M are in.
-
-        Args:
-            lam: Multipliers of the sleeve's rows, shape (rows,).
         """
         if isinstance(self._line, _Bent):
             return self._on_one_body(self._line, lam)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinflex as pf
@@ -19,10 +17,9 @@ from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import Outputs
-from pinflex.mechanics import lending, workspace
 from pinflex.solver.expected import expected
 from pinflex.solver.scene import Scene
-from pinflex.solver.solve import default_motion, solve_level
+from pinflex.solver.solve import default_motion
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
 
@@ -101,27 +98,6 @@ def test_a_run_that_is_sent_back_goes_on_from_there_with_shorter_steps(fine: Run
     compare = Outputs(given.mechanism, given.motion, run.t, ASKED)
     assert run.cost["repeated"] == 4  # of seven steps three stayed
     assert max(compare.differences(run, fine).values()) < 1e-2
-
-
-def test_a_run_gives_its_workspace_back_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Held in a circle it would stay until Python looks for those: gigabytes in large models."""
-    m, made, given_back = pf.load("race_r1"), [], []
-
-    def acquire(model: pin.Model) -> pin.Data:
-        made.append(pin.Data(model))
-        return made[-1]
-
-    monkeypatch.setattr(lending, "_LARGEST", 0.0)  # as of a large model: not kept for the next run
-    monkeypatch.setattr(workspace, "acquire", acquire)
-    monkeypatch.setattr(workspace, "release", lambda model, data: given_back.append(data))
-    gc.collect()
-    gc.disable()
-    try:
-        solve_level(m, level="coupled", tol=1e-2, until=0.02, samples=11)
-    finally:
-        gc.enable()
-    # What earlier tests left may be given back meanwhile too.
-    assert made and all(any(data is back for back in given_back) for data in made)
 
 
 def test_scales_are_taken_off_the_rigid_motion_that_a_platform_is_compared_with() -> None:

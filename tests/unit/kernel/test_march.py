@@ -97,7 +97,7 @@ def test_closures_move_as_pinocchio_says(seed: int) -> None:
             loops.append(Loop(kind, kind, one, two, z, x, 0.7))
     on = m.flexible.expansion
     system = dataclasses.replace(m.flexible, closed=closures(loops, on.frames, on.model))
-    d, nv, rows = Equations(system, often=False), system.nv, system.closed.n
+    d, nv, rows = Equations(system), system.nv, system.closed.n
     size = np.ones(nv)
     size[d.n_rigid :] = 0.02
     y = d.integrate(m.undeformed(), 0.5 * size * rng.uniform(-1, 1, nv))
@@ -192,7 +192,7 @@ def same_start(given: Scene) -> None:
     v = 0.1 * np.random.default_rng(0).normal(size=given._system.nv)
     begun = March("", Radau(problem, radau(6)), (y, v), (0.0, 0.1), {}, 1e-4, (8, 9))
     assert begun._kernel.begin()
-    problem.dynamics = Equations(given._system, often=False)
+    problem.dynamics = Equations(given._system)
     found, expected = begun.now, problem.first(0.0, y, v)
     for name in ("a", "lam", "torque"):
         wanted = getattr(expected, name)

@@ -46,11 +46,11 @@ class Outside:
     """Pinocchio on the expanded model of a system."""
 
     def __init__(self, system: System) -> None:
-        self.of, self.model = Equations(system, often=False), system.expansion.model
+        self.of, self.model = Equations(system), system.expansion.model
         self.data, self.nv = self.model.createData(), system.nv
 
     def place(self, y: Array) -> Array:
-        return np.array(self.of.map.at(y[None]).Q[0])
+        return np.array(self.of.at(y).Q[0])
 
     def moved(self, y: Array, v: Array) -> Array:
         return np.array(self.of.integrate(y, v))

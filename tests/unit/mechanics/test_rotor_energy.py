@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.whole import rotor_energy_left_out
 
 ARM = """<robot name="arm"><link name="base"/>
   <link name="rod"><inertial><mass value="2"/><inertia ixx="0.3" ixy="0" ixz="0" iyy="0.3" iyz="0"
@@ -32,12 +30,3 @@ def test_a_rotor_has_its_energy_whatever_its_axis(tmp_path: Path, axis: str) -> 
     speed = run.joint("motor").velocity
     energy = run.array("energy/kinetic")
     np.testing.assert_allclose(energy, 0.5 * (0.3 + 0.5) * speed**2, rtol=1e-12, atol=1e-15)
-
-
-def test_nothing_is_added_where_pinocchio_counts_it() -> None:
-    model = pin.Model()
-    for joint in (pin.JointModelRZ(), pin.JointModelPrismaticUnaligned(np.array([0.6, 0, 0.8]))):
-        at = model.addJoint(0, joint, pin.SE3.Identity(), joint.shortname())
-        model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Identity())
-    model.armature[:] = 0.5
-    assert not rotor_energy_left_out(model, model.createData()).any()

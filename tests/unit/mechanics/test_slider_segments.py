@@ -10,8 +10,8 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.bodies.track import track
-from pinflex.mechanics.closure_rows import ClosureRows
 from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.reference import closures
 from tests.scenes import load
 from tests.unit.mechanics.test_slider import EI, FIXED, ROD, SPACE, TELESCOPE, TUBE
 
@@ -73,16 +73,16 @@ def test_at_a_border_both_segments_write_the_same_rows(case: str, tmp_path: Path
     m = load(tmp_path, ROD, SPACE, (*CASES[case], *CUT))
     d = Equations(m.flexible)
     closed, y = m.flexible.closed, state(m, BORDER)[0]
-    root = closed.contacts[0].sleeve.segments[1].root
-    there = d.kinematics(y)
-    assert there.closed is not None
-    loop = closed.contacts[0].loop
-    y[1:4] += there.closed.frames_b[loop, :, 3] - there.poses[0, root.joint, 9:]
-    at, found = d.kinematics(y), []
+    root, loop = closed.contacts[0].sleeve.segments[1].root, closed.contacts[0].loop
+    poses, loops = d.joint_poses(y), len(closed.names)
+    y[1:4] += closed.frames(poses)[0, loops + loop, :, 3] - poses[0, root.joint, 9:]
+    at, eta, found = d.kinematics(y), y[8:], []
     for number in (0, 1):
-        rows = ClosureRows(closed, 1, int(d.model.njoints), ((number,),))
-        one = rows.at(at.poses, y[None, 8:], at.here.Q)
-        found.append((one.contacts[0].place, one.c[0], d._jacobian(at.here, one, at.J)[0]))
+        on = closed.on((number,))
+        moves = closures.by_velocities(on, at.here.X, at.J, len(eta))
+        rows = closures.rows(on, at.poses, at.here.Q, eta[None], moves)
+        (place,) = closures.sleeves_at(on, at.poses[0], eta)
+        found.append((place.at, rows.value[0], rows.grad[0]))
     place, residual, jacobian = (np.abs(a - b).max() for a, b in zip(*found, strict=True))
     assert place < 1e-12
     # The long sleeve's ends are held to first order where it is off its tangent: 1e-12 of slopes.

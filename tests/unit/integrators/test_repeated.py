@@ -1,4 +1,4 @@
-"""Equations lent to one run after the other: one borrower at a time, and never seen in a number."""
+"""Runs that repeat: their workspaces are those of the runs before, and never seen in a number."""
 
 from __future__ import annotations
 
@@ -12,62 +12,15 @@ import pytest
 import pinflex as pf
 from pinflex.integrators.run import Run
 from pinflex.kernel.library import kernel
-from pinflex.mechanics import lending
-from pinflex.mechanics.lending import lent
 from pinflex.solver.scene import Scene
 from pinflex.solver.tolerance import solve_to_tolerance
 from tests.benchmarks.race.case import scene
-
-
-@pytest.fixture(autouse=True)
-def nothing_ready(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lending, "_ready", [])
 
 
 def same(found: Run, expected: Run) -> None:
     assert found.cost == expected.cost
     for name in ("y", "v", "a", "lam", "torque", "work"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
-
-
-def test_who_comes_next_finds_them_and_who_comes_meanwhile_gets_others() -> None:
-    system = pf.load("race_r1").loose
-    with lent(system, True) as first, lent(system, True) as second:
-        assert first is not second
-    with lent(system, True) as third:
-        assert third is first
-    with lent(pf.load("race_r1").loose, True) as other:
-        assert other is not first and other is not second
-
-
-def test_those_of_a_run_that_fails_are_not_lent_again() -> None:
-    system = pf.load("race_r1").loose
-    with pytest.raises(ZeroDivisionError), lent(system, True) as first:
-        raise ZeroDivisionError
-    with lent(system, True) as second:
-        assert second is not first
-
-
-def test_those_of_the_kernel_do_not_serve_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    system = pf.load("race_r1").loose
-    with lent(system, True) as first:
-        assert (first.compiled is None) == (kernel().functions is None)
-    monkeypatch.setenv("PINFLEX_KERNEL", "0")
-    with lent(system, True) as second:
-        assert second.compiled is None
-
-
-def test_few_are_kept_and_none_that_is_large(monkeypatch: pytest.MonkeyPatch) -> None:
-    systems = [pf.load("race_r1").loose for _ in range(4)]
-    for system in systems:
-        with lent(system, True):
-            pass
-    assert [one.system for _, one in lending._ready] == systems[:1:-1]
-    monkeypatch.setattr(lending, "_LARGEST", 0.0)
-    lending._ready.clear()
-    with lent(systems[0], True):
-        pass
-    assert not lending._ready
 
 
 def tol(given: Scene, tol: float) -> Run:
