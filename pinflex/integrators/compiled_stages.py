@@ -6,6 +6,7 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
+from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, seen_inside
 from pinflex.kernel.march import Marched, MarchKernel, Table
@@ -96,9 +97,10 @@ def _lent(problem: Problem, method: Collocation) -> CompiledStages:
     """The stages of a system on the kernel, spare ones or new."""
     dynamics, drive = problem.dynamics, problem.drive
     system = dynamics.system
+    if not dynamics.on_kernel or dynamics.compiled is None:
+        raise PinflexError("kernel: it does not serve; plain steps do.")
     found = system.spares.acquire(_kind(method, drive is None))
     if found is None or found.method is not method:
-        assert dynamics.compiled is not None
         found = CompiledStages(dynamics.compiled, method, _rows(problem))
     found.kernel.take_hold(problem.sampler is not None)
     if drive is not None:

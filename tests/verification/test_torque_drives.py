@@ -60,7 +60,9 @@ def test_a_pd_on_a_joint_is_a_damped_oscillator(
     assert np.abs(angle(run) - exact).max() < (1e-6 if "tol" in how else 1e-5) * size
     torque = -KP * angle(run) - KD * speed
     np.testing.assert_allclose(run.torque[:, 0], torque, atol=1e-9 * KP * size)
-    assert run.meta["energy_balance"] < (1e-6 if "tol" in how else 1e-4)
+    # No tolerance is about it: plain steps, halved until the outputs agree, leave 2e-6.
+    by_tol = 1e-6 if serves == "1" else 5e-6
+    assert run.meta["energy_balance"] < (by_tol if "tol" in how else 1e-4)
 
 
 @pytest.mark.parametrize("kind", ["cycloid", "trapezoid"])

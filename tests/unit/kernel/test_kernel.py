@@ -39,7 +39,6 @@ from pinflex.mechanics.kernel_tables import KNOWN, uncovered
 from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.reference.evaluator import Reference
 from pinflex.mechanics.system import Springs, System
-from tests.benchmarks.race.case import scene
 from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
 from tests.property.trees import tree
 
@@ -463,23 +462,3 @@ def test_a_build_without_a_compiler_says_so(
         build.compile_all(tmp_path, "linux-x86_64")
     with pytest.raises(RuntimeError, match="no build for plan9-vax"):
         build.compile_all(tmp_path, "plan9-vax")
-
-
-@needs_kernel
-@pytest.mark.parametrize("name", ["race_r2", "3rrs", "ur5"])  # with circles and balls; no loop
-def test_a_radau_run_on_the_kernel_takes_the_steps_of_numpy(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = scene(pf.load(name), ())
-    t = np.linspace(0.0, 0.1 * (run.motion.duration or 1.0), 21)
-    compiled = run.resolved(t, 1e-2)
-    monkeypatch.setenv("PINFLEX_KERNEL", "0")
-    plain = run.resolved(t, 1e-2)
-    assert {k: compiled.cost[k] for k in ("steps", "newton")} == {
-        k: plain.cost[k] for k in ("steps", "newton")
-    }
-    # What Newton may leave; the steps are chosen by what it leaves. Seen: 3rrs 3e-6, else 2e-8.
-    for name in ("y", "lam", "torque"):
-        found, expected = getattr(compiled, name), getattr(plain, name)
-        scale = np.max(np.abs(expected), initial=1e-300)
-        assert np.max(np.abs(found - expected), initial=0.0) < 1e-5 * scale

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import radau
 from pinflex.integrators.run import Run
 from pinflex.kernel.library import kernel
@@ -142,6 +143,14 @@ def test_under_a_digital_controller_too(monkeypatch: pytest.MonkeyPatch) -> None
     same(found, plain, {**SAME, "a": 2e-4})
     assert found.signals is not None and plain.signals is not None
     np.testing.assert_allclose(found.signals.u, plain.signals.u, rtol=1e-7, atol=1e-9)
+
+
+def test_steps_that_follow_the_motion_need_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    run, t = scene(pf.load("race_r1"), ()), np.linspace(0.0, 0.01, 11)
+    run.resolved(t, 1e-2)  # leaves spare arrays
+    monkeypatch.setenv("PINFLEX_KERNEL", "0")
+    with pytest.raises(PinflexError, match="plain steps"):
+        run.resolved(t, 1e-2)
 
 
 @pytest.mark.parametrize("name", ["race_r2", "ur5", "driven ur5", "friction", "cassie"])
