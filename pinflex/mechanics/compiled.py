@@ -126,6 +126,10 @@ class Compiled:
         given = Y, V, A, lam, self.scale(t), self._nodes(joints)
         return JointForces(*self.evaluator.forces(*given))
 
+    def has(self, joints: Sequence[int]) -> bool:
+        """Whether joints are nodes of the kernel's tree; stations at its leaves are none."""
+        return bool(np.all(self._node_of[np.asarray(joints, dtype=np.intp)] >= 0))
+
     def _nodes(self, joints: Sequence[int]) -> IntArray:
         """Nodes of joints that outputs look at; -1: the base."""
         wanted = np.asarray(joints, dtype=np.intp)

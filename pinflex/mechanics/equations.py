@@ -220,7 +220,7 @@ class Equations:
         def some(Y: Array, V: Array, A: Array, given: Array, t: Array) -> JointForces:
             return self.reference.joint_forces(Y, V, A, given, t, joints)
 
-        if self.compiled is not None:
+        if self.compiled is not None and self.compiled.has(joints):
             found = self.compiled.joint_forces(y, v, a, lam, t, joints)
         else:
             found = JointForces(*_in_turn(some, y, v, a, lam, t))

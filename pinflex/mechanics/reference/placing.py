@@ -6,6 +6,7 @@ Jacobians give the twist of a body at the world's origin by the velocity rows th
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -19,8 +20,9 @@ _LARGE = 31  # velocity rows from which a workspace (4 nV^3 numbers) is dear bes
 class Placing:
     """The joints of one model."""
 
-    def __init__(self, model: pin.Model) -> None:
-        self.model = model
+    def __init__(self, model: pin.Model, joints: Iterable[int] = ()) -> None:
+        """`joints`: those at leaves of the tree that are looked at."""
+        self.model, self._joints = model, joints
         self._steps = [
             (joint, int(above), place)
             for joint, above, place in zip(
@@ -34,12 +36,12 @@ class Placing:
         return pin.Data(self.model)
 
     @property
-    def _by_hand(self) -> bool:
+    def _dear(self) -> bool:
         return self.model.nv > _LARGE and "data" not in self.__dict__
 
     def poses(self, Q: Array) -> Array:
         """Poses (n, joints, 12) at Q (n, nQ)."""
-        if self._by_hand:
+        if self._dear:
             return self.jacobians(Q)[0]
         placed = []
         for q in Q:
@@ -50,22 +52,25 @@ class Placing:
     def jacobians(self, Q: Array, joint: int | None = None) -> tuple[Array, Array]:
         """Poses (n, joints, 12) and world Jacobians (n, 6, nV) at Q (n, nQ).
 
-        Of one joint alone poses are read in a tenth of the time; those of the others are NaN.
+        Of one joint alone poses are read in a tenth of the time; those of the others are NaN. So
+        are, at several configurations of a large model, those of stations that carry nothing.
         """
+        if self._dear:
+            return self._bones.jacobians(Q) if len(Q) > 1 else self._step_by_step(Q[0])
         placed, J = [], np.empty((len(Q), 6, self.model.nv))
         for k, q in enumerate(Q):
-            if self._by_hand:
-                here, J[k] = self._step_by_step(q)
-                placed.append(here)
-            else:
-                J[k] = _matrix(pin.computeJointJacobians(self.model, self.data, q))
-                every = self.data.oMi if joint is None else (self.data.oMi[joint],)
-                placed.append([place.np for place in every])
-        if joint is None or self._by_hand:
+            J[k] = _matrix(pin.computeJointJacobians(self.model, self.data, q))
+            every = self.data.oMi if joint is None else (self.data.oMi[joint],)
+            placed.append([place.np for place in every])
+        if joint is None:
             return _twelve(placed), J
         poses = np.full((len(Q), self.model.njoints, 12), np.nan)
         poses[:, joint] = _twelve(placed)[:, 0]
         return poses, J
+
+    @cached_property
+    def _bones(self) -> _Bones:
+        return _Bones(self.model, self._joints)
 
     def jacobian_rates(self, Q: Array, V: Array) -> Array:
         """Rates of the world Jacobians (n, 6, nV) at Q (n, nQ), V (n, nV)."""
@@ -76,8 +81,8 @@ class Placing:
         ]
         return np.array(rates).reshape(len(Q), 6, model.nv)
 
-    def _step_by_step(self, q: Array) -> tuple[list[Array], Array]:
-        """Poses and Jacobian (6, nV) without a workspace."""
+    def _step_by_step(self, q: Array) -> tuple[Array, Array]:
+        """Poses (1, joints, 12) and Jacobian (1, 6, nV) without a workspace."""
         placed, J = [pin.SE3.Identity()], np.zeros((6, self.model.nv))
         for joint, above, place in self._steps:
             data = joint.createData()
@@ -86,7 +91,30 @@ class Placing:
             placed.append(here)
             S = np.asarray(data.S, dtype=float).reshape(6, -1)
             J[:, joint.idx_v : joint.idx_v + joint.nv] = here.action @ S
-        return [place.np for place in placed], J
+        return _twelve([[place.np for place in placed]]), J[None]
+
+
+class _Bones:
+    """A large model without the stations that carry nothing: a small workspace does for it."""
+
+    def __init__(self, model: pin.Model, joints: Iterable[int]) -> None:
+        wanted, self._model, part = set(joints), model, pin.Model()
+        here, q, v = {0: 0}, list[int](), list[int]()
+        for j, joint in enumerate(model.joints):
+            if j and (len(model.children[j]) or j in wanted):
+                above = here[int(model.parents[j])]
+                here[j] = part.addJoint(above, joint, model.jointPlacements[j], model.names[j])
+                q += range(joint.idx_q, joint.idx_q + joint.nq)
+                v += range(joint.idx_v, joint.idx_v + joint.nv)
+        self._q, self._v, self._joints, self._placing = q, v, list(here), Placing(part)
+        self._placing.data  # noqa: B018  (small: no look is dear)
+
+    def jacobians(self, Q: Array) -> tuple[Array, Array]:
+        """As `Placing.jacobians`; columns of what is left out are zero."""
+        poses = np.full((len(Q), self._model.njoints, 12), np.nan)
+        J = np.zeros((len(Q), 6, self._model.nv))
+        poses[:, self._joints], J[:, :, self._v] = self._placing.jacobians(Q[:, self._q])
+        return poses, J
 
 
 def _twelve(placed: list[list[Array]]) -> Array:
