@@ -68,8 +68,7 @@ def march(given: Scene, resolution: float, back: bool = False) -> tuple[Kept, Ru
         return kept[0]
 
     scale = expected(given, END).scale
-    with given.equations() as own:
-        run = given.kept(t, resolution, keeper, 5e-3, scale, judge=own)
+    run = given.kept(t, resolution, keeper, 5e-3, scale, judge=given.equations())
     return kept[0], run
 
 
