@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.integrators.batch import STATE, Batch, States
 from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled_stages import Stages
-from pinflex.integrators.march import CONTROL, STATE, Batch, States
+from pinflex.integrators.march import CONTROL
 from pinflex.kernel.march import Marched, MarchKernel, no_table
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.integrators.march import STATE, Batch, States
+from pinflex.integrators.batch import STATE, Batch, States
 from pinflex.integrators.problem import State
 from pinflex.integrators.run import Run
 from pinflex.mechanics.system import System

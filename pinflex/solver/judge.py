@@ -18,9 +18,10 @@ import numpy as np
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
+from pinflex.integrators.batch import Batch, States
 from pinflex.integrators.corrector import Before, Corrector
 from pinflex.integrators.inside import Inside
-from pinflex.integrators.march import ANEW, Batch, Radau, States
+from pinflex.integrators.march import ANEW, Radau
 from pinflex.integrators.problem import Path, State
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run

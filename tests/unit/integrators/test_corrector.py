@@ -10,8 +10,9 @@ import pytest
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
+from pinflex.integrators.batch import Batch
 from pinflex.integrators.corrector import Before, Corrector
-from pinflex.integrators.march import Batch, Radau
+from pinflex.integrators.march import Radau
 from pinflex.integrators.problem import State
 from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run

@@ -17,9 +17,10 @@ from pinflex.arrays import Array
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import ConvergenceError, PinflexError, RunInterrupted
 from pinflex.integrators import march
+from pinflex.integrators.batch import STATE, Batch
 from pinflex.integrators.collocation import radau
 from pinflex.integrators.compiled_stages import sorts_of
-from pinflex.integrators.march import STATE, Batch, March, Radau
+from pinflex.integrators.march import March, Radau
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.record import Record
 from pinflex.kernel.evaluate import Evaluator
