@@ -48,12 +48,6 @@ class Jet:
         hess = None if self.hess is None else self.hess / factors[..., None, None]
         return Jet(self.value / factors, self.grad / factors[..., None], hess)
 
-    def turned(self, axes: tuple[int, ...]) -> Jet:
-        """The array with its axes in another order."""
-        n = self.value.ndim
-        hess = None if self.hess is None else self.hess.transpose(*axes, n, n + 1)
-        return Jet(self.value.transpose(axes), self.grad.transpose(*axes, n), hess)
-
 
 def constant(value: Any, like: Jet) -> Jet:
     """An array that depends on none of the variables of another one."""

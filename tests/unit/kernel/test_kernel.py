@@ -173,9 +173,8 @@ def test_and_on_a_free_robot_with_springs_and_loads(loads: str, which: str, tmp_
     agrees(*at_home(manifold(tmp_path, loads), which))
 
 
-@needs_kernel
-@pytest.mark.parametrize("seed", range(12))
-def test_and_on_random_trees_with_every_kind_of_closure(seed: int) -> None:
+def closed_anyhow(seed: int) -> tuple[System, Array]:
+    """A random tree with a loop of every kind between random links, and its pose."""
     m, rng = tree(seed).build(), np.random.default_rng(seed)
     links = [link.name for link in m.links]
     loops = []
@@ -187,7 +186,25 @@ def test_and_on_random_trees_with_every_kind_of_closure(seed: int) -> None:
             loops.append(Loop(kind, kind, a, b, z, x, 0.7))
     expansion = m.flexible.expansion
     closed = closures(loops, expansion.frames, expansion.model)
-    agrees(dataclasses.replace(m.flexible, closed=closed), m.undeformed(), STATES, seed)
+    return dataclasses.replace(m.flexible, closed=closed), m.undeformed()
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", range(12))
+def test_and_on_random_trees_with_every_kind_of_closure(seed: int) -> None:
+    agrees(*closed_anyhow(seed), STATES, seed)
+
+
+@needs_kernel
+@pytest.mark.parametrize("first", range(12, 200, 47))
+def test_and_the_residuals_of_two_hundred_of_them(first: int) -> None:
+    for seed in range(first, first + 47):
+        system, home = closed_anyhow(seed)
+        given = states(system, home, 4, seed)
+        R, C = Compiled(system).residual(*given)
+        r, c = without_kernel(system).residual(*given)
+        assert apart(R, r) < SAME, seed  # seen: 5e-15
+        assert np.max(np.abs(C - c), initial=0.0) < SAME, seed
 
 
 def bare(model: pin.Model) -> System:
