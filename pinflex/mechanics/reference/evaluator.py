@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 # Of the differences along y [rad | m]: the fourth order leaves 1e-13 of a force, as does round-off.
 # A sleeve may stand beside a border of elements, beyond which its rows are other polynomials.
-_STEP, _BESIDE = 1e-3, 2e-5
+_STEP, _BESIDE, _ROUND_OFF = 1e-3, 2e-5, 4e-15
 _POINTS, _WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0])
 
 
@@ -196,13 +196,13 @@ class Reference:
             both = self._moving(
                 np.tile(y, (2, 1)), v + np.outer([1.0, -1.0], e), np.tile(a, (2, 1)), fixed
             )
-            C[:, k] += 0.5 * (both[0] - both[1])
+            C[:, k] += _slope(both, np.array([0.5, -0.5]), 1.0)
             Y = np.array([s.integrate(y, h * e) for h in step[k] * _POINTS])
             r = (
                 self._moving(Y, np.tile(v, (4, 1)), np.tile(a, (4, 1)), fixed)
                 - lam @ self.close(Y).J
             )
-            K[:, k] += _WEIGHTS @ r / (12.0 * step[k])
+            K[:, k] += _slope(r, _WEIGHTS / 12.0, step[k])
         return Tangent(self.mass(y), C, K, self.close(y[None]).J[0])
 
     # Motions, forces, energies ---------------------------------------------------------------
@@ -282,6 +282,13 @@ class Reference:
         for _, load in self._loads(here.Q):
             K += load.stiffness(here.times_map)
         return K
+
+
+def _slope(r: Array, weights: Array, step: float) -> Array:
+    """A difference of forces (points, nv) over a step; what is round-off of them is none."""
+    found = weights @ r
+    found[np.abs(found) < _ROUND_OFF * np.max(np.abs(r), initial=0.0)] = 0.0
+    return np.asarray(found / step)
 
 
 def _states(here: Configuration) -> Iterator[tuple[Array, Array, Array]]:
