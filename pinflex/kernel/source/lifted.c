@@ -14,6 +14,20 @@ void lift(const Tables *t, const Tangent *w, Int node, double *out) {
   }
 }
 
+void lift_speeds(const Tables *t, const Tangent *w, Int node, double *out) {
+  memset(out, 0, 6 * t->nv * sizeof(double));
+  for (; node >= 0; node = t->parent[node]) {
+    Int block = t->node_block[node], n = columns_of(t, block);
+    for (Int j = t->node_v[node]; j < t->node_v[node] + width(t->kind[node]); j++)
+      for (int d = 0; d < 6; d++) {
+        const double *x = w->x + t->x_at[j], *dx = w->dx + t->x_at[j];
+        double *to = out + d * t->nv + t->block_at[block];
+        double S = w->column[j].S[d], Y = w->column[j].Y[d];
+        for (Int k = 0; k < n; k++) to[k] += Y * x[k] + S * dx[k];
+      }
+  }
+}
+
 void add_transposed(Int nv, const double *J, const double *P, double sign, double *K) {
   const double *p = P, *q = P + nv, *r = P + 2 * nv, *s = P + 3 * nv, *u = P + 4 * nv, *v = P + 5 * nv;
   for (Int i = 0; i < nv; i++) {

@@ -5,11 +5,16 @@
    s = u . e the stretch and f = T / |d| (k where a spring of no length has its ends together), the
    force on a changes by
 
-     u (k - f) s + f (e + d x w_a),   and by the rates: u (c s)
+     u ((k - f) s + c g) + f (e + d x w_a),   and by the rates: u (c s)
 
-   where w_a is the turn of the body, which carries the force along; on b likewise, and opposite.
-   The change of a damper's direction with its speed is left out (zero at rest). */
+   where w_a is the turn of the body, which carries the force along; on b likewise, and opposite. Of
+   a damper, whose ends part by q = v_b - v_a, the speed u . q changes with the coordinates by
+
+     g = u . q' + (e - u s) . q / |d|,     v' = V + W x p + w x v
+
+   of a point at p, with V, W by which its body's speeds accelerate it (V in path.c) and its turn w. */
 #include "tangent.h"
+#include <string.h>
 
 static const Frozen *body(const Tangent *w, Int node) {
   return node < 0 ? &w->base : w->frozen + node;
@@ -42,8 +47,8 @@ static void point_column(Int nv, const double *J, const double *p, Int j, double
 
 /* K and C of one end, whose body has Jacobian J: sign is 1 for a, -1 for b. */
 static void spring_end(const Tables *t, const double *J, const double *p, const double *d,
-                       const double *u, const double *e, double per_length, const double *law,
-                       double sign, double *pushed, double *C, double *K) {
+                       const double *u, const double *e, const double *faster, double per_length,
+                       const double *law, double sign, double *pushed, double *C, double *K) {
   Int nv = t->nv;
   for (int rates = 0; rates < 2; rates++) {
     for (Int j = 0; j < nv; j++) {
@@ -53,7 +58,9 @@ static void spring_end(const Tables *t, const double *J, const double *p, const 
       crossed(d, turn, own);
       for (int i = 0; i < 3; i++) {
         if (rates) line[i] = u[i] * law[1] * stretch;
-        else line[i] = u[i] * (law[0] - per_length) * stretch + per_length * (column[i] + own[i]);
+        else
+          line[i] = u[i] * ((law[0] - per_length) * stretch + law[1] * faster[j])
+                    + per_length * (column[i] + own[i]);
         pushed[i * nv + j] = line[i];
       }
       crossed(p, line, own);
@@ -63,9 +70,48 @@ static void spring_end(const Tables *t, const double *J, const double *p, const 
   }
 }
 
+/* Velocity of a point that moves with a body. */
+static void point_speed(const Frozen *n, const double *p, double *v) {
+  crossed(n->v + 3, p, v);
+  for (int d = 0; d < 3; d++) v[d] += n->v[d];
+}
+
+/* faster += sign u . v' of one end, at p, whose body has Jacobian J. */
+static void add_faster(const Tables *t, Tangent *w, Int node, const double *J, const double *p,
+                       const double *u, double sign, double *room, double *faster) {
+  Int nv = t->nv;
+  double v[3], moved[3], swept[3];
+  point_speed(body(w, node), p, v);
+  lift_speeds(t, w, node, room);
+  for (Int j = 0; j < nv; j++) {
+    double turn[3] = {J[3 * nv + j], J[4 * nv + j], J[5 * nv + j]};
+    point_column(nv, room, p, j, moved);
+    crossed(turn, v, swept);
+    for (int d = 0; d < 3; d++) faster[j] += sign * u[d] * (moved[d] + swept[d]);
+  }
+}
+
+/* Rate of a spring's length, and g: what the coordinates change of it. */
+static double parting(const Tables *t, Tangent *w, Int k, const double *a, const double *b,
+                      const double *u, double length, const double *J_a, const double *J_b,
+                      const double *e, double *room, double *faster) {
+  Int nv = t->nv;
+  double from[3], q[3], rate;
+  point_speed(body(w, t->spring_a[k]), a, from);
+  point_speed(body(w, t->spring_b[k]), b, q);
+  for (int d = 0; d < 3; d++) q[d] -= from[d];
+  rate = times(u, q, 3);
+  add_faster(t, w, t->spring_a[k], J_a, a, u, -1.0, room, faster);
+  add_faster(t, w, t->spring_b[k], J_b, b, u, 1.0, room, faster);
+  for (Int j = 0; j < nv; j++)
+    for (int d = 0; d < 3; d++) faster[j] += (q[d] - rate * u[d]) * e[d * nv + j] / length;
+  return rate;
+}
+
 static void spring(const Tables *t, Tangent *w, Int k, double *C, double *K) {
   Int nv = t->nv, size = 6 * nv;
-  double *J_a = w->lifted, *J_b = J_a + size, *e = J_b + size, *pushed = e + size;
+  double *J_a = w->lifted, *J_b = J_a + size, *e = J_b + size, *faster = e + 3 * nv;
+  double *pushed = e + size, pull = 0.0;
   const double *law = t->spring_law + 3 * k;
   double a[3], b[3], d[3], u[3], from[3], to[3];
   point_at(body(w, t->spring_a[k]), t->spring_place_a + 3 * k, a);
@@ -74,15 +120,18 @@ static void spring(const Tables *t, Tangent *w, Int k, double *C, double *K) {
   lift(t, w, t->spring_b[k], J_b);
   for (int i = 0; i < 3; i++) d[i] = b[i] - a[i];
   double length = sqrt(times(d, d, 3));
-  double per_length = length > 0.0 ? law[0] * (length - law[2]) / length : law[0];
   for (int i = 0; i < 3; i++) u[i] = d[i] / fmax(length, 1e-300);
   for (Int j = 0; j < nv; j++) {
     point_column(nv, J_a, a, j, from);
     point_column(nv, J_b, b, j, to);
     for (int i = 0; i < 3; i++) e[i * nv + j] = to[i] - from[i];
   }
-  spring_end(t, J_a, a, d, u, e, per_length, law, 1.0, pushed, C, K);
-  spring_end(t, J_b, b, d, u, e, per_length, law, -1.0, pushed, C, K);
+  memset(faster, 0, nv * sizeof(double));
+  if (law[1] != 0.0 && length > 0.0)
+    pull = law[1] * parting(t, w, k, a, b, u, length, J_a, J_b, e, pushed, faster);
+  double per_length = length > 0.0 ? (law[0] * (length - law[2]) + pull) / length : law[0];
+  spring_end(t, J_a, a, d, u, e, faster, per_length, law, 1.0, pushed, C, K);
+  spring_end(t, J_b, b, d, u, e, faster, per_length, law, -1.0, pushed, C, K);
 }
 
 void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, double *K) {

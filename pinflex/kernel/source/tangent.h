@@ -43,6 +43,7 @@ static inline Int width(Int kind) { return (Int[]){1, 1, 1, 3, 3, 6, 3}[kind]; }
 
 /* lifted.c: columns of a node's support times the map, (6, nv); and K += sign J' S D, J' P */
 void lift(const Tables *t, const Tangent *w, Int node, double *out);
+void lift_speeds(const Tables *t, const Tangent *w, Int node, double *out); /* sum Y_j x_j + S_j x_j' */
 void add_product(Int nv, const double *J, const double *S, const double *D, double sign,
                  double *pushed, double *K);
 void add_transposed(Int nv, const double *J, const double *P, double sign, double *K);
