@@ -3,7 +3,7 @@
      kinetic   m c'.c' / 2 + w.(I w) / 2 of nodes, c' = v + w x c;   m s'.s' / 2 of mass points;
                I (w.n + c')^2 / 2 of twists;   V armature V / 2;   v' M v / 2 of added masses
      gravity   - m g . x of centres and points in the world
-     elastic   eta' K eta / 2, and what large bends add (curvature.c)
+     elastic   eta' K eta / 2, and what large bends add (strain.c)
      spring    k (q - rest)^2 / 2 of joints, and springs and loads at frames (loads.c) */
 #include "group.h"
 
@@ -65,16 +65,6 @@ static Lane of_added(const Tables *t, Work *w) {
   return kinetic;
 }
 
-static Lane elastic(const Tables *t, const Lane *eta) {
-  Lane energy = curvature_energy(t, eta);
-  for (Int i = 0; i < t->nv - t->nv_rigid; i++) {
-    Lane force = lane(0);
-    for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) force += t->k[p] * eta[t->k_j[p]];
-    energy += 0.5 * eta[i] * force;
-  }
-  return energy;
-}
-
 static Lane sprung(const Tables *t, Work *w, const Lane *y, const Lane *scale) {
   Lane energy = load_energy(t, w, scale);
   for (Int k = 0; k < t->joint_springs; k++) {
@@ -107,7 +97,7 @@ EXPORT void pinflex_energies(const Tables *t, char *memory, Int count, const dou
     nodes(t, &w, &kinetic, &gravity);
     points(t, &w, &kinetic, &gravity);
     each[0] = kinetic, each[1] = gravity;
-    each[2] = elastic(t, w.eta), each[3] = sprung(t, &w, g.y, g.scale);
+    each[2] = strain_energy(t, w.eta), each[3] = sprung(t, &w, g.y, g.scale);
     for (int k = 0; k < 4; k++) scatter(each + k, count, 1, first, out + k * count);
   }
 }

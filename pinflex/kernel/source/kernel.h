@@ -42,7 +42,7 @@ typedef struct {
   const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
   const Int *couple_row, *couple_at, *couple_q, *couple_v; /* couplings of joints */
   const Int *added_node;
-  const Int *bent_first, *bent_n, *bent_directions, *bent_at, *bent_point; /* curvature.c */
+  const Int *bent_first, *bent_n, *bent_directions, *bent_at, *bent_point; /* strain.c */
   const Int *force_node, *force_follows;                   /* loads */
   const Int *spring_a, *spring_b;                          /* springs between frames */
   const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
@@ -114,10 +114,12 @@ void apply_loads(const Tables *t, Work *w, const Lane *scale);
 Lane damper_power(const Tables *t, Work *w); /* of dampers between frames, W */
 Lane load_energy(const Tables *t, Work *w, const Lane *scale); /* of springs and dead forces, J */
 
-/* added_mass.c: of nodes whose motion is known; curvature.c */
+/* added_mass.c: of nodes whose motion is known */
 void add_masses(const Tables *t, Work *w);
-void add_curvature(const Tables *t, const Lane *eta, Lane *r);
-Lane curvature_energy(const Tables *t, const Lane *eta); /* J */
+
+/* strain.c: what links resist, and their energy, J */
+void add_strain(const Tables *t, const Lane *eta, Lane *r);
+Lane strain_energy(const Tables *t, const Lane *eta);
 
 /* couplings.c: the same rows and derivatives of joints that follow others */
 void couple_joints(const Tables *t, Work *w, const Lane *lam, Lane *c);

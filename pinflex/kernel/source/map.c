@@ -166,13 +166,7 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
     }
   }
   project_squares(t, w, r_eta);
-  /* Stiff forces come last, in one sum: small ones would each be rounded to their digits. */
-  for (Int i = 0; i < t->nv - t->nv_rigid; i++) {
-    Lane sum = lane(0);
-    for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) sum += t->k[p] * eta[t->k_j[p]];
-    r_eta[i] += sum;
-  }
-  add_curvature(t, eta, r_eta);
+  add_strain(t, eta, r_eta); /* stiff forces come last */
   for (Int i = 0; i < t->nv; i++)
     for (Int p = t->d_at[i]; p < t->d_at[i + 1]; p++) r[i] += t->d[p] * v[t->d_j[p]];
   for (Int k = 0; k < t->joint_springs; k++) {

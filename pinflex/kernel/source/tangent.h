@@ -72,7 +72,7 @@ void put_paths(const Tables *t, const Path *w, double *M, double *C, double *K);
 /* point_tangent.c: what mass points need, which their nodes carry */
 void point_tangent(const Tables *t, const Work *lanes, Tangent *w);
 
-/* added_mass.c, curvature.c */
+/* added_mass.c, strain.c */
 void added_tangent(const Tables *t, Tangent *w);
 void curvature_tangent(const Tables *t, const Lane *eta, double *u, double *K);
 

@@ -1,4 +1,5 @@
-/* Energy of bends that are not small, fourth order in eta (pinflex/bodies/curvature.py):
+/* Elastic potential of links, eta' K eta / 2 and that of bends that are not small, which is of fourth
+   order in eta (pinflex/bodies/curvature.py):
 
      V = 1/2 sum_p k_p m_p^2,   m = v' v'' + w' w''  at the points p of a body,  v' = slope eta, v'' = bend eta
      dV/deta = sum_p k m u,   d2V/deta2 = sum_p k (u u' + m (slope bend' + bend slope')),   u = dm/deta
@@ -16,7 +17,7 @@ static void bends(Int n, Int directions, const double *slope, const double *bend
   }
 }
 
-Lane curvature_energy(const Tables *t, const Lane *eta) {
+static Lane curvature_energy(const Tables *t, const Lane *eta) {
   Lane energy = lane(0);
   for (Int b = 0; b < t->bent; b++) {
     Int n = t->bent_n[b], directions = t->bent_directions[b], at = t->bent_at[b];
@@ -30,7 +31,7 @@ Lane curvature_energy(const Tables *t, const Lane *eta) {
   return energy;
 }
 
-void add_curvature(const Tables *t, const Lane *eta, Lane *r) {
+static void add_curvature(const Tables *t, const Lane *eta, Lane *r) {
   for (Int b = 0; b < t->bent; b++) {
     Int n = t->bent_n[b], directions = t->bent_directions[b];
     const double *slope = t->bent_slope + t->bent_at[b], *bend = t->bent_bend + t->bent_at[b];
@@ -46,6 +47,24 @@ void add_curvature(const Tables *t, const Lane *eta, Lane *r) {
       slope += directions * n, bend += directions * n;
     }
   }
+}
+
+/* Row i of K eta. Stiff forces are one sum: small ones would each be rounded to their digits. */
+static Lane resistance(const Tables *t, const Lane *eta, Int i) {
+  Lane sum = lane(0);
+  for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) sum += t->k[p] * eta[t->k_j[p]];
+  return sum;
+}
+
+void add_strain(const Tables *t, const Lane *eta, Lane *r) {
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++) r[i] += resistance(t, eta, i);
+  add_curvature(t, eta, r);
+}
+
+Lane strain_energy(const Tables *t, const Lane *eta) {
+  Lane energy = curvature_energy(t, eta);
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++) energy += 0.5 * eta[i] * resistance(t, eta, i);
+  return energy;
 }
 
 /* K (nv, nv) from its row and column of the first elastic coordinate on; u: room for nv. */
