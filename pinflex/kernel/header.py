@@ -15,15 +15,20 @@ from pinflex.kernel.build import SOURCE
 
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _STRUCTURE = re.compile(r"typedef struct \{([^}]*)\} (\w+);")
+_ARRAYS = re.compile(r"const (\w+) ([^;]*);\s*/\* \[([^\]]*)\]")  # with their shape behind them
 _ENUMERATION = re.compile(r"enum \{([^}]*)\};")  # begins with a word: found quickly
 _FUNCTION = re.compile(r"^EXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]", re.MULTILINE)
 _SCALARS = {"Int": ctypes.c_int64, "int": ctypes.c_int, "double": ctypes.c_double}
 
 
 @cache
+def _commented() -> str:
+    return "\n".join(path.read_text("utf-8") for path in sorted(SOURCE.glob("*.[ch]")))
+
+
+@cache
 def _text() -> str:
-    texts = (path.read_text("utf-8") for path in sorted(SOURCE.glob("*.[ch]")))
-    return _COMMENT.sub("", "\n".join(texts))
+    return _COMMENT.sub("", _commented())
 
 
 @cache
@@ -55,6 +60,21 @@ def names(of: str, kind: type) -> tuple[str, ...]:
     """
     fields: list[tuple[str, Any]] = structure(of)._fields_  # type: ignore[assignment]
     return tuple(name for name, type_ in fields if type_ is kind)
+
+
+def shapes(of: str, kind: str) -> dict[str, tuple[str | int, ...]]:
+    """Shapes of the arrays of a structure of one kind, from the brackets behind them.
+
+    Args:
+        of: The structure. kind: Int or double.
+    """
+    body = _commented().partition(f"}} {of};")[0].rpartition("typedef struct {")[2]
+    return {
+        name.strip().lstrip("*"): tuple(int(n) if n.isdecimal() else n for n in shape.split(", "))
+        for each, names, shape in _ARRAYS.findall(body)
+        if each == kind
+        for name in names.split(",")
+    }
 
 
 @cache

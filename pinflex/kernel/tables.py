@@ -1,6 +1,6 @@
 """Flat tables of one system, as the C code reads them: sizes and types checked here, once.
 
-The fields are those of `Tables` in source/kernel.h, which says what they hold.
+The fields and their shapes are those of `Tables` in source/kernel.h, which says what they hold.
 """
 
 from __future__ import annotations
@@ -13,98 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pinflex.errors import PinflexError
-from pinflex.kernel.header import constant, names, structure
+from pinflex.kernel.header import constant, names, shapes, structure
 
 _Tables = structure("Tables")
 COUNTS = names("Tables", ctypes.c_int64)
 # Each array with its shape; "name+1" starts of rows, whose last entry counts what "*name" holds.
-INTEGERS = {
-    "q_at": ("nq_rigid",),
-    "v_at": ("nv_rigid",),
-    **dict.fromkeys(("parent", "kind", "node_q", "node_v"), ("nodes",)),
-    **dict.fromkeys(("point_node", "point_q", "point_v"), ("points",)),
-    **dict.fromkeys(("twist_node", "twist_q", "twist_v"), ("twists",)),
-    **dict.fromkeys(("row_q", "row_v"), ("rows",)),
-    "phi_at": ("rows+1",),
-    "phi_i": ("*phi_at",),
-    "g_at": ("rows+1",),
-    **dict.fromkeys(("g_i", "g_j"), ("*g_at",)),
-    "x_at": ("nV+1",),
-    "block_of": ("nV",),
-    "block_at": ("blocks+1",),
-    **dict.fromkeys(("block_above", "block_depth"), ("blocks",)),
-    "node_block": ("nodes",),
-    **dict.fromkeys(("node_a", "node_b"), ("loops",)),
-    "loop_at": ("loops+1",),
-    **dict.fromkeys(("row_kind", "row_number", "row_a", "row_b"), ("*loop_at",)),
-    "couple_row": ("couplings",),
-    "couple_at": ("couplings+1",),
-    **dict.fromkeys(("couple_q", "couple_v"), ("*couple_at",)),
-    "added_node": ("added",),
-    **dict.fromkeys(("bent_first", "bent_n", "bent_directions"), ("bent",)),
-    **dict.fromkeys(("bent_at", "bent_point"), ("bent+1",)),
-    **dict.fromkeys(("force_node", "force_follows"), ("forces",)),
-    **dict.fromkeys(("spring_a", "spring_b"), ("springs",)),
-    **dict.fromkeys(
-        ("joint_spring_v", "joint_spring_q", "joint_spring_paired"), ("joint_springs",)
-    ),
-    "rub_v": ("rubs",),
-    "k_at": ("n_eta+1",),
-    "k_j": ("*k_at",),
-    "d_at": ("nv+1",),
-    "d_j": ("*d_at",),
-    **dict.fromkeys(("sleeve_node", "sleeve_loop", "sleeve_passes"), ("sleeves",)),
-    "sleeve_at": ("sleeves+1",),
-    **dict.fromkeys(("sleeve_row", "sleeve_sort", "sleeve_axis"), ("*sleeve_at",)),
-    "stretch_at": ("sleeves+1",),
-    **dict.fromkeys(("stretch_node", "stretch_eta", "stretch_track"), ("*stretch_at",)),
-    **dict.fromkeys(("track_n", "track_degrees"), ("tracks",)),
-    "entry_at": ("tracks+1",),
-    **dict.fromkeys(("entry_row", "entry_i", "entry_j"), ("*entry_at",)),
-    **dict.fromkeys(("piece_at", "power_at"), ("tracks+1",)),
-    **dict.fromkeys(("g_rest", "sum_from"), ("rows",)),
-    "sum_at": ("rows+1",),
-    "square_at": ("squares+1",),
-    "square_eta": ("squares",),
-}
-NUMBERS = {
-    "gravity": (3,),
-    "R0": ("nodes", 9),
-    **dict.fromkeys(("p0", "axis"), ("nodes", 3)),
-    "mass": ("nodes",),
-    "com": ("nodes", 3),
-    "inertia": ("nodes", 9),
-    "point_R": ("points", 9),
-    "point_p": ("points", 3),
-    "point_mass": ("points",),
-    "twist_axis": ("twists", 3),
-    "twist_inertia": ("twists",),
-    "phi": ("*phi_at",),
-    "g": ("*g_at",),
-    **dict.fromkeys(("frame_a", "frame_b"), ("loops", 12)),
-    "row_length": ("*loop_at",),
-    "couple_factor": ("*couple_at",),
-    "couple_offset": ("couplings",),
-    "added_inertia": ("added", 36),
-    **dict.fromkeys(("bent_slope", "bent_bend"), ("*bent_at",)),
-    "bent_weight": ("*bent_point",),
-    "force_place": ("forces", 3),
-    "force_load": ("forces", 6),
-    **dict.fromkeys(("spring_place_a", "spring_place_b", "spring_law"), ("springs", 3)),
-    "joint_spring_law": ("joint_springs", 2),
-    "rub_law": ("rubs", 4),
-    "k": ("*k_at",),
-    "d": ("*d_at",),
-    "armature": ("nV",),
-    "sleeve_frame": ("sleeves", 12),
-    "sleeve_half": ("sleeves",),
-    "stretch_frame": ("*stretch_at", 12),
-    **dict.fromkeys(("stretch_length", "stretch_from"), ("*stretch_at",)),
-    **dict.fromkeys(("piece_start", "piece_half"), ("*piece_at",)),
-    "power": ("*power_at",),
-    "sum": ("*sum_at",),
-    "square": ("*square_at",),
-}
+INTEGERS, NUMBERS = shapes("Tables", "Int"), shapes("Tables", "double")
 # Arrays of indices, and what they point into.
 _INTO: dict[str, str | int] = {
     "q_at": "nQ", "v_at": "nV", "parent": "nodes", "node_q": "nQ", "node_v": "nV",

@@ -20,6 +20,8 @@ enum { REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR };
 /* Kinds of closure rows. */
 enum { POINT, DIRECTION, DISTANCE };
 
+/* Counts, then arrays: each with its shape in brackets, which Python reads there. "name+1": starts of
+   rows, whose last entry counts what "*name" has; n_eta = nv - nv_rigid. */
 typedef struct {
   Int nq, nv, nq_rigid, nv_rigid, nQ, nV; /* y, v, their rigid parts, the expanded Q and V */
   Int nodes, points, twists, rows;        /* of the tree; elastic rows of the map */
@@ -29,50 +31,87 @@ typedef struct {
   Int couplings, added, bent;             /* joints that follow; added masses; large bends */
   Int sleeves, tracks;                    /* on beams; motions of sections along a beam */
   Int squares;                            /* psi . eta, squared: rows of G as sums of them */
-  const Int *q_at, *v_at;                                  /* of rigid q, v in Q, V */
-  const Int *parent, *kind, *node_q, *node_v;              /* nodes */
-  const Int *point_node, *point_q, *point_v;               /* mass points */
-  const Int *twist_node, *twist_q, *twist_v;               /* twists */
-  const Int *row_q, *row_v, *phi_at, *phi_i;               /* elastic rows: Phi by rows */
-  const Int *g_at, *g_i, *g_j;                             /* G, upper triangle by rows */
-  const Int *x_at, *block_of, *block_at;                   /* rows of X in lanes, their blocks of columns */
-  const Int *block_above, *block_depth;                    /* next on the path to the base; columns there */
-  const Int *node_block;                                   /* the last one on the path of a node */
-  const Int *node_a, *node_b, *loop_at;                    /* loops: their rows follow each other */
-  const Int *row_kind, *row_number, *row_a, *row_b;        /* closure rows */
-  const Int *couple_row, *couple_at, *couple_q, *couple_v; /* couplings of joints */
-  const Int *added_node;
-  const Int *bent_first, *bent_n, *bent_directions, *bent_at, *bent_point; /* strain.c */
-  const Int *force_node, *force_follows;                   /* loads */
-  const Int *spring_a, *spring_b;                          /* springs between frames */
-  const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired;
-  const Int *rub_v;                                        /* joints with dry friction */
-  const Int *k_at, *k_j, *d_at, *d_j;                      /* K of eta and D by rows */
-  const Int *sleeve_node, *sleeve_loop, *sleeve_passes;    /* of b; whether stretches follow it */
-  const Int *sleeve_at, *sleeve_row, *sleeve_sort, *sleeve_axis; /* rows, see sleeve_rows.c */
-  const Int *stretch_at, *stretch_node, *stretch_eta, *stretch_track; /* pieces of their beams */
-  const Int *track_n, *track_degrees;                      /* coordinates; degree + 1 */
-  const Int *entry_at, *entry_row, *entry_i, *entry_j;     /* of Phi (j = -1) and G, see track.c */
-  const Int *piece_at, *power_at;
-  const Int *g_rest, *sum_from, *sum_at;                   /* products up to g_rest, then a sum */
-  const Int *square_at, *square_eta;                       /* psi, from the coordinate square_eta */
-  const double *gravity;
-  const double *R0, *p0, *axis, *mass, *com, *inertia;     /* nodes */
-  const double *point_R, *point_p, *point_mass;
-  const double *twist_axis, *twist_inertia;
-  const double *phi, *g;
-  const double *frame_a, *frame_b, *row_length;            /* [R | p] of loops, (3, 4) */
-  const double *couple_factor, *couple_offset;
-  const double *added_inertia, *bent_slope, *bent_bend, *bent_weight;
-  const double *force_place, *force_load;                  /* place (3,), then R F, R M or F, M */
-  const double *spring_place_a, *spring_place_b, *spring_law; /* stiffness, damper, length */
-  const double *joint_spring_law;                          /* stiffness, rest */
-  const double *rub_law;                                   /* F_c, E, v_s, v_0 */
-  const double *k, *d, *armature;
-  const double *sleeve_frame, *sleeve_half;                /* [R | p] of b, (3, 4); a, m */
-  const double *stretch_frame, *stretch_length, *stretch_from; /* root, (3, 4); m; on the link, m */
-  const double *piece_start, *piece_half, *power;          /* m; (pieces, degree + 1, entries) */
-  const double *sum, *square;
+  const Int *q_at;                                       /* [nq_rigid] of rigid q in Q */
+  const Int *v_at;                                       /* [nv_rigid] of rigid v in V */
+  const Int *parent, *kind, *node_q, *node_v;            /* [nodes] */
+  const Int *point_node, *point_q, *point_v;             /* [points] */
+  const Int *twist_node, *twist_q, *twist_v;             /* [twists] */
+  const Int *row_q, *row_v;                              /* [rows] elastic rows */
+  const Int *phi_at;                                     /* [rows+1] */
+  const Int *phi_i;                                      /* [*phi_at] Phi by rows */
+  const Int *g_at;                                       /* [rows+1] */
+  const Int *g_i, *g_j;                                  /* [*g_at] G, upper triangle by rows */
+  const Int *x_at;                                       /* [nV+1] rows of X in lanes */
+  const Int *block_of;                                   /* [nV] their blocks of columns */
+  const Int *block_at;                                   /* [blocks+1] */
+  const Int *block_above, *block_depth;                  /* [blocks] next on the path to the base; columns there */
+  const Int *node_block;                                 /* [nodes] the last one on the path of a node */
+  const Int *node_a, *node_b;                            /* [loops] loops */
+  const Int *loop_at;                                    /* [loops+1] their rows follow each other */
+  const Int *row_kind, *row_number, *row_a, *row_b;      /* [*loop_at] closure rows */
+  const Int *couple_row;                                 /* [couplings] couplings of joints */
+  const Int *couple_at;                                  /* [couplings+1] */
+  const Int *couple_q, *couple_v;                        /* [*couple_at] */
+  const Int *added_node;                                 /* [added] */
+  const Int *bent_first, *bent_n, *bent_directions;      /* [bent] strain.c */
+  const Int *bent_at, *bent_point;                       /* [bent+1] */
+  const Int *force_node, *force_follows;                 /* [forces] loads */
+  const Int *spring_a, *spring_b;                        /* [springs] springs between frames */
+  const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired; /* [joint_springs] */
+  const Int *rub_v;                                      /* [rubs] joints with dry friction */
+  const Int *k_at;                                       /* [n_eta+1] */
+  const Int *k_j;                                        /* [*k_at] K of eta by rows */
+  const Int *d_at;                                       /* [nv+1] */
+  const Int *d_j;                                        /* [*d_at] D by rows */
+  const Int *sleeve_node, *sleeve_loop, *sleeve_passes;  /* [sleeves] of b; whether stretches follow it */
+  const Int *sleeve_at;                                  /* [sleeves+1] rows, see sleeve_rows.c */
+  const Int *sleeve_row, *sleeve_sort, *sleeve_axis;     /* [*sleeve_at] */
+  const Int *stretch_at;                                 /* [sleeves+1] */
+  const Int *stretch_node, *stretch_eta, *stretch_track; /* [*stretch_at] pieces of their beams */
+  const Int *track_n, *track_degrees;                    /* [tracks] coordinates; degree + 1 */
+  const Int *entry_at;                                   /* [tracks+1] */
+  const Int *entry_row, *entry_i, *entry_j;              /* [*entry_at] of Phi (j = -1) and G, see track.c */
+  const Int *piece_at, *power_at;                        /* [tracks+1] */
+  const Int *g_rest, *sum_from;                          /* [rows] products up to g_rest, then a sum */
+  const Int *sum_at;                                     /* [rows+1] */
+  const Int *square_at;                                  /* [squares+1] */
+  const Int *square_eta;                                 /* [squares] first coordinate of each psi */
+  const double *gravity;                                 /* [3] */
+  const double *R0;                                      /* [nodes, 9] */
+  const double *p0, *axis;                               /* [nodes, 3] */
+  const double *mass;                                    /* [nodes] */
+  const double *com;                                     /* [nodes, 3] */
+  const double *inertia;                                 /* [nodes, 9] */
+  const double *point_R;                                 /* [points, 9] */
+  const double *point_p;                                 /* [points, 3] */
+  const double *point_mass;                              /* [points] */
+  const double *twist_axis;                              /* [twists, 3] */
+  const double *twist_inertia;                           /* [twists] */
+  const double *phi;                                     /* [*phi_at] */
+  const double *g;                                       /* [*g_at] */
+  const double *frame_a, *frame_b;                       /* [loops, 12] [R | p], (3, 4) */
+  const double *row_length;                              /* [*loop_at] */
+  const double *couple_factor;                           /* [*couple_at] */
+  const double *couple_offset;                           /* [couplings] */
+  const double *added_inertia;                           /* [added, 36] */
+  const double *bent_slope, *bent_bend;                  /* [*bent_at] */
+  const double *bent_weight;                             /* [*bent_point] */
+  const double *force_place;                             /* [forces, 3] */
+  const double *force_load;                              /* [forces, 6] R F, R M or F, M */
+  const double *spring_place_a, *spring_place_b, *spring_law; /* [springs, 3] law: stiffness, damper, length */
+  const double *joint_spring_law;                        /* [joint_springs, 2] stiffness, rest */
+  const double *rub_law;                                 /* [rubs, 4] F_c, E, v_s, v_0 */
+  const double *k;                                       /* [*k_at] */
+  const double *d;                                       /* [*d_at] */
+  const double *armature;                                /* [nV] */
+  const double *sleeve_frame;                            /* [sleeves, 12] [R | p] of b, (3, 4) */
+  const double *sleeve_half;                             /* [sleeves] a, m */
+  const double *stretch_frame;                           /* [*stretch_at, 12] root, (3, 4) */
+  const double *stretch_length, *stretch_from;           /* [*stretch_at] m; from: on the link, m */
+  const double *piece_start, *piece_half;                /* [*piece_at] m */
+  const double *power;                                   /* [*power_at] (pieces, degree + 1, entries) */
+  const double *sum;                                     /* [*sum_at] */
+  const double *square;                                  /* [*square_at] psi */
 } Tables;
 
 /* A frame of the tree at one instant. In its own axes: w, alpha rates of turn, a the acceleration
