@@ -10,8 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.basis import FlexibleBody
-from pinflex.bodies.curvature import Curvature
 from pinflex.bodies.family import Family
 from pinflex.bodies.series import Series
 from pinflex.bodies.superelement import Node, Superelement
@@ -34,6 +32,7 @@ from pinflex.mechanics.loads import Loads
 from pinflex.mechanics.sleeve_tables import sleeve_tables
 from pinflex.mechanics.slider import Contact, Segment, Sleeve
 from pinflex.mechanics.squares import square_tables
+from pinflex.mechanics.strain import BODIES, strain_tables
 from pinflex.mechanics.system import Springs, System
 
 REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
@@ -75,10 +74,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (Attachment, "joint placement"),
         (Interface, "x attachment force_rows"),
         (Slot, "link offset body eta root stations twists interfaces"),
-        (FlexibleBody, "n length families slices labels second_order x mass Phi G xt It Phi_t G_t "
-         "rotary inertia Phi_r G_r K M D root_moves solid curvature"),
         (Family, "n names length breaks gauss function shear"),
-        (Curvature, "bend slope weight"),
         (Superelement, "points nodes held inertia_error held_frequencies x Phi G outer "
          "outer_moment corners triangles shapes stress"),
         (Node, "name place Phi G"),
@@ -90,6 +86,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (Segment, "offset length track end eta root"),
         (Track, "n length series row i j shear"),
         (Series, "breaks powers"),
+        *BODIES,
     )
 }  # fmt: skip
 
@@ -159,7 +156,7 @@ def tables(system: System) -> Tables:
         **_loops(closed, node_of), **sleeve_tables(closed, node_of),
         **_couplings(closed.coupled, model),
         "added_node": node_of[list(system.added.joints)], "added_inertia": system.added.inertia,
-        **_curvatures(expansion), **_loads(system.loads, node_of), **_joint_springs(system),
+        **strain_tables(system), **_loads(system.loads, node_of), **_joint_springs(system),
         **_friction(system.friction),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
@@ -361,26 +358,6 @@ def _couplings(coupled: CoupledRows, model: pin.Model) -> dict[str, Any]:
         "couple_row": coupled.rows, "couple_at": entries["couple_at"], "couple_q": at,
         "couple_v": [v_of[int(q)] for q in at], "couple_factor": entries["couple"],
         "couple_offset": coupled.offset,
-    }  # fmt: skip
-
-
-def _curvatures(expansion: Expansion) -> dict[str, Any]:
-    """Rows of slope and bend of links that bend far, point by point."""
-    found = [(slot.eta.start, slot.body.curvature) for slot in expansion.slots]
-    bent = [(first, one) for first, one in found if one is not None]
-    shapes = np.array([one.slope.shape for _, one in bent], dtype=np.intp).reshape(-1, 3)
-
-    def flat(rows: list[Array]) -> Array:
-        return np.concatenate([np.zeros(0), *(x.transpose(1, 0, 2).ravel() for x in rows)])
-
-    return {
-        "bent_first": [first for first, _ in bent], "bent_n": shapes[:, 2],
-        "bent_directions": shapes[:, 0],
-        "bent_at": np.concatenate([[0], np.cumsum(shapes.prod(axis=1))]),
-        "bent_point": np.concatenate([[0], np.cumsum(shapes[:, 1])]),
-        "bent_slope": flat([one.slope for _, one in bent]),
-        "bent_bend": flat([one.bend for _, one in bent]),
-        "bent_weight": np.concatenate([np.zeros(0), *(one.weight for _, one in bent)]),
     }  # fmt: skip
 
 
