@@ -70,6 +70,7 @@ class FlexibleBody:
         root_moves: Whether the section at x = 0 moves in the frame of the beam.
         solid: What a reduced solid has beside; None for a beam.
         curvature: Its energy of fourth order, where `third_order` asks for it.
+        rest: eta at which it is free of stress, shape (n,); None: all zero.
     """
 
     __repr__ = brief
@@ -98,6 +99,7 @@ class FlexibleBody:
     root_moves: bool
     solid: Superelement | None = None
     curvature: Curvature | None = None
+    rest: Array | None = None
 
     @cached_property
     def cut(self) -> Cut:
@@ -211,6 +213,7 @@ def flexible_body(
         # Against the largest along the beam, entry by entry: each has its own unit.
         root_moves=bool(np.any(sections[0] > 1e-9 * sections.max(axis=0))),
         curvature=_curvature(link, families, slices, n),
+        rest=_stretched(link, families, slices, K),
     )
 
 
@@ -268,6 +271,19 @@ def _curvature(
             link=link.link,
         )
     return curvature(families, slices, n, link.material.E * bending[0])
+
+
+def _stretched(
+    link: FlexibleLink, families: Mapping[str, Family], slices: Mapping[str, slice], K: Array
+) -> Array | None:
+    """K^-1 f of a warm link, f = int EA alpha T u' dx: the stretch of a bar that nothing holds."""
+    if not link.temperature:
+        return None
+    u, at, rest = families["u"], slices["u"], np.zeros(len(K))
+    strain = (link.material.thermal_expansion or 0.0) * link.temperature
+    root, tip = u.evaluate(np.array([0.0, u.length])).f
+    rest[at] = np.linalg.solve(K[at, at], link.material.E * link.section.A * strain * (tip - root))
+    return rest
 
 
 def _labels(families: Mapping[str, Family]) -> tuple[str, ...]:

@@ -125,6 +125,7 @@ class FlexibleLink:
         free_shear: With both, shear strains have coordinates of their own, beside those that
             balance the curvatures; `auto` does without, which costs no coordinates.
         segments: Number of flexible bodies the link is cut into.
+        temperature: Above that at which it is free of stress [K]; it stretches then.
         root: Rigid mass at the start.
         tip: Rigid mass at the end.
         rayleigh: Damping alpha M + beta K: (alpha [1/s], beta [s]).
@@ -154,6 +155,7 @@ class FlexibleLink:
     shear: Switch = fields.key("auto", _switch)
     free_shear: bool = True
     segments: int = fields.whole(1, 1)
+    temperature: float = fields.real(0.0, low=-5e3, high=5e3)
     root: EndMass | None = fields.key(None, read_end_mass)
     tip: EndMass | None = fields.key(None, read_end_mass)
     rayleigh: tuple[float, float] = (0.0, 0.0)
@@ -165,8 +167,8 @@ SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
 KEYS = (
     *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
     *SWITCHES,
-    *("rotary_inertia", "second_order", "shear", "segments", "root", "tip", "damping"),
-    *("patches", "third_order", "polyline", "arc"),  # the last two: `description.curved`
+    *("rotary_inertia", "second_order", "shear", "segments", "temperature", "root", "tip"),
+    *("damping", "patches", "third_order", "polyline", "arc"),  # the last two: `description.curved`
 )  # fmt: skip
 
 
@@ -233,7 +235,28 @@ def from_spec(
     cut = section.from_spec(shape, place["section"])
     if "patches" in block:
         values["patches"] = read_patches(block["patches"], place["patches"], made.E, cut)
+    if "temperature" in block:
+        _require_stretch(solid, values.get("axial"), made, place)
+        values["axial"] = True
     return FlexibleLink(link, made, cut, **values)
+
+
+def _require_stretch(
+    solid: bool, axial: Switch | None, made: Material, place: Mapping[str, str]
+) -> None:
+    """A link with a temperature is a beam of known expansion that may stretch."""
+    where = place["temperature"]
+    if solid:
+        raise DescriptionError(f"{where}: only beams take one. Remove it, or make it a beam.")
+    if axial is False:
+        raise DescriptionError(
+            f"{where}: a warm link stretches, and axial: false forbids it. Remove one of them."
+        )
+    if made.thermal_expansion is None:
+        raise DescriptionError(
+            f"{where}: the expansion of {made.name} is not known. Give "
+            f"{place['material']}.thermal_expansion [1/K]."
+        )
 
 
 def basis_from_spec(spec: object, where: str) -> Basis:

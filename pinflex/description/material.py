@@ -23,6 +23,7 @@ class Material:
         name: Name for reports.
         yield_strength: Stress at which it yields or breaks [Pa], None if not known; colours the
             stress in pictures and enters no equation.
+        thermal_expansion: Strain along the beam per temperature [1/K]; None if not known.
     """
 
     __repr__ = brief
@@ -33,41 +34,43 @@ class Material:
     nu: float
     name: str = "custom"
     yield_strength: float | None = None
+    thermal_expansion: float | None = None
 
 
 def _isotropic(
-    name: str, E: float, nu: float, rho: float, yield_strength: float | None
+    name: str, E: float, nu: float, rho: float, yield_strength: float | None, alpha: float | None
 ) -> Material:
-    return Material(E, E / (2 * (1 + nu)), rho, nu, name, yield_strength)
+    return Material(E, E / (2 * (1 + nu)), rho, nu, name, yield_strength, alpha)
 
 
+# Expansion of 7075, 6061, titanium, brass: Callister, Fundamentals of Materials Science, table B.6.
 MATERIALS: dict[str, Material] = {
     material.name: material
     for material in (
         # Structural steel S235: EN 1993-1-1, 3.2.6 and table 3.1; rho from EN 1991-1-1.
-        _isotropic("steel", 2.10e11, 0.30, 7850.0, 2.35e8),
-        # Austenitic 1.4301 (AISI 304): EN 1993-1-4, 2.1.3 and table 2.1; rho from EN 10088-1.
-        _isotropic("stainless_steel", 2.00e11, 0.30, 7900.0, 2.10e8),
+        _isotropic("steel", 2.10e11, 0.30, 7850.0, 2.35e8, 12e-6),
+        # 1.4301 (AISI 304): EN 1993-1-4, 2.1.3 and table 2.1; rho and expansion from EN 10088-1.
+        _isotropic("stainless_steel", 2.00e11, 0.30, 7900.0, 2.10e8, 16e-6),
         # Any wrought alloy: EN 1999-1-1, 3.2.5. Strength depends on the alloy, so none is given.
-        _isotropic("aluminium", 7.0e10, 0.30, 2700.0, None),
+        _isotropic("aluminium", 7.0e10, 0.30, 2700.0, None, 23e-6),
         # 7075-T6: ASM Metals Handbook, vol. 2.
-        _isotropic("aluminium_7075", 7.17e10, 0.33, 2810.0, 5.03e8),
+        _isotropic("aluminium_7075", 7.17e10, 0.33, 2810.0, 5.03e8, 23.4e-6),
         # 6061-T6: ASM Metals Handbook, vol. 2.
-        _isotropic("aluminium_6061", 6.89e10, 0.33, 2700.0, 2.76e8),
+        _isotropic("aluminium_6061", 6.89e10, 0.33, 2700.0, 2.76e8, 23.6e-6),
         # Ti-6Al-4V, annealed: ASM Materials Properties Handbook: Titanium Alloys.
-        _isotropic("titanium", 1.138e11, 0.342, 4430.0, 8.80e8),
+        _isotropic("titanium", 1.138e11, 0.342, 4430.0, 8.80e8, 8.6e-6),
         # Unidirectional AS4/3501-6 along the fibres: Soden, Hinton, Kaddour (1998), table 1; the
         # strength is the compressive one, which is the smaller. Not isotropic: G is its own number.
-        Material(1.26e11, 6.6e9, 1600.0, 0.28, "carbon_epoxy", 1.48e9),
+        Material(1.26e11, 6.6e9, 1600.0, 0.28, "carbon_epoxy", 1.48e9, -1e-6),
         # Free-cutting brass C36000, annealed: ASM Metals Handbook, vol. 2.
-        _isotropic("brass", 9.7e10, 0.31, 8490.0, 1.24e8),
+        _isotropic("brass", 9.7e10, 0.31, 8490.0, 1.24e8, 20.5e-6),
         # Bulk polylactide: Farah, Anderson, Langer (2016). Printed parts are softer and weaker.
-        _isotropic("pla", 3.5e9, 0.36, 1252.0, 7.0e7),
+        _isotropic("pla", 3.5e9, 0.36, 1252.0, 7.0e7, None),
     )
 }
 ALIASES = {"aluminum": "aluminium", "aluminum_7075": "aluminium_7075"}
 ALIASES["aluminum_6061"] = "aluminium_6061"
-KEYS = ("like", "E", "nu", "G", "rho", "yield_strength", "name")
+KEYS = ("like", "E", "nu", "G", "rho", "yield_strength", "thermal_expansion", "name")
 
 
 def named(name: object, where: str = "material") -> Material:
@@ -107,7 +110,9 @@ def from_spec(spec: object, where: str = "material") -> Material:
     if "nu" in block:
         given["nu"] = schema.number(block["nu"], place["nu"], high=0.5, above=-1)
     changes: dict[str, Any] = dict(zip(("E", "nu", "G"), _elastic(given, base, where), strict=True))
-    for key, reader in (("rho", _density), ("yield_strength", positive), ("name", schema.text)):
+    expansion = partial(schema.number, low=-1e-2, high=1e-2)
+    for key, reader in (("rho", _density), ("yield_strength", positive),
+                        ("thermal_expansion", expansion), ("name", schema.text)):  # fmt: skip
         if key in block:
             changes[key] = reader(block[key], place[key])
     return Material(**{"rho": None} | changes) if base is None else replace(base, **changes)

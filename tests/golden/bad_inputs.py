@@ -137,6 +137,9 @@ axial: maybe
 rotary_inertia: 1
 second_order: maybe
 third_order: 2
+temperature: warm
+temperature: 1e9
+temperature: 50, axial: false
 segments: -1
 segments: 2.5
 root: {mass: a}
@@ -163,7 +166,10 @@ SOLIDS = """\
 {kind: matrices, mass: m.mtx}
 {kind: matrices, file: a.npz, size: 1}
 """.splitlines()
-SOLID_LINKS = ("torsion: true", "inertia: urdf", "segments: 2", "section: {shape: circle}")
+SOLID_LINKS = (
+    *("torsion: true", "inertia: urdf", "segments: 2", "section: {shape: circle}"),
+    "temperature: 50",
+)
 SECTIONS = """\
 3
 {}
@@ -198,6 +204,7 @@ unobtainium
 {like: steel, rho: 0}
 {like: steel, rho: pdf}
 {like: steel, yield_strength: -1}
+{like: steel, thermal_expansion: 1}
 {like: steel, name: 3}
 {E: 1e9, nu: 0.3, colour: 1}
 {E: 1e40, nu: 0.3}

@@ -102,6 +102,7 @@ typedef struct {
   const double *joint_spring_law;                        /* [joint_springs, 2] stiffness, rest */
   const double *rub_law;                                 /* [rubs, 4] F_c, E, v_s, v_0 */
   const double *k;                                       /* [*k_at] */
+  const double *rest;                                    /* [n_eta] eta of links free of stress */
   const double *d;                                       /* [*d_at] */
   const double *armature;                                /* [nV] */
   const double *sleeve_frame;                            /* [sleeves, 12] [R | p] of b, (3, 4) */

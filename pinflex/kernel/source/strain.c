@@ -1,5 +1,5 @@
-/* Elastic potential of links, eta' K eta / 2 and that of bends that are not small, which is of fourth
-   order in eta (pinflex/bodies/curvature.py):
+/* Elastic potential of links, e' K e / 2 of e = eta - rest, with rest where they are free of stress,
+   and that of bends that are not small, of fourth order in eta (pinflex/bodies/curvature.py):
 
      V = 1/2 sum_p k_p m_p^2,   m = v' v'' + w' w''  at the points p of a body,  v' = slope eta, v'' = bend eta
      dV/deta = sum_p k m u,   d2V/deta2 = sum_p k (u u' + m (slope bend' + bend slope')),   u = dm/deta
@@ -49,10 +49,13 @@ static void add_curvature(const Tables *t, const Lane *eta, Lane *r) {
   }
 }
 
-/* Row i of K eta. Stiff forces are one sum: small ones would each be rounded to their digits. */
+/* Row i of K (eta - rest). Stiff forces are one sum: small ones would each be rounded to their digits. */
 static Lane resistance(const Tables *t, const Lane *eta, Int i) {
   Lane sum = lane(0);
-  for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) sum += t->k[p] * eta[t->k_j[p]];
+  for (Int p = t->k_at[i]; p < t->k_at[i + 1]; p++) {
+    Int j = t->k_j[p];
+    sum += t->k[p] * (eta[j] - t->rest[j]);
+  }
   return sum;
 }
 
@@ -63,7 +66,8 @@ void add_strain(const Tables *t, const Lane *eta, Lane *r) {
 
 Lane strain_energy(const Tables *t, const Lane *eta) {
   Lane energy = curvature_energy(t, eta);
-  for (Int i = 0; i < t->nv - t->nv_rigid; i++) energy += 0.5 * eta[i] * resistance(t, eta, i);
+  for (Int i = 0; i < t->nv - t->nv_rigid; i++)
+    energy += 0.5 * (eta[i] - t->rest[i]) * resistance(t, eta, i);
   return energy;
 }
 
