@@ -50,6 +50,7 @@ class AlphaKernel:
 
     Attributes:
         at: The C structure: settings, scales and counts. law: A feedback, or None.
+        residual: What a step that failed has left last, shape (nv,); nan where it ran away.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class AlphaKernel:
             "narrow": (size, size), "room": (size,),
         }  # fmt: skip
         self._numbers = Block(shapes, {"predict": given.predict})
+        self.residual = self._numbers.arrays["r"]
         self._integers = Block({"pivot": (size + 1,), "order": (3 * size + 1,)}, {}, np.int64)
         self._stages, self._steps, self._widths, self.law = stages, steps, widths, law
         self._first = tuple(x.ctypes.data for x in self._rows)

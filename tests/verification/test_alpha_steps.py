@@ -103,7 +103,7 @@ def test_a_run_that_diverges_with_elastic_drives_names_what_grew() -> None:
     robot = pf.load("ur5", GEARED)
     march = SimpleNamespace(
         dynamics=SimpleNamespace(system=robot.flexible), h=1e-3,
-        newton=SimpleNamespace(free=robot.flexible.free),
+        problem=SimpleNamespace(free=robot.flexible.free),
     )  # fmt: skip
     r = np.zeros(len(robot.flexible.free))
     r[-1] = 1.0  # the last of all coordinates is a gear's

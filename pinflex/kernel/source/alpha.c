@@ -3,8 +3,8 @@
      [ m M + gamma h C + beta h^2 K    J' ] [  ds  ]     [ r              ]
      [ J                               0  ] [ -dlam] = - [ c / (beta h^2) ],    m = da/ds
 
-   The same as `March` in pinflex/integrators/alpha.py and `Newton` in newton.py, which say more; a
-   step that fails here is left to them. */
+   What fails so is tried from the last acceleration, with the exact tangent in every iteration.
+   pinflex/integrators/plain_alpha.py has the same steps, plainly, and the states they begin from. */
 #include "law.h"
 #include "lu.h"
 #include "march.h"
@@ -57,13 +57,13 @@ static double largest(const double *x, Int n) {
   return most;
 }
 
-/* A new tangent at the next state, without the rates of second-order rows. */
-static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale) {
+/* A new tangent at the next state; `exact`: with the rates of second-order rows. */
+static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale, Int exact) {
   const Stages *st = m->joints;
   Int n = st->free, nv = t->nv, rows = t->closures, size = n + rows, square = nv * nv;
   double *M = m->tangent, *C = M + square, *K = C + square, *J = K + square, sum = 0.0;
   const State *x = &m->next;
-  pinflex_tangent(t, memory, 0, x->y, x->v, x->a, x->lam, scale, M, C, K, J);
+  pinflex_tangent(t, memory, exact, x->y, x->v, x->a, x->lam, scale, M, C, K, J);
   pull_tangent(t, st, C, K);
   if (m->law) feed_back_tangent(t, m->law, C, K);
   for (Int i = 0; i < square; i++) M[i] = m->mass * M[i] + m->by_v * C[i] + m->by_y * K[i];
@@ -90,10 +90,10 @@ static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale)
   return factors(m->lu, size, m->pivot);
 }
 
-/* The next state by a straight continuation of a and lam, and the move to it. */
-static void predict(const Tables *t, Alpha *m, const Rows *to) {
+/* The next state by a continuation of a and lam, straight from `last`, and the move to it. */
+static void predict(const Tables *t, Alpha *m, const Rows *to, const State *last) {
   const Stages *st = m->joints;
-  const State *now = &m->now, *last = &m->last, *x = &m->next;
+  const State *now = &m->now, *x = &m->next;
   const double *P = m->predict;
   for (Int i = 0; i < t->nv; i++) x->a[i] = 2.0 * now->a[i] - last->a[i];
   for (Int k = 0; k < t->closures; k++) x->lam[k] = 2.0 * now->lam[k] - last->lam[k];
@@ -141,6 +141,9 @@ static void correct(const Tables *t, Alpha *m, const Rows *to) {
 
 /* Error that the corrections of a step leave; `stuck`: they shrink no more. */
 static double left(Alpha *m, Int iteration, double size, int *stuck) {
+  /* The first correction is the predictor's error, the second what it bent the equations by; only
+     from then on do ratios show how the iteration contracts. Where a step ends before that, the
+     rate of an earlier one holds as long as its second correction was like this one. */
   double rate = 0.5, ratio = size / fmax(m->previous, 1e-300);
   if (iteration == 1) {
     m->second = ratio;
@@ -155,7 +158,8 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
   return rate < 0.9 ? size * rate / (1.0 - rate) : INFINITY;
 }
 
-/* Whether forces balance to a goal (or round-off) and loops are shut to round-off. */
+/* Whether forces balance to a goal (or round-off) and loops are shut to round-off: next to a
+   singular pose round-off alone moves the weak direction by more than the goal. */
 static int spent(const Tables *t, const Alpha *m, double goal) {
   const Stages *st = m->joints;
   double sum = 0.0;
@@ -176,13 +180,24 @@ static int converged(const Tables *t, Alpha *m, Int iteration, double size) {
   return stuck && spent(t, m, fmax(goal, STUCK * m->reference));
 }
 
+/* Whether the next state is one of this motion: far from it the equations have other roots. */
+static int is_near(const Tables *t, const Alpha *m) {
+  return largest(m->next.y + t->nq_rigid, t->nq - t->nq_rigid) < m->farthest;
+}
+
+/* No state, and no residual that would tell where. */
+static int lost(const Tables *t, Alpha *m) {
+  for (Int i = 0; i < t->nv; i++) m->r[i] = NAN;
+  return 0;
+}
+
 /* The next state; 0 where Newton does not get there. */
-static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
+static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, Int exact) {
   const State *x = &m->next;
   const Told told = {to->position, to->velocity, to->feed};
   Int fresh = m->stale;
-  predict(t, m, to);
-  if (m->stale && !refresh(t, memory, m, to->scale)) return 0;
+  predict(t, m, to, exact ? &m->now : &m->last);
+  if (m->stale && !refresh(t, memory, m, to->scale, exact)) return lost(t, m);
   for (Int i = 0; i < m->most; i++) {
     pinflex_residuals(t, memory, 1, x->y, x->v, x->a, x->lam, to->scale, m->r, m->open);
     pull(t, m->joints, &told, x->y, x->v, to->torque, m->r);
@@ -196,14 +211,14 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
       m->stale = m->rate > 0.1;
       m->peak = fmax(m->peak, level);
       m->reference = fmax(level, fmax(0.9 * m->reference, 1e-3 * m->peak));
-      return largest(x->y + t->nq_rigid, t->nq - t->nq_rigid) < m->farthest;
+      return is_near(t, m) || lost(t, m);
     }
-    if (i >= 2 && m->rate > 0.3 && (!fresh || i > 4)) {
-      if (!refresh(t, memory, m, to->scale)) return 0;
+    if (exact || (i >= 2 && m->rate > 0.3 && (!fresh || i > 4))) {
+      if (!refresh(t, memory, m, to->scale, exact)) return lost(t, m);
       fresh = 1;
     }
   }
-  return 0;
+  return is_near(t, m) ? 0 : lost(t, m);
 }
 
 /* Record the next state, with the torques that the last correction completes, and go there. */
@@ -233,16 +248,23 @@ static void go_there(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   m->last = m->now, m->now = *x, m->next = old;
 }
 
+/* The next state by kept tangents, or else by exact ones; 0 where there is none. */
+static int next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
+  double reference = m->reference, peak = m->peak;
+  for (Int exact = 0; exact < 2; exact++) {
+    if (reach_next(t, memory, m, to, exact)) return 1;
+    /* What ran away must not loosen the tolerance of what is tried next. */
+    m->reference = reference, m->peak = peak, m->stale = 1;
+  }
+  return 0;
+}
+
 /* Up to `count` steps; the number of those that were taken. */
 EXPORT Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, const Rows *rows) {
   Rows to = *rows;
   Int motors = m->joints->motors, nv = t->nv;
   for (Int k = 0; k < count; k++) {
-    double reference = m->reference, peak = m->peak;
-    if (!reach_next(t, memory, m, &to)) {
-      m->reference = reference, m->peak = peak, m->stale = 1;
-      return k;
-    }
+    if (!next(t, memory, m, &to)) return k;
     go_there(t, memory, m, &to);
     to.position += motors, to.velocity += motors, to.feed += motors, to.scale += t->forces;
     to.y += t->nq, to.v += nv, to.a += nv, to.s += nv, to.lam += t->closures;

@@ -1,0 +1,272 @@
+"""Equal steps of the alpha family in plain Python: the reference of the compiled ones, and their
+stand-in; and where both begin.
+
+Unknown in a step is the increment ds of the algorithmic acceleration, with the closure rows scaled
+by 1/(beta h^2), so that the conditioning of the iteration matrix does not depend on the step:
+
+    [ da/ds M + gamma h C + beta h^2 K    J' ] [  ds  ]     [ r            ]
+    [ J                                   0  ] [ -dlam] = - [ c/(beta h^2) ]
+
+Positions satisfy c = 0 at every step: they never drift off the closures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from typing import Any
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath, TorqueDrive
+from pinflex.actuation.feedback import Feedback, FeedbackState
+from pinflex.arrays import Array
+from pinflex.integrators.consistent import consistent_acceleration
+from pinflex.integrators.problem import Problem
+from pinflex.integrators.schemes import AlphaScheme
+from pinflex.linalg import lapack
+from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.mechanism import Mechanism
+
+MAX_ITERATIONS = 12
+# Contraction above which the next iteration has a new tangent, and above which it is none; then
+# corrections may be this many times what positions known to 1e-15 (m, rad) make of accelerations.
+_SLOW, _STALLED, _NOISE = 0.1, 0.7, 1e3
+
+
+class NoConvergence(Exception):
+    """Newton did not converge in a step.
+
+    Attributes:
+        residual: Where it stopped, by free row (N | N m).
+    """
+
+    def __init__(self, residual: Array) -> None:
+        super().__init__()
+        self.residual = residual
+
+
+@dataclass
+class Step:
+    """The state that moves through the run: y (nq,), v, a, s (nv,), lam (rows,), torque (nm,)."""
+
+    y: Array
+    v: Array
+    a: Array
+    s: Array
+    lam: Array
+    torque: Array
+
+
+class PlainAlpha:
+    """The steps of one run, and where they begin.
+
+    Attributes:
+        problem: What is solved. h: Step [s]. predictor: From a, and the a, s and v before it, to
+            s, v and the move, shape (3, 4). weights: Of M, C and K.
+        tolerance: Newton's, of what the acceleration is at the time.
+        control_force: Of the feedback at the state evaluated last, shape (nv,); None: none acts.
+        farthest: m or rad that an elastic coordinate may go. iterations, tangents: Counts.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        dynamics: Equations,
+        path: MotorPath,
+        scheme: AlphaScheme,
+        drive: TorqueDrive | None,
+        tolerance: float,
+        feedback: Feedback | None,
+    ) -> None:
+        h = self.h = float(path.t[-1] - path.t[0]) / (len(path.t) - 1)
+        self.dynamics, self.path, self.scheme, self.drive = dynamics, path, scheme, drive
+        self.problem = Problem(mechanism, dynamics, lambda _: path, drive)
+        self.feedback = None if feedback is None else FeedbackState(feedback, dynamics, h)
+        self.control_force: Array | None = None
+        self.signals = None if self.feedback is None else self.feedback.signals(len(path.t))
+        self.weights, self.predictor = scheme.weights(h), _predictor(scheme, h)
+        self.tolerance, self.iterations, self.tangents = tolerance, 0, 0
+        self._lu: tuple[Any, ...] | None = None  # factors of Newton's matrix
+        self._weight, self._noise = np.zeros(0), 0.0  # of free accelerations
+        # Far from the motion the equations have other roots; ten lengths off is one of them.
+        self.farthest = 10.0 * max([1.0, *(s.body.length for s in dynamics.system.expansion.slots)])
+
+    def control(self, k: int, y: Array, v: Array) -> None:
+        """Let the feedback act at a state of step k: y (nq,), v (nv,)."""
+        if self.feedback is not None:
+            self.control_force = self.feedback.force(float(self.path.t[k]), y, v)
+
+    def step(self, k: int, now: Step, last: Step) -> Step:
+        """The state at step k.
+
+        Args:
+            k: Step number. now, last: States one and two steps before, which predict.
+        Raises:
+            NoConvergence: With the residual it stopped at. LinAlgError: The matrix is singular.
+        """
+        p, path, free, (mass, by_v, by_y) = self.problem, self.path, self.problem.free, self.weights
+        a, lam, ds = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam, np.zeros_like(now.a)
+        if p.prescribed:
+            a[p.motors] = path.acceleration[k]
+        s, v, move = self.predictor @ np.array([a, now.a, now.s, now.v])
+        if p.prescribed:
+            s[p.motors], v[p.motors] = path.acceleration[k], path.velocity[k]
+        size, rate, close = np.inf, 0.0, False
+        for _ in range(MAX_ITERATIONS + 1):
+            y = self.dynamics.integrate(now.y, move)
+            if p.prescribed:
+                p.axes.write(y, path.position[k])
+            r, c, torque = self._balance(k, y, v, a, lam)
+            near = np.max(np.abs(y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest
+            if close and near:
+                return Step(y, v, a, s, lam, torque)
+            if self._lu is None or rate > _SLOW:
+                self._factor(*self.matrix(k, y, v, a, lam))
+            ds[free], dlam = self._correction(r, c)
+            s, v, a, move = s + ds, v + by_v * ds, a + mass * ds, move + by_y * ds
+            lam, before, size = lam + dlam, size, self._size(ds)
+            self.iterations += 1
+            if not isfinite(size):
+                break
+            rate = size / before
+            close = size <= max(self.tolerance * self._size(a), self._noise)
+            close |= rate > _STALLED and size <= _NOISE * self._noise
+        raise NoConvergence(r[free] if near else np.full(len(free), np.nan))
+
+    def matrix(
+        self, k: int, y: Array, v: Array, a: Array, lam: Array, rates: bool = True
+    ) -> tuple[Array, Array]:
+        """Newton's matrix of all rows (nv, nv), and J (rows, nv), at a state of step k.
+
+        `rates`: whether those of second-order rows count, as where links accelerate wildly.
+        """
+        p, t, (_, by_v, by_y) = self.problem, float(self.path.t[k]), self.weights
+        full, J = self.dynamics.iteration_matrix(y, v, a, lam, t, self.weights, rates)
+        if self.drive is not None:
+            full[p.motors, p.motors] += by_y * self.drive.kp + by_v * self.drive.kd
+        if self.feedback is not None:
+            of_y, of_v = self.feedback.gains(y, v)
+            full -= by_y * of_y + by_v * of_v
+        self.tangents += 1
+        return full, J
+
+    def _factor(self, full: Array, J: Array) -> None:
+        free, n, size = self.problem.free, len(self.problem.free), len(self.problem.free) + len(J)
+        S = np.zeros((size, size))
+        S[:n, :n], S[:n, n:], S[n:, :n] = full[np.ix_(free, free)], J[:, free].T, J[:, free]
+        self._weight = np.abs(np.diag(S)[:n])
+        self._noise = 1e-15 / self.weights[2] * float(np.sqrt(self._weight.sum()))
+        *lu, info = lapack().dgetrf(S) if size else (0,)
+        if info or not all(np.isfinite(x).all() for x in lu):
+            raise np.linalg.LinAlgError("singular iteration matrix")
+        self._lu = tuple(lu)
+
+    def _size(self, a: Array) -> float:
+        """Norm of an acceleration (nv,) in the weights of the matrix."""
+        free = a[self.problem.free]
+        return sqrt((self._weight * free) @ free)
+
+    def _correction(self, r: Array, c: Array) -> tuple[Array, Array]:
+        """ds (n,) and dlam (rows,) from free residuals and closures."""
+        n = len(self.problem.free)
+        b = -np.concatenate([r[self.problem.free], c / self.weights[2]])
+        x = lapack().dgetrs(*self._lu, b)[0] if self._lu else b
+        return x[:n], -x[n:]
+
+    def _balance(
+        self, k: int, y: Array, v: Array, a: Array, lam: Array
+    ) -> tuple[Array, Array, Array]:
+        """Residual (nv,), closures (rows,) and torques of the motors (nm,) at a state of step k."""
+        p = self.problem
+        self.control(k, y, v)
+        r, c = self.dynamics.residual(y, v, a, lam, float(self.path.t[k]), self.control_force)
+        if self.drive is None:
+            return r, c, r[p.motors]
+        torque = self.drive.torque(k, self.path, p.axes, y, v)
+        r[p.motors] -= torque
+        return r, c, torque
+
+    def _accelerated(self, k: int, y: Array, v: Array, a_motors: Array) -> tuple[Array, Array]:
+        """Consistent accelerations and multipliers; those of the motors hold where they are led."""
+        p, t = self.problem, float(self.path.t[k])
+        self.control(k, y, v)
+        held, tau = p.motors, None
+        if self.drive is not None:
+            held, a_motors = held[:0], a_motors[:0]
+            tau = self.drive.torque(k, self.path, p.axes, y, v)
+        return consistent_acceleration(
+            self.dynamics, y, v, held, a_motors, tau, t, self.control_force
+        )
+
+    def first(self, y: Array, v: Array, k: int) -> Step:
+        """Consistent accelerations and multipliers, s = a(t + (alpha_m - alpha_f) h), at step k.
+
+        The slope of a comes from a second consistent state a fraction of a step away.
+
+        Args:
+            y: Coordinates on the closures, shape (nq,).
+            v: Velocity, shape (nv,).
+            k: Number of the step.
+        """
+        scheme, part, motor_a = self.scheme, 0.01, self.path.acceleration
+        a, lam = self._accelerated(k, y, v, motor_a[k])
+        dt = part * self.h
+        ahead = self.dynamics.integrate(y, dt * v + 0.5 * dt * dt * a)
+        between = motor_a[k] * (1 - part) + motor_a[k + 1] * part
+        a_ahead, _ = self._accelerated(k, ahead, v + dt * a, between)
+        s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
+        return Step(y.copy(), v.copy(), a, s, lam, self._balance(k, y, v, a, lam)[2])
+
+    def bent(self, now: Step, k: int) -> Step:
+        """The state at step k, where motor accelerations bend: s goes on along the new slope.
+
+        a is that of the equations already. Made anew from y and v, as at a start, the slope of s
+        would take the vibrations that no step resolves, and raise them from bend to bend; only
+        what the motors change is added.
+
+        Args:
+            now: State at the step, on its way.
+            k: Its number.
+        """
+        if self.drive is not None or not 0 < k < len(self.path.t) - 1:
+            return self.first(now.y, now.v, k)
+        before, here, after = self.path.acceleration[k - 1 : k + 2]
+        straight, bent = (
+            self._accelerated(k, now.y, now.v, a)[0]
+            for a in (here, here + (after - 2 * here + before))
+        )
+        s = now.s + (self.scheme.alpha_m - self.scheme.alpha_f) * (bent - straight)
+        return Step(now.y, now.v, now.a, s, now.lam, now.torque)
+
+    def quiet(self, first: Step, after: Step, k: int) -> Step:
+        """A state at step k whose velocity lets the multipliers start without an O(h) transient.
+
+        The scheme's own solution meets J v = 0 only to O(h^2); an exact v0 is off that solution and
+        rings in lam. The normal part of v0 is set so that the first step ends with the multipliers
+        that belong to its pose and velocity (cf. Arnold, Bruels and Cardona 2015, section 5).
+
+        Args:
+            first: State with consistent accelerations. after: One step on from there.
+            k: Number of its step.
+        """
+        dynamics, free, scheme = self.dynamics, self.problem.free, self.scheme
+        _, lam = self._accelerated(k + 1, after.y, after.v, self.path.acceleration[k + 1])
+        M = dynamics.mass(first.y)[np.ix_(free, free)]
+        J = dynamics.close(first.y).J[:, free]
+        mu = (scheme.beta * self.h / scheme.mass_factor) * (after.lam - lam)
+        v = first.v.copy()
+        v[free] += np.linalg.lstsq(M, J.T @ mu, rcond=1e-14)[0]
+        return Step(first.y, v, first.a, first.s, first.lam, first.torque)
+
+
+def _predictor(scheme: AlphaScheme, h: float) -> Array:
+    """From a, and the a, s and v before it, to s, v and the move of a step of h (s), (3, 4)."""
+    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    _, to_v, to_y = scheme.weights(h)
+    algorithmic = np.array([1.0 - af, af, -am, 0.0]) / (1.0 - am)
+    return np.array([
+        algorithmic,
+        to_v * algorithmic + [0.0, 0.0, h * (1.0 - gamma), 1.0],
+        to_y * algorithmic + [0.0, 0.0, h * h * (0.5 - beta), h],
+    ])  # fmt: skip
