@@ -32,8 +32,8 @@ ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands
 # m or rad: below, there is no deviation to speak of.
 STILL = 1e-9
 REST = 1e-12  # m or rad
-# Outputs that are nothing to speak of below this, m or rad. Of a deflection that is the round-off of
-# a link that is pressed between fixed ends.
+# Outputs that are nothing to speak of below this, m or rad: so small a deflection is the round-off
+# of a link that is pressed between fixed ends.
 LEAST_SIZES = dict.fromkeys(("joint positions", "platform position", "platform rotation"), STILL)
 LEAST_SIZES["deflection"] = 1e-15
 
