@@ -15,6 +15,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.cut import cut
 from pinflex.bodies.family import Family, hermite, quadrature
 from pinflex.description.flexible import FlexibleLink
 from pinflex.errors import DescriptionError, nearest
@@ -168,11 +169,9 @@ def _balance(samples: Samples, slot: Slot, eta: Array, nodes: Array) -> tuple[Ar
     """Forces at the nodes from the section forces: for directions without coordinates."""
     body = slot.body
     linear = samples.run.linear
-    section = stress.cut(body, len(nodes))
+    section = cut(body, len(nodes))
     bent = stress.deflections(section, eta) * (not linear)
-    loads = [
-        (i.x, *samples.interface_load(i.attachment.joint, i.force_rows)) for i in slot.interfaces
-    ]
+    loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     g = samples.forces.g
     R = stress.resultants(
         section, body, bent, g[:, slot.stations], g[:, slot.twists], loads,

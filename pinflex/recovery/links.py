@@ -144,7 +144,8 @@ def _section_forces(
     g = samples.forces.g
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     if slot.body.solid is None:
-        return stress.resultants(slot.body, d, g[:, slot.stations], g[:, slot.twists], loads, eta)
+        forces = g[:, slot.stations], g[:, slot.twists]
+        return stress.resultants(slot.body.cut, slot.body, d, *forces, loads, eta)
     solid, pull, hung = slot.body.solid, g[:, slot.stations], [load[1:] for load in loads]
     for key, value in solids.surface(solid, pull, hung).items():
         out[f"link/{slot.link}/mesh/{key}"] = value

@@ -31,6 +31,7 @@ def deflections(section: Cut, eta: Array) -> Array:
 
 
 def resultants(
+    section: Cut,
     body: FlexibleBody,
     d: Array,
     station: Array,
@@ -41,7 +42,7 @@ def resultants(
     """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6).
 
     Args:
-        body: The body. d: `deflections`, shape (nt, nx, 6).
+        section: Sections of the body. d: Their `deflections`, shape (nt, nx, 6).
         station: Forces the stations need, beam frame, shape (nt, ns, 3), N.
         twist: Torques the twist stations need, shape (nt, nt_stations), N m.
         loads: Interfaces: x, force and moment about the displaced section, each (nt, 3), that what
@@ -50,7 +51,6 @@ def resultants(
     Returns:
         N > 0 in tension; V, T and M are what the inner part receives from the outer.
     """
-    section = body.cut
     where: Array = np.einsum("sdn,tn->tsd", body.Phi, eta, optimize=True)
     where[:, :, 0] += body.x
     arm = np.cross(where, station)

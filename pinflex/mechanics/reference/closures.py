@@ -111,6 +111,8 @@ def rows(closed: Closures, poses: Array, Q: Array, eta: Array, moves: Moves) -> 
     for k in range(n) if closed.contacts else ():
         z = Jet(eta[k], moves.eta[k], np.zeros((len(eta[k]), m, m)) if timed else None)
         for contact in closed.contacts:
+            if not len(contact.rows):  # other loops hold all that it would
+                continue
             loop = contact.loop
             sleeve = sleeves.Place(contact, frames[k, loop], frames[k, loops + loop], z)
             _write(out, (k, contact.rows), sleeve.rows())
