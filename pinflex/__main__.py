@@ -118,11 +118,7 @@ def _complain(text: str, code: int) -> int:
 
 
 def build_parser(typed: str = "") -> argparse.ArgumentParser:
-    """The parser of all commands, or, sooner made, of the one that was typed.
-
-    Args:
-        typed: First argument; what is no command, or needs to know them all, gets all.
-    """
+    """The parser of all commands, or, sooner made, of the one that was typed."""
     parser = Parser(prog="pinflex", description=_TITLE, formatter_class=Layout, epilog=_EPILOG)
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(

@@ -27,11 +27,7 @@ _LISTS = (list, set, frozenset, abc.Iterable, abc.Sequence, abc.Collection)
 def mistyped(
     function: Callable[..., object], args: Iterable[object], kwargs: Mapping[str, object]
 ) -> str | None:
-    """What is wrong with the first argument that does not fit; None where all fit.
-
-    Args:
-        function: With annotations. args, kwargs: As it was called.
-    """
+    """What is wrong with the first argument that does not fit; None where all fit."""
     try:
         bound = inspect.signature(function).bind(*args, **kwargs)
         hints = get_type_hints(function, localns=_Known(function))

@@ -11,12 +11,7 @@ _LEFT, _RIGHT = "text-align:left;padding:.1em .8em", "text-align:right;padding:.
 
 
 def card(title: str, *parts: str) -> str:
-    """A heading and parts below it, each from `pairs`, `grid` or `words`.
-
-    Args:
-        title: Plain text.
-        *parts: HTML.
-    """
+    """A heading and parts below it, each from `pairs`, `grid` or `words`."""
     return f'<div style="{_BOX}"><b>{_cut(title)}</b>{"".join(parts)}</div>'
 
 
@@ -30,12 +25,7 @@ def pairs(rows: Iterable[tuple[str, object]]) -> str:
 
 
 def grid(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table with its first rows.
-
-    Args:
-        heads: Of the columns.
-        rows: Cells.
-    """
+    """A table with its first rows."""
     top = "".join(f'<th style="{_RIGHT}">{_cut(x)}</th>' for x in heads[:_ROWS])
     body = "".join(
         "<tr>" + "".join(f'<td style="{_RIGHT}">{_cut(x)}</td>' for x in row[:_ROWS]) + "</tr>"

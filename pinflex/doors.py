@@ -9,21 +9,13 @@ from pinflex.errors import PinflexError
 
 
 def door(module: str, name: str) -> Any:
-    """A function of a package that stands below the caller's.
-
-    Args:
-        module: Inside pinflex, such as "viewer.axes".
-        name: Of the function.
-    """
+    """A function of a package that stands below the caller's."""
     return getattr(import_module(f"pinflex.{module}"), name)
 
 
 def library(name: str, use: str) -> Any:
     """A library that pinflex does without until it is asked for.
 
-    Args:
-        name: To import and to install.
-        use: What needs it.
     Raises:
         PinflexError: It is not installed.
     """

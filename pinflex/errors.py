@@ -88,13 +88,7 @@ def quoted(text: str) -> str:
 
 
 def nearest(name: str, names: Iterable[str], limit: int = 12) -> str:
-    """Text that leads from a wrong name to the right one: the closest, then the list.
-
-    Args:
-        name: What was written.
-        names: What is allowed.
-        limit: Most names that are listed.
-    """
+    """Text that leads from a wrong name to the right one: the closest, then the list."""
     known = list(dict.fromkeys(str(n) for n in names))
     close = difflib.get_close_matches(str(name)[:80], [n for n in known if len(n) < 200], 1, 0.5)
     hint = f' Did you mean "{close[0]}"?' if close else ""

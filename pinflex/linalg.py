@@ -54,9 +54,6 @@ def _alone() -> Any:
 def eigh(K: Array, M: Array, vectors: bool = True) -> tuple[Array, Array]:
     """Eigenvalues (n,), ascending, and vectors (n, n) of K x = lambda M x with x' M x = 1.
 
-    Args:
-        K: Symmetric, shape (n, n). M: Positive definite, shape (n, n).
-        vectors: Whether they are wanted.
     Raises:
         numpy.linalg.LinAlgError: M is not positive definite.
     """
@@ -70,11 +67,7 @@ def eigh(K: Array, M: Array, vectors: bool = True) -> tuple[Array, Array]:
 
 
 def saddle_matrix(A: Array, J: Array, J_left: Array | None = None) -> Array:
-    """The matrix [A -J_left'; J 0] of equations of motion with closures, (n + rows, n + rows).
-
-    Args:
-        A: Shape (n, n). J: Shape (rows, n). J_left: The J of the forces, where it is another one.
-    """
+    """The matrix [A -J_left'; J 0] of equations of motion with closures, (n + rows, n + rows)."""
     n, rows = len(A), len(J)
     S = np.zeros((n + rows, n + rows))
     S[:n, :n], S[:n, n:], S[n:, :n] = A, -(J if J_left is None else J_left).T, J
@@ -82,15 +75,7 @@ def saddle_matrix(A: Array, J: Array, J_left: Array | None = None) -> Array:
 
 
 def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """x and lam of A x - J_left' lam = b, J x = c; least squares where coordinates are massless.
-
-    Args:
-        A: Shape (n, n).
-        J_left: Shape (rows, n).
-        J: Shape (rows, n).
-        b: Shape (n,).
-        c: Shape (rows,).
-    """
+    """x and lam of A x - J_left' lam = b, J x = c; least squares where coordinates are massless."""
     S, right, n = saddle_matrix(A, J, J_left), np.concatenate([b, c]), len(A)
     try:
         x = np.linalg.solve(S, right)
@@ -100,12 +85,7 @@ def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array
 
 
 def null_space(J: Array, small: float = 1e-10, scale: float | None = None) -> Array:
-    """Orthonormal basis of the motions that J allows, shape (n, n - rank).
-
-    Args:
-        J: Shape (rows, n).
-        small: Singular values up to small * scale count as none; scale: None: the largest one.
-    """
+    """Orthonormal basis of the motions that J allows, shape (n, n - rank)."""
     if not J.shape[0] or not J.shape[1]:
         return np.eye(J.shape[1])
     _, sigma, Vt = np.linalg.svd(J)
@@ -114,12 +94,7 @@ def null_space(J: Array, small: float = 1e-10, scale: float | None = None) -> Ar
 
 
 def independent_rows(J: Array, small: float, scale: float | None = None) -> IntArray:
-    """Numbers of rows of J (rows, n) that carry its rank, the largest first.
-
-    Args:
-        J: Shape (rows, n).
-        small: What is left of a dependent row is at most small * scale; None: of the largest row.
-    """
+    """Numbers of rows of J (rows, n) that carry its rank, the largest first."""
     if not J.shape[0] or not J.shape[1]:
         return np.zeros(0, dtype=np.intp)
     R, order, *_ = lapack().dgeqp3(np.asarray_chkfinite(J.T))
@@ -129,12 +104,7 @@ def independent_rows(J: Array, small: float, scale: float | None = None) -> IntA
 
 
 def negative_directions(K: Array, J: Array) -> int:
-    """Number of directions that J (rows, n) allows in which a stiffness K (n, n) is negative.
-
-    Args:
-        K: Stiffness, shape (n, n).
-        J: Closures, shape (rows, n).
-    """
+    """Number of directions that J (rows, n) allows in which a stiffness K (n, n) is negative."""
     if not len(K):
         return 0
     if resists(K, J):
@@ -145,12 +115,7 @@ def negative_directions(K: Array, J: Array) -> int:
 
 
 def resists(K: Array, J: Array) -> bool:
-    """Whether each of some stiffnesses is plainly positive in what its closures allow.
-
-    Args:
-        K: Stiffnesses, shape (..., n, n).
-        J: Closures, shape (..., rows, n).
-    """
+    """Whether each of some stiffnesses is plainly positive in what its closures allow."""
     if not K.shape[-1]:
         return True
     K, J = _scaled(K, J)

@@ -84,11 +84,7 @@ class Stages:
     """Bars one after the other: call it with what comes next, then `close` it."""
 
     def __init__(self, make: Callable[[str], Bar | _Tqdm] | None = None) -> None:
-        """No bar yet.
-
-        Args:
-            make: A bar from its label; default: tqdm's where that is installed.
-        """
+        """No bar yet."""
         self.make = make or _bar
         self.bar: Bar | _Tqdm | None = None
 
@@ -108,12 +104,7 @@ class Stages:
 
 @contextmanager
 def shown(progress: Progress, label: str) -> Iterator[Callback | None]:
-    """What long work calls with (step, steps); a bar is closed at the end.
-
-    Args:
-        progress: As the user gave it: a function, True for a bar, None or False for nothing.
-        label: Word ahead of the bar.
-    """
+    """What long work calls with (step, steps); a bar is closed at the end."""
     if not isinstance(progress, bool) or not progress:
         yield None if isinstance(progress, bool) else progress
         return

@@ -12,13 +12,7 @@ _MADE: list[Registration] = []
 
 
 def note(register: Callable[..., None], name: str, *values: Any) -> None:
-    """Remember a registration that was made.
-
-    Args:
-        register: Function that makes it.
-        name: What was registered.
-        *values: Its arguments.
-    """
+    """Remember a registration that was made."""
     _MADE.append((register, name, values))
 
 

@@ -25,12 +25,7 @@ def rotation_vector(R: Array) -> Array:
 
 
 def axis_turn(axis: Array, angle: float) -> Array:
-    """Rotation about an axis, shape (3, 3).
-
-    Args:
-        axis: Of any length, shape (3,); none at all turns nothing.
-        angle: [rad].
-    """
+    """Rotation about an axis, shape (3, 3)."""
     x, y, z = axis / max(float(np.linalg.norm(axis)), 1e-300)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
@@ -90,12 +85,7 @@ def quaternion_vector(q: Array) -> Array:
 
 
 def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
-    """A rotation whose z (or x) axis is the given one, the identity where it can be.
-
-    Args:
-        z: Axis of any length that becomes z; None: not given.
-        x: Axis of any length that becomes x, where z is None.
-    """
+    """A rotation whose z (or x) axis is the given one, the identity where it can be."""
     if z is None and x is None:
         return np.eye(3)
     k, wish = (2, z) if z is not None else (0, x)

@@ -36,13 +36,7 @@ def angle(x: float) -> str:
 
 
 def percent(share: float | None, digits: int = 2, sign: str = "") -> str:
-    """A share as per cent, "-" for None.
-
-    Args:
-        share: Of 1; one that is not finite has not been measured.
-        digits: Significant ones, below 100 %.
-        sign: "+" writes that of positive shares too.
-    """
+    """A share as per cent, "-" for None."""
     if share is None or not np.isfinite(share):
         return "-" if share is None else "not measured"
     x = 100 * share
@@ -53,12 +47,7 @@ def percent(share: float | None, digits: int = 2, sign: str = "") -> str:
 
 
 def plural(count: int, noun: str) -> str:
-    """Count with its noun: 1 link, 2 links.
-
-    Args:
-        count: How many.
-        noun: In the singular.
-    """
+    """Count with its noun: 1 link, 2 links."""
     ending = "es" if noun.endswith("s") else "s"
     return f"{count} {noun}{'' if count == 1 else ending}"
 
@@ -84,12 +73,7 @@ def brief(record: object) -> str:
 
 
 def short(name: str, width: int) -> str:
-    """A long name keeps both ends, which carry the side and the number.
-
-    Args:
-        name: Any text.
-        width: Most characters.
-    """
+    """A long name keeps both ends, which carry the side and the number."""
     if len(name) <= width:
         return name
     tail = (width - 2) // 2
@@ -103,12 +87,7 @@ def _distinct(names: list[str], width: int) -> list[str]:
 
 
 def paragraph(text: str, indent: str = "", first: str | None = None) -> str:
-    """Text broken into lines that fit, each indented.
-
-    Args:
-        text: One paragraph.
-        indent: Ahead of every line. first: Ahead of the first, where it differs.
-    """
+    """Text broken into lines that fit, each indented."""
     start = indent if first is None else first
     return textwrap.fill(
         text, COLUMNS, initial_indent=start, subsequent_indent=indent, break_long_words=False
@@ -132,15 +111,7 @@ def table(
     widths: Sequence[int] = (18, 18),
     last_is_text: bool = False,
 ) -> str:
-    """A title and aligned columns between rules; empty without rows.
-
-    Args:
-        title: Line above the table.
-        header: Column names, joined by "|".
-        rows: Cells.
-        widths: The first columns are names: left-aligned, and shortened to these widths.
-        last_is_text: The last column is text too.
-    """
+    """A title and aligned columns between rules; empty without rows."""
     if not rows:
         return ""
     names = len(widths)

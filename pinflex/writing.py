@@ -77,25 +77,14 @@ def lock(stream: IO[bytes]) -> bool:
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write a text whole, in UTF-8 and with the line ends that it has.
-
-    Args:
-        path: File.
-        text: Its contents.
-    """
+    """Write a text whole, in UTF-8 and with the line ends that it has."""
     with replaced(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
     return Path(path)
 
 
 def write_csv(path: str | Path, header: Iterable[str], rows: Iterable[Iterable[str]]) -> Path:
-    """Write a table whole.
-
-    Args:
-        path: File.
-        header: Names of the columns.
-        rows: Cells; one that a spreadsheet would compute is marked as text.
-    """
+    """Write a table whole."""
     with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         csv.writer(stream).writerows([_as_text(cell) for cell in row] for row in [header, *rows])
     return Path(path)
@@ -138,9 +127,6 @@ def _unwritable(path: Path, error: OSError) -> DescriptionError:
 def plain(value: Any, finite: bool = True) -> Any:
     """Values as JSON has them.
 
-    Args:
-        value: Mappings, lists, numbers, texts, arrays, paths.
-        finite: A number that is not (nan, inf) becomes None.
     Raises:
         TypeError: Anything else.
     """

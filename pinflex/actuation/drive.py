@@ -43,11 +43,6 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
 
     Inverse kinematics runs on a coarse grid; a quintic Hermite interpolant through its positions,
     velocities and accelerations carries it to every step, refined until it is exact to 1e-10.
-
-    Args:
-        mechanism: Mechanism.
-        motion: Of motors or of the platform.
-        t: Times [s], increasing, shape (nt,).
     """
     t = np.asarray(t, float)
     if motion.target == "joints":
@@ -59,13 +54,7 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
 def path_between(
     mechanism: Mechanism, motion: Motion, start: float, end: float
 ) -> Callable[[Array], MotorPath]:
-    """Motor motion as a function of times in [start, end] s.
-
-    Args:
-        mechanism: Mechanism.
-        motion: Of motors or of the platform.
-        start, end: First and last time that it will be asked for [s].
-    """
+    """Motor motion as a function of times in [start, end] s."""
     for moved, ends, path in mechanism.followed.paths:
         if moved is motion and ends == (start, end):
             known: Callable[[Array], MotorPath] = path
@@ -163,13 +152,7 @@ def _hermite(t: Array, values: list[Array]) -> Callable[[Array], tuple[Array, Ar
 
 
 def _bernstein(coefficients: Array, left: IntArray, x: Array) -> Array:
-    """Sum of C(n, k) x^k (1 - x)^(n - k) c_k of the pieces `left`, coefficients (n + 1, pieces, m).
-
-    Args:
-        coefficients: Of each piece, shape (n + 1, pieces, m).
-        left: Piece of each time, shape (k,).
-        x: Where in it, 0 to 1, shape (k, 1).
-    """
+    """Sum of C(n, k) x^k (1 - x)^(n - k) c_k of the pieces `left`, c (n + 1, pieces, m)."""
     n, total = len(coefficients) - 1, np.zeros((len(left), coefficients.shape[2]))
     for k, c in enumerate(coefficients):
         total += comb(n, k) * x**k * (1.0 - x) ** (n - k) * c[left]
@@ -192,15 +175,7 @@ class TorqueDrive:
     forward: Callable[[Array], Array]
 
     def torque(self, k: int, path: MotorPath, axes: MotorAxes, y: Array, v: Array) -> Array:
-        """Motor torques at step k in the state (y, v), shape (nm,).
-
-        Args:
-            k: Step of the path.
-            path: Motion that the motors should have.
-            axes: Where their positions and velocities are in y and v.
-            y: Coordinates [q (rad | m); eta (m)], shape (nq,).
-            v: Velocity, shape (nv,).
-        """
+        """Motor torques at step k in the state (y, v), shape (nm,)."""
         position = axes.behind(path.position[k], y)
         velocity = path.velocity[k] - v[axes.v_at]
         return np.asarray(self.feed_forward[k] + self.kp * position + self.kd * velocity)
@@ -208,16 +183,7 @@ class TorqueDrive:
     def pull(
         self, path: MotorPath, axes: MotorAxes, y: Array, v: Array, seen: Array | None = None
     ) -> Array:
-        """Motor torques at the times of a path in the states (y, v), shape (k, nm).
-
-        Args:
-            path: Motion that the motors should have, at k times.
-            axes: Where their positions and velocities are in y and v.
-            y: Coordinates [q (rad | m); eta (m)], shape (k, nq).
-            v: Velocities, shape (k, nv).
-            seen: Times at which what is fed forward is taken, inside a step [s], shape (k,); None:
-                those of the path.
-        """
+        """Motor torques at the times of a path in the states (y, v), shape (k, nm)."""
         error, rate = axes.behind(path.position, y), path.velocity - v[:, axes.v_at]
         forward = self.forward(path.t if seen is None else seen)
         return np.asarray(forward + self.kp * error + self.kd * rate)
@@ -242,12 +208,7 @@ def kinks(path: MotorPath) -> frozenset[int]:
 
 
 def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:
-    """Times in s at which a motion or a load switches: where a piece of it ends.
-
-    Args:
-        motion: Motion of the scene.
-        loads: Its loads.
-    """
+    """Times in s at which a motion or a load switches: where a piece of it ends."""
     times = set(motion.switches)
     for force, _ in loads.forces:
         times |= set(force.corners)
@@ -258,10 +219,6 @@ def sample_times(motion: Motion, end: float) -> tuple[float, ...]:
     """Times in s up to `end` of the samples of a motion: its pieces are polynomials between them.
 
     A periodic one comes round until then.
-
-    Args:
-        motion: One of kind sampled.
-        end: Last time [s].
     """
     times = np.asarray(motion.spec["t"], float)
     rounds = range(int(np.ceil(end / times[-1])) if motion.spec["periodic"] else 1)

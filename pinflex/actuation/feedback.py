@@ -54,10 +54,6 @@ class Feedback:
 def place(mechanism: Mechanism, control: Control, prescribed: bool) -> Feedback:
     """Find the rows and columns of a control.
 
-    Args:
-        mechanism: Mechanism.
-        control: What is measured and driven.
-        prescribed: Whether the motors follow the motion exactly; a control of one is then refused.
     Raises:
         DescriptionError: A name or a place that does not exist.
     """
@@ -153,13 +149,7 @@ class FeedbackState:
         self.u = np.zeros(len(feedback.control.drives))
 
     def force(self, t: float, y: Array, v: Array) -> Array:
-        """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule.
-
-        Args:
-            t: Time [s].
-            y: Coordinates, shape (nq,).
-            v: Velocity, shape (nv,).
-        """
+        """Generalised forces (nv,) at time t (s); integrals by the trapezoidal rule."""
         one, self._t = self.feedback, t
         self.m = one.S @ self._dynamics.difference(one.home, y)
         before = self.m if self._m_old is None else self._m_old
@@ -179,31 +169,16 @@ class FeedbackState:
         self._m_old, self._total_old = self.m.copy(), self.total.copy()
 
     def state_at(self, t: float, target: Array) -> tuple[Array, Array]:
-        """Integrals of the errors, and these, at the end of the last step; shape (nm,) each.
-
-        Args:
-            t: Time of that end [s].
-            target: Values that the measures should have, shape (nm,).
-        """
+        """Integrals of the errors, and these, at the end of the last step; shape (nm,) each."""
         m = np.zeros_like(target) if self._m_old is None else self._m_old
         return self._total_old - target * t, m - target
 
     def go_on(self, t: float, target: Array, x: Array, e: Array) -> None:
-        """Take over a later end of a step, as `state_at` tells it.
-
-        Args:
-            t, target: As there.
-            x, e: Integrals of the errors, and these, shape (nm,).
-        """
+        """Take over a later end of a step, as `state_at` tells it."""
         self._m_old, self._total_old = e + target, x + target * t
 
     def gains(self, y: Array, v: Array) -> tuple[Array, Array]:
-        """Derivatives of the force by y and by v at a state, each (nv, nv).
-
-        Args:
-            y: Coordinates, shape (nq,).
-            v: Velocity, shape (nv,).
-        """
+        """Derivatives of the force by y and by v at a state, each (nv, nv)."""
         t = self._t
         self.force(t, y, v)
         one, law = self.feedback, self.feedback.control.law

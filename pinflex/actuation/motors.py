@@ -35,12 +35,7 @@ class MotorAxes:
     paired: IntArray
 
     def write(self, y: Array, angle: Array) -> None:
-        """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq).
-
-        Args:
-            y: Coordinates, shape (..., nq); they are changed.
-            angle: Motor positions [rad | m], shape (..., nm).
-        """
+        """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq)."""
         if not len(self.paired):
             y[..., self.q_at] = angle
             return
@@ -67,10 +62,6 @@ class MotorAxes:
         """How far y (..., nq) is behind motor positions [rad | m], shape (..., nm).
 
         Of a motor that turns without end, the shorter way round.
-
-        Args:
-            position: Motor positions [rad | m], shape (..., nm).
-            y: Coordinates, shape (..., nq).
         """
         error = position - self.read(y)
         if len(self.paired):
@@ -108,12 +99,7 @@ def motor_axes(mechanism: Mechanism) -> MotorAxes:
 def joint_curve(
     mechanism: Mechanism, motion: Motion
 ) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """Motion of the motors as a function of times (nt,): what `joint_path` answers.
-
-    Args:
-        mechanism: Mechanism.
-        motion: Of motors; those that it does not name hold home.
-    """
+    """Motion of the motors as a function of times (nt,): what `joint_path` answers."""
     axes = motor_axes(mechanism)
     names = list(mechanism.description.actuated)
     home = axes.read(mechanism.home)
@@ -145,13 +131,7 @@ def joint_curve(
 
 
 def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
-    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm).
-
-    Args:
-        mechanism: Mechanism.
-        motion: Of motors; those that it does not name hold home.
-        t: Times [s], shape (nt,).
-    """
+    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
     return joint_curve(mechanism, motion)(t)
 
 

@@ -65,10 +65,6 @@ Instant = tuple[float, Array, Array, Array]  # t [s], q (nq,), v and a (nv,)
 def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
     """Follow a motion with the rigid mechanism.
 
-    Args:
-        mechanism: Mechanism with its home pose.
-        motion: Motion of joints or of the platform.
-        t: Increasing times, shape (nt,).
     Returns:
         Rigid positions, velocities, accelerations.
     Raises:
@@ -79,11 +75,7 @@ def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
 
 
 def nominal_of(mechanism: Mechanism, motion: Motion, t: Array, some: Any) -> Nominal:
-    """The nominal motion at some of the times t; where that at all of t is known, out of it.
-
-    Args:
-        mechanism, motion, t: As for `nominal`. some: Index into t.
-    """
+    """The nominal motion at some of the times t; where that at all of t is known, out of it."""
     known = _known(mechanism, motion, t)
     return nominal(mechanism, motion, t[some]) if known is None else known.at(some)
 
@@ -91,14 +83,7 @@ def nominal_of(mechanism: Mechanism, motion: Motion, t: Array, some: Any) -> Nom
 def nominal_and_more(
     mechanism: Mechanism, motion: Motion, t: Array, more: Array
 ) -> tuple[Nominal, Nominal]:
-    """As `nominal`, and at other times `more` between the first and the last of t at once.
-
-    Args:
-        mechanism: Mechanism.
-        motion: Of motors or of the platform.
-        t: Times [s], increasing, shape (nt,).
-        more: Other times [s], in any order.
-    """
+    """As `nominal`, and at other times `more` between the first and the last of t at once."""
     t = np.array(t, float)
     found = _known(mechanism, motion, t)
     if found is not None:
@@ -149,14 +134,7 @@ def _closed_loops(path: Path, t: Array, cut: bool = True) -> Nominal:
 
 
 def between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> Nominal:
-    """The nominal motion at other times t within those of a known one, on the same branch.
-
-    Args:
-        mechanism: Mechanism.
-        motion: Of motors or of the platform.
-        known: The nominal motion at times around t.
-        t: Times [s], shape (nt,).
-    """
+    """The nominal motion at other times t within those of a known one, on the same branch."""
     if motion.target == "joints" and mechanism.rigid.closed.n == 0:
         return _open_tree(mechanism, motion, t)
     path = Path(mechanism, motion)
@@ -191,13 +169,7 @@ def _march(path: Path, t: Array, cuts: int = 0) -> Nominal:
 def _step(
     path: Path, before: Instant, t: float, imposed: tuple[Array, Array, Array], cuts: int
 ) -> Instant:
-    """From one instant to another; by halves where it is so far that the branch is not plain.
-
-    Args:
-        path: Path, on its branch. before: The instant before. t: The next one [s].
-        imposed: There, position, speed and acceleration, shape (k,) each.
-        cuts: How often the way may be halved.
-    """
+    """From one instant to another; by halves where it is so far that the branch is not plain."""
     begin, q, v, a = before
     dt, sign = t - begin, path.sign
     guess = path.dynamics.integrate(q, dt * v + 0.5 * dt * dt * a)

@@ -26,12 +26,7 @@ _MEANT = 0.2  # rad, or of the mechanism's length: from there Newton may end on 
 
 
 def underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
-    """The error of motors that leave coordinates undetermined.
-
-    Args:
-        mechanism: Mechanism.
-        passive: Names of the coordinates that nothing determines.
-    """
+    """The error of motors that leave coordinates undetermined."""
     return MotionError(
         f"{mechanism.name}: the motors do not determine the motion of {', '.join(passive)}. "
         "Actuate these joints or close loops over them; level=coupled lets them swing."
@@ -105,11 +100,7 @@ class Path:
         return pure
 
     def near(self, guess: Array, pose: Array) -> bool:
-        """Whether a pose is what a guess meant, whatever else closes the loops.
-
-        Args:
-            guess, pose: q, shape (nq,) each.
-        """
+        """Whether a pose is what a guess meant, whatever else closes the loops."""
         off = np.abs(self.manifold.log(guess[None], pose[None])[0]) / self._columns
         return bool(np.max(off, initial=0.0) < _MEANT)
 
@@ -134,13 +125,7 @@ class Path:
         return pose
 
     def equations(self, poses: Array, target: Array) -> tuple[Array, Array]:
-        """What is open at poses (n, nq), shape (n, k), and its Jacobian, shape (n, k, nv).
-
-        Args:
-            poses: q, shape (n, nq).
-            target: Imposed platform coordinates [m | rad], shape (k,) or (n, k); not looked
-                at where motors are imposed.
-        """
+        """What is open at poses (n, nq), shape (n, k), and its Jacobian, shape (n, k, nv)."""
         c, J = self.dynamics.close(poses)
         if self.platform is None:
             return c, J
@@ -180,10 +165,6 @@ class Path:
     def solve(self, guess: Array, target: Array, time: float) -> Array:
         """Closed pose with the imposed coordinates; Newton with step halving.
 
-        Args:
-            guess: q, shape (nq,).
-            target: Motor positions or platform coordinates [rad | m], shape (k,).
-            time: [s], for the message.
         Raises:
             MotionError: It cannot be reached from the guess.
         """
@@ -219,13 +200,7 @@ class Path:
         )
 
     def rates(self, pose: Array, v_in: Array, a_in: Array, time: float) -> tuple[Array, Array]:
-        """Exact velocity and acceleration at a closed pose; raises where they are not unique.
-
-        Args:
-            pose: Closed q, shape (nq,).
-            v_in, a_in: Rates of the motors or of the platform coordinates, shape (k,).
-            time: [s], for the message.
-        """
+        """Exact velocity and acceleration at a closed pose; raises where they are not unique."""
         J = self._jacobian(pose)
         self._check(J[0][:, self.unknown], "path" if self.platform else "motors", time)
         v, a = self.rates_of(pose[None], J, v_in[None], a_in[None])
@@ -236,13 +211,7 @@ class Path:
         self._check(self._jacobian(pose)[0][:, self.unknown], "motors", 0.0)
 
     def rates_of(self, poses: Array, J: Array, v_in: Array, a_in: Array) -> tuple[Array, Array]:
-        """Velocities and accelerations (n, nv) at closed poses with the Jacobians J there.
-
-        Args:
-            poses: Closed q, shape (n, nq).
-            J: Jacobian of closures and platform coordinates, shape (n, rows, nv).
-            v_in, a_in: Rates of the motors or of the platform coordinates, shape (n, k).
-        """
+        """Velocities and accelerations (n, nv) at closed poses with the Jacobians J there."""
         unknown, motors = self.unknown, self.axes.v_at
         v, a = (np.zeros((len(poses), self.dynamics.system.nv)) for _ in range(2))
         if self.platform:
@@ -280,13 +249,7 @@ class Path:
         return assembly.singularity(self.scaled(J), closed, columns, where, time, what)
 
     def locate(self, pose: Array, good: float, bad: float) -> None:
-        """Bisect to the last reachable time and name the singular pose there, if it is one.
-
-        Args:
-            pose: Closed q at the time `good`, shape (nq,).
-            good: A time that is reachable [s].
-            bad: One that is not [s].
-        """
+        """Bisect to the last reachable time and name the singular pose there, if it is one."""
         for _ in range(24):
             middle = 0.5 * (good + bad)
             p, v, a = (x[0] for x in self.imposed(np.array([middle])))

@@ -25,13 +25,7 @@ _HERE = 1e-9  # [m]
 def in_line(
     mechanism: Mechanism, dynamics: Equations, pose: Array, motion: Array
 ) -> tuple[list[str], bool] | None:
-    """Links that are in line at a pose and whether stretched (or folded); None where none are.
-
-    Args:
-        mechanism: Mechanism. dynamics: Its rigid equations.
-        pose: q, shape (nq,).
-        motion: By velocity row, which nothing holds to first order, shape (nv,).
-    """
+    """Links that are in line at a pose and whether stretched (or folded); None where none are."""
     links, frames = mechanism.links, mechanism.rigid.expansion.frames
     number = {link.name: k for k, link in enumerate(links)}
     model = dynamics.model
@@ -75,12 +69,7 @@ def in_line(
 def _straight(
     names: Sequence[str], places: Sequence[Array], end: int
 ) -> tuple[list[str], bool] | None:
-    """Names of links, whose joints' places follow each other, if all are in line.
-
-    Args:
-        names: Of links; of the frame at which two sides meet, at place `end`.
-        places: Of their joints, and of that frame [m], shape (3,) each.
-    """
+    """Names of links, whose joints' places follow each other, if all are in line."""
     apart = [b - a for a, b in pairwise(places)]
     # before the end a link leads from its joint to the next place, after it to the one before
     carried = [names[k] if k < end else names[k + 1] for k in range(len(apart))]

@@ -66,12 +66,7 @@ class Sampler:
         return self.held[self._motors]
 
     def instants(self, end: float, parts: int = 1) -> tuple[float, ...]:
-        """Times (s) before `end` at which the controller measures or its output changes.
-
-        Args:
-            end: Of the run [s].
-            parts: In which the times between are cut, at these too.
-        """
+        """Times (s) before `end` at which the controller measures or its output changes."""
         period, delay = self.period, self.feedback.control.delay
         samples = np.arange(int(np.ceil(end / period))) * period
         late = samples + delay if delay % period > _EARLY * period else samples[:0]
@@ -82,10 +77,6 @@ class Sampler:
     def reach(self, t: float, y: Array, v: Array) -> bool:
         """Measure where a sample is due at t (s), and apply the outputs that are due.
 
-        Args:
-            t: Time [s].
-            y: Coordinates there, shape (nq,).
-            v: Velocity, shape (nv,).
         Returns:
             Whether outputs were applied.
         """
@@ -99,12 +90,7 @@ class Sampler:
         return len(self._log) > applied
 
     def signals(self, t: Array, y: Array) -> Signals:
-        """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq).
-
-        Args:
-            t: Times [s], shape (nt,).
-            y: Coordinates there, shape (nt, nq).
-        """
+        """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq)."""
         times = np.array([when for when, _ in self._log])
         at = np.searchsorted(times, t + _EARLY * self.period, side="right") - 1
         u = np.array([u for _, u in self._log])[np.maximum(at, 0)]
@@ -144,24 +130,13 @@ class Sampler:
 
 
 def drives_motors(mechanism: Mechanism, control: Control) -> bool:
-    """Whether a control drives a motor of the mechanism.
-
-    Args:
-        mechanism: Mechanism.
-        control: What is measured and driven.
-    """
+    """Whether a control drives a motor of the mechanism."""
     motors = mechanism.description.actuated
     return any(isinstance(d, Effort) and d.joint in motors for d in control.drives)
 
 
 def require_instants(mechanism: Mechanism, control: Control, end: float) -> None:
-    """Raise where a run of `end` (s) would have far too many samples.
-
-    Args:
-        mechanism: Mechanism, whose key `limit` allows more.
-        control: A digital one.
-        end: Of the run [s].
-    """
+    """Raise where a run of `end` (s) would have far too many samples."""
     assert control.period is not None
     require_steps(mechanism, int(min(np.ceil(end / control.period), 1e12)), end, "control.period")
 

@@ -61,11 +61,7 @@ _QUASISTATIC = 1e-6  # tolerance of the equilibria that a quasistatic run is jud
 def error_bars(
     result: Result, mechanism: Mechanism, motion: Motion, options: Mapping[str, Any]
 ) -> ErrorBars:
-    """Both errors of a result of `solve`.
-
-    Args:
-        result: The run. mechanism, motion: Of it. options: Of `solve`, as it was asked for.
-    """
+    """Both errors of a result of `solve`."""
     settings = result.meta.get("settings", {})
     time, how = time_error(settings, result.level)
     why = _not_measured(result, mechanism)
@@ -137,11 +133,7 @@ def _only_by_a_run(
 
 
 def covering(error: Errors, apart: Errors) -> Errors:
-    """Error bars that cover a measured difference of the whole model too.
-
-    Args:
-        error: Bars. apart: Differences measured.
-    """
+    """Error bars that cover a measured difference of the whole model too."""
     return {key: max(e, SAFETY * apart.get(key, 0.0)) for key, e in error.items()}
 
 
@@ -183,8 +175,6 @@ class Seen:
 def look(probe: Probe, motion: Motion, level: str = "coupled") -> Seen:
     """A model at a level, at some of the instants of its probe.
 
-    Args:
-        probe: Probe. motion: What it does. level: rigid, quasistatic, ked or coupled.
     Raises:
         ConvergenceError: Linear vibration does not describe the motion.
     """
@@ -233,12 +223,6 @@ def platform_bar(
 ) -> tuple[Array, str]:
     """Bar on platform coordinates, for what a model leaves out of a motion from equilibrium.
 
-    Args:
-        mechanism: With a platform.
-        names: Among x y z rz ry rx.
-        motion: Of the motors.
-        run: Of level coupled, with `motion`. Where no cheap look tells, a run of the richer model
-            beside it does.
     Returns:
         Bars [m | rad], shape (k,), and against what; NaN where nothing tells, and why.
     """
@@ -298,11 +282,7 @@ def _at_level(probe: Probe, motion: Motion, level: str) -> Run:
 
 
 def differences(a: Seen, b: Seen) -> Errors:
-    """Largest differences of what two models do, relative as in `pinflex.levels.outputs`.
-
-    Args:
-        a: Judged. b: By this one, at the same instants.
-    """
+    """Largest differences of what two models do, relative as in `pinflex.levels.outputs`."""
     found: Errors = {}
     if a.run.torque.shape[1] and np.any(b.run.torque):
         found["torque"] = relative(a.run.torque, b.run.torque)

@@ -94,17 +94,7 @@ class Probe:
         steps: int | None = None,
         like: Probe | None = None,
     ) -> None:
-        """Its nominal motion, and the system along it.
-
-        Args:
-            mechanism: Mechanism.
-            motion: What it is to do.
-            end: Last time [s].
-            static: Whether it starts in equilibrium.
-            steps: Of the marches; None: by the third mode of the mechanism.
-            like: A probe of the same motion and rigid mechanism, that has marched: what they have
-                in common is taken from there.
-        """
+        """Its nominal motion, and the system along it."""
         self.mechanism, self.system, self.static = mechanism, mechanism.flexible, static
         self.end, self.third, self.first, self._like = end, 0.0, 0.0, like
         if steps is None:
@@ -161,8 +151,6 @@ class Probe:
         are off by c, with exact rates; a part p of the answer closes them, and the march finds what
         the forces then left ask for. All go on side by side, so that factors serve them in turn.
 
-        Args:
-            times: Corrections. shapes: Columns (nv, k) that they are in; None: all.
         Raises:
             ConvergenceError: One grows without bound.
         """

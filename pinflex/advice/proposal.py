@@ -12,11 +12,7 @@ from pinflex.text import brief, percent
 
 
 def error_bar(e: float) -> str:
-    """An error bar in words: beyond the whole output it says that nothing is right, not how wrong.
-
-    Args:
-        e: Relative.
-    """
+    """An error bar in words: beyond the whole output it says only that nothing is right."""
     return "over 100 %" if 1.0 < e < inf else percent(e)
 
 

@@ -84,11 +84,7 @@ def richer(mechanism: Mechanism) -> tuple[Mechanism, str]:
 
 
 def enlarged(mechanism: Mechanism, changes: list[str]) -> tuple[Mechanism | None, int]:
-    """The scene with changes, None where a look at it would not be cheap; elastic coordinates.
-
-    Args:
-        mechanism: The scene. changes: "key=value" of its YAML, which take nothing away.
-    """
+    """The scene with changes, None where a look at it would not be cheap; elastic coordinates."""
     description = mechanism.description.with_overrides(changes)
     n = sum(_least(mechanism, spec) for spec in description.flexible)  # before bodies are made
     if n <= LARGEST:
@@ -115,14 +111,7 @@ def smaller(
     used: Callable[[Errors], float],
     loaded: Mechanism,
 ) -> Smaller:
-    """Leave out whatever keeps the error bar of all that is left out within `room`.
-
-    Args:
-        rich: The model with everything. probe: Its probe. outputs: What errors are of.
-        whole: Its motion, corrected once as those of the smaller ones are.
-        room: Largest error bar, as a share of what is allowed. used: That share of errors.
-        loaded: The scene's own model: what it leaves out by itself goes first.
-    """
+    """Leave out whatever keeps the error bar of all that is left out within `room`."""
     kept = Smaller(dict(rich.parts), probe.system.n_eta, {}, (), {})
     before, tried, unsettled, needed = whole, [], {}, False
     accepted: Changes = {}
@@ -156,13 +145,7 @@ def _apart(outputs: Outputs, run: Run, other: Run) -> Errors:
 def _without(
     rich: Mechanism, probe: Probe, parts: Mapping[str, FlexiblePart], changes: Changes
 ) -> tuple[dict[str, FlexiblePart], int, Run] | None:
-    """Parts, coordinates and motion with links changed, or None where that is no model.
-
-    Args:
-        rich: The model with everything. probe: Its probe.
-        parts: Links as they are, which stay the same objects where `changes` leaves them alone.
-        changes: All that a link is to differ in from the richer model's, by link.
-    """
+    """Parts, coordinates and motion with links changed, or None where that is no model."""
     kept = {link: part for link, part in parts.items() if changes.get(link, {}) is not None}
     specs = [_edited(x, changes[x.link]) for x in rich.description.flexible if x.link in changes]
     wanted = rich.description.replace(flexible=tuple(x for x in specs if x.link in kept))
@@ -226,12 +209,7 @@ def _candidates(rich: Mechanism, loaded: Mechanism) -> Iterator[tuple[str, Chang
 
 
 def overrides(mechanism: Mechanism, parts: Mapping[str, FlexiblePart]) -> tuple[str, ...]:
-    """Changes of the YAML that turn a mechanism's links into `parts`; equal ones by a glob.
-
-    Args:
-        mechanism: Mechanism.
-        parts: Its flexible links as they should be, by name.
-    """
+    """Changes of the YAML that turn a mechanism's links into `parts`; equal ones by a glob."""
     wanted: dict[str, dict[str, str]] = {}
     for link, old in mechanism.parts.items():
         if link not in parts:
@@ -254,11 +232,7 @@ def overrides(mechanism: Mechanism, parts: Mapping[str, FlexiblePart]) -> tuple[
 
 
 def without(mechanism: Mechanism, rich: Mechanism, keys: tuple[str, ...]) -> list[tuple[str, str]]:
-    """Links and terms of beams that the richer model has and the scene's own has not.
-
-    Args:
-        mechanism, rich: The models. keys: Terms that are tried together.
-    """
+    """Links and terms of beams that the richer model has and the scene's own has not."""
     specs = [(p.link, p.spec, rich.parts[p.link].spec) for p in beams(mechanism)]
     every = ((link, key, own, more) for link, own, more in specs for key in keys)
     return [
@@ -269,11 +243,7 @@ def without(mechanism: Mechanism, rich: Mechanism, keys: tuple[str, ...]) -> lis
 
 
 def added(mechanism: Mechanism, terms: list[tuple[str, str]]) -> tuple[str, ...]:
-    """Changes of the YAML that give terms to links, by a glob where to all.
-
-    Args:
-        mechanism: Of the scene. terms: Links and terms.
-    """
+    """Changes of the YAML that give terms to links, by a glob where to all."""
     changes: list[str] = []
     for key in dict.fromkeys(key for _, key in terms):
         links = [link for link, own in terms if own == key]

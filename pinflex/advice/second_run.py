@@ -45,10 +45,6 @@ def run_apart(
 ) -> dict[str, float]:
     """Largest differences of a run from one of a richer model, by output, relative.
 
-    Args:
-        result: The run. mechanism: Its model. finer: The richer one. motion: Of both.
-        options: Of `solve`, as the run was asked for.
-        static: Whether the run started in equilibrium.
     Raises:
         ConvergenceError: The richer run takes too long, or does not come to its end.
     """
@@ -90,21 +86,12 @@ def richer_run(
 
 
 def free(mechanism: Mechanism) -> bool:
-    """Whether joints move that motors do not determine: there is no rigid motion to deviate from.
-
-    Args:
-        mechanism: Mechanism.
-    """
+    """Whether joints move that motors do not determine: no rigid motion to deviate from."""
     return mechanism.report.mobility != len(mechanism.rigid.motors)
 
 
 def outputs_apart(a: Result, b: Result, free: bool = False) -> dict[str, float]:
-    """Largest differences of all outputs of two runs at the same instants, relative.
-
-    Args:
-        a: Judged. b: By this one.
-        free: Whether the platform's pose is relative to its way from the first one.
-    """
+    """Largest differences of all outputs of two runs at the same instants, relative."""
     found: dict[str, float | None] = {}
     if a.torque.shape[1]:
         found["torque"] = _ratio([a.torque], [b.torque])
@@ -117,11 +104,7 @@ def outputs_apart(a: Result, b: Result, free: bool = False) -> dict[str, float]:
 
 
 def links_apart(a: Result, b: Result) -> dict[str, float]:
-    """The same of deflection, stress and section forces, at the sections that both have.
-
-    Args:
-        a: Judged; links that it lacks are rigid. b: By this one.
-    """
+    """The same of deflection, stress and section forces, at the sections that both have."""
     found: dict[str, float] = {}
     values: dict[str, tuple[list[Array], list[Array]]] = {
         key: ([], []) for key in ("deflection", "stress", "section forces")
@@ -151,11 +134,7 @@ _OF_LINKS: Any = {
 
 
 def platform_acceleration(a: Result, b: Result) -> dict[str, float]:
-    """The same of the platform's acceleration.
-
-    Args:
-        a: Judged. b: By this one.
-    """
+    """The same of the platform's acceleration."""
     name = b.meta.get("platform")
     if not name:
         return {}
@@ -191,11 +170,7 @@ def pose_of(run: Result) -> tuple[Array, Array]:
 
 
 def shared(x: Array, at: Array) -> tuple[list[int], list[int]]:
-    """Numbers of the sections that are among others, and which of those they are.
-
-    Args:
-        x: Sections in m, shape (n,). at: The others, shape (k,).
-    """
+    """Numbers of the sections that are among others, and which of those they are."""
     near = np.argmin(np.abs(at[:, None] - x), axis=0)
     same = np.flatnonzero(np.abs(at[near] - x) < _SECTION * at[-1])
     return same.tolist(), near[same].tolist()

@@ -37,15 +37,7 @@ class Subspace:
         h: float,
         workspace: Workspace,
     ) -> None:
-        """Matrices in the columns of B.
-
-        Args:
-            grid: Times of the system.
-            parts: M, C, K (nv, nv) and J (rows, nv) there.
-            B: Shape (nv, k).
-            h: Step [s].
-            workspace: For marches.
-        """
+        """Matrices in the columns of B."""
         self.B, self._grid = B, grid
         self._row, self._still = _picked(B), np.zeros(B.shape[1])
         J = _in_columns(parts[3], B, False)
@@ -65,12 +57,7 @@ class Subspace:
         return self._march.windows()
 
     def go(self, march: RunningMarch, s: slice, load: Array, rest: Array | None = None) -> Response:
-        """What a march finds in a window, in all coordinates and rows of J.
-
-        Args:
-            march: From `begin`. s: The window. load: Of all coordinates there, shape (steps, nv).
-            rest: Load that the first deviation balances, shape (nv,); None: it is zero.
-        """
+        """What a march finds in a window, in all coordinates and rows of J."""
         start = self._still
         if rest is not None and s.start == 0:
             now = self._march.instant(0, self._still)
@@ -94,14 +81,7 @@ class Subspace:
         return found
 
     def closing(self, gaps: Array, s: slice, straight: Array | None) -> Array:
-        """What closes loops, and its rates, shape (3, steps, nv).
-
-        Args:
-            gaps: What closures are open by, with rates, shape (3, steps, rows).
-            s: The steps.
-            straight: What closes them by the first columns of B, shape (nt, k, rows); None: least
-                energy does.
-        """
+        """What closes loops, and its rates, shape (3, steps, nv)."""
         P = self._grid.between(self._closers, s) if straight is None else straight[s]
         moved = (P @ -gaps.transpose(1, 2, 0)).transpose(2, 0, 1)
         return np.asarray(moved @ self.B[:, : P.shape[1]].T)
@@ -145,10 +125,6 @@ def shapes_of(system: System, parts: Mapping[str, FlexiblePart]) -> Array:
     Free rigid coordinates and elastic drives stay; a link that is not in `parts` is rigid. The
     functions of a smaller basis are combinations of those of a larger one: found by least squares
     at sections.
-
-    Args:
-        system: A flexible system.
-        parts: Other bodies for its links, by name.
     """
     m = int(system.rigid.nv)
     kept = [*system.free[system.free < m], *(m + gear.eta for gear in system.expansion.drives)]

@@ -17,13 +17,7 @@ _DOES = {
 
 
 def write(a: Advice, model: str | None = None, whole: bool = True) -> str:
-    """Proposal, error bars, how to follow it; and the price of what is out.
-
-    Args:
-        a: Advice.
-        model: What the command names; default: its name.
-        whole: With the price of each thing that was tried, not only what is left out.
-    """
+    """Proposal, error bars, how to follow it; and the price of what is out."""
     n, rich, kept = a.coordinates
     far = max(a.error.values(), default=0.0)
     missed = a.used(a.error) > 1.0

@@ -166,12 +166,6 @@ def flexible_body(
 
     craig_bampton: static end shapes and fixed-interface modes of polynomials; finite_element:
     Hermite elements; assumed: analytic bending modes, sines or polynomials for stretch and twist.
-
-    Args:
-        link: The flexible link.
-        planes: Its directions among "u", "v", "w", "p".
-        length: Length of the beam (m).
-        rho: Density (kg/m^3); None: that of the material.
     """
     density = checked_density(link, planes, length, rho)
     families, slices, K, M = _directions(link, planes, length, density)
@@ -300,9 +294,6 @@ def tips_over(link: FlexibleLink, planes: Collection[str]) -> bool:
     A tip load P = 4.01 sqrt(EI2 GJ)/L^2 does so (Prandtl's cantilever), at a sag of 1.3 L times
     sqrt(EI2 GJ)/EI1. The twist is then a quarter wave and more, which the one shape of a bar that
     is turned at its end has not: it makes that load 36 % too high, one mode more 2 %.
-
-    Args:
-        link: The flexible link. planes: Its active directions.
     """
     if link.basis.kind != "craig_bampton" or link.basis.internal < 2:
         return False

@@ -27,12 +27,7 @@ def union(breaks: Sequence[Array]) -> Array:
 
 
 def first_order(families: Mapping[str, Family], slices: Mapping[str, slice], x: Array) -> Array:
-    """Rows (u, v, w, rz, ry, rx) at x, shape (nx, 6, n).
-
-    Args:
-        families, slices: Functions of each direction, and their place in eta.
-        x: Positions along the beam [m], shape (nx,).
-    """
+    """Rows (u, v, w, rz, ry, rx) at x, shape (nx, 6, n)."""
     Phi = np.zeros((len(x), 6, _width(slices)))
     values = {d: family.evaluate(x) for d, family in families.items()}
     for row, direction, field, sign in _FIRST_ORDER:
@@ -55,10 +50,6 @@ def second_order(
     which expands R' = R kappa^, r' = R (1 + u', gv, gw) for R = Rz(rz) Ry(ry) Rx(rx). A double
     integral is taken as int int h = x int h - int s h.
 
-    Args:
-        families, slices: Directions of the body.
-        x: Positions (m), shape (nx,).
-        rows: Rows wanted.
     Returns:
         Shape (nx, len(rows), n, n), symmetric in the last two.
     """

@@ -20,14 +20,7 @@ _SECOND = {"v": "Iz", "w": "Iy", "p": "J"}  # of the section, that a direction d
 def checked_density(
     link: FlexibleLink, planes: Sequence[str], length: float, rho: float | None
 ) -> float:
-    """Density (kg/m^3) of a link whose numbers make sense; anything else is an error.
-
-    Args:
-        link: The flexible link.
-        planes: Its directions among `DIRECTIONS`.
-        length: Length of the beam (m).
-        rho: Density (kg/m^3); None: that of the material.
-    """
+    """Density (kg/m^3) of a link whose numbers make sense; anything else is an error."""
     if not planes or not set(planes) <= set(DIRECTIONS):
         text = f"directions {tuple(planes)} are not some of {DIRECTIONS}. Name those that deform."
         raise _wrong(link, "", text)

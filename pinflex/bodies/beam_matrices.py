@@ -19,26 +19,14 @@ if TYPE_CHECKING:
 
 
 def bending(section: Section, direction: str) -> tuple[float, float]:
-    """Second moment [m^4] and shear factor of bending.
-
-    Args:
-        section: Of the beam.
-        direction: v or w.
-    """
+    """Second moment [m^4] and shear factor of bending."""
     return (section.Iz, section.ky) if direction == "v" else (section.Iy, section.kz)
 
 
 def beam_energy(
     link: FlexibleLink, direction: str, family: Family, rho: float
 ) -> tuple[Array, Array]:
-    """Stiffness and mass matrix of one direction, end masses included, each (n, n).
-
-    Args:
-        link: The flexible link.
-        direction: u, v, w or p.
-        family: Its n functions.
-        rho: Density [kg/m^3].
-    """
+    """Stiffness and mass matrix of one direction, end masses included, each (n, n)."""
     section, E, G = link.section, link.material.E, link.material.G
     shear = 0.0
     if direction == "u":
@@ -72,10 +60,6 @@ def craig_bampton(
 ) -> tuple[Array, tuple[str, ...]]:
     """Static tip shapes and the lowest modes with the tip held, from a family clamped at its root.
 
-    Args:
-        family: n functions, with stiffness K and mass M, each (n, n).
-        direction: Bending has a tip displacement and a tip rotation, the others one of the two.
-        internal: Number of modes; with free shear strains there are more, and they are left out.
     Returns:
         T (n, m), such that the new functions are f @ T, and their names. The end shapes have unit
         tip displacement or rotation; the modes have int f^2 dx = L.

@@ -86,9 +86,6 @@ def roots(boundary: str, n: int) -> Array:
     clamped_free cos + 1/cosh = 0; clamped_clamped and free_free cos - 1/cosh = 0;
     clamped_pinned and pinned_free sin - cos tanh = 0; pinned_pinned sin = 0.
 
-    Args:
-        boundary: One of BOUNDARIES.
-        n: Number of roots.
     Returns:
         First n positive roots b L (-), ascending, shape (n,).
     Source: Blevins (1979), Formulas for Natural Frequency and Mode Shape, table 8-1.
@@ -120,12 +117,6 @@ def mode_functions(boundary: str, n: int, length: float, rigid: bool = False) ->
 
     The sign makes the first derivative that does not vanish at the root positive.
 
-    Args:
-        boundary: One of BOUNDARIES, root first. Of pinned_free only the elastic modes are given:
-            its rigid rotation is the angle of the pin.
-        n: Number of modes, rigid ones included.
-        length: Length of the beam (m).
-        rigid: For free_free: the first two modes are the rigid translation and rotation.
     Returns:
         Modes with int f^2 dx = L.
     """
@@ -152,12 +143,7 @@ def mode_functions(boundary: str, n: int, length: float, rigid: bool = False) ->
 
 
 def sine_modes(n: int, length: float) -> Modes:
-    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root.
-
-    Args:
-        n: Number of modes.
-        length: Length of the bar (m).
-    """
+    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
     wavenumber = np.asarray((np.arange(1, n + 1) - 0.5) * np.pi / length, dtype=np.float64)
     return Modes(length, wavenumber, np.tile([0.0, np.sqrt(2.0), 0.0, 0.0], (n, 1)))
 

@@ -72,12 +72,7 @@ class Curvature:
 def curvature(
     families: Mapping[str, Family], slices: Mapping[str, slice], n: int, stiffness: float
 ) -> Curvature:
-    """V4 of a body.
-
-    Args:
-        families, slices: Its directions. n: Number of its coordinates.
-        stiffness: EI (N m^2), of both directions where it bends in two.
-    """
+    """V4 of a body."""
     bending = [d for d in BENDING if d in families]
     breaks = union([families[d].breaks for d in bending])
     # A product of four functions.

@@ -41,12 +41,7 @@ class Cut:
 
 
 def cut(body: FlexibleBody, count: int = SECTIONS) -> Cut:
-    """Sections at equal distances along a body.
-
-    Args:
-        body: Flexible body.
-        count: Sections.
-    """
+    """Sections at equal distances along a body."""
     if body.solid is not None:
         solid = body.solid
         return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))

@@ -16,13 +16,7 @@ if TYPE_CHECKING:
 def damping(
     link: FlexibleLink, places: Mapping[str, slice | IntArray], K: Array, M: Array
 ) -> Array:
-    """Damping matrix of a body, direction by direction, from its stiffness and mass, (n, n).
-
-    Args:
-        link: The flexible link, with its Rayleigh or modal damping.
-        places: Of each direction in eta.
-        K, M: Stiffness and mass, shape (n, n).
-    """
+    """Damping matrix of a body, direction by direction, from its stiffness and mass, (n, n)."""
     alpha, beta = link.rayleigh
     D, every = np.zeros_like(K), np.arange(len(K))
     for place in places.values():
@@ -34,12 +28,7 @@ def damping(
 
 
 def modal_damping(K: Array, M: Array, ratio: float) -> Array:
-    """D = M V diag(2 zeta omega) V' M of the modes V held at the root, V' M V = 1.
-
-    Args:
-        K, M: Stiffness and mass, shape (n, n).
-        ratio: zeta of every mode [-].
-    """
+    """D = M V diag(2 zeta omega) V' M of the modes V held at the root, V' M V = 1."""
     L = np.linalg.cholesky(M)
     half = np.linalg.solve(L, K)
     squares, U = np.linalg.eigh(np.linalg.solve(L, half.T))

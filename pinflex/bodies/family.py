@@ -107,14 +107,6 @@ def hermite(
     A clamped root section fixes value and slope of a bending field, the value of an axial or
     torsion field; the root curvature or twist rate stays a coordinate.
 
-    Args:
-        length: Length of the beam (m).
-        elements: Number of elements.
-        order: Order of the bending fields, "cubic" (value, slope) or "quintic" (value, slope,
-            curvature); torsion then is linear or cubic, axial linear.
-        root: "clamped" or "free".
-        direction: "v", "w" (bending), "p" (torsion) or "u" (axial).
-        shear_ratio: EI / (k G A) (m^2); not zero: interdependent Timoshenko functions, cubic only.
     Source: Liu et al. (2010), eq. 1-4 (18-coordinate element); Friedman, Kosmatka (1993),
         eq. 20-21 (shear), with slope = rotation of the section.
     """
@@ -161,13 +153,6 @@ def polynomial(
     Bending: curv = P_j(2x/L - 1), j < n, f its double integral; axial and torsion: df = P_j. With
     shear, each curvature carries the shear strain that balances it, df - rot = -(EI/kGA) rot'',
     which is all there is without rotary inertia; with it, n free shear strains P_j are added.
-
-    Args:
-        length: Length of the beam (m).
-        n: Number of Legendre polynomials.
-        direction: "v", "w" (bending), "p" (torsion) or "u" (axial).
-        shear_ratio: EI / (k G A) (m^2); 0: Euler-Bernoulli.
-        shear_free: Add the n free shear strains: 2 n functions.
     """
     half = length / 2.0
     strain = np.eye(n, n + 3)
@@ -191,34 +176,18 @@ def polynomial(
 
 
 def assumed(length: float, boundary: str, modes: int) -> Family:
-    """Analytic bending modes with int f^2 dx = L, so that coordinates are amplitudes in m.
-
-    Args:
-        length: Length of the beam (m).
-        boundary: One of beam_modes.BOUNDARIES; free_free begins with its two rigid modes.
-        modes: Number of modes.
-    """
+    """Analytic bending modes with int f^2 dx = L, so that coordinates are amplitudes in m."""
     rigid = boundary == "free_free"
     return _modal(beam_modes.mode_functions(boundary, modes, length, rigid), bending=True)
 
 
 def sines(length: float, modes: int) -> Family:
-    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root.
-
-    Args:
-        length: L [m]. modes: Number of functions.
-    """
+    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
     return _modal(beam_modes.sine_modes(modes, length), bending=False)
 
 
 def combine(family: Family, T: Array, names: tuple[str, ...] | None = None) -> Family:
-    """Linear recombination f @ T of a family.
-
-    Args:
-        family: Family of n functions.
-        T: Coefficients, shape (n, m).
-        names: Names of the m new coordinates; None: numbers.
-    """
+    """Linear recombination f @ T of a family."""
     m = T.shape[1]
     labels = names or tuple(str(k + 1) for k in range(m))
     function = partial(_combined, function=family.function, T=T)
@@ -234,9 +203,6 @@ def _gauss(points: int) -> tuple[Array, Array]:
 def quadrature(breaks: Array, points: int) -> tuple[Array, Array]:
     """Gauss-Legendre rule on every interval of `breaks`.
 
-    Args:
-        breaks: Ascending interval boundaries (m), shape (k + 1,).
-        points: Points per interval; exact to degree 2 points - 1.
     Returns:
         Points x (m) and weights w (m), each of shape (k, points).
     """
@@ -311,18 +277,7 @@ def _piecewise(
     gauss: int,
     shear: bool,
 ) -> Family:
-    """Family of piecewise polynomials, equal on every element.
-
-    Args:
-        length: Length of the beam (m).
-        elements: Number of elements.
-        value: Legendre coefficients of the local functions, shape (m, width).
-        turn: Those of their rotation; `value` itself for axial and torsion fields.
-        dofs: Function each local one belongs to, shape (elements, m); negative: dropped.
-        names: Name of each function.
-        gauss: Gauss points per element.
-        shear: Whether rotation and slope differ.
-    """
+    """Family of piecewise polynomials, equal on every element."""
     breaks = np.linspace(0.0, length, elements + 1)
     size = length / elements
     turn = np.pad(turn, ((0, 0), (0, value.shape[1] - turn.shape[1])))

@@ -56,14 +56,7 @@ def scikit_fem(where: str) -> Any:
 
 
 def read(path: Path, interfaces: Mapping[str, Region], scale: float, where: str) -> Mesh:
-    """Read a mesh of tetrahedra or hexahedra, linear or quadratic, from any format of meshio.
-
-    Args:
-        path: File; its groups of faces (physical surfaces in Gmsh) may be interfaces.
-        interfaces: Group of faces, or box [m], of each interface.
-        scale: Metres per unit of the file.
-        where: Place in the description, for messages.
-    """
+    """Read a mesh of tetrahedra or hexahedra, linear or quadratic, from any format of meshio."""
     skfem = scikit_fem(where)
     import meshio
     from skfem.io.meshio import from_meshio
@@ -107,14 +100,7 @@ def read(path: Path, interfaces: Mapping[str, Region], scale: float, where: str)
 
 
 def checked(cells: Any, element: Any, interfaces: Mapping[str, Region], where: str) -> Mesh:
-    """The mesh with its interfaces, if every cell has a volume and all hang together.
-
-    Args:
-        cells: Mesh of scikit-fem, coordinates in m.
-        element: Its element.
-        interfaces: Group of faces, or box [m], of each interface by name.
-        where: Place in the description, for messages.
-    """
+    """The mesh with its interfaces, if every cell has a volume and all hang together."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -166,25 +152,14 @@ def _region(basis: Any, region: Region, name: str, where: str) -> IntArray:
 
 
 def inside(nodes: Array, box: Sequence[float]) -> IntArray:
-    """Numbers of the nodes (nn, 3) in a box x0 y0 z0 x1 y1 z1, its faces included.
-
-    Args:
-        nodes: Places [m], shape (nn, 3).
-        box: x0, y0, z0, x1, y1, z1 [m].
-    """
+    """Numbers of the nodes (nn, 3) in a box x0 y0 z0 x1 y1 z1, its faces included."""
     slack = 1e-9 * float(np.ptp(nodes, axis=0).max())
     low, high = np.array(box[:3]) - slack, np.array(box[3:]) + slack
     return np.flatnonzero(np.all((nodes >= low) & (nodes <= high), axis=1))
 
 
 def require_area(nodes: Array, region: IntArray, where: str) -> IntArray:
-    """An interface turns with its nodes: fewer than three, or all in a line, leave it loose.
-
-    Args:
-        nodes: Places [m], shape (nn, 3).
-        region: Numbers of the interface's nodes.
-        where: Place in the description, for messages.
-    """
+    """An interface turns with its nodes: fewer than three, or all in a line, leave it loose."""
     arms = nodes[region] - nodes[region].mean(axis=0) if len(region) else np.zeros((1, 3))
     spread = np.linalg.svd(arms, compute_uv=False)
     if len(region) < 3 or spread[1] < 1e-6 * np.ptp(nodes, axis=0).max():
@@ -202,11 +177,6 @@ def stepped_rod(segments: Sequence[tuple[float, float]], size: float | None, whe
     The faces at both ends are the interfaces "root" and "tip". Circles are quadratic arcs whose
     radii give the exact area, so the mass is exact; steps are sharp, so the stress there grows
     without bound as the cells shrink.
-
-    Args:
-        segments: Diameter and length of each [m].
-        size: Length of the cells [m]; None: the smallest diameter.
-        where: Place in the description, for messages.
     """
     from scipy.spatial import cKDTree
 

@@ -34,11 +34,6 @@ def mass_points(Z: Array, n: int) -> tuple[Array, Array, float]:
 
     Mass, centre, second moments and the couplings of rigid with elastic motion are exact; of the
     elastic part, fields with less than `_SMALL` of the energy of a coordinate are left out.
-
-    Args:
-        Z: Products z' M z of the fields 1, x, y, z, then u, v, w of each coordinate, shape (4 + 3
-            n, 4 + 3 n).
-        n: Number of coordinates.
     """
     L = np.linalg.cholesky(Z[:4, :4])
     couple = np.linalg.solve(L, Z[:4, 4:])
@@ -66,10 +61,6 @@ def section_fits(nodes: Array, x: Array) -> Array:
     """Rows (u, v, w, rz, ry, rx) of sections from nodal displacements, shape (nx, 6, nn, 3).
 
     Weighted least squares of a rigid section whose motion is quadratic in x, near each section.
-
-    Args:
-        nodes: Places [m], shape (nn, 3).
-        x: Sections along the span [m], increasing, shape (nx,).
     """
     length = float(x[-1] - x[0])
     out = np.zeros((len(x), 6, len(nodes), 3))
@@ -94,13 +85,6 @@ def outer_mass(nodes: Array, z: Array, lumps: Array, x: Array, back: Array) -> t
 
     The acceleration is linear in z, so point forces f_k give it everywhere, and the mass beyond x
     (row sums of the mass matrix) then needs sum_k f_k z_k' Z^-1 int_{>x} z dm.
-
-    Args:
-        nodes: Places [m], shape (nn, 3).
-        z: Fields of `mass_points` at the nodes, shape (nn, d).
-        lumps: Mass of each node [kg], shape (nn,).
-        x: Sections along the span [m], increasing, shape (nx,).
-        back: Products z' M u of a field u -> its values at the points, shape (ns, d).
     """
     beyond = np.array([nodes[:, 0] > at for at in x], dtype=float)
     edge = np.array([np.abs(nodes[:, 0] - at) < 1e-9 * x[-1] for at in x], dtype=float)
@@ -133,23 +117,13 @@ class MassPoints:
 
     @classmethod
     def of(cls, solid: Solid, shapes: Array) -> MassPoints:
-        """The points of a solid.
-
-        Args:
-            solid: Body with its nodes and mass matrix.
-            shapes: Displacements of its nodes by coordinates, shape (nodes, 3, n).
-        """
+        """The points of a solid."""
         z = np.column_stack([np.ones(len(solid.nodes)), solid.nodes, *shapes.transpose(1, 0, 2)])
         weights, points, error = mass_points(z.T @ (solid.mass @ z), shapes.shape[2])
         onto = np.linalg.pinv((points * weights[:, None]).T, rcond=1e-9)
         return cls(z, points, weights, np.asarray(onto, dtype=float), error)
 
     def project(self, solid: Solid, field: Array) -> Array:
-        """Values of a field at the points, shape (ns, the rest).
-
-        Args:
-            solid: The body.
-            field: At its nodes, shape (nodes, ...).
-        """
+        """Values of a field at the points, shape (ns, the rest)."""
         products = self.z.T @ (solid.mass @ field.reshape(len(self.z), -1))
         return np.asarray(self.onto @ products)

@@ -16,10 +16,6 @@ def ritz8(length: float, direction: str, shear_ratio: float) -> Family:
     The frame of the link is fixed to its root section, not to the chord, so the shapes are those
     of the chord less a rotation; q1 and q4 move the whole link, which its joint does already.
 
-    Args:
-        length: l [m].
-        direction: u, v, w or p.
-        shear_ratio: E I / (k G A) [m^2]; 0 without shear.
     Source: Liu, Zhu, Zhao, the link of the 3-TPT (models/3tpt/SOURCE.md).
     """
     one = hermite(length, 1, "cubic", direction=direction, shear_ratio=shear_ratio)

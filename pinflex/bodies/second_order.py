@@ -23,13 +23,7 @@ _TURNS = (2, 1, 0)  # rotations z, y, x of an interface, in this order
 def second_order_shapes(
     solid: Solid, T: Any, moving: int, shapes: Array, solve: Any
 ) -> tuple[Array, Array]:
-    """G of all nodes, (nn, 3, n, n), and of the interface coordinates, (moving, n, n).
-
-    Args:
-        solid: A body with its finite elements. T: From reduced to all displacements.
-        moving: Number of interface coordinates, the first of T.
-        shapes: First-order shapes, shape (nn, 3, n). solve: Solves T' K T z = f.
-    """
+    """G of all nodes, (nn, 3, n, n), and of the interface coordinates, (moving, n, n)."""
     assert solid.field is not None
     regions = list(solid.regions.values())
     n, nn = shapes.shape[2], len(solid.nodes)

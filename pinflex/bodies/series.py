@@ -47,13 +47,7 @@ class Series:
 
 
 def series(function: Callable[[Array], Array], breaks: Array, size: Array) -> Series:
-    """The series of functions that are smooth between breaks.
-
-    Args:
-        function: Of ascending x (nx,) [m], answers (nx, functions).
-        breaks: Where they may not be smooth, and both ends [m], shape (k + 1,).
-        size: What their round-off is measured by, shape (functions,).
-    """
+    """The series of functions that are smooth between breaks."""
     nodes = -np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, _POINTS - 1))
     for _ in range(_HALVINGS):

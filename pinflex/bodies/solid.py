@@ -94,9 +94,6 @@ class Field:
 
         int C (H1' H2)_sym : grad(v), from their gradients H (ne, nq, 3, 3): the part of the
         Green-Lagrange strain that is bilinear in them.
-
-        Args:
-            one, two: Gradients H of the two, shape (ne, nq, 3, 3).
         """
         H = np.swapaxes(one, 2, 3) @ two
         return self.force(self._stress(0.5 * (H + np.swapaxes(H, 2, 3))))
@@ -127,9 +124,6 @@ class Field:
     def stress_rows(self, shapes: Array, corners: IntArray) -> Array:
         """Stress xx yy zz yz zx xy (Pa) at mesh corners, averaged over the cells that meet there.
 
-        Args:
-            shapes: Displacements, shape (nn, 3, n).
-            corners: Mesh vertices, shape (k,).
         Returns:
             Shape (k, 6, n).
         """
@@ -175,10 +169,6 @@ def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
     """Assemble stiffness and mass of a mesh.
 
     K = int B' C B dV, mass = int rho N' N dV, with quadratic displacements.
-
-    Args:
-        mesh: The mesh. material: Isotropic, with its density.
-        where: Place in the description, for messages.
     """
     from scipy.sparse import coo_array
 
@@ -217,14 +207,7 @@ def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
 
 
 def of_matrices(nodes: Array, K: Any, M: Any, regions: Mapping[str, IntArray], where: str) -> Solid:
-    """A body given by its matrices, if they are those of an unsupported elastic solid.
-
-    Args:
-        nodes: Shape (nn, 3), m.
-        K, M: Stiffness (N/m) and mass (kg), dense or sparse, shape (3 nn, 3 nn), node by node.
-        regions: Nodes of each interface.
-        where: Place in the description, for messages.
-    """
+    """A body given by its matrices, if they are those of an unsupported elastic solid."""
     from scipy.sparse import csc_array
 
     nn = len(nodes)

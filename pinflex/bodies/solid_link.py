@@ -29,13 +29,7 @@ _SOUND = (1e-1, 1e6)  # first frequency times size of a body given by matrices [
 def solid_body(
     spec: FlexibleLink, placement: pin.SE3, length: float, folder: Path, where: str
 ) -> FlexibleBody:
-    """The flexible body of a link whose basis is a mesh, a stepped rod or matrices.
-
-    Args:
-        spec: The link, its density resolved.
-        placement: Beam frame in the frame of the link, in which meshes are drawn.
-        length: Span (m). folder: Where relative files are looked up. where: For messages.
-    """
+    """The flexible body of a link whose basis is a mesh, a stepped rod or matrices."""
     place = f"{where}.basis"
     pose = np.column_stack([placement.rotation, placement.translation])
     basis = spec.basis
@@ -237,10 +231,6 @@ def equivalent_section(body: FlexibleBody, density: float | None) -> Section:
     """The round section of a uniform rod with the span and the volume of the body.
 
     For pictures and the nominal stresses along the span; stresses of the solid are at its nodes.
-
-    Args:
-        body: A reduced solid.
-        density: [kg/m^3]; None: that of steel.
     """
     volume = float(body.mass.sum()) / (density or 7850.0)
     return Section.circle(2.0 * float(np.sqrt(volume / (np.pi * body.length))))

@@ -71,12 +71,7 @@ def modal_data(body: FlexibleBody) -> dict[str, Any]:
 
 
 def summary(body: FlexibleBody, count: int = 12) -> str:
-    """Modal summary as text.
-
-    Args:
-        body: Any flexible body.
-        count: How many modes.
-    """
+    """Modal summary as text."""
     data = modal_data(body)
     I = data["inertia"]  # noqa: E741 - the symbol of the quantity
     near = np.where(np.abs(data["centre"]) < 1e-12 * body.length, 0.0, data["centre"])
@@ -116,12 +111,7 @@ def summary(body: FlexibleBody, count: int = 12) -> str:
 
 
 def save(body: FlexibleBody, path: str | Path) -> Path:
-    """Write the modal data, with units, K, M and D (in the coordinates of the body), as a .npz.
-
-    Args:
-        body: The flexible body.
-        path: File to write; .npz is appended where it has no such ending.
-    """
+    """Write the modal data, with units, K, M and D (in the coordinates of the body), as a .npz."""
     path = Path(path)
     data = modal_data(body)
     arrays = {key: np.asarray(value) for key, value in data.items()}

@@ -117,16 +117,7 @@ def reduce(
     modal_damping: float = 0.0,
     where: str = "superelement",
 ) -> FlexibleBody:
-    """Reduce a solid to its interfaces and lowest modes.
-
-    Args:
-        solid: Body in the frame of the beam: its span lies along x.
-        modes: Modes with all interfaces held.
-        length: Span along which sections are reported (m).
-        second_order: Rows G, where there is a mesh to compute them from.
-        rayleigh: Damping alpha M + beta K (1/s, s). modal_damping: Ratio of every mode [-].
-        where: Place in the description, for messages.
-    """
+    """Reduce a solid to its interfaces and lowest modes."""
     regions = list(solid.regions.items())
     centres = [solid.nodes[region].mean(axis=0) for _, region in regions]
     T, moving = _rigid_regions(solid, [r for _, r in regions], centres)

@@ -65,24 +65,13 @@ class Track:
         return Sections(Phi, G)
 
     def moved(self, x: float, eta: Array) -> Array:
-        """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3).
-
-        Args:
-            x: Place on the beam [m].
-            eta: Coordinates of the body, shape (n,).
-        """
+        """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3)."""
         Phi, G = self.at(x)
         return np.asarray((Phi[:2, :3] + 0.5 * G[:2, :3] @ eta) @ eta)
 
 
 def track(body: FlexibleBody, rows: Sequence[int] = range(6), second_order: bool = True) -> Track:
-    """The series of a beam (a solid has none).
-
-    Args:
-        body: Beam.
-        rows: Those of (u, v, w, rz, ry, rx) that are wanted; others are zero.
-        second_order: With G, where the body has it.
-    """
+    """The series of a beam (a solid has none)."""
     breaks = beam.union([np.array([0.0, body.length]), *(f.breaks for f in body.families.values())])
 
     def entries(x: Array) -> list[Array]:

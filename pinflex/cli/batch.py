@@ -71,14 +71,6 @@ def answer(
     """Write the table and say what is in it; an error where no case has an answer.
 
     The journal has done its work where every case has an answer, and goes.
-
-    Args:
-        args: Of the command.
-        cases_table: Table of all cases.
-        out: File of the table, or None.
-        figures: Files written besides.
-        screen: Table and sentence for people; with -v the range of every number is added.
-        bar: Of the cases. notes: Paragraphs below the table.
     """
     files = [*([] if out is None else [cases_table.save(out)]), *figures]
     failed = np.flatnonzero(cases_table["status"] == "failed")

@@ -70,12 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def write(study: Bench, whole: bool = False) -> str:
-    """Table, fastest first, and advice; points that others beat in everything are counted.
-
-    Args:
-        study: Points and reference.
-        whole: All points, and why some failed.
-    """
+    """Table, fastest first, and advice; points that others beat in everything are counted."""
     best = {id(p) for p in study.pareto()}
     points = sorted((p for p in study.points if not p.failed), key=lambda p: p.cpu)
     shown = points if whole else [p for p in points if id(p) in best]

@@ -17,12 +17,7 @@ _ENDS = 2  # last words of a key path that name a parameter
 
 
 def main_columns(cases: Columns, parameters: Sequence[str]) -> list[str]:
-    """Parameters, then the numbers that matter most, as far as there are any and they fit.
-
-    Args:
-        cases: Columns by name, parameters among them.
-        parameters: Their names.
-    """
+    """Parameters, then the numbers that matter most, as far as there are any and they fit."""
     found = [*parameters]
     for head in _MAIN:
         named = [n for n in cases if n == head or n.startswith(f"{head}.")]
@@ -31,12 +26,7 @@ def main_columns(cases: Columns, parameters: Sequence[str]) -> list[str]:
 
 
 def case_table(cases: Columns, names: Sequence[str]) -> str:
-    """One row for each case, the first ones where there are many.
-
-    Args:
-        cases: Columns by name.
-        names: Columns in the order wanted; those that do not fit are left out.
-    """
+    """One row for each case, the first ones where there are many."""
     heads, rows = ["case"], [[str(k + 1)] for k in range(min(len(cases), _ROWS))]
     wide = 6
     for name in names:
@@ -55,12 +45,7 @@ def case_table(cases: Columns, names: Sequence[str]) -> str:
 
 
 def sentence(cases: Columns, names: Sequence[str]) -> str:
-    """From where to where each number goes, with the rows of both ends.
-
-    Args:
-        cases: Columns by name.
-        names: Columns in the order wanted; the first ones are told.
-    """
+    """From where to where each number goes, with the rows of both ends."""
     said = []
     for name in [*names][:_SAID]:
         values = cases[name]

@@ -20,12 +20,7 @@ from pinflex.results.result import Result
 def saved_meanwhile(
     mechanism: Mechanism, output: str | None, seconds: float, options: Mapping[str, Any]
 ) -> Result:
-    """The run of `solve(mechanism, **options)`, interrupted to be saved and gone on with.
-
-    Args:
-        mechanism: From `load`. output: Where to save. seconds: Between two savings [s].
-        options: Of `solve`; level coupled in steps alone has a state to go on from.
-    """
+    """The run of `solve(mechanism, **options)`, interrupted to be saved and gone on with."""
     options = dict(options)
     _check(mechanism, output, options)
     assert output is not None

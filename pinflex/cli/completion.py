@@ -38,12 +38,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def script(whole: argparse.ArgumentParser, shell: str) -> str:
-    """The script that a shell evaluates.
-
-    Args:
-        whole: Parser of all commands; its arguments learn what completes them.
-        shell: One of SHELLS.
-    """
+    """The script that a shell evaluates."""
     try:
         import shtab
     except ImportError as error:

@@ -22,12 +22,7 @@ if TYPE_CHECKING:
 
 
 def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
-    """Write the figure and the YAML that --plot and --output ask for; their paths.
-
-    Args:
-        found: What was found.
-        args: The parsed command line.
-    """
+    """Write the figure and the YAML that --plot and --output ask for; their paths."""
     files = []
     if args.plot is not None:
         found.plot(args.plot)
@@ -38,12 +33,7 @@ def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
 
 
 def say_written(files: Sequence[object], how: str = "-o FILE") -> None:
-    """Print the files written, or which option writes one.
-
-    Args:
-        files: Their paths.
-        how: The option.
-    """
+    """Print the files written, or which option writes one."""
     print("\n".join(f"wrote {path}" for path in files) or f"nothing saved ({how} saves it)")
 
 

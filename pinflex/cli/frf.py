@@ -180,11 +180,7 @@ def _text(study: FrequencyResponse) -> str:
 
 
 def _phase_words(pair: dict[str, Any], none: float) -> list[str]:
-    """Whether it is minimum phase, and its slowest zeros [Hz], signed on the real axis.
-
-    Args:
-        pair: Of `_data`. none: [Hz] below which a zero is zero.
-    """
+    """Whether it is minimum phase, and its slowest zeros [Hz], signed on the real axis."""
     right = pair["right_half_plane"]
     said = "yes" if right is None else f"no: from {number(right)} Hz on"
     shown: list[str] = []

@@ -48,15 +48,7 @@ class Layout(argparse.RawDescriptionHelpFormatter):
 def command(
     commands: Commands, name: str, summary: str, text: str, example: str, model: bool = True
 ) -> argparse.ArgumentParser:
-    """Add a command with the options that all share.
-
-    Args:
-        commands: From `add_subparsers`.
-        name: Of the command and of its module in `pinflex.cli`.
-        summary: Line in the list of commands. text: Description below it in the command's help.
-        example: Command lines.
-        model: Whether it takes MODEL, --set and --limit.
-    """
+    """Add a command with the options that all share."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
         help=summary,
@@ -88,12 +80,7 @@ def command(
 
 
 def repeated(parser: argparse.ArgumentParser, option: str, metavar: str, text: str) -> None:
-    """Add an option that may be given several times; a list of texts.
-
-    Args:
-        parser: Of a command.
-        option: Name with dashes. metavar: Its value. text: Help.
-    """
+    """Add an option that may be given several times; a list of texts."""
     parser.add_argument(option, action="append", default=[], metavar=metavar, help=text)
 
 

@@ -27,12 +27,7 @@ _MOTION = "motion"
 def read_control(
     value: object, where: str, urdf: Source, motors: Sequence[str] = ()
 ) -> Control | None:
-    """The block `control`.
-
-    Args:
-        value: The parsed block. where: Its place. urdf: Links and joints there are.
-        motors: Names of the motors.
-    """
+    """The block `control`."""
     block = schema.mapping(value, where)
     times = {k: block.pop(k) for k in DIGITAL if not isinstance(block.get(k, {}), Mapping)}
     period, delay = _times(times, where)
@@ -104,12 +99,7 @@ _limits = lru_cache(maxsize=4)(limits)  # every run of a digital controller asks
 
 
 def effort_limits(urdf: str, drives: Sequence[Voltage | Effort]) -> tuple[float, ...]:
-    """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none.
-
-    Args:
-        urdf: Text of the URDF.
-        drives: What is driven; a patch has no limit there.
-    """
+    """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none."""
     known = _limits(urdf)
     efforts = [known.get(d.joint, Limits()).effort if isinstance(d, Effort) else 0.0
                for d in drives]  # fmt: skip

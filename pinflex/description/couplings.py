@@ -34,12 +34,7 @@ class Coupling:
 def couplings(
     urdf: Source, joints: Mapping[str, JointExtra], types: Mapping[str, str], where: str
 ) -> tuple[Coupling, ...]:
-    """Couplings in the order of the joints; the YAML's `follows` goes before a URDF's `mimic`.
-
-    Args:
-        urdf: Names and mimic tags. joints: What the YAML says of joints.
-        types: Type of each joint, the YAML's changes in it. where: Place of the block `joints`.
-    """
+    """Couplings in the order of the joints; the YAML's `follows` goes before a URDF's `mimic`."""
     found: dict[str, Coupling] = {}
     for joint in urdf.joints.values():
         extra = joints.get(joint.name)
@@ -96,12 +91,7 @@ def read_actuated(
     closed: bool,
     coupled: Sequence[Coupling],
 ) -> tuple[str, ...]:
-    """Names of the joints with a motor: those given, or in an open chain all of one freedom.
-
-    Args:
-        value, where: The parsed list and its place. types: Of each joint.
-        closed: Whether there are loops. coupled: Joints without a motor of their own.
-    """
+    """Names of the joints with a motor: those given, or in an open chain all of one freedom."""
     followed = {one.joint: one.leader for one in coupled}
     single = tuple(name for name, kind in types.items() if kind in SINGLE)
     if value is not None:

@@ -33,13 +33,7 @@ _FLAT = 1e-9  # of the square of the distances: three points on one line
 def straightened(
     block: dict[str, Any], where: str, tree: Source
 ) -> tuple[dict[str, Any], Source] | None:
-    """The YAML and the robot with chains of straight links; None where no link is curved.
-
-    Args:
-        block: The parsed YAML.
-        where: Place of its key `flexible`, for messages.
-        tree: The robot's file.
-    """
+    """The YAML and the robot with chains of straight links; None where no link is curved."""
     raw = block.get("flexible")
     if not isinstance(raw, dict) or not any(_curved(spec) for spec in raw.values()):
         return None

@@ -187,14 +187,7 @@ class Description:
         return dataclasses.replace(self, **changes)
 
     def with_overrides(self, assignments: Iterable[str]) -> Description:
-        """The description of the same YAML with some values changed, checked like a file.
-
-        Args:
-            assignments: "key.path=value" each; a segment may be a glob, a list place a number:
-                "flexible.*.section.thickness=1e-3", "gravity.2=-1.62". Under `flexible` every link
-                has its own key, however the file groups them: those of a group that are alike in
-                the end stay one. "null" removes a value.
-        """
+        """The description of the same YAML with some values changed, checked like a file."""
         if isinstance(assignments, str) or not isinstance(assignments, Iterable):
             raise DescriptionError(
                 f'overrides: {schema.shown(assignments)} is no list. Give ["key.path=value", ...].'
@@ -219,11 +212,7 @@ class Description:
 
 
 def read(source: str | Path) -> Description:
-    """Read and check a description.
-
-    Args:
-        source: A YAML file, a folder NAME that holds NAME.yaml, or the name of a shipped model.
-    """
+    """Read and check a description."""
     path = find_file(source)
     if sources.is_robot(path):
         return _describe(_dumped({"urdf": path.name}), path.stem, path, None)
@@ -231,12 +220,7 @@ def read(source: str | Path) -> Description:
 
 
 def from_text(text: str, path: Path) -> Description:
-    """A description of a YAML text that is to stand at `path`; the file need not be there.
-
-    Args:
-        text: The YAML.
-        path: Where it is to stand; files that it names are found from there.
-    """
+    """A description of a YAML text that is to stand at `path`; the file need not be there."""
     return _describe(text, path.stem, path, None)
 
 

@@ -116,10 +116,6 @@ def linear_law(
 ) -> LinearLaw:
     """The law of a scipy or python-control system (state space, transfer function, zpk).
 
-    Args:
-        system: Discrete with this sample time, or continuous: then Tustin's rule is applied.
-        period: Sample time [s].
-        reference: Values that the measures should have, by time; None: 0.
     Raises:
         DescriptionError: No system, or one of another sample time.
     """

@@ -86,12 +86,7 @@ class Drive:
 
 
 def read_friction(value: object, where: str) -> Friction:
-    """The block `friction`.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-    """
+    """The block `friction`."""
     keys = fields.names_of(Friction)
     block = schema.mapping(value, where, keys)
     place = {key: schema.at(where, key) for key in keys}
@@ -116,12 +111,7 @@ def read_friction(value: object, where: str) -> Friction:
 
 
 def read_drive(value: object, where: str, reduction: float | None) -> tuple[Drive, Friction | None]:
-    """The block `drive`, and the friction in it.
-
-    Args:
-        value: The parsed block. where: Its place.
-        reduction: Gear ratio of the robot's file, for a drive that writes none.
-    """
+    """The block `drive`, and the friction in it."""
     block = schema.mapping(value, where, KEYS)
     place = {key: schema.at(where, key) for key in KEYS}
     found: dict[str, Any] = fields.read(Drive, block, place)

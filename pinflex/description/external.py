@@ -105,13 +105,7 @@ class AddedMass:
 
 
 def read_added_masses(value: object, where: str, urdf: Source) -> tuple[AddedMass, ...]:
-    """The block `added_masses`, in file order.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-        urdf: Links and joints there are.
-    """
+    """The block `added_masses`, in file order."""
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
@@ -124,13 +118,7 @@ def read_added_masses(value: object, where: str, urdf: Source) -> tuple[AddedMas
 
 
 def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ...]:
-    """The block `forces`, in file order.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-        urdf: Links and joints there are.
-    """
+    """The block `forces`, in file order."""
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
@@ -156,13 +144,7 @@ def _at_frame(
 
 
 def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, ...]:
-    """The block `springs`, in file order.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-        urdf: Links and joints there are.
-    """
+    """The block `springs`, in file order."""
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)

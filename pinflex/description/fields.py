@@ -22,10 +22,6 @@ def key(default: Any, reader: Reader, **about: Any) -> Any:
     """A field that a reader reads.
 
     `about` is further metadata; `form` in it is what the value looks like, as JSON Schema says it.
-
-    Args:
-        default: Value of a key that is not written.
-        reader: Takes the parsed value and its place; returns the value or raises.
     """
     return dataclasses.field(default=default, metadata={"read": reader, **about})
 
@@ -39,14 +35,7 @@ def real(
     above: float = -math.inf,
     **about: Any,
 ) -> Any:
-    """A finite number in bounds and in the range of its quantity (`ranges.RANGES`).
-
-    Args:
-        default: Value of a key that is not written.
-        of: Quantity, whose range also holds and whose units may be written.
-        low, high: Bounds that are allowed themselves, SI.
-        above: Bound that is not.
-    """
+    """A finite number in bounds and in the range of its quantity (`ranges.RANGES`)."""
     bounds = {"minimum": low, "maximum": high, "exclusiveMinimum": above}
     form: dict[str, Any] = {"type": "number"} | {
         k: v for k, v in bounds.items() if math.isfinite(v)
@@ -59,23 +48,13 @@ def real(
 
 
 def whole(default: Any, low: int, high: int | None = None, **about: Any) -> Any:
-    """A whole number in bounds.
-
-    Args:
-        default: Value of a key that is not written.
-        low, high: Bounds that are allowed themselves; None: a thousand million.
-    """
+    """A whole number in bounds."""
     form = {"type": "integer", "minimum": low} | ({} if high is None else {"maximum": high})
     return key(default, lambda v, at: schema.integer(v, at, low, high), form=form, **about)
 
 
 def word(default: Any, choices: Collection[str], **about: Any) -> Any:
-    """One of the choices, which may be a table that grows.
-
-    Args:
-        default: Value of a key that is not written.
-        choices: The words, which may be a table that grows.
-    """
+    """One of the choices, which may be a table that grows."""
     form = {"enum": choices}  # as it is when it is asked for
     return key(
         default, lambda v, at: schema.choice(v, at, choices), choices=choices, form=form, **about
@@ -93,13 +72,7 @@ def names_of(record: type) -> tuple[str, ...]:
 
 
 def read(record: type, block: Mapping[str, Any], place: Mapping[str, str]) -> dict[str, Any]:
-    """The written keys of a record, each read by its field; other keys are left alone.
-
-    Args:
-        record: A dataclass.
-        block: The parsed block.
-        place: Of each key, for messages.
-    """
+    """The written keys of a record, each read by its field; other keys are left alone."""
     return {
         f.name: f.metadata["read"](block[f.name], place[f.name])
         for f in dataclasses.fields(record)

@@ -17,13 +17,7 @@ def nameable(path: Path) -> bool:
 
 
 def require_regular(path: Path, most: int, where: str) -> None:
-    """Raise for a folder, device or pipe, which may never end, and for a file that is too large.
-
-    Args:
-        path: The file; that it does not exist is for its reader to say.
-        most: Its largest size [bytes].
-        where: Its place in a description, for messages.
-    """
+    """Raise for a folder, device or pipe, which may never end, and for a file that is too large."""
     try:
         if not path.exists():
             return

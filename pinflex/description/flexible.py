@@ -175,13 +175,7 @@ KEYS = (
 def read(
     block: Mapping[str, Any], place: Mapping[str, str], urdf: Source
 ) -> tuple[tuple[float, float], tuple[FlexibleLink, ...]]:
-    """Damping of the whole system, and the flexible links, of a description.
-
-    Args:
-        block: The parsed description, of which `damping` and `flexible` are read.
-        place: Of each of its keys.
-        urdf: The links there are.
-    """
+    """Damping of the whole system, and the flexible links, of a description."""
     system, damping = (0.0, 0.0), ((0.0, 0.0), 0.0)
     if "damping" in block:
         spec, scope = damping_scope(block["damping"], place["damping"])
@@ -198,15 +192,7 @@ def read(
 def from_spec(
     spec: object, link: str, where: str, urdf: Source, damping: tuple[tuple[float, float], float]
 ) -> FlexibleLink:
-    """A flexible link from its YAML block.
-
-    Args:
-        spec: The parsed block.
-        link: URDF link it describes.
-        where: Its place.
-        urdf: The links there are.
-        damping: (rayleigh, modal) of a link that has no damping of its own.
-    """
+    """A flexible link from its YAML block."""
     block = schema.mapping(spec, where, KEYS)
     solid = solid_keys.is_solid(block.get("basis"))
     schema.mapping(spec, where, KEYS, ("material",) if solid else ("material", "section"))
@@ -260,12 +246,7 @@ def _require_stretch(
 
 
 def basis_from_spec(spec: object, where: str) -> Basis:
-    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect.
-
-    Args:
-        spec: The parsed block.
-        where: Its place.
-    """
+    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
     every = tuple(key for keys in BASES.values() for key in keys)
     block = schema.mapping(spec, where, ("kind", *every))
     kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), BASES)
@@ -288,12 +269,7 @@ def basis_from_spec(spec: object, where: str) -> Basis:
 
 
 def damping_scope(spec: object, where: str) -> tuple[object, str]:
-    """The block without `scope`, and the scope: links (default), or system (Rayleigh only).
-
-    Args:
-        spec: The parsed block.
-        where: Its place.
-    """
+    """The block without `scope`, and the scope: links (default), or system (Rayleigh only)."""
     if not isinstance(spec, dict) or "scope" not in spec:
         return spec, "links"
     rest = {key: value for key, value in spec.items() if key != "scope"}
@@ -308,11 +284,7 @@ def damping_scope(spec: object, where: str) -> tuple[object, str]:
 
 
 def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:
-    """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}.
-
-    Args:
-        spec: The parsed block without `scope`. where: Its place.
-    """
+    """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}."""
     block = schema.mapping(spec, where, ("rayleigh", "modal"))
     if len(block) != 1:
         raise DescriptionError(

@@ -92,12 +92,7 @@ _OPERATORS: Mapping[type, Callable[[Array, Array], Array]] = {
 
 
 def parse(text: object, where: str) -> ast.expr:
-    """The checked syntax tree of a formula of t.
-
-    Args:
-        text: Such as "0.3*t^2"; + - * / ^ (or **), numbers, pi, t and the functions above.
-        where: Key path, for messages.
-    """
+    """The checked syntax tree of a formula of t."""
     try:
         tree = ast.parse(str(text).replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -128,12 +123,7 @@ def _check(node: ast.AST, where: str, called: bool) -> None:
 
 
 def evaluate(tree: ast.expr, t: Array) -> Array:
-    """Value and first two derivatives at times t (s), shape (3, nt).
-
-    Args:
-        tree: A formula of t that `parse` has checked.
-        t: Times [s], shape (nt,).
-    """
+    """Value and first two derivatives at times t (s), shape (3, nt)."""
     with np.errstate(all="ignore"):
         return _jet(tree, np.array([t, np.ones_like(t), np.zeros_like(t)]))
 

@@ -13,11 +13,7 @@ WORLD = "world"  # the ground as a frame of a loop or a spring
 
 
 def frame(value: object, where: str, urdf: Source) -> str:
-    """Link of a frame; the name of a joint means its child link, unless a link has that name too.
-
-    Args:
-        value: The parsed name. where: Its place. urdf: Links and joints there are.
-    """
+    """Link of a frame; a joint's name means its child link, unless a link has that name too."""
     if isinstance(value, str) and value.strip() in urdf.joints:
         name = value.strip()
         return name if name in urdf.links else urdf.joints[name].child
@@ -25,13 +21,7 @@ def frame(value: object, where: str, urdf: Source) -> str:
 
 
 def frames(value: object, where: str, urdf: Source) -> tuple[str, ...]:
-    """A list of different frames.
-
-    Args:
-        value: The parsed list.
-        where: Its place.
-        urdf: Links and joints there are; a joint names the link that it carries.
-    """
+    """A list of different frames."""
     found: list[str] = []
     for i, item in enumerate(schema.items(value, where)):
         name = frame(item, f"{where}[{i}]", urdf)
@@ -45,14 +35,7 @@ def frames(value: object, where: str, urdf: Source) -> tuple[str, ...]:
 
 
 def ends(pair: list[Any], where: str, urdf: Source, grounded: bool) -> tuple[str, str]:
-    """Two frames of which one may be the ground.
-
-    Args:
-        pair: Their names.
-        where: Place of the pair.
-        urdf: Links and joints there are.
-        grounded: Whether `WORLD` is the ground.
-    """
+    """Two frames of which one may be the ground."""
     if not grounded or WORLD not in pair:
         a, b = frames(pair, where, urdf)
         return a, b
@@ -64,12 +47,7 @@ def ends(pair: list[Any], where: str, urdf: Source, grounded: bool) -> tuple[str
 
 
 def by_joint(block: Mapping[str, Any], urdf: Source) -> dict[str, str]:
-    """Frames of a checked YAML that joints name: the link of each such joint.
-
-    Args:
-        block: The parsed YAML, checked.
-        urdf: Links and joints there are.
-    """
+    """Frames of a checked YAML that joints name: the link of each such joint."""
     asked: list[Any] = [block.get("platform"), *(block.get("frames") or ())]
     for group in ("loops", "forces", "springs", "flexible"):
         for item in (block.get(group) or {}).values():

@@ -27,11 +27,7 @@ _KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
-    """Read a robot.yaml and the URDF in its folder.
-
-    Args:
-        text: The YAML. file: Its name. package_dirs: The first one is its folder.
-    """
+    """Read a robot.yaml and the URDF in its folder."""
     block = schema.mapping(yaml_text.load(text, file), file)
     if "urdf" in block:
         raise DescriptionError(f"{file}: urdf: is a description itself. Give `pinflex` this file.")

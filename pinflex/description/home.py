@@ -16,13 +16,7 @@ Home = dict[str, float | tuple[float, ...]]
 
 
 def read_home(value: object, where: str, types: Mapping[str, str]) -> Home:
-    """The home guess in Pinocchio's layout; the file may also say rotation vectors and angles.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-        types: Type of each joint.
-    """
+    """The home guess in Pinocchio's layout; the file may also say rotation vectors and angles."""
     home: Home = {}
     movable = tuple(name for name, kind in types.items() if HOME_SIZES[kind])
     for name, item in schema.mapping(value, where).items():

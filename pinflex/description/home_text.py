@@ -16,10 +16,6 @@ _DIGITS = 1e-8  # relative or absolute; nine digits are written
 def with_home(text: str, values: Mapping[str, float | list[float]], file: str) -> str:
     """The text with the block `home` replaced, or appended where there is none.
 
-    Args:
-        text: A YAML that was read without an error.
-        values: Value of each joint.
-        file: Its name, for messages.
     Raises:
         DescriptionError: The block cannot be told from the rest (anchors shared with other blocks).
     """

@@ -67,13 +67,7 @@ class JointExtra:
 
 
 def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra]:
-    """The block `joints`, by joint name.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-        urdf: Links and joints there are.
-    """
+    """The block `joints`, by joint name."""
     return {
         name: _joint(name, item, schema.at(where, name), urdf)
         for name, item in schema.mapping(value, where).items()
@@ -151,12 +145,7 @@ def with_urdf_dynamics(
     urdf: Source,
     single: tuple[str, ...],
 ) -> dict[str, JointExtra]:
-    """The joints with damping and friction of the URDF, where the YAML says nothing of them.
-
-    Args:
-        joints: What the YAML adds, and the `block` it was read from. urdf: The robot's file.
-        single: Joints of one freedom.
-    """
+    """The joints with damping and friction of the URDF, where the YAML says nothing of them."""
     found = dict(joints)
     for name in single:
         written = urdf.joints[name]

@@ -37,12 +37,7 @@ def nonic(u: Array) -> Kinematics:
 
 
 def trapezoid(r: float, u: Array) -> Kinematics:
-    """Speed 1/(1 - r) between ramps of length r; the acceleration is continuous from the right.
-
-    Args:
-        r: Length of each ramp over the duration, 0 to 1/2.
-        u: Time over the duration, 0 to 1, shape (nt,).
-    """
+    """Speed 1/(1 - r) between ramps of length r; the acceleration is continuous from the right."""
     speed, past = 1.0 / (1.0 - r), u + SNAP
     rise, fall = 0.5 * speed / r * u**2, 1.0 - 0.5 * speed / r * (1.0 - u) ** 2
     s = np.where(u < r, rise, np.where(u < 1.0 - r, speed * (u - 0.5 * r), fall))
@@ -53,14 +48,7 @@ def trapezoid(r: float, u: Array) -> Kinematics:
 def move(
     shape: Callable[[Array], Kinematics], delta: Array, duration: float, t: Array
 ) -> Kinematics:
-    """delta s(t/T), then rest.
-
-    Args:
-        shape: s(u) with its first two derivatives, s(0) = 0 and s(1) = 1.
-        delta: Displacements [rad | m], shape (n,).
-        duration: T [s].
-        t: Times [s], shape (nt,).
-    """
+    """delta s(t/T), then rest."""
     u = np.minimum(t / duration, 1.0)
     s, ds, dds = shape(u)
     on, rate = u < 1.0 - SNAP, delta / duration
@@ -68,13 +56,7 @@ def move(
 
 
 def spin_up(speed: Array, duration: float, t: Array) -> Kinematics:
-    """Speed along the cycloid s(t/T), so that the angle starts with its first three rates zero.
-
-    Args:
-        speed: Speeds at the end [rad/s | m/s], shape (n,).
-        duration: T [s].
-        t: Times [s], shape (nt,).
-    """
+    """Speed along the cycloid s(t/T), so that the angle starts with its first three rates zero."""
     u = np.minimum(t / duration, 1.0)
     s, ds, _ = cycloid(u)
     turn = duration * (0.5 * u**2 + (np.cos(2.0 * np.pi * u) - 1.0) / (4.0 * np.pi**2))
@@ -83,15 +65,7 @@ def spin_up(speed: Array, duration: float, t: Array) -> Kinematics:
 
 
 def harmonic(amplitude: Array, omega: float, phase: float, smooth: float, t: Array) -> Kinematics:
-    """f g: g = sin(omega t + phase) - sin(phase), f the quintic fade-in.
-
-    Args:
-        amplitude: Amplitudes [rad | m], shape (n,).
-        omega: Angular frequency [rad/s].
-        phase: [rad].
-        smooth: Length of the fade-in [s]; 0: none.
-        t: Times [s], shape (nt,).
-    """
+    """f g: g = sin(omega t + phase) - sin(phase), f the quintic fade-in."""
     angle = omega * t + phase
     g, dg, ddg = np.sin(angle) - np.sin(phase), omega * np.cos(angle), -(omega**2) * np.sin(angle)
     if smooth > 0.0:
@@ -102,15 +76,7 @@ def harmonic(amplitude: Array, omega: float, phase: float, smooth: float, t: Arr
 
 
 def circle(rest: Array, z0: complex, omega: float, ramp: float, t: Array) -> Kinematics:
-    """rest, with z0 exp(i theta) on its first two columns; theta' rises to omega as a quintic.
-
-    Args:
-        rest: Centre of the circle and the columns that stay [m | rad], shape (n,).
-        z0: Radius [m] and first angle on the circle, as a complex number.
-        omega: Angular speed after the ramp [rad/s].
-        ramp: Its length [s]; 0: none.
-        t: Times [s], shape (nt,).
-    """
+    """rest, with z0 exp(i theta) on its first two columns; theta' rises to omega as a quintic."""
     theta, rate, gain = omega * t, np.full_like(t, omega), np.zeros_like(t)
     if ramp > 0.0:
         u = np.minimum(t / ramp, 1.0)
@@ -126,14 +92,7 @@ def circle(rest: Array, z0: complex, omega: float, ramp: float, t: Array) -> Kin
 
 
 def spline_law(spline: Any, last: float, periodic: bool, t: Array) -> Kinematics:
-    """A spline with its derivatives, clamped at its end or repeated.
-
-    Args:
-        spline: Takes times [s] and the order of a derivative; values of shape (nt, n).
-        last: Its end [s].
-        periodic: Whether it begins again there; else it rests.
-        t: Times [s], shape (nt,).
-    """
+    """A spline with its derivatives, clamped at its end or repeated."""
     u = np.mod(t, last) if periodic else np.minimum(t, last)
     on = (t < last)[:, None] | periodic
     return spline(u), np.where(on, spline(u, 1), 0.0), np.where(on, spline(u, 2), 0.0)

@@ -13,26 +13,14 @@ from pinflex.errors import DescriptionError, nearest
 
 
 def expand(value: object, where: str, urdf: Source) -> dict[str, Any]:
-    """One block per link, from keys that are link names, lists of them, or globs.
-
-    Args:
-        value: The parsed block `flexible`.
-        where: Its place.
-        urdf: The links there are.
-    """
+    """One block per link, from keys that are link names, lists of them, or globs."""
     blocks = schema.mapping(value, where)
     links = groups(blocks, where, urdf)
     return {name: copy.deepcopy(blocks[key]) for key, names in links.items() for name in names}
 
 
 def groups(blocks: Mapping[str, Any], where: str, urdf: Source) -> dict[str, list[str]]:
-    """The links of every key of the block `flexible`.
-
-    Args:
-        blocks: The parsed block.
-        where: Its place.
-        urdf: The links there are.
-    """
+    """The links of every key of the block `flexible`."""
     found: dict[str, list[str]] = {}
     written: dict[str, str] = {}
     for key in blocks:
@@ -48,12 +36,7 @@ def groups(blocks: Mapping[str, Any], where: str, urdf: Source) -> dict[str, lis
 
 
 def gathered(blocks: Mapping[str, Any], links: Mapping[str, list[str]]) -> dict[str, Any]:
-    """One block for the links of a key again, where theirs are still alike.
-
-    Args:
-        blocks: One for each link.
-        links: Of every key, from `groups`.
-    """
+    """One block for the links of a key again, where theirs are still alike."""
     found, left = dict[str, Any](), dict(blocks)
     for key, names in links.items():
         alike: list[tuple[Any, list[str]]] = []

@@ -33,12 +33,7 @@ class AsBuilt:
 
 
 def read_end_mass(spec: object, where: str) -> EndMass:
-    """A mass from {mass, inertia}.
-
-    Args:
-        spec: The parsed block.
-        where: Its place.
-    """
+    """A mass from {mass, inertia}."""
     block = schema.mapping(spec, where, ("mass", "inertia"))
     turning, moving = block.get("inertia", (0, 0, 0)), block.get("mass", 0)
     inertia = schema.vector(turning, schema.at(where, "inertia"), low=0, of="inertia")
@@ -46,12 +41,7 @@ def read_end_mass(spec: object, where: str) -> EndMass:
 
 
 def read_as_built(spec: object, where: str) -> AsBuilt:
-    """The beam of the URDF's link from {material, section, length}.
-
-    Args:
-        spec: The parsed block.
-        where: Its place.
-    """
+    """The beam of the URDF's link from {material, section, length}."""
     block = schema.mapping(spec, where, ("material", "section", "length"))
     place = {key: schema.at(where, key) for key in block}
     return AsBuilt(

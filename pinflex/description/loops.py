@@ -128,13 +128,7 @@ class Loop:
 
 
 def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:
-    """The block `loops`, in file order.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-        urdf: Links and joints there are.
-    """
+    """The block `loops`, in file order."""
     return tuple(
         _loop(name, item, schema.at(where, name), urdf)
         for name, item in schema.mapping(value, where).items()

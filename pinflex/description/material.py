@@ -74,12 +74,7 @@ KEYS = ("like", "E", "nu", "G", "rho", "yield_strength", "thermal_expansion", "n
 
 
 def named(name: object, where: str = "material") -> Material:
-    """The material of that name.
-
-    Args:
-        name: One of `MATERIALS`, American spelling allowed.
-        where: Place of the name, for messages.
-    """
+    """The material of that name."""
     spelled = ALIASES.get(name, name) if isinstance(name, str) else name
     return MATERIALS[schema.choice(spelled, where, MATERIALS)]
 
@@ -89,10 +84,6 @@ def from_spec(spec: object, where: str = "material") -> Material:
 
     A block needs E and one of nu and G, unless it starts from a named material with `like`. G and
     nu together are taken as they are (a composite); one alone gives the other by G = E/(2(1+nu)).
-
-    Args:
-        spec: The parsed value of the key `material`.
-        where: Its place, for messages.
     """
     if isinstance(spec, str):
         return named(spec, where)

@@ -26,11 +26,7 @@ _GROUPS = 3  # geoms of the groups 0 to 2 are drawn, as in MuJoCo
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
-    """Read an MJCF.
-
-    Args:
-        text: The XML. file: Its name. package_dirs: The first one is its folder.
-    """
+    """Read an MJCF."""
     robot = compiled(text, file, Path(package_dirs[0]) if package_dirs else Path())
     model = robot.model
     if model.nbody < 2:

@@ -65,11 +65,7 @@ class Robot:
         ]
 
     def code(self, name: str) -> int:
-        """A constant of MuJoCo.
-
-        Args:
-            name: As in "Geom.BOX" for mjtGeom's mjGEOM_BOX.
-        """
+        """A constant of MuJoCo."""
         kind, _, word = name.partition(".")
         return int(getattr(getattr(self.mujoco, f"mjt{kind}"), f"mj{kind.upper()}_{word}"))
 
@@ -78,11 +74,7 @@ class Robot:
         return pose(self.drawn.xmat[k].reshape(3, 3), self.drawn.xpos[k])
 
     def enabled(self, what: str) -> bool:
-        """Whether a <flag> leaves something on.
-
-        Args:
-            what: As MuJoCo names it, in upper case.
-        """
+        """Whether a <flag> leaves something on."""
         bits = self.mujoco.mjtDisableBit
         constraint = what in ("EQUALITY", "FRICTIONLOSS")
         whole = int(bits.mjDSBL_CONSTRAINT) if constraint else 0
@@ -90,30 +82,17 @@ class Robot:
         return not self.model.opt.disableflags & bit
 
     def label(self, group: str, k: int) -> str:
-        """Name of an element, or its line where it has none.
-
-        Args:
-            group: As MjSpec names it. k: Its number in mjModel.
-        """
+        """Name of an element, or its line where it has none."""
         found = (e for e in getattr(self.spec, group) if e.id == k)
         return next((str(e.name or e.info) for e in found), f"number {k + 1}")
 
     def refuse(self, what: str, name: str) -> None:
-        """Note what is left out.
-
-        Args:
-            what: The kind and the reason; {} stands for the names.
-            name: Of one more.
-        """
+        """Note what is left out."""
         self.refused.setdefault(what, []).append(name)
 
 
 def compiled(text: str, file: str, folder: Path) -> Robot:
-    """A file as MuJoCo understands it.
-
-    Args:
-        text: The XML. file: Its name. folder: Where it and its meshes are.
-    """
+    """A file as MuJoCo understands it."""
     _look_through(text, file, folder)
     mujoco = _mujoco(file)
     path = folder / file

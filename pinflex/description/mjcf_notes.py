@@ -16,11 +16,7 @@ _Kind = tuple[str, Iterable[str]]  # a sentence in which {} stands for names, an
 
 
 def left_out(robot: Robot) -> tuple[str, ...]:
-    """Sentences, at most ten: what would be more shares the last one.
-
-    Args:
-        robot: With its equalities and motors read.
-    """
+    """Sentences, at most ten: what would be more shares the last one."""
     kinds = [*_bodies(robot), *_tendons(robot), *_joints(robot), *robot.refused.items()]
     named = [(what, list(dict.fromkeys(names))) for what, names in [*kinds, *_quiet(robot)]]
     lines = [what.replace("{}", _listed(names)) for what, names in named if names]

@@ -293,11 +293,6 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
 
     A shaper without frequencies, which only the mechanism knows, is left to
     `levels.excited.default_motion`.
-
-    Args:
-        spec: The mapping.
-        where: Key path to name in errors.
-        folder: Of the YAML file; `file` is relative to it.
     """
     if not isinstance(spec, Mapping):
         raise keys.bad(

@@ -12,12 +12,7 @@ from pinflex.errors import DescriptionError
 
 
 def without_units(motion: object, types: Mapping[str, str]) -> object:
-    """A motion whose displacements have no units: "3 deg" is a number of rad.
-
-    Args:
-        motion: The parsed block.
-        types: Type of each joint, which says whether its displacement is an angle or a length.
-    """
+    """A motion whose displacements have no units: "3 deg" is a number of rad."""
     if not isinstance(motion, dict) or motion.get("kind") == "spin_up":  # those are speeds
         return motion
     found = dict(motion)
@@ -34,15 +29,7 @@ def without_units(motion: object, types: Mapping[str, str]) -> object:
 def read_motion(
     value: object, where: str, folder: Path, actuated: tuple[str, ...], has_platform: bool
 ) -> dict[str, Any]:
-    """The checked block, for `motion.from_spec`.
-
-    Args:
-        value: The parsed block, without units.
-        where: Its place.
-        folder: Of the YAML file; `file` is relative to it.
-        actuated: Joints with a motor.
-        has_platform: Whether the description names a platform.
-    """
+    """The checked block, for `motion.from_spec`."""
     from pinflex.description import motion  # late: a description without a motion does not need it
 
     block = copy.deepcopy(schema.mapping(value, where))

@@ -31,24 +31,12 @@ Moves = Mapping[str, float] | None
 
 
 def bad(where: str, text: str) -> DescriptionError:
-    """An error at a key path.
-
-    Args:
-        where: Key path.
-        text: What is wrong, what is allowed and what to do.
-    """
+    """An error at a key path."""
     return DescriptionError(f"{where}: {text}", where=where)
 
 
 def number(value: Any, where: str, unit: str = "rad or m", of: str = "position") -> float:
-    """A finite number in the range of its quantity.
-
-    Args:
-        value: The parsed value; text that is a number, or has a unit of the quantity, is one.
-        where: Key path.
-        unit: In words, for the message.
-        of: Quantity of `ranges.RANGES`.
-    """
+    """A finite number in the range of its quantity."""
     try:  # YAML 1.1 reads 1e-3 as text, so text that is a number is one
         x = float("nan" if isinstance(value, bool) else measured(value, of))
     except (TypeError, ValueError, OverflowError):
@@ -59,12 +47,7 @@ def number(value: Any, where: str, unit: str = "rad or m", of: str = "position")
 
 
 def options(kind: str, optional: str = "", **given: float | None) -> dict[str, float]:
-    """The given numbers, each finite and in range; `optional` ones may be None and are left out.
-
-    Args:
-        kind: Kind of motion, for messages.
-        optional: Keys that may be None, with blanks between them.
-    """
+    """The given numbers, each finite and in range; `optional` ones may be None and are left out."""
     out = {}
     for key, value in given.items():
         if value is not None or key not in optional.split():
@@ -76,25 +59,14 @@ def options(kind: str, optional: str = "", **given: float | None) -> dict[str, f
 
 
 def numbers(value: Any, where: str) -> dict[str, float]:
-    """A mapping of names to finite numbers.
-
-    Args:
-        value: The parsed mapping [rad | m].
-        where: Key path.
-    """
+    """A mapping of names to finite numbers."""
     if not isinstance(value, Mapping):
         raise bad(where, f"{shown(value)} is no mapping. Write {{name: number in rad or m}}.")
     return {str(name): number(x, f"{where}.{name}") for name, x in value.items()}
 
 
 def names(value: Any, target: str, where: str) -> tuple[str, ...]:
-    """The names; platform coordinates must exist, joints are checked against the model.
-
-    Args:
-        value: A list or a mapping.
-        target: joints or platform.
-        where: Key path.
-    """
+    """The names; platform coordinates must exist, joints are checked against the model."""
     if isinstance(value, str) or not isinstance(value, (Sequence, Mapping)) or not value:
         raise bad(where, f"{shown(value)} is no list of names. Write [name, ...].")
     names = tuple(map(str, value))
@@ -108,12 +80,7 @@ def names(value: Any, target: str, where: str) -> tuple[str, ...]:
 
 
 def target_of(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
-    """Whichever of the two is given: its word and its value.
-
-    Args:
-        joints, platform: The two arguments of a motion; one of them is None.
-        where: Key path.
-    """
+    """Whichever of the two is given: its word and its value."""
     if (joints is None) == (platform is None):
         given = "nothing moves" if joints is None else "both joints and platform are given"
         raise bad(where, f"{given}. Give one of joints: {{name: ...}}, platform: {{name: ...}}.")
@@ -121,12 +88,7 @@ def target_of(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
 
 
 def moves_of(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, float], Array]:
-    """What moves, by how much each, and the same as an array.
-
-    Args:
-        joints, platform: Displacements by name [rad | m]; one of them is None.
-        kind: Kind of motion, for messages.
-    """
+    """What moves, by how much each, and the same as an array."""
     target, value = target_of(joints, platform, kind)
     moves = numbers(value, f"{kind}.{target}")
     names(moves, target, f"{kind}.{target}")
@@ -153,14 +115,7 @@ def table(file: Any) -> dict[str, Any]:
 
 
 def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> list[float]:
-    """A column of numbers, one to each of the times if these are given.
-
-    Args:
-        table: Columns by name.
-        name: Of the column.
-        where: Key path.
-        times: Times [s], where the column is not that of times itself.
-    """
+    """A column of numbers, one to each of the times if these are given."""
     if name not in table:
         raise bad(where, f"no such column.{nearest(name, table)}")
     column = table[name]
@@ -176,15 +131,7 @@ def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> 
 def sampled_data(
     file: Any, t: Any, joints: Any, platform: Any, absolute: Any, periodic: Any
 ) -> tuple[str, tuple[str, ...], list[float], Array]:
-    """Target, names, times [s] and samples, shape (nt, names), of the arguments of `sampled`.
-
-    Args:
-        file: CSV file with a column t.
-        t: Times [s], where there is no file.
-        joints, platform: Samples by name [rad | m], or the names of columns.
-        absolute: Whether samples are positions.
-        periodic: Whether the motion begins again at its end.
-    """
+    """Target, names, times [s] and samples, shape (nt, names), of the arguments of `sampled`."""
     for key, flag in (("absolute", absolute), ("periodic", periodic)):
         if not isinstance(flag, bool):
             raise bad(f"sampled.{key}", f"{shown(flag)} is not allowed. Allowed: true, false.")

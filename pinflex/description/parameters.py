@@ -42,10 +42,6 @@ def parameters(
 
     Links that the YAML writes in one block ("arm_?") stay one parameter, as their author meant.
 
-    Args:
-        description: A scene.
-        patterns: Key paths such as "flexible.*.section.thickness" or "gravity.2".
-
     Returns:
         The description with named materials written out, so that their numbers can be changed; and
         the parameters.

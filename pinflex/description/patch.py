@@ -28,12 +28,7 @@ class Patch:
     constant: float
 
     def require_on_beam(self, where: str, length: float) -> None:
-        """Raise where the patch does not lie on a beam of a length [m].
-
-        Args:
-            where: Place of the link in the description.
-            length: Of the beam [m].
-        """
+        """Raise where the patch does not lie on a beam of a length [m]."""
         if 0.0 <= self.start < self.end <= length * (1.0 + 1e-9):
             return
         raise DescriptionError(
@@ -47,9 +42,6 @@ def piezo_constant(
 ) -> float:
     """Bending moment per volt of a patch on one face, k = -d31 E Ep h^2 b bp / (E h b + Ep hp bp).
 
-    Args:
-        d31: Piezoelectric constant [C/N]. E_patch: Young's modulus Ep [Pa].
-        width, thickness: bp and hp [m]. E: Of the beam [Pa]. b, h: Its width and thickness [m].
     Source: Sharifnia, Akbarzadeh (2016), eq. 32.
     """
     stretch = E * h * b + E_patch * thickness * width
@@ -61,12 +53,7 @@ KEYS = ("from", "to", "constant", *_SIZES)
 
 
 def read_patches(value: object, where: str, E: float, section: Section) -> tuple[Patch, ...]:
-    """The block `patches` of a link, in file order.
-
-    Args:
-        value: The parsed block. where: Its place.
-        E: Young's modulus of the link [Pa]. section: Its section.
-    """
+    """The block `patches` of a link, in file order."""
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)

@@ -66,11 +66,7 @@ _MEASURE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]+
 
 
 def measured(value: Any, of: str | None) -> Any:
-    """The number in SI that a text such as "20 mm" or "3 deg" means; any other value as it is.
-
-    Args:
-        value: The parsed value. of: Quantity whose units may be written.
-    """
+    """The number in SI that a text such as "20 mm" or "3 deg" means; any other value as it is."""
     found = _MEASURE.fullmatch(value.strip()) if isinstance(value, str) else None
     factor = UNITS.get(of or "", {}).get(found[2]) if found else None
     return value if found is None or factor is None else float(found[1]) * factor
@@ -83,13 +79,7 @@ def units_of(of: str | None) -> str:
 
 
 def within(value: float, where: str, of: str) -> float:
-    """The number, if its quantity may be so large; zero passes.
-
-    Args:
-        value: The number, SI.
-        where: Its place.
-        of: Quantity of `RANGES`.
-    """
+    """The number, if its quantity may be so large; zero passes."""
     allowed = RANGES[of]
     if value == 0 or allowed.least <= abs(value) <= allowed.most:
         return value

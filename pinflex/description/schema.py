@@ -19,12 +19,7 @@ _MOST = 10**9  # of whole numbers
 
 
 def at(where: str, key: object) -> str:
-    """Where a key of the block at `where` stands: "x.yaml" + "urdf" -> "x.yaml: urdf".
-
-    Args:
-        where: Place of the block.
-        key: Its key.
-    """
+    """Where a key of the block at `where` stands: "x.yaml" + "urdf" -> "x.yaml: urdf"."""
     return f"{where}.{key}" if ": " in where else f"{where}: {key}"
 
 
@@ -39,14 +34,7 @@ def shown(value: object) -> str:
 def mapping(
     value: object, where: str, keys: Collection[str] | None = None, required: Iterable[str] = ()
 ) -> dict[str, Any]:
-    """A block `key: value`; empty values count as not written.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        keys: The keys that exist; None allows any name.
-        required: The keys that must be written.
-    """
+    """A block `key: value`; empty values count as not written."""
     if not isinstance(value, dict):
         hint = f" Its keys: {', '.join(keys)}." if keys else ""
         raise DescriptionError(f"{where}: {shown(value)} is not a block of `key: value`.{hint}")
@@ -78,14 +66,7 @@ def number(
     above: float = -math.inf,
     of: str | None = None,
 ) -> float:
-    """A finite number with low <= value <= high and value > above.
-
-    Args:
-        value: The parsed value. where: Its place.
-        low, high, above: Bounds of the key.
-        of: What it is the number of: a quantity of `ranges.RANGES`, whose range also holds, and
-            whose units (`ranges.UNITS`) may be written.
-    """
+    """A finite number with low <= value <= high and value > above."""
     edges = ((">", above), (">=", low), ("<=", high))
     bounds = " and ".join(f"{sign} {edge:g}" for sign, edge in edges if math.isfinite(edge))
     allowed = f"Allowed: a finite number {bounds}".rstrip() + "."
@@ -105,13 +86,7 @@ def quantity(kind: str) -> str:
 
 
 def integer(value: object, where: str, low: int, high: int | None = None) -> int:
-    """A whole number, low <= value <= high (None: a thousand million).
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        low, high: Bounds that are allowed themselves.
-    """
+    """A whole number, low <= value <= high (None: a thousand million)."""
     most = _MOST if high is None else high
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= most:
         large = isinstance(value, int) and value > most
@@ -123,37 +98,21 @@ def integer(value: object, where: str, low: int, high: int | None = None) -> int
 
 
 def boolean(value: object, where: str) -> bool:
-    """true or false.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-    """
+    """true or false."""
     if not isinstance(value, bool):
         raise DescriptionError(f"{where}: {shown(value)} is not valid. Allowed: true, false.")
     return value
 
 
 def text(value: object, where: str) -> str:
-    """A non-empty text.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-    """
+    """A non-empty text."""
     if not isinstance(value, str) or not value.strip():
         raise DescriptionError(f"{where}: {shown(value)} is not a text. Write a name.")
     return value.strip()
 
 
 def choice(value: object, where: str, names: Collection[str]) -> str:
-    """One of the given words.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        names: The words.
-    """
+    """One of the given words."""
     if not isinstance(value, str) or value not in names:
         raise DescriptionError(
             f"{where}: {shown(value)} is not known.{nearest(str(value)[:80], names)}", value=value
@@ -162,14 +121,7 @@ def choice(value: object, where: str, names: Collection[str]) -> str:
 
 
 def known(value: object, where: str, names: Collection[str], what: str) -> str:
-    """A name that exists in the URDF, or another list.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        names: The names that exist.
-        what: Such as "link in 3rrr.urdf".
-    """
+    """A name that exists in the URDF, or another list."""
     name = text(value, where)
     if name not in names:
         raise DescriptionError(
@@ -179,13 +131,7 @@ def known(value: object, where: str, names: Collection[str], what: str) -> str:
 
 
 def items(value: object, where: str, size: int | None = None) -> list[Any]:
-    """A list, of `size` entries if given.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        size: Number of entries; None: any.
-    """
+    """A list, of `size` entries if given."""
     if not isinstance(value, (list, tuple)) or (size is not None and len(value) != size):
         what = "a list" if size is None else f"a list of {size}"
         raise DescriptionError(f"{where}: {shown(value)} is not {what}. Write [a, b, ...].")
@@ -195,39 +141,19 @@ def items(value: object, where: str, size: int | None = None) -> list[Any]:
 def numbers(
     value: object, where: str, size: int, low: float = -math.inf, of: str | None = None
 ) -> tuple[float, ...]:
-    """A list of `size` finite numbers >= low, each as in `number`.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        size: Number of entries.
-        low: Bound of each that is allowed itself.
-        of: Quantity, as in `number`.
-    """
+    """A list of `size` finite numbers >= low, each as in `number`."""
     entries = enumerate(items(value, where, size))
     return tuple(number(v, f"{where}[{i}]", low, of=of) for i, v in entries)
 
 
 def vector(value: object, where: str, low: float = -math.inf, of: str | None = None) -> Vec3:
-    """Three finite numbers >= low, each as in `number`.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        low: Bound of each that is allowed itself.
-        of: Quantity, as in `number`.
-    """
+    """Three finite numbers >= low, each as in `number`."""
     x, y, z = numbers(value, where, 3, low, of)
     return x, y, z
 
 
 def direction(value: object, where: str) -> Vec3:
-    """A unit vector, from x, y, z, -x, -y, -z or three numbers that are not all zero.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-    """
+    """A unit vector, from x, y, z, -x, -y, -z or three numbers that are not all zero."""
     if isinstance(value, str):
         letter = choice(value, where, ("x", "y", "z", "-x", "-y", "-z"))
         x, y, z = _LETTERS[letter[-1]]
@@ -242,14 +168,7 @@ def direction(value: object, where: str) -> Vec3:
 
 
 def names(value: object, where: str, allowed: Collection[str], what: str) -> tuple[str, ...]:
-    """A list of different names, each one of those allowed.
-
-    Args:
-        value: The parsed value.
-        where: Its place.
-        allowed: The names that exist.
-        what: What they name, for the message.
-    """
+    """A list of different names, each one of those allowed."""
     found: list[str] = []
     for i, item in enumerate(items(value, where)):
         name = known(item, f"{where}[{i}]", allowed, what)

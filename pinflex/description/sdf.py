@@ -65,11 +65,7 @@ _TAKEN = {
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
-    """Read the model of an SDF.
-
-    Args:
-        text: The XML. file: Its name. package_dirs: Folders of the meshes.
-    """
+    """Read the model of an SDF."""
     root = parse(text, file, ("sdf",), "an SDF")
     holders = [root, *root.all("world")]
     models = [model for holder in holders for model in holder.all("model")]

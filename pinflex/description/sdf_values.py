@@ -42,23 +42,12 @@ def name_of(element: Element) -> str:
 
 
 def text_of(element: Element, tag: str) -> str:
-    """The text of a child, without blanks around it.
-
-    Args:
-        element: The parent.
-        tag: Of its child.
-    """
+    """The text of a child, without blanks around it."""
     return (element.findtext(tag) or "").strip()
 
 
 def value_of(element: Element, tag: str, default: float = 0.0) -> float:
-    """The number of a child.
-
-    Args:
-        element: The parent.
-        tag: Of its child.
-        default: Of a child that is absent or empty.
-    """
+    """The number of a child."""
     text = text_of(element, tag)
     try:
         return float(text) if text else default
@@ -111,14 +100,7 @@ def poses(model: Element) -> dict[str, Array]:
 
 
 def axis_of(reading: Reading, joint: Element, name: str, tag: str = "axis") -> Array:
-    """Unit axis of a joint in the model's frame.
-
-    Args:
-        reading: The model, with its poses.
-        joint: The element.
-        name: Of the joint.
-        tag: axis or axis2.
-    """
+    """Unit axis of a joint in the model's frame."""
     element = joint.child(tag)
     xyz = None if element is None else element.child("xyz")
     vector = np.array([0.0, 0.0, 1.0]) if xyz is None else numbers(xyz.text, xyz, tag, 3)

@@ -77,9 +77,6 @@ class Section:
 
         J = a b^3 (1/3 - 0.21 (b/a) (1 - b^4 / (12 a^4))), a >= b (within 0.2 % of the series).
 
-        Args:
-            width, thickness: Sizes along z and along y [m].
-            where: Place in a file, for messages.
         Source: Young, Budynas, Roark's Formulas (7th ed.), table 10.1, case 4, for J; for Wt see
             `torsion.rectangle_modulus`; shear factors 5/6 from the shear energy.
         """
@@ -105,8 +102,6 @@ class Section:
     def circle(cls, diameter: float, where: str = "section") -> Section:
         """A solid circle of the given diameter [m].
 
-        Args:
-            diameter: [m]. where: Place in a file, for messages.
         Source: shear factor 6 (1 + nu) / (7 + 6 nu), Cowper (1966), with nu = 0.3: 0.886.
         """
         _check(where, diameter=diameter)
@@ -116,8 +111,6 @@ class Section:
     def tube(cls, diameter: float, wall: float, where: str = "section") -> Section:
         """A round tube of the given outer diameter and wall [m].
 
-        Args:
-            diameter, wall: Outer one, and thickness [m]. where: Place in a file, for messages.
         Source: shear factor of Cowper (1966) for a hollow circle, with nu = 0.3.
         """
         _check(where, diameter=diameter, wall=wall)
@@ -158,10 +151,6 @@ class Section:
 
         J = sum b t^3 / 3 over the centre lines (open thin walls; fillets and warping left out).
 
-        Args:
-            width, height: Of the flanges along z, and overall along y [m].
-            flange, web: Thickness of a flange and of the web [m].
-            where: Place in a file, for messages.
         Source: Timoshenko, Goodier, Theory of Elasticity, section 112, for J and tau = T t / J;
             the shear factors are area ratios: the web along y, 5/6 of the flanges along z.
         """
@@ -204,17 +193,7 @@ class Section:
         fibres: Sequence[tuple[float, float]] | None = None,
         where: str = "section",
     ) -> Section:
-        """Any section, by its numbers.
-
-        Args:
-            A: Area [m^2].
-            Iy, Iz: int z^2 dA and int y^2 dA [m^4].
-            J: Torsion constant [m^4], at most Iy + Iz.
-            Wt: Torsion modulus [m^3]; default J over the smaller side of the rectangle below.
-            fibres: Corners (y, z) [m], in order, which are also drawn; default: those of the
-                rectangle with the same radii of gyration.
-            where: Place in a file, for messages.
-        """
+        """Any section, by its numbers."""
         _check(where, A=A, Iy=Iy, Iz=Iz, J=J, **({} if Wt is None else {"Wt": Wt}))
         if (Iy + Iz) * (1 + 1e-9) < J:  # St-Venant's J is largest, = Iy + Iz, for round sections
             raise DescriptionError(
@@ -295,12 +274,7 @@ def register_shape(shape: Shape) -> None:
 
 
 def from_spec(spec: object, where: str = "section") -> Section:
-    """A section from the YAML block {shape, dimensions, ky, kz, J}.
-
-    Args:
-        spec: The parsed value of the key `section`.
-        where: Its place, for messages.
-    """
+    """A section from the YAML block {shape, dimensions, ky, kz, J}."""
     if not isinstance(spec, dict) or spec.get("shape") is None:
         raise DescriptionError(
             f"{where}: {schema.shown(spec)} has no shape. Write {{shape: rectangle, width: 0.02, "

@@ -40,12 +40,7 @@ class Shaper:
         return float(self.times[-1])
 
     def residual(self, frequency: Array | float, damping: float = 0.0) -> Array:
-        """Vibration after the last impulse over that after one impulse, by frequency [Hz].
-
-        Args:
-            frequency: Of the mode [Hz], shape (n,).
-            damping: Its damping ratio [-].
-        """
+        """Vibration after the last impulse over that after one impulse, by frequency [Hz]."""
         omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency, float))[:, None]
         damped = omega * np.sqrt(1.0 - damping**2)
         size = self.shares * np.exp(-damping * omega * (self.duration - self.times))
@@ -71,12 +66,7 @@ class ShaperSpec:
 
 
 def read(value: object, where: str) -> ShaperSpec | None:
-    """The block `shaper`: {kind, frequencies, damping} or {kind, modes}, or the kind alone.
-
-    Args:
-        value: The parsed block; None: no shaper.
-        where: Its place.
-    """
+    """The block `shaper`: {kind, frequencies, damping} or {kind, modes}, or the kind alone."""
     if value is None:
         return None
     block = {"kind": value} if isinstance(value, str) else value
@@ -115,12 +105,6 @@ def shaper(
 ) -> Shaper:
     """The shaper that cancels vibrations at the frequencies [Hz] with a damping ratio [-].
 
-    Args:
-        kind: "zv": zero vibration; half a period longer for each frequency. "zvd": its derivative
-            by frequency is zero too; a period longer. "ei": 5 % vibration at the frequency itself,
-            and the widest range with less; a period longer.
-        frequencies: One or more [Hz]; their shapers are convolved.
-        damping: Ratio of each of them or of all, 0 to below 1.
     Raises:
         DescriptionError: An unknown kind, a frequency or damping that makes no sense.
     """
@@ -180,12 +164,7 @@ def shaped(
     frequencies: Sequence[float] | float,
     damping: Sequence[float] | float = 0.0,
 ) -> Motion:
-    """The motion convolved with a shaper; it ends later by the shaper's duration.
-
-    Args:
-        motion: Of joints or of the platform: those coordinates are shaped.
-        kind, frequencies, damping: As in `shaper`.
-    """
+    """The motion convolved with a shaper; it ends later by the shaper's duration."""
     made = shaper(kind, frequencies, damping)
     law = partial(_convolved, motion, made)
     spec = dict(motion.spec) | {

@@ -21,12 +21,7 @@ def is_solid(basis: object) -> bool:
 
 
 def refuse_beam_keys(block: dict[str, Any], place: dict[str, str]) -> None:
-    """Keys that mean something for beams only.
-
-    Args:
-        block: The parsed block of a flexible link.
-        place: Of each of its keys.
-    """
+    """Keys that mean something for beams only."""
     for key in BEAM_KEYS:
         if key in block:
             raise DescriptionError(
@@ -42,13 +37,7 @@ def refuse_beam_keys(block: dict[str, Any], place: dict[str, str]) -> None:
 
 
 def read(key: str, value: object, place: str) -> Any:
-    """One key of the kinds mesh and matrices.
-
-    Args:
-        key: Of the block `basis`.
-        value: Its parsed value.
-        place: Its place.
-    """
+    """One key of the kinds mesh and matrices."""
     if key in ("file", "mass", "stiffness", "nodes"):
         return schema.text(value, place)
     if key == "modes":
@@ -86,13 +75,7 @@ def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
 
 
 def check(kind: str, block: dict[str, Any], where: str) -> None:
-    """A solid comes from one source, and has at least the interface at which it is held.
-
-    Args:
-        kind: mesh or matrices.
-        block: The parsed block `basis`.
-        where: Its place.
-    """
+    """A solid comes from one source, and has at least the interface at which it is held."""
     sources = {"mesh": ("file", "rod"), "matrices": ("file", "mass")}[kind]
     given = [key for key in sources if key in block]
     if len(given) != 1:

@@ -196,12 +196,7 @@ _KEYS = fields.names_of(SolveSpec)
 
 
 def read_solve(value: object, where: str) -> SolveSpec:
-    """The block `solve`; a key without effect is an error.
-
-    Args:
-        value: The parsed block.
-        where: Its place.
-    """
+    """The block `solve`; a key without effect is an error."""
     block = schema.mapping(value, where, _KEYS)
     place = {key: schema.at(where, key) for key in _KEYS}
     spec = _spec(SolveSpec(), block, place)
@@ -240,12 +235,7 @@ def _require_effect(spec: SolveSpec, block: Mapping[str, Any], place: Mapping[st
 
 
 def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
-    """The block of a scene with options of `pf.solve` in place of its own, checked as in a file.
-
-    Args:
-        spec: What the YAML says.
-        options: By key; None leaves what the YAML says.
-    """
+    """The block of a scene with options of `pf.solve` in place of its own, checked as in a file."""
     given = _given(options)
     if given.get("level", spec.level) not in LEVELS:  # of `auto`, `pf.solve` makes one of them
         shown = schema.shown(given["level"])

@@ -74,9 +74,6 @@ class Source:
         """A YAML's blocks with those of the file under them; what the YAML writes wins.
 
         A name that the YAML leaves empty (`loops: {pin: }`) takes the file's entry away.
-
-        Args:
-            block: The parsed YAML.
         """
         own = dict(self.blocks) | ({"loops": self.loops} if self.loops else {})
         whole = dict(block)

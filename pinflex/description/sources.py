@@ -79,14 +79,7 @@ def read(
     package_dirs: tuple[str, ...] = (),
     arguments: Mapping[str, str] | None = None,
 ) -> Source:
-    """The contents of a robot's file by the reader of its suffix; of any other suffix as URDF.
-
-    Args:
-        text: Of the file.
-        file: Its name, with the suffix.
-        package_dirs: Folders in which `package://` files are looked up.
-        arguments: Of a xacro, by name.
-    """
+    """The contents of a robot's file by the reader of its suffix; of any other suffix as URDF."""
     reader = READERS.get(Path(file).suffix.lower(), urdf.check)
     if arguments:
         if Path(file).suffix.lower() != ".xacro":
@@ -109,14 +102,7 @@ def is_robot(path: Path) -> bool:
 def find(
     source: str, folder: Path, where: str, arguments: Mapping[str, str] | None = None
 ) -> Source:
-    """Read and check the file of the key `urdf`.
-
-    Args:
-        source: A file, relative to `folder`, or "example-robot-data:NAME".
-        folder: Folder of the YAML.
-        where: Place of the key, for messages.
-        arguments: Of a xacro, by name.
-    """
+    """Read and check the file of the key `urdf`."""
     if source.startswith(_ROBOT_DATA):
         path, packages = _robot_data(source[len(_ROBOT_DATA) :].strip(), where)
         return read(read_text(path, where), path.name, packages, arguments)
@@ -132,12 +118,7 @@ def find(
 
 
 def read_text(path: Path, where: str) -> str:
-    """The text of a file that must be readable UTF-8.
-
-    Args:
-        path: The file.
-        where: Place that names it, for messages.
-    """
+    """The text of a file that must be readable UTF-8."""
     require_regular(path, MOST_TEXT, f"{where}: {path.name}")
     try:
         return path.read_text(encoding="utf-8-sig")

@@ -11,22 +11,12 @@ if TYPE_CHECKING:
 
 
 def plane(section: Section, y: float, z: float) -> tuple[float, float]:
-    """tau_xy, tau_xz [1/m^3] at (y, z) where sections stay plane: round ones.
-
-    Args:
-        section: A round one.
-        y, z: Place on it [m].
-    """
+    """tau_xy, tau_xz [1/m^3] at (y, z) where sections stay plane: round ones."""
     return -z / section.J, y / section.J
 
 
 def rectangle(section: Section, y: float, z: float) -> tuple[float, float]:
-    """tau_xy, tau_xz [1/m^3] at (y, z) of a solid rectangle, from Prandtl's stress function.
-
-    Args:
-        section: A solid rectangle.
-        y, z: Place on it [m].
-    """
+    """tau_xy, tau_xz [1/m^3] at (y, z) of a solid rectangle, from Prandtl's stress function."""
     size = dict(section.dimensions)
     if size["thickness"] <= size["width"]:
         ds, dl = _prandtl(size["thickness"] / 2, size["width"] / 2, y, z)
@@ -57,8 +47,6 @@ def rectangle_modulus(a: float, b: float) -> float:
     J = a b^3/3 (1 - 192 b/(pi^5 a) sum tanh(n pi a/(2b)) / n^5)
     tau_max = G twist b (1 - 8/pi^2 sum 1 / (n^2 cosh(n pi a/(2b)))),  n = 1, 3, 5, ...
 
-    Args:
-        a, b: Its sides [m], a >= b.
     Source: Timoshenko, Goodier, Theory of Elasticity (3rd ed.), section 109.
     """
     n = np.arange(1.0, 40.0, 2.0)  # the first term left out of J is 41^-5 = 1e-8 of the first

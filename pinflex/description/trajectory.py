@@ -111,14 +111,7 @@ class Motion:
 
 
 def of_moves(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
-    """A motion of target, displacements by name and as an array, along a law with numbers n.
-
-    Args:
-        kind: Of motion.
-        moves: Target, displacements by name and as an array, as `motion_keys.moves_of` gives them.
-        law: Position, velocity and acceleration by time.
-        n: Numbers of the motion by key, `duration` [s] among them.
-    """
+    """A motion of target, displacements by name and as an array, along a law with numbers n."""
     target, by_name, _ = moves
     spec = {"kind": kind} | ({target: by_name} if by_name else {}) | n
     return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec)

@@ -17,12 +17,7 @@ from pinflex.rotations import axis_turn
 
 
 def pose(rotation: Array | None = None, shift: Array | None = None) -> Array:
-    """A pose as a matrix, shape (4, 4).
-
-    Args:
-        rotation: Shape (3, 3); None: none.
-        shift: [m], shape (3,); None: none.
-    """
+    """A pose as a matrix, shape (4, 4)."""
     matrix = np.eye(4)
     if rotation is not None:
         matrix[:3, :3] = rotation
@@ -136,21 +131,11 @@ class Tree:
         self.joints: set[str] = set()
 
     def root(self, name: str, matrix: Array | None = None) -> None:
-        """Add the first link.
-
-        Args:
-            name: Of the link.
-            matrix: Its pose as the file draws it, shape (4, 4); None: the origin.
-        """
+        """Add the first link."""
         self.links[name] = _Link(np.eye(4) if matrix is None else matrix, Inertia(), ())
 
     def add(self, name: str, parent: str, joint: Joint, matrix: Array) -> None:
-        """Add a link.
-
-        Args:
-            name: Of the link. parent: A link that is there. joint: What carries it.
-            matrix: Pose of the link, and of its joint, as the file draws it, in one common frame.
-        """
+        """Add a link."""
         for word, taken, new in (("links", self.links, name), ("joints", self.joints, joint.name)):
             if new in taken:
                 raise DescriptionError(
@@ -161,36 +146,18 @@ class Tree:
         self.joints.add(joint.name)
 
     def follow(self, joint: str, leader: str, ratio: float, offset: float) -> None:
-        """Let a joint follow another.
-
-        Args:
-            joint: Name of the one that follows.
-            leader: Name of the other.
-            ratio: Its position over the leader's [-, or rad and m].
-            offset: Its position where the leader's is 0 [rad | m].
-        """
+        """Let a joint follow another."""
         link = next(link for link, (_, j) in self.carriers.items() if j.name == joint)
         parent, carrier = self.carriers[link]
         self.carriers[link] = parent, replace(carrier, mimic=(leader, ratio, offset))
 
     def mark(self, name: str, link: str, matrix: Array) -> str:
-        """Add a massless link on a fixed joint, and return its name.
-
-        Args:
-            name: Of the new link.
-            link: The one that carries it.
-            matrix: Its pose as the file draws it, shape (4, 4).
-        """
+        """Add a massless link on a fixed joint, and return its name."""
         self.add(name, link, Joint(f"{name}_mount"), matrix)
         return name
 
     def load(self, name: str, inertia: Inertia, visuals: tuple[Visual, ...], matrix: Array) -> None:
-        """Give a link mass and shapes.
-
-        Args:
-            name: Of the link. inertia: In its own frame of the file. visuals: Likewise.
-            matrix: Pose of that frame as the file draws it.
-        """
+        """Give a link mass and shapes."""
         link = self.links[name]
         shift = inverse(link.matrix) @ matrix
         drawn = tuple(Visual(v.kind, shift @ v.matrix, v.values) for v in visuals)

@@ -18,13 +18,7 @@ _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 
 
 def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
-    """Check a URDF's text and list its names.
-
-    Args:
-        text: The XML.
-        file: File name, for messages.
-        package_dirs: Kept in the result.
-    """
+    """Check a URDF's text and list its names."""
     refuse_doctype(text, file, "a URDF")
     try:
         root = ET.fromstring(text.strip())

@@ -34,12 +34,7 @@ _ARGUMENT = re.compile(r"""<xacro:arg\s[^>]*?name\s*=\s*["']([^"']*)""")
 def read(
     text: str, file: str, package_dirs: tuple[str, ...], arguments: Mapping[str, str] | None = None
 ) -> Source:
-    """Expand a xacro and check the URDF that comes out.
-
-    Args:
-        text: The xacro. file: Its name. package_dirs: The first one is its folder.
-        arguments: Values of its <xacro:arg>, by name.
-    """
+    """Expand a xacro and check the URDF that comes out."""
     if find_spec("xacro") is None:
         raise DescriptionError(
             f"{file}: is a xacro, and the package xacro is not installed. Run `pip install xacro`, "

@@ -40,26 +40,14 @@ class Element(ET.Element):
 
 
 def refuse_doctype(text: str, file: str, what: str) -> None:
-    """A document type can hold entities that grow without bound, and robots have no use for one.
-
-    Args:
-        text: The XML.
-        file: Its name, for the message.
-        what: Kind of file, for the message.
-    """
+    """A document type can hold entities that grow without bound, and robots have no use for one."""
     first, *rest = text.split("<!--")
     if _DOCTYPE.search(first + "".join(x.partition("-->")[2] for x in rest)):
         raise DescriptionError(f"{file}: holds a <!DOCTYPE>, which {what} must not. Remove it.")
 
 
 def malformed(file: str, line: int, error: Exception) -> DescriptionError:
-    """The refusal of text that is no XML.
-
-    Args:
-        file: Its name.
-        line: Where the reader gave up.
-        error: What it said.
-    """
+    """The refusal of text that is no XML."""
     return DescriptionError(
         f"{file}, line {line}: malformed XML: {str(error).split(':')[0]}. Correct the line.",
         line=line,
@@ -67,11 +55,7 @@ def malformed(file: str, line: int, error: Exception) -> DescriptionError:
 
 
 def require_shallow(root: ET.Element, file: str) -> None:
-    """Refuse elements in elements without end, which no robot has.
-
-    Args:
-        root: Of the file. file: Its name, for the message.
-    """
+    """Refuse elements in elements without end, which no robot has."""
     level = [root]
     for _ in range(_DEEPEST):
         level = [child for element in level for child in element]
@@ -83,14 +67,7 @@ def require_shallow(root: ET.Element, file: str) -> None:
 
 
 def parse(text: str, file: str, tags: tuple[str, ...], what: str) -> Element:
-    """The root element of an XML text.
-
-    Args:
-        text: The XML.
-        file: Its name, for messages.
-        tags: Names that the root may have; none: any.
-        what: The format with its article, for messages.
-    """
+    """The root element of an XML text."""
     refuse_doctype(text, file, what)
     builder = ET.TreeBuilder(element_factory=Element)
     parser = expat.ParserCreate()
@@ -122,14 +99,7 @@ def parse(text: str, file: str, tags: tuple[str, ...], what: str) -> Element:
 def numbers(
     text: str | None, element: Element, key: str, size: int | None = None, of: str = "place"
 ) -> Array:
-    """The finite numbers of a text, `size` of them if given.
-
-    Args:
-        text: Numbers with blanks between them.
-        element: Where it stands. key: Its name there.
-        size: How many.
-        of: Their quantity in `ranges.RANGES`.
-    """
+    """The finite numbers of a text, `size` of them if given."""
     where = f"{element.place}: <{element.tag}> {key}"
     try:
         values = np.array([float(part) for part in (text or "").split()])
@@ -144,12 +114,7 @@ def numbers(
 
 
 def unused(element: Element, taken: Collection[str], children: bool = False) -> Iterator[str]:
-    """Sentences on attributes (or children) of an element that are not among those taken.
-
-    Args:
-        element: The element. taken: Names that are taken over, or that say nothing mechanical.
-        children: Look at the tags of its children instead of its attributes.
-    """
+    """Sentences on attributes (or children) of an element that are not among those taken."""
     own = f' "{element.get("name")}"' if element.get("name") else ""
     found = {child.tag: child.place for child in reversed([*element.all()])} if children else {}
     places = found if children else dict.fromkeys(element.attrib, element.place)
@@ -160,14 +125,7 @@ def unused(element: Element, taken: Collection[str], children: bool = False) -> 
 
 
 def known(name: str, names: Collection[str], element: Element, what: str) -> str:
-    """A name that the file defines.
-
-    Args:
-        name: The name that an element writes.
-        names: Those that the file defines.
-        element: Where it is written.
-        what: What it names, for the message.
-    """
+    """A name that the file defines."""
     if name not in names:
         raise DescriptionError(f'{element.place}: no such {what}: "{name}".{nearest(name, names)}')
     return name

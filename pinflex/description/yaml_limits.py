@@ -18,11 +18,7 @@ _MERGE = "tag:yaml.org,2002:merge"
 
 
 def refuse_endless(root: Any, file: str) -> None:
-    """Raise where a YAML written out has too many values, or contains itself.
-
-    Args:
-        root: Root node of the composed YAML. file: For messages.
-    """
+    """Raise where a YAML written out has too many values, or contains itself."""
     size: dict[int, int] = {}
     keys: dict[int, int] = {}  # pairs of a mapping once its merges are in it
     open_: set[int] = set()

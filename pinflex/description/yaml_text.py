@@ -59,12 +59,7 @@ for _loader in (_Loader, _Quick):
 
 
 def load(text: str, file: str) -> Any:
-    """Plain Python data of a YAML text; doubled keys are errors, because one would be lost.
-
-    Args:
-        text: The YAML text.
-        file: Name of the file, for messages.
-    """
+    """Plain Python data of a YAML text; doubled keys are errors, because one would be lost."""
     if len(text) > MOST_TEXT:
         raise DescriptionError(
             f"{file}: {len(text)} characters. A description has at most {MOST_TEXT}; long tables "
@@ -148,12 +143,7 @@ _DECIMAL = re.compile(r"-?[0-9]{1,20}\.[0-9]{1,20}")
 
 
 def set_path(raw: Any, assignment: str) -> None:
-    """Change parsed YAML in place by "key.path=value"; a path segment may be a glob.
-
-    Args:
-        raw: The parsed YAML.
-        assignment: Such as "flexible.*.section.thickness=1e-3"; the value is read as YAML.
-    """
+    """Change parsed YAML in place by "key.path=value"; a path segment may be a glob."""
     path, sign, value_text = assignment.partition("=")
     where = f"override {assignment!r}"
     segments = [s.strip() for s in path.split(".")]

@@ -75,12 +75,7 @@ class Batch:
         return States(y, v, a, lam, torque, np.zeros((self._size, 2)))
 
     def samples(self, t: Array, of: IntArray, room: States) -> None:
-        """Read off states.
-
-        Args:
-            t: Times in s, shape (k,). of: The step that each lies in, shape (k,).
-            room: Where the states go.
-        """
+        """Read off states."""
         self.kernel.samples(t, of + 1, None if self.table else self.stages.at(t), room)
 
     def works(self) -> Array:

@@ -66,10 +66,6 @@ class PiecewiseChebyshev:
     def between(self, values: Sequence[Array] | Array, t: Array, out: Array | None = None) -> Array:
         """Values at the nodes interpolated to times t, shape (len(t), width).
 
-        Args:
-            values: At the nodes of each piece, shape (n + 1, width) each.
-            t: Times [s], shape (nt,).
-            out: Where they are put; None: somewhere new.
         Source: Berrut and Trefethen (2004), eq. 5.4: barycentric weights of Chebyshev points.
         """
         result = np.empty((len(t), values[0].shape[1])) if out is None else out
@@ -105,14 +101,6 @@ class PiecewiseChebyshev:
         Between corners Chebyshev coefficients fall geometrically: the last two say how many are
         needed, and hold ten to a hundred times what is missed (measured).
 
-        Args:
-            first: Values at the first nodes of each piece, shape (n + 1, width); then multiples
-                of n.
-            function: Of times (k,): values (k, width).
-            missed: The last two polynomials of a piece, (n + 1, width), as one relative number.
-            close: What may be missed.
-            most: Nodes, beyond which the last are taken as they are.
-            resting: Pieces in which nothing moves; few nodes of others are not trusted.
         Returns:
             Values at the nodes of each piece, (n + 1, width) each, and an estimate of what they
             miss at most.
@@ -164,13 +152,7 @@ class Interpolation:
     """
 
     def __init__(self, pieces: PiecewiseChebyshev, n: int | Sequence[int], t: Array) -> None:
-        """Nodes and corners.
-
-        Args:
-            pieces: Time between corners.
-            n: Intervals between the nodes of a piece, of each or of all.
-            t: Steps (s), shape (nt,).
-        """
+        """Nodes and corners."""
         self.pieces, self.t = pieces, t
         self.n = np.broadcast_to(np.asarray(n), len(pieces))
         self.first = np.concatenate([[0], np.cumsum(self.n + 1)[:-1]])
@@ -182,13 +164,7 @@ class Interpolation:
     def between(
         self, values: Array, at: slice | IntArray = slice(None), out: Array | None = None
     ) -> Array:
-        """Values at steps.
-
-        Args:
-            values: At `times`, shape (size, ...).
-            at: Steps that are wanted.
-            out: Where they are put, shape (len(at), width); None: somewhere new.
-        """
+        """Values at steps."""
         flat = values.reshape(len(values), -1)
         steps = np.arange(len(self.t))[at]
         result = self.pieces.between(self.by_piece(flat), self.t[steps], out)

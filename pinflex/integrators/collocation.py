@@ -57,8 +57,6 @@ class Collocation:
     def between(self, x: Array) -> tuple[Array, Array, Array]:
         """Weights at x of the stages for both integrals, and of the value at 0 and the stages.
 
-        Args:
-            x: Places in the step, 0 to 1.
         Returns:
             Shapes (len(x), s), (len(x), s) and (len(x), s + 1): the last for the polynomial itself.
         """

@@ -63,9 +63,6 @@ class CompiledAlpha:
     def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
         """Steps from k on, as far as they go: the last one, and the states there and before.
 
-        Args:
-            k: Number of the last step. now, last: States there and before, which predict.
-            upto: Step to stop at.
         Raises:
             NoConvergence: The first step fails.
         """
@@ -98,12 +95,7 @@ class CompiledAlpha:
 
 
 def compiled_alpha(march: PlainAlpha, found: Sequence[Array], begin: int) -> CompiledAlpha | None:
-    """The steps of a march, compiled; None where they are plain or a law is any function.
-
-    Args:
-        march: March that they are of.
-        found, begin: As `CompiledAlpha` has them.
-    """
+    """The steps of a march, compiled; None where they are plain or a law is any function."""
     if march.feedback is not None and march.feedback.feedback.linear is None:
         return None
     if not march.dynamics.on_kernel:

@@ -35,12 +35,7 @@ class CompiledStages:
         self.kind = _kind(method, rows.prescribed)
 
     def march(self, marched: Marched, table: Table, room: tuple[int, int]) -> MarchKernel:
-        """The arrays of a run by these stages: those of the last one, where they fit.
-
-        Args:
-            marched: What the kernel has to know. table: What is prescribed.
-            room: Steps of a batch, and tangents.
-        """
+        """The arrays of a run by these stages: those of the last one, where they fit."""
         fits = (*room, len(marched.measured), int(marched.weight is None), len(marched.stops))
         if self._march is not None and self._march[0] == fits:
             self._march[1].begin_anew(marched, table)
@@ -71,19 +66,11 @@ class Stages:
             system.spares.release(compiled.kind, compiled, compiled.size)
 
     def at(self, t: Array) -> Array:
-        """Motors' position, velocity, acceleration (or torque) and shares of loads, (k, n).
-
-        Args:
-            t: Times in s.
-        """
+        """Motors' position, velocity, acceleration (or torque) and shares of loads, (k, n)."""
         return self._columns(self.problem.path(t), t)
 
     def inside(self, t: Array) -> Array:
-        """The same at the stages of a step, shape (s, n), as they are inside it.
-
-        Args:
-            t: Times of the stages [s], shape (s,).
-        """
+        """The same at the stages of a step, shape (s, n), as they are inside it."""
         return self._columns(self.problem.path_inside(t), seen_inside(t, self.method.c))
 
     def _columns(self, path: MotorPath, seen: Array) -> Array:

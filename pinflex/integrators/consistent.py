@@ -21,11 +21,6 @@ def consistent_acceleration(
 ) -> tuple[Array, Array]:
     """Accelerations and multipliers that satisfy the equations at (y, v).
 
-    Args:
-        dynamics: Workspace. y: Shape (nq,). v: Shape (nv,).
-        held: Velocity rows with prescribed acceleration a_held.
-        tau: Motor torques when no row is held.
-        t: Time in s. control_force: Of a feedback, shape (nv,); None: none.
     Returns:
         a (nv,), lam (rows,), from the saddle system of M and J (least squares where coordinates
         have no mass).

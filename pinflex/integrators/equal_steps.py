@@ -41,16 +41,6 @@ def integrate(
 ) -> Run:
     """March the full equations over the steps of a motor path.
 
-    Args:
-        mechanism: Mechanism. dynamics: Workspace of its flexible (or rigid) system.
-        start: y (nq,) and v (nv,) on the closures.
-        path: Motor motion at every step (equal steps).
-        scheme: Member of the alpha family.
-        drive: None prescribes the motors and answers with their torque; else motors get a torque.
-        tolerance: Newton's, relative to the largest acceleration so far.
-        progress: Called with (step, steps).
-        feedback: A control that acts all along.
-        resume: Step to start at, and the state there to go on from (None: `start`, consistently).
     Returns:
         States, multipliers and torques at every step (from that one on).
     Raises:

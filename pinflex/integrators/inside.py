@@ -52,9 +52,6 @@ class Inside:
         """The run with accelerations and multipliers that solve the equations, but at jumps.
 
         As it was where coordinates have no mass, or corrections do not shrink.
-
-        Args:
-            run: As its steps have it.
         """
         near = _AT * float(np.ptp(run.t)) if len(run.t) > 1 else 0.0
         away = np.abs(run.t[:, None] - np.asarray(self.jumps)).min(axis=1, initial=np.inf)

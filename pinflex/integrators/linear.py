@@ -47,12 +47,7 @@ Method = Callable[[At, int, float, Array], Iterator[State]]
 
 
 def start_at_rest(now: Instant, d: Array) -> State:
-    """State at rest in d: the acceleration that balances the first instant.
-
-    Args:
-        now: The first instant.
-        d: Deviation, shape (n,).
-    """
+    """State at rest in d: the acceleration that balances the first instant."""
     a, mass = np.zeros_like(d), np.abs(np.diag(now.M))
     heavy = mass > _MASSLESS * np.max(mass, initial=0.0)  # the others follow, whatever their a
     J, load = now.J[:, heavy], -(now.r + now.K @ d)[heavy]
@@ -61,15 +56,7 @@ def start_at_rest(now: Instant, d: Array) -> State:
 
 
 def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterator[State]:
-    """Newmark, or another member of the alpha family (pinflex.integrators.schemes).
-
-    Args:
-        scheme: Coefficients.
-        at: The system at step k.
-        count: Number of steps.
-        h: Step [s].
-        d: First deviation, at rest, shape (n,).
-    """
+    """Newmark, or another member of the alpha family (pinflex.integrators.schemes)."""
     factor, beta, gamma = scheme.mass_factor, scheme.beta, scheme.gamma
     by_a, by_v, by_d = scheme.weights(h)
     state = start_at_rest(at(0), d)
@@ -96,10 +83,5 @@ class Alpha:
     scheme: AlphaScheme
 
     def __call__(self, at: At, count: int, h: float, d: Array) -> Iterator[State]:
-        """States at equal steps.
-
-        Args:
-            at: The system at step k. count: Number of steps. h: Step [s].
-            d: First deviation, at rest, shape (n,).
-        """
+        """States at equal steps."""
         return alpha(self.scheme, at, count, h, d)

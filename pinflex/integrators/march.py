@@ -79,9 +79,6 @@ def newton_tolerance(resolution: float, loose: bool = False) -> NewtonTolerance:
     A resolution coarser than 1e-3 does not loosen it further: predictions would run wild. Loops
     may be open by a part of the resolution: the next prediction magnifies what is left, and where
     that matters beside what is resolved, the steps get shorter without end.
-
-    Args:
-        resolution: Of the steps. loose: Ten times that, where steps are corrected later.
     """
     relative = (10.0 if loose else 1.0) * 1e-2 * min(resolution, 1e-3)
     return NewtonTolerance(relative, 1e-14, min(1e-6, max(3e-5 * resolution, 1e-12)))
@@ -144,13 +141,7 @@ class Keeper(Protocol):
         """Record the last steps of a run that has broken off."""
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
-        """The samples so far as a run.
-
-        Args:
-            cost: Counts by name.
-            settings: What the method used.
-            stopped: Why it ended early; "": it did not.
-        """
+        """The samples so far as a run."""
 
 
 ANEW = -1  # of all steps none stays: the run begins again
@@ -195,17 +186,7 @@ class March:
         self, name: str, radau: Radau, start: tuple[Array, Array], ends: tuple[float, float],
         stops: Mapping[int, Sequence[float]], first: float, together: tuple[int, int],
     ) -> None:  # fmt: skip
-        """Nothing is taken yet.
-
-        Args:
-            name: Of the mechanism, for errors.
-            radau: The method.
-            start: y (nq,) and v (nv,).
-            ends: Start and end of the run [s].
-            stops: Times at which steps end by what happens there: RESTARTS, HOLDS or ON [s].
-            first: First step [s].
-            together: Steps of a batch, and tangents that stay as long.
-        """
+        """Nothing is taken yet."""
         self._name, self._radau, self.resolution = name, radau, 0.0
         self._span, self._repeated, c = ends[1] - ends[0], 0, radau.control
         times, kind = _stops(ends, stops, c.shortest)
@@ -288,10 +269,6 @@ class March:
         """Let only the first of the steps stay, or none of all (ANEW).
 
         Those that replace the others are shorter by what their resolution asks for.
-
-        Args:
-            good: Number of the last pending step that stays; ANEW: none.
-            resolution: Of the next ones.
         """
         at = self._at
         if good < len(self.steps):
@@ -428,21 +405,6 @@ def integrate(
 ) -> Run:
     """March from t[0] to t[-1] and answer at the times t.
 
-    Args:
-        name: Of the mechanism, for errors.
-        radau: The method, on a problem.
-        start: y (nq,) and v (nv,) on the closures.
-        t: Samples in s, increasing.
-        breaks: Times in s at which motion or loads are not smooth; steps end there.
-        keeper: Takes the steps, and tells the resolution: what a step's coarseness may be, relative
-            to the largest displacement so far.
-        first: First step, of the run.
-        scale: Largest displacement of the run, where it is known beforehand: without it what rings
-            faintly holds up a run that begins with short steps.
-        pilot: A first look whose first step is not judged, so that no faint ringing holds it up.
-        progress: Called with (samples done, samples).
-        instants: Times in s at which a digital controller acts; steps end there too.
-        judged: Whether the keeper may send the run back.
     Returns:
         States, multipliers and torques at the samples.
     Raises:
@@ -499,14 +461,6 @@ def along(
     them: a difference of two such runs is mostly that. In the same steps, each solved to round-off,
     the states are a smooth function of the scene's numbers. A step that Newton does not solve is
     taken in pieces: one that another design does not need differs by no more than what it leaves.
-
-    Args:
-        name: Of the mechanism, for errors.
-        radau: The method, on a problem.
-        start: y (nq,) and v (nv,) on the closures.
-        ends: Start of the run, and ends of the steps [s].
-        stops: Those at which motion, loads or a controller's outputs jump [s].
-        keeper: Takes the steps.
     """
     radau.tolerance, radau.control, span = SHARP, _GIVEN, float(ends[-1] - ends[0])
     every = {**stops, ON: ends[1:].tolist()}
@@ -524,12 +478,7 @@ def along(
 
 
 def _stuck(name: str, now: State) -> ConvergenceError:
-    """Steps have become too short to go on: because the motion runs away, or for another reason.
-
-    Args:
-        name: Of the mechanism.
-        now: Last state.
-    """
+    """Steps have become too short to go on: because the motion runs away, or for another reason."""
     fastest = float(np.max(np.abs(now.v), initial=0.0))
     if not np.isfinite(fastest) or fastest > _RUNS_AWAY:
         why = (

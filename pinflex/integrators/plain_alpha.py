@@ -100,8 +100,6 @@ class PlainAlpha:
     def step(self, k: int, now: Step, last: Step) -> Step:
         """The state at step k.
 
-        Args:
-            k: Step number. now, last: States one and two steps before, which predict.
         Raises:
             NoConvergence: With the residual it stopped at. LinAlgError: The matrix is singular.
         """
@@ -203,11 +201,6 @@ class PlainAlpha:
         """Consistent accelerations and multipliers, s = a(t + (alpha_m - alpha_f) h), at step k.
 
         The slope of a comes from a second consistent state a fraction of a step away.
-
-        Args:
-            y: Coordinates on the closures, shape (nq,).
-            v: Velocity, shape (nv,).
-            k: Number of the step.
         """
         scheme, part, motor_a = self.scheme, 0.01, self.path.acceleration
         a, lam = self._accelerated(k, y, v, motor_a[k])
@@ -224,10 +217,6 @@ class PlainAlpha:
         a is that of the equations already. Made anew from y and v, as at a start, the slope of s
         would take the vibrations that no step resolves, and raise them from bend to bend; only
         what the motors change is added.
-
-        Args:
-            now: State at the step, on its way.
-            k: Its number.
         """
         if self.drive is not None or not 0 < k < len(self.path.t) - 1:
             return self.first(now.y, now.v, k)
@@ -245,10 +234,6 @@ class PlainAlpha:
         The scheme's own solution meets J v = 0 only to O(h^2); an exact v0 is off that solution and
         rings in lam. The normal part of v0 is set so that the first step ends with the multipliers
         that belong to its pose and velocity (cf. Arnold, Bruels and Cardona 2015, section 5).
-
-        Args:
-            first: State with consistent accelerations. after: One step on from there.
-            k: Number of its step.
         """
         dynamics, free, scheme = self.dynamics, self.problem.free, self.scheme
         _, lam = self._accelerated(k + 1, after.y, after.v, self.path.acceleration[k + 1])

@@ -242,14 +242,6 @@ def integrate(
 ) -> Run:
     """March from t[0] to the last of the ends and answer at the times t.
 
-    Args:
-        name: Of the mechanism, for errors.
-        problem: What is solved. method: Radau IIA.
-        start: y (nq,) and v (nv,) on the closures.
-        t: Samples [s], increasing, up to the last end.
-        ends: Of the steps [s], increasing.
-        corners: Those at which the motion, a load or a controller's output jumps [s].
-        progress: Called with (samples done, samples).
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """

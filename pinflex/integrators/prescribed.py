@@ -32,14 +32,7 @@ def tabulated(
     end: float,
     corners: Sequence[float],
 ) -> Table | None:
-    """The table of a function of time; None where it is not smooth between its corners.
-
-    Args:
-        function: Of times (k,) in s: columns, shape (k, n).
-        kinds: Columns of one kind, whose round-off is alike.
-        start, end: Of the run, s.
-        corners: Times in s at which the function may jump, or its rates.
-    """
+    """The table of a function of time; None where it is not smooth between its corners."""
     span = end - start
     gap = _CORNER_GAP * span
     inside = [c for c in sorted(set(corners)) if start + gap < c < end - gap]
@@ -77,8 +70,6 @@ def tabulated(
 def read(table: Table, t: Array) -> Array:
     """Values of a table at times, as the kernel reads them (source/inputs.c).
 
-    Args:
-        table: Table. t: Times [s], shape (k,).
     Returns:
         Columns, shape (k, n).
     """

@@ -86,13 +86,7 @@ class Problem:
         return State(t, y, v, a, lam, torque)
 
     def pull(self, path: MotorPath, y: Array, v: Array, seen: Array | None = None) -> Array:
-        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them.
-
-        Args:
-            path: Motion that the motors should have, at k times.
-            y: Coordinates, shape (k, nq). v: Velocities, shape (k, nv).
-            seen: Times at which what is fed forward is taken [s]; None: those of the path.
-        """
+        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them."""
         assert self.drive is not None
         torque = self.drive.pull(path, self.axes, y, v, seen)
         return torque if self.sampler is None else torque + self.sampler.torque
@@ -119,8 +113,5 @@ def seen_inside(t: Array, c: Array) -> Array:
     """Times of the stages at nodes c of a step as loads see them, (s,).
 
     Where one switches at an end of the step, it is as it is inside, however that is rounded.
-
-    Args:
-        t: Times of the stages [s]. c: Nodes of the step, 0 to 1.
     """
     return t + max(1.0, float(t[-1])) * 1e-12 * (1.0 - 2.0 * c)

@@ -61,13 +61,7 @@ class Record:
         self.take(steps)
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
-        """The samples so far as a run.
-
-        Args:
-            cost: Counts by name.
-            settings: What the method used.
-            stopped: Why it ended early; "": it did not.
-        """
+        """The samples so far as a run."""
         y, v, a, lam, torque, work = (column[: self.count] for column in self._columns)
         return Run(
             self.system, self.t[: self.count], y, v, a, lam, torque, cost, settings, work, (),

@@ -91,13 +91,7 @@ def newmark(gamma: float = 0.5, beta: float = 0.25) -> AlphaScheme:
 def scheme(
     name: str, rho_inf: float = 0.8, coefficients: tuple[float, float] | None = None
 ) -> AlphaScheme:
-    """A scheme by name, as `solve.integrator` of the YAML says it.
-
-    Args:
-        name: generalized_alpha, hht or newmark.
-        rho_inf: Spectral radius at infinite frequency, 0 to 1.
-        coefficients: gamma and beta, of newmark.
-    """
+    """A scheme by name, as `solve.integrator` of the YAML says it."""
     if name == "newmark":
         return newmark(*coefficients) if coefficients is not None else newmark()
     if name in ("generalized_alpha", "hht"):

@@ -36,11 +36,6 @@ from pinflex.linalg import eigh, lapack, null_space, saddle
 def central_difference(at: At, count: int, h: float, d: Array) -> Iterator[State]:
     """Explicit: balance at t, d at t + h on its closures; stable for h < 2 / omega_max.
 
-    Args:
-        at: The system at step k.
-        count: Number of steps.
-        h: Step [s].
-        d: First deviation, at rest, shape (n,).
     Raises:
         DescriptionError: The step is too long, with the longest one that is stable.
     """
@@ -88,14 +83,7 @@ def stable_step(now: Instant) -> float:
 
 
 def houbolt(at: At, count: int, h: float, d: Array) -> Iterator[State]:
-    """Third-order backward differences; two Newmark steps (1/2, 1/4) start it.
-
-    Args:
-        at: The system at step k.
-        count: Number of steps.
-        h: Step [s].
-        d: First deviation, at rest, shape (n,).
-    """
+    """Third-order backward differences; two Newmark steps (1/2, 1/4) start it."""
     past: list[Array] = []
     for state in alpha(newmark(), at, min(3, count), h, d):
         past.append(state.d)
@@ -112,15 +100,7 @@ def houbolt(at: At, count: int, h: float, d: Array) -> Iterator[State]:
 
 
 def wilson_theta(at: At, count: int, h: float, d: Array, theta: float = 1.4) -> Iterator[State]:
-    """Linear acceleration over a step theta h; unconditionally stable from theta = 1.37 on.
-
-    Args:
-        at: The system at step k.
-        count: Number of steps.
-        h: Step [s].
-        d: First deviation, at rest, shape (n,).
-        theta: Length over h of the step on which the acceleration is linear [-].
-    """
+    """Linear acceleration over a step theta h; unconditionally stable from theta = 1.37 on."""
     if theta < 1.37:
         raise DescriptionError(
             f"solve.theta: {theta}: Wilson's method is unconditionally stable from 1.37 on. "
@@ -149,12 +129,7 @@ def _toward(one: Instant, other: Instant, part: float) -> Instant:
 
 
 def with_multipliers(now: Instant, d: Array, v: Array, a: Array) -> State:
-    """The state with the multipliers that balance it best, each row weighted by its mass.
-
-    Args:
-        now: The system at this time.
-        d, v, a: Deviation and its rates, shape (n,).
-    """
+    """The state with the multipliers that balance it best, each row weighted by its mass."""
     if not len(now.J):
         return State(d, v, a, np.zeros(0))
     load = now.M @ a + now.C @ v + now.K @ d + now.r
@@ -217,13 +192,7 @@ class _Choice:
 
 
 def mode_superposition(at: At, count: int, h: float, d: Array, modes: int = 12) -> Iterator[State]:
-    """March by modes.
-
-    Args:
-        at: The system at step k. count: Number of steps. h: Step, s.
-        d: Start, at rest, on the closures.
-        modes: Number of modes, the lowest of each interval; more than there are: all.
-    """
+    """March by modes."""
     choice = _Choice(at, count, h)
     n = len(choice.kept)
     keep = min(n, modes)

@@ -23,13 +23,7 @@ _STILL = 1e-6  # of the fastest rate, below which nothing holds a mode: it goes 
 
 
 def swing_after(instant: Instant, found: Balanced, rest: Balanced, n: int) -> Array:
-    """Bar on the platform's error [m | rad] after the motors have stopped, shape (k,).
-
-    Args:
-        instant: Equations along the path.
-        found: The command on its grid, with nodes beyond the end. rest: Equilibrium there.
-        n: Instants of the command: motors stop at the last of them.
-    """
+    """Bar on the platform's error [m | rad] after the motors have stopped, shape (k,)."""
     d, motors, free = instant.dynamics, instant.system.motors, instant.free
     around = found.y[n - 1 - EIGHTH.reach : n + EIGHTH.reach]
     v = rates(d, around, float(instant.target.t[1]), EIGHTH)[0][0]

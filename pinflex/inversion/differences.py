@@ -41,14 +41,7 @@ EIGHTH = Stencil(
 
 
 def rates(dynamics: Equations, y: Array, h: float, stencil: Stencil) -> tuple[Array, Array]:
-    """v and a, each (nt, nv), of poses y (nt + 2 reach, nq), a time h (s) apart.
-
-    Args:
-        dynamics: Equations, whose coordinates are differenced on their manifold.
-        y: Poses, `stencil.reach` more on both sides, shape (nt + 2 reach, nq).
-        h: Time between them [s].
-        stencil: Weights.
-    """
+    """v and a, each (nt, nv), of poses y (nt + 2 reach, nq), a time h (s) apart."""
     n = stencil.reach
     manifold, middle = Manifold(dynamics), y[n : len(y) - n]
     v, a = (np.zeros((len(middle), dynamics.system.nv)) for _ in range(2))
@@ -61,22 +54,12 @@ def rates(dynamics: Equations, y: Array, h: float, stencil: Stencil) -> tuple[Ar
 
 
 def padded(y: Array, n: int) -> Array:
-    """Poses with n equal ones before the first and after the last: rest.
-
-    Args:
-        y: Poses, shape (nt, nq).
-        n: How many on either side.
-    """
+    """Poses with n equal ones before the first and after the last: rest."""
     return np.concatenate([np.repeat(y[:1], n, 0), y, np.repeat(y[-1:], n, 0)])
 
 
 def spline(t: Array, position: Array) -> Callable[..., Array]:
-    """Quintic through positions (nt, n), from rest; the end is as the data have it.
-
-    Args:
-        t: Times [s], increasing, shape (nt,).
-        position: Shape (nt, n).
-    """
+    """Quintic through positions (nt, n), from rest; the end is as the data have it."""
     from scipy.interpolate import make_interp_spline
 
     still = np.zeros(position.shape[1])

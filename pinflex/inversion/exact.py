@@ -64,9 +64,6 @@ class Inverted:
 def invert(instant: Instant, start: Balanced) -> Inverted:
     """Solve for all instants at once, from the quasistatic motion.
 
-    Args:
-        instant: Equations along the path.
-        start: The quasistatic motion.
     Raises:
         ConvergenceError: The iterations do not settle: the motion is too fast for the grid or
             for the mechanism.
@@ -121,11 +118,7 @@ class _Inversion:
         self._last, self._share = np.zeros(self.y.shape[0] * nv), 1.0
 
     def correct(self, new: bool) -> float:
-        """One linear system for all instants; returns the largest correction of a pose.
-
-        Args:
-            new: Factorise the matrix of this iteration, in place of the last one.
-        """
+        """One linear system for all instants; returns the largest correction of a pose."""
         v, a = rates(self.instant.dynamics, self.y, self.h, FOURTH)
         e = self._rows(v, a)
         self._differentiate(v, a)

@@ -50,12 +50,7 @@ class Flat:
     error: Array
 
     def twist(self, t: Array, order: int) -> Array:
-        """Rates of T / K at times, of order 0 to 2, shape (nt, nm).
-
-        Args:
-            t: Times [s], shape (nt,).
-            order: Of the derivative by time.
-        """
+        """Rates of T / K at times, of order 0 to 2, shape (nt, nm)."""
         found, of, ends = (
             np.zeros((len(t), len(self.rows))),
             self.pieces.of(t),
@@ -69,12 +64,7 @@ class Flat:
         return found
 
     def position(self, t: Array, order: int = 0) -> Array:
-        """Rates of the motor positions at times, of order 0 to 2, shape (nt, nm).
-
-        Args:
-            t: Times [s], shape (nt,).
-            order: Of the derivative by time.
-        """
+        """Rates of the motor positions at times, of order 0 to 2, shape (nt, nm)."""
         path = nominal(self.mechanism, self.motion, t)
         rigid = (self.axes.read(path.q), path.v[:, self.rows], path.a[:, self.rows])[order]
         if order == 0 and len(self.axes.paired):
@@ -98,11 +88,7 @@ class Flat:
 
 
 def flat(mechanism: Mechanism, motion: Motion, wanted: Target) -> Flat | None:
-    """The command, or None where something else gives way, rubs unsmoothly or is damped.
-
-    Args:
-        mechanism: Mechanism. motion: Of the platform or the joints. wanted: The path on its grid.
-    """
+    """The command, or None where something else gives way, rubs unsmoothly or is damped."""
     if not _is_flat(mechanism, wanted):
         return None
     later, rows = delayed(motion, wanted.before), mechanism.rigid.motors

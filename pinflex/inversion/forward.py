@@ -67,9 +67,6 @@ class Forward:
         """Bar on how far the platform is from its path [m | rad], shape (k,).
 
         The largest of what two marches find, and of what the second one changes.
-
-        Args:
-            found: Poses on the path and their multipliers. kept: Instants that the bar is over.
         """
         motors = self._instant.axes.read(found.y)
         forces, gap, _ = self._open(found.y, found.lam, motors)

@@ -24,12 +24,7 @@ _LEAST = 150  # instants over the motion
 
 
 def instants_over(mechanism: Mechanism, duration: float) -> int:
-    """Instants over a motion of some duration [s].
-
-    Args:
-        mechanism: Flexible mechanism: its frequencies at home.
-        duration: Of the motion [s].
-    """
+    """Instants over a motion of some duration [s]."""
     found = modes(mechanism, count=mechanism.flexible.nv).frequencies
     f = found[(found > 0.0) & (found * duration < _FAST)]
     if not len(f):

@@ -70,11 +70,7 @@ class Instant:
     def residuals(
         self, at: Instants, y: Array, v: Array, a: Array, lam: Array
     ) -> tuple[Array, Array]:
-        """Rows that have to vanish, shape (n, nv + rows), and motor torques (n, nm).
-
-        Args:
-            at: The n instants. y: Shape (n, nq). v, a: Shape (n, nv). lam: Shape (n, rows).
-        """
+        """Rows that have to vanish, shape (n, nv + rows), and motor torques (n, nm)."""
         d, target = self.dynamics, self.target
         r, c = d.residual(y, v, a, lam, target.t[at])
         here = self.platform.values(d.joint_poses(y))
@@ -94,25 +90,13 @@ class Instant:
         return np.flatnonzero(np.append(True, new))
 
     def tangents(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> Tangents:
-        """Derivatives of the rows at instant k.
-
-        Args:
-            k: Number of the instant.
-            y: Coordinates, shape (nq,).
-            v, a: Velocity and acceleration, shape (nv,).
-            lam: Multipliers of the closures [N | N m], shape (rows,).
-        """
+        """Derivatives of the rows at instant k."""
         return next(self.every_tangent([k], y[None], v[None], a[None], lam[None]))
 
     def every_tangent(
         self, at: Sequence[int], y: Array, v: Array, a: Array, lam: Array
     ) -> Iterator[Tangents]:
-        """Derivatives of the rows of some instants, one after the other.
-
-        Args:
-            at: Numbers of the n instants.
-            y, v, a, lam: As in `residuals`.
-        """
+        """Derivatives of the rows of some instants, one after the other."""
         target, nv = self.target, self.system.nv
         held = np.eye(nv)[self.system.held]
         states = zip(y, v, a, lam, target.t[at].tolist(), strict=True)
@@ -144,10 +128,6 @@ def balanced(instant: Instant, guess: Balanced, v: Array, a: Array) -> Balanced:
     Some instants at a time by one tangent; where that does not contract, half as many. Those of a
     rest are one.
 
-    Args:
-        instant: Equations along the path.
-        guess: Poses to begin with.
-        v, a: Velocities and accelerations, shape (nt, nv).
     Raises:
         ConvergenceError: No pose found at an instant: the platform cannot be there.
     """

@@ -59,24 +59,13 @@ class Poles:
 def internal_poles(
     mechanism: Mechanism, motion: Motion, coordinates: tuple[str, ...] = ()
 ) -> Poles:
-    """Poles of the internal dynamics at rest where a motion begins and where it ends.
-
-    Args:
-        mechanism: Flexible mechanism with a platform.
-        motion: Of it.
-        coordinates: Platform coordinates that are held; (): as in `command`.
-    """
+    """Poles of the internal dynamics at rest where a motion begins and where it ends."""
     path = target(mechanism, motion, np.linspace(0.0, motion.duration, _POSES), 0.0, coordinates)
     return Poles(*_of(mechanism, path.at([0, -1])))
 
 
 def zeros(mechanism: Mechanism, coordinates: tuple[str, ...] | None = None) -> Array:
-    """Poles of the internal dynamics at home, at rest [1/s], complex, slowest first.
-
-    Args:
-        mechanism: Flexible mechanism with a platform.
-        coordinates: Platform coordinates that are held; default: as in `command`.
-    """
+    """Poles of the internal dynamics at home, at rest [1/s], complex, slowest first."""
     still = hold(duration=1.0)
     return _of(mechanism, target(mechanism, still, np.linspace(0.0, 1.0, 3), 0.0, coordinates))[0]
 

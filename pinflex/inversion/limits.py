@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 
 
 def require_within_limits(mechanism: Mechanism, found: Command) -> None:
-    """Refuse torques and speeds of joints beyond the URDF's.
-
-    Args:
-        mechanism: With the limits of its URDF.
-        found: The command.
-    """
+    """Refuse torques and speeds of joints beyond the URDF's."""
     known = limits(mechanism.description.urdf_text)
     for k, name in enumerate(mechanism.description.actuated):
         limit = known.get(name, Limits())
@@ -41,12 +36,7 @@ def require_within_limits(mechanism: Mechanism, found: Command) -> None:
 
 
 def require_within_curves(mechanism: Mechanism, found: Command) -> None:
-    """Refuse what is beyond the limit curve of a drive.
-
-    Args:
-        mechanism: With the drives of its description.
-        found: The command.
-    """
+    """Refuse what is beyond the limit curve of a drive."""
     for name, side in found.drives.items():
         curve = np.array(found.limit_curves[name])
         if not len(curve):

@@ -42,14 +42,7 @@ class Answer:
 
 
 def on_grid(instant: Instant, motion: Motion, level: str, kept: slice) -> Answer:
-    """Find the motor motion at every instant.
-
-    Args:
-        instant: Equations along the path.
-        motion: What the platform is to do, without the rest ahead of it.
-        level: rigid, quasistatic or exact.
-        kept: Instants that the command is about; the others are a tail of rest.
-    """
+    """Find the motor motion at every instant."""
     wanted, slow = instant.target, series(instant, kept)
     apart = instant.axes.read(slow.found.y) - wanted.motors
     missed = _at_platform(wanted.gain[kept], apart[kept])

@@ -51,11 +51,7 @@ def rigid_guess(instant: Instant) -> tuple[Balanced, Array, Array]:
 
 
 def series(instant: Instant, kept: slice = slice(None)) -> Series:
-    """Balance along the path, again and again, until the platform's error grows.
-
-    Args:
-        instant: Equations and path. kept: Instants over which errors are taken.
-    """
+    """Balance along the path, again and again, until the platform's error grows."""
     guess, v, a = rigid_guess(instant)
     h = float(instant.target.t[1] - instant.target.t[0])
     last = balanced(instant, guess, v, a)

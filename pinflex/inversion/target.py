@@ -50,12 +50,7 @@ class Target:
 
 
 def delayed(motion: Motion, before: float) -> Motion:
-    """The motion with a rest of `before` [s] ahead of it.
-
-    Args:
-        motion: Any motion.
-        before: Rest ahead of it [s].
-    """
+    """The motion with a rest of `before` [s] ahead of it."""
     law = motion.law
 
     def later(t: Array) -> tuple[Array, Array, Array]:
@@ -76,13 +71,6 @@ def target(
 ) -> Target:
     """The platform's path of a motion of the platform, or of joints of the rigid mechanism.
 
-    Args:
-        mechanism: Mechanism with a platform.
-        motion: Motion that begins at t = before.
-        t: Uniform times, shape (nt,), s.
-        before: Rest before the motion, s.
-        names: Platform coordinates to impose; default: those of the motion, or as many
-            independent ones as there are motors.
     Raises:
         DescriptionError: No platform, or more coordinates than motors.
         MotionError: The rigid mechanism cannot follow the path.

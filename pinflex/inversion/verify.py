@@ -45,10 +45,6 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
 
     The path is that of the rigid mechanism, in the coordinates that the command imposes; the run
     knows nothing of how the command was found.
-
-    Args:
-        mechanism: As in `command`. motion: The platform's motion, as in `command`.
-        found: The command. tol: Of the run's time integration.
     """
     until, frame = float(found.t[-1]), str(mechanism.description.platform)
     run = solve(

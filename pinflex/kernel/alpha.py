@@ -61,18 +61,7 @@ class AlphaKernel:
         found: Sequence[Array],
         law: LawKernel | None = None,
     ) -> None:
-        """Nothing is taken yet.
-
-        Args:
-            stages: Of the system: its lists of joints and rows are used.
-            given: The iteration.
-            path: Position, velocity and acceleration (of driven ones the torque that is fed
-                forward) of the motors and shares of the loads at all instants, shape
-                (steps + 1, .) each.
-            found: y, v, a, s, lam, torque and power at these, which are written; with a law its u
-                and errors too.
-            law: A feedback.
-        """
+        """Nothing is taken yet."""
         n = stages.counts
         nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
         free, steps = n["free"], len(found[0])
@@ -108,11 +97,7 @@ class AlphaKernel:
         )  # fmt: skip
 
     def begin(self, now: Sequence[Array], last: Sequence[Array]) -> None:
-        """Go on from a state, with a new tangent.
-
-        Args:
-            now: y, v, a, s and lam. last: The same one step before, which predicts.
-        """
+        """Go on from a state, with a new tangent."""
         arrays, where = self._numbers.arrays, self._numbers.addresses
         for which in _STATES:  # they have changed places
             setattr(self.at, which, _State(*(where[f"{which}_{name}"] for name in _STATE)))
@@ -122,11 +107,7 @@ class AlphaKernel:
         self.at.stale = 1
 
     def march(self, first: int, count: int) -> int:
-        """Up to so many steps, the first to instant `first`; the number of those that were taken.
-
-        Args:
-            first: From 1. count: At most so many.
-        """
+        """Up to so many steps, the first to instant `first`; the number of steps taken."""
         if not (first > 0 and count >= 0 and first + count <= self._steps):
             raise PinflexError(f"kernel: {count} steps from {first}, of {self._steps}.")
         rows = _Rows(*(

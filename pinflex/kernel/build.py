@@ -51,12 +51,7 @@ def here() -> str:
 
 
 def name_of(target: str, build: str) -> str:
-    """File name of a library.
-
-    Args:
-        target: Such as linux-x86_64.
-        build: Such as baseline.
-    """
+    """File name of a library."""
     return f"kernel-{target}-{build}{TARGETS[target][2]}"
 
 
@@ -76,8 +71,6 @@ def is_whole(library: Path) -> bool:
 def compile_all(folder: Path, target: str | None = None) -> list[Path]:
     """Compile every build of a target into a folder.
 
-    Args:
-        folder: Where the libraries go. target: One of `TARGETS`; None: this machine.
     Returns:
         The libraries.
     Raises:

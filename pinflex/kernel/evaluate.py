@@ -56,9 +56,6 @@ class Evaluator:
     ) -> tuple[Array, Array]:
         """Residuals and what the loops are open by, of several states.
 
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows), N | N m.
-            scale: Shares of the loads that act, shape (n, forces).
         Returns:
             Generalised forces (n, nv), N | N m; closures c (n, rows), m.
         """
@@ -72,11 +69,7 @@ class Evaluator:
         return R.copy(), C.copy()
 
     def closure_motion(self, Y: Array, V: Array, A: Array) -> Array:
-        """Closures of several states, and their first and second time derivatives, (3, n, rows).
-
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv).
-        """
+        """Closures of several states, and their first and second time derivatives, (3, n, rows)."""
         given = []
         for array, width in zip((Y, V, A), self._widths[:3], strict=True):
             if array.shape != (len(Y), width):
@@ -88,11 +81,7 @@ class Evaluator:
         return found
 
     def losses(self, Y: Array, V: Array) -> Array:
-        """Power that damping, friction and dampers take, shape (n,), W.
-
-        Args:
-            Y: Shape (n, nq). V: Shape (n, nv).
-        """
+        """Power that damping, friction and dampers take, shape (n,), W."""
         given = [np.ascontiguousarray(array, dtype=np.float64) for array in (Y, V)]
         if any(x.shape != (len(Y), n) for x, n in zip(given, self._widths[:2], strict=True)):
             raise PinflexError(f"kernel: states of {Y.shape}, not {(len(Y), self._widths[0])}.")
@@ -122,12 +111,7 @@ class Evaluator:
         return out
 
     def poses(self, Y: Array, nodes: npt.ArrayLike) -> Array:
-        """Poses [R | p] of nodes in the world, m, shape (k, n, 3, 4).
-
-        Args:
-            Y: Coordinates, shape (n, nq).
-            nodes: Numbers in the tree of the kernel, shape (k,); -1: the base.
-        """
+        """Poses [R | p] of nodes in the world, m, shape (k, n, 3, 4)."""
         given, wanted = self._given((Y,)), self._nodes(nodes, -1)
         poses = np.empty((len(wanted), len(Y), 3, 4))
         self._call("poses", given, len(wanted), (wanted, poses))
@@ -136,9 +120,6 @@ class Evaluator:
     def motions(self, Y: Array, V: Array, A: Array, nodes: npt.ArrayLike) -> tuple[Array, Array]:
         """Poses (k, n, 3, 4) of nodes, and spatial velocity and acceleration (k, n, 2, 6).
 
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv).
-            nodes: Numbers in the tree of the kernel, shape (k,); -1: the base.
         Returns:
             Poses in the world; motions of the nodes' origins in their own axes.
         """
@@ -148,12 +129,7 @@ class Evaluator:
         return poses, rates
 
     def energies(self, Y: Array, V: Array, scale: Array) -> Array:
-        """Kinetic, gravity, elastic and spring energy, J, shape (4, n).
-
-        Args:
-            Y: Shape (n, nq). V: Shape (n, nv).
-            scale: Shares of the loads that act, 0 where one has no potential, shape (n, forces).
-        """
+        """Kinetic, gravity, elastic and spring energy, J, shape (4, n)."""
         given, found = self._given((Y, V, scale), (0, 1, 4)), np.empty((4, len(Y)))
         self._call("energies", given, None, (found,))
         return found
@@ -163,9 +139,6 @@ class Evaluator:
     ) -> tuple[Array, ...]:
         """Residuals and closures as `residuals`, and what joints, loops and sleeves carry.
 
-        Args:
-            Y, V, A, lam, scale: As of `residuals`.
-            nodes: Numbers in the tree of the kernel, shape (k,).
         Returns:
             r (n, nv), c (n, rows), expanded forces (n, nV), wrenches of nodes in their own axes
             (n, k, 6), of loops on their B in the world (n, loops, 6), and (x, F, M, segment) of
@@ -182,13 +155,7 @@ class Evaluator:
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, scale: Array, rates: bool = True
     ) -> tuple[Array, Array, Array, Array]:
-        """M, C, K, the derivatives of the residual by a, v and y, (nv, nv), and J (rows, nv).
-
-        Args:
-            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,), N | N m.
-            scale: Shares of the loads that act, shape (forces,).
-            rates: With what the rates of the second-order rows bring.
-        """
+        """M, C, K, the derivatives of the residual by a, v and y, (nv, nv), and J (rows, nv)."""
         nv, rows, given = self._widths[1], self._widths[3], []
         for array, width in zip((y, v, a, lam, scale), self._widths, strict=True):
             if array.shape != (width,):
@@ -201,11 +168,7 @@ class Evaluator:
         return parts
 
     def saddle(self, S: Array, b: Array) -> Array:
-        """The solution x (n,) of S x = b, of least norm where S (n, n) is singular.
-
-        Args:
-            S: Symmetric, shape (n, n). b: Shape (n,).
-        """
+        """The solution x (n,) of S x = b, of least norm where S (n, n) is singular."""
         n = len(b)
         if S.shape != (n, n):
             raise PinflexError(f"kernel: a matrix of {S.shape} for {n} unknowns.")

@@ -38,11 +38,7 @@ def _structures() -> dict[str, str]:
 
 @cache
 def structure(name: str) -> type[ctypes.Structure]:
-    """The structure that the sources call so, with its fields in their order.
-
-    Args:
-        name: Such as Tables.
-    """
+    """The structure that the sources call so, with its fields in their order."""
     fields: list[tuple[str, Any]] = []
     for declaration in _structures()[name].split(";")[:-1]:
         kind, names = re.split(r"\s+", re.sub(r"\bconst ", "", declaration.strip()), maxsplit=1)
@@ -53,21 +49,13 @@ def structure(name: str) -> type[ctypes.Structure]:
 
 
 def names(of: str, kind: type) -> tuple[str, ...]:
-    """Names of the fields of a structure that are of one kind, such as `ctypes.c_void_p`.
-
-    Args:
-        of: The structure. kind: Type of the fields.
-    """
+    """Names of the fields of a structure that are of one kind, such as `ctypes.c_void_p`."""
     fields: list[tuple[str, Any]] = structure(of)._fields_  # type: ignore[assignment]
     return tuple(name for name, type_ in fields if type_ is kind)
 
 
 def shapes(of: str, kind: str) -> dict[str, tuple[str | int, ...]]:
-    """Shapes of the arrays of a structure of one kind, from the brackets behind them.
-
-    Args:
-        of: The structure. kind: Int or double.
-    """
+    """Shapes of the arrays of a structure of one kind, from the brackets behind them."""
     body = _commented().partition(f"}} {of};")[0].rpartition("typedef struct {")[2]
     return {
         name.strip().lstrip("*"): tuple(int(n) if n.isdecimal() else n for n in shape.split(", "))
@@ -88,11 +76,7 @@ def functions() -> dict[str, tuple[Any, tuple[Any, ...]]]:
 
 
 def constant(name: str) -> int:
-    """The number that an enumeration of the sources gives a name.
-
-    Args:
-        name: Such as MOST_STAGES.
-    """
+    """The number that an enumeration of the sources gives a name."""
     return _constants()[name]
 
 

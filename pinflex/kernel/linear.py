@@ -48,14 +48,7 @@ class ConstantPart:
 def entries_of(
     matrices: str, nv: int, closures: int, rows: IntArray, columns: IntArray
 ) -> IntArray:
-    """Where some rows and columns are in M, C, K and J, as `linear_systems` counts entries.
-
-    Args:
-        matrices: Some of MCKJ.
-        nv, closures: Sizes of the system.
-        rows, columns: Of M, C and K, as numbers of velocities; J has all its rows, and those of the
-            others as columns.
-    """
+    """Where some rows and columns are in M, C, K and J, as `linear_systems` counts entries."""
     square = (rows[:, None] * nv + columns).ravel()
     J = 3 * nv**2 + (np.arange(closures)[:, None] * nv + rows).ravel()
     where = {"M": square, "C": square + nv**2, "K": square + 2 * nv**2, "J": J}
@@ -65,15 +58,7 @@ def entries_of(
 def linear_systems(
     evaluator: Evaluator, states: Sequence[Array], at: IntArray, out: Array, rates: bool = True
 ) -> None:
-    """Entries of M, C, K (nv, nv) and J (closures, nv) at several states.
-
-    Args:
-        evaluator: The system.
-        states: Y (k, nq), V and A (k, nv), lam (k, closures), shares of the loads (k, forces).
-        at: Which entries, of all of these one after the other, shape (entries,).
-        out: Its first columns are written, shape (k, entries or more).
-        rates: With what the rates of the second-order rows bring.
-    """
+    """Entries of M, C, K (nv, nv) and J (closures, nv) at several states."""
     n = evaluator.tables.counts
     widths = n["nq"], n["nv"], n["nv"], n["closures"], n["forces"]
     arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in states]
@@ -107,15 +92,7 @@ class LinearKernel:
         systems: int,
         kept: bool,
     ) -> None:
-        """Nothing is factored yet.
-
-        Args:
-            constant: What the systems share.
-            h: Step [s].
-            coefficients: mass_factor, beta, gamma, alpha_m and alpha_f of the method.
-            systems: Most systems at a time.
-            kept: Keep the factors of all of them; `use` says where.
-        """
+        """Nothing is factored yet."""
         library = kernel().functions
         if library is None:
             raise PinflexError(f"kernel: {kernel().said}.")
@@ -159,15 +136,7 @@ class LinearKernel:
         load: Array,
         response: tuple[Array, Array, Array, Array],
     ) -> int:
-        """Steps from `state` on; the number of those that were taken before a singular system.
-
-        Args:
-            system: System of each step, shape (count,).
-            value: Varying entries of each system, S, C, K and J column by column,
-                shape (systems, width).
-            load: Shape (count, n).
-            response: d, v and a (count, n) and the multipliers (count, rows), which are written.
-        """
+        """Steps from `state` on; the number of those that were taken before a singular system."""
         count, n, rows = len(system), self.n, self.rows
         at = np.ascontiguousarray(system, dtype=np.int64)
         arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (value, load)]

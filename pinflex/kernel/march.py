@@ -149,11 +149,7 @@ class MarchKernel:
         self._new = bytes(self.at)
 
     def begin_anew(self, given: Marched, table: Table) -> None:
-        """Take over another run of the same sizes, as if these arrays were new.
-
-        Args:
-            given: What the kernel has to know. table: What is prescribed.
-        """
+        """Take over another run of the same sizes, as if these arrays were new."""
         _check(self._stages, given, table)
         if table is not self._table:
             self._inputs, self._table = _inputs(table), table
@@ -182,13 +178,7 @@ class MarchKernel:
         return bool(self._functions.pinflex_hold(*self._call, force.ctypes.data))
 
     def correct(self, run: MarchKernel, W: Array, end_a: Array | None, given: Array | None) -> bool:
-        """Steps of a run once more, from this state on; False where equations are singular.
-
-        Args:
-            run: Its steps, with one stage less. W: Stages of the run to these, (s, s - 1).
-            end_a: Accelerations at the end of the step before (nv,); None: there is none.
-            given: Inputs of the stages, shape (steps, s, columns), where there is no table.
-        """
+        """Steps of a run once more, from this state on; False where equations are singular."""
         s, count = len(self.input), int(run.at.count)
         if W.shape != (s, len(run.input)) or count > self.at.capacity:
             raise PinflexError(f"kernel: {W.shape} weights for {count} steps.")
@@ -204,13 +194,7 @@ class MarchKernel:
         return bool(done)
 
     def samples(self, t: Array, of: IntArray, inputs: Array | None, room: Sequence[Array]) -> None:
-        """States at times: y, v, a, lam, torque and work.
-
-        Args:
-            t: Times in s, shape (k,). of: The step that each lies in, shape (k,).
-            inputs: Shape (k, columns), where there is no table of them.
-            room: Where they go: six arrays of k rows that lie one after the other.
-        """
+        """States at times: y, v, a, lam, torque and work."""
         t, of = _numbers(t), np.ascontiguousarray(of, dtype=np.int64)
         # Taken without a sign, a negative number is large.
         if of.shape != t.shape or of.view(np.uint64).max(initial=0) > self.at.count:

@@ -25,13 +25,7 @@ class Spares:
             return None
 
     def release(self, kind: object, workspace: Any, size: float) -> None:
-        """Keep a workspace that its owner no longer uses.
-
-        Args:
-            kind: As it is asked for.
-            workspace: Workspace.
-            size: Of its arrays in bytes.
-        """
+        """Keep a workspace that its owner no longer uses."""
         spare = self._by_kind.setdefault(kind, [])
         if size <= _LARGEST and len(spare) < _KEPT:
             spare.append(workspace)

@@ -44,12 +44,7 @@ ARMS = (
 
 
 def build(arm: Arm, segments: int = 4) -> Mechanism:
-    """The mechanism of an arm: rho A = 1, G A = E A; a hinge cuts it in the middle.
-
-    Args:
-        arm: Its numbers.
-        segments: Bodies of each beam.
-    """
+    """The mechanism of an arm: rho A = 1, G A = E A; a hinge cuts it in the middle."""
     half = SPAN / (1 + arm.hinged)
     bodies = [Body("arm", "base", "continuous")]
     if arm.hinged:
@@ -72,25 +67,14 @@ flexible:
 
 
 def conserved(m: Mechanism, run: Result, omega: float) -> Array:
-    """T + V - omega H [J], shape (nt,).
-
-    Args:
-        m: The arm.
-        run: A run of it.
-        omega: Speed of its root [rad/s].
-    """
+    """T + V - omega H [J], shape (nt,)."""
     found = momenta(m, run)
     about_axis = found.angular[:, 2] + np.cross(found.centre, found.linear)[:, 2]
     return np.asarray(energy(run) - omega * about_axis)
 
 
 def swing(arm: Arm, h: float) -> tuple[Array, Array, Array, Array]:
-    """Times, tip places, and what is conserved during and after the turn.
-
-    Args:
-        arm: Its numbers.
-        h: Step [s].
-    """
+    """Times, tip places, and what is conserved during and after the turn."""
     m, omega = build(arm), TURN / arm.turn
 
     def run(angle: str, span: float, start: Result) -> Result:

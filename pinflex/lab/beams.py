@@ -39,14 +39,7 @@ LAG = -0.573779  # [m] largest tip lag of the geometrically exact spinning beam
 
 
 def beam(head: str = "", extra: str = "", hub: Body | None = None, wall: bool = False) -> Mechanism:
-    """A unit beam along x in the plane of z, on the ground or on a hub.
-
-    Args:
-        head: Lines of the YAML ahead of `flexible`.
-        extra: Further lines of the flexible link.
-        hub: Body that carries the beam; None: the ground.
-        wall: Whether a body of the ground stands at the tip, for a loop.
-    """
+    """A unit beam along x in the plane of z, on the ground or on a hub."""
     bodies = [Body("beam", "hub" if hub else "base"), Body("tip", "beam", xyz=(1, 0, 0))]
     if hub is not None:
         bodies.insert(0, hub)
@@ -119,12 +112,7 @@ def carrying() -> Outcome:
 
 
 def turning(eta: float, plane: str) -> Array:
-    """Frequencies [rad/s] of the beam on a hub that turns with eta, about its steady state.
-
-    Args:
-        eta: Speed of the hub [rad/s].
-        plane: chord (bending in the plane of rotation) or flap.
-    """
+    """Frequencies [rad/s] of the beam on a hub that turns with eta, about its steady state."""
     hub = Body("hub", "base", "continuous", mass=1.0, inertia=(1, 1, 1))
     chord = plane == "chord"
     extra = f"bending_y: {str(chord).lower()}\n    bending_z: {str(not chord).lower()}"

@@ -51,13 +51,7 @@ def cantilever(
     planar: bool = True,
     GA: float | None = None,
 ) -> Mechanism:
-    """A cantilever along x, cut into segments; `load` is the YAML of the load at its tip.
-
-    Args:
-        segments: Number of bodies. load: "force: [..]" and the like.
-        length: m. EI: About y and z, N m^2. GJ: N m^2. EA: N; None: does not stretch.
-        planar: Bends in the xy plane only. GA: Shear stiffness, N (with EA); None: no shear.
-    """
+    """A cantilever along x, cut into segments; `load` is the YAML of the load at its tip."""
     area = 1.0 if EA is None else EA
     factor = "" if GA is None else f", ky: {GA / area!r}, kz: {GA / area!r}"
     yaml = f"""
@@ -149,12 +143,7 @@ BEND = (47.150096, 15.684690, 53.475478)  # [m] tip at P = 600, kGA = 5/6 GA: Co
 
 
 def arc(pieces: int, load: float) -> Mechanism:
-    """An eighth of a circle of radius 100 as straight, flexible chords.
-
-    Args:
-        pieces: Number of chords.
-        load: Force at the tip [N].
-    """
+    """An eighth of a circle of radius 100 as straight, flexible chords."""
     through, to = (
         [100 * math.sin(a), 100 * (1 - math.cos(a)), 0] for a in (math.pi / 8, math.pi / 4)
     )
@@ -190,12 +179,7 @@ def bend() -> Outcome:
 
 
 def frame(load: float, segments: int) -> Mechanism:
-    """A right-angle frame of two flat arms, clamped, with an in-plane load at the free end.
-
-    Args:
-        load: Force at the free end [N].
-        segments: Bodies of each arm.
-    """
+    """A right-angle frame of two flat arms, clamped, with an in-plane load at the free end."""
     E, nu, h, w = 71.24e9, 0.31, 0.03, 0.0006
     G = E / (2 * (1 + nu))
     bodies = (

@@ -12,9 +12,6 @@ from pinflex.arrays import Array
 def extrapolated(sizes: Sequence[float], values: Sequence[Array], order: int) -> Array:
     """Value at size 0 of the polynomial x + a h^order + b h^(order + 1) + ... through all runs.
 
-    Args:
-        sizes: Step, or length of a segment, of each run. values: What each run gave, equal shapes.
-        order: Order of the method.
     Source: Richardson (1911); rows that use it say "extrapolated from" and the sizes.
     """
     h = np.asarray(sizes, float) / max(sizes)
@@ -24,22 +21,11 @@ def extrapolated(sizes: Sequence[float], values: Sequence[Array], order: int) ->
 
 
 def by_step(run: Callable[[float], Array], steps: Sequence[float]) -> tuple[Array, Array]:
-    """What `run` gives with the finest of several steps, and extrapolated (order 2).
-
-    Args:
-        run: A number, or numbers, by step.
-        steps: Steps [s].
-    """
+    """What `run` gives with the finest of several steps, and extrapolated (order 2)."""
     values = [run(h) for h in steps]
     return values[int(np.argmin(steps))], extrapolated(steps, values, 2)
 
 
 def by_count(run: Callable[[int], Array], counts: Sequence[int], order: int) -> Array:
-    """What `run` gives with 1/count extrapolated to zero.
-
-    Args:
-        run: A number, or numbers, by count.
-        counts: Such as numbers of segments.
-        order: Of the first term that is taken away.
-    """
+    """What `run` gives with 1/count extrapolated to zero."""
     return extrapolated([1.0 / n for n in counts], [run(n) for n in counts], order)

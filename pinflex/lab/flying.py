@@ -19,12 +19,7 @@ STEP = 1.25e-3  # [s]
 
 
 def beam(segments: int, load: bool) -> Mechanism:
-    """A beam of 10 m from (6, 0) to (0, 8); EA = GA = 1e4, EI = 100, rho A = 1, rho I = 10.
-
-    Args:
-        segments: Bodies of the beam.
-        load: Whether the kick acts.
-    """
+    """A beam of 10 m from (6, 0) to (0, 8); EA = GA = 1e4, EI = 100, rho A = 1, rho I = 10."""
     bodies = (
         Body("slide", "base", "prismatic", xyz=(6, 0, 0), axis=(1, 0, 0)),
         Body("lift", "slide", "prismatic", axis=(0, 1, 0)),
@@ -48,24 +43,14 @@ flexible:
 
 
 def invariants(mechanism: Mechanism, run: Result) -> Array:
-    """Centre of mass x, y, momentum p_x, p_y, angular momentum about it, energy; (nt, 6).
-
-    Args:
-        mechanism: The beam.
-        run: A run of it.
-    """
+    """Centre of mass x, y, momentum p_x, p_y, angular momentum about it, energy; (nt, 6)."""
     found = momenta(mechanism, run)
     columns = found.centre[:, :2], found.linear[:, :2], found.angular[:, 2], energy(run)
     return np.column_stack(columns)
 
 
 def flight(segments: int, h: float) -> Array:
-    """Invariants every 0.1 s: 26 rows of the kick, 26 after it.
-
-    Args:
-        segments: Bodies of the beam.
-        h: Step [s].
-    """
+    """Invariants every 0.1 s: 26 rows of the kick, 26 after it."""
     kicked, free = beam(segments, True), beam(segments, False)
     first = released(kicked, KICK, h, 26, tolerance=1e-10)
     # The load goes at once: a new start, so that the step does not smear it.

@@ -33,12 +33,7 @@ SPEEDS = {"crank_0_joint": -1.0}  # [rad/s] the first tip moves with 1 m/s
 
 
 def four_bars(windows: int, kind: str = "planar") -> Mechanism:
-    """N windows, 2 N + 1 equal rods.
-
-    Args:
-        windows: N.
-        kind: Of the loops: planar, or revolute, which has redundant rows.
-    """
+    """N windows, 2 N + 1 equal rods."""
     rod: dict[str, Any] = {"mass": 1.0, "com": (0.5, 0, 0), "inertia": (1e-4, ROD, ROD)}
     bodies: list[Body] = []
     loops: list[str] = []
@@ -58,12 +53,7 @@ def four_bars(windows: int, kind: str = "planar") -> Mechanism:
 
 
 def four_bars_exact(windows: int, t: Array) -> Array:
-    """B0 (x, y): all cranks stay parallel, thdd = G/I sin th, th from the vertical.
-
-    Args:
-        windows: N.
-        t: Times [s], shape (nt,).
-    """
+    """B0 (x, y): all cranks stay parallel, thdd = G/I sin th, th from the vertical."""
     inertia = (windows + 1) / 3 + windows
     weight = ((windows + 1) / 2 + windows) * G
     th = reduced(lambda _, s: (s[1], weight / inertia * np.sin(s[0])), (0.0, 1.0), t)[:, 0]
@@ -71,14 +61,7 @@ def four_bars_exact(windows: int, t: Array) -> Array:
 
 
 def b0(m: Mechanism, until: float, every: float, h: float) -> Array:
-    """Places of the first tip in multiples of `every` s, m, shape (nt, 2).
-
-    Args:
-        m: The mechanism.
-        until: Last time [s].
-        every: Time between two places [s].
-        h: Step [s].
-    """
+    """Places of the first tip in multiples of `every` s, m, shape (nt, 2)."""
     run = solve_level(
         m, hold(duration=until), "coupled", dt=h, samples=round(until / every) + 1,
         tolerance=TOLERANCE, start_speeds=SPEEDS,

@@ -25,13 +25,7 @@ ROD = 1.0 / 12.0  # [kg m^2] of a slender rod, 1 m and 1 kg, about its centre
 
 
 def reduced(slope: Callable[[float, Any], Any], start: tuple[float, float], t: Array) -> Array:
-    """State (angle, speed) of a one-freedom equation at times t, shape (nt, 2).
-
-    Args:
-        slope: Rates of the state by time and state.
-        start: First angle [rad] and speed [rad/s].
-        t: Times [s], shape (nt,).
-    """
+    """State (angle, speed) of a one-freedom equation at times t, shape (nt, 2)."""
     from scipy.integrate import solve_ivp
 
     run = solve_ivp(slope, (0.0, t[-1]), start, "DOP853", t_eval=t, rtol=1e-12, atol=1e-13)

@@ -76,13 +76,7 @@ def princeton() -> Outcome:
 
 
 def tip(load: float, angle: float, segments: int) -> Array:
-    """Stiff and soft tip displacement [mm], twist [deg].
-
-    Args:
-        load: Force at the tip [N].
-        angle: Of the force from the stiff direction [deg].
-        segments: Bodies of the beam.
-    """
+    """Stiff and soft tip displacement [mm], twist [deg]."""
     # Stiff direction is beam y (about z), soft is z (about y).
     turn = math.radians(angle)
     force = f"force: [0, {load * math.cos(turn)!r}, {load * math.sin(turn)!r}]"

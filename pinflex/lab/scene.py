@@ -79,13 +79,7 @@ def urdf(bodies: Sequence[Body]) -> str:
 
 
 def scene(name: str, bodies: Sequence[Body], yaml: str) -> Mechanism:
-    """Write NAME.urdf and NAME.yaml to a passing folder and load them as a user would.
-
-    Args:
-        name: Of the model.
-        bodies: Links with their joints.
-        yaml: The YAML without its key `urdf`.
-    """
+    """Write NAME.urdf and NAME.yaml to a passing folder and load them as a user would."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / f"{name}.urdf").write_text(urdf(bodies), encoding="utf-8")
         path = Path(folder) / f"{name}.yaml"
@@ -94,15 +88,7 @@ def scene(name: str, bodies: Sequence[Body], yaml: str) -> Mechanism:
 
 
 def released(mechanism: Mechanism, until: float, dt: float, samples: int, **options: Any) -> Result:
-    """Coupled run in equal steps, from rest at home unless a start is given, motors held.
-
-    Args:
-        mechanism: Mechanism.
-        until: End [s].
-        dt: Step [s].
-        samples: Number of instants told.
-        **options: Of `pinflex.solve`.
-    """
+    """Coupled run in equal steps, from rest at home unless a start is given, motors held."""
     return solve_level(
         mechanism, hold(duration=until), "coupled", dt=dt, samples=samples,
         **({"start": "straight"} | options),
@@ -125,12 +111,7 @@ class Momenta:
 
 
 def momenta(mechanism: Mechanism, run: Result) -> Momenta:
-    """Momenta of a whole mechanism, which no output of a run tells.
-
-    Args:
-        mechanism: With flexible links.
-        run: Its run.
-    """
+    """Momenta of a whole mechanism, which no output of a run tells."""
     dynamics, rows = Equations(mechanism.flexible), []
     data = dynamics.data
     y = np.hstack([run.array("joint/q"), run.array("eta")])

@@ -46,10 +46,6 @@ def heavier_stretch(body: FlexibleBody, factor: float) -> FlexibleBody:
     Each shape gets a pair of points at the root that move with and against it: together they feel
     its motion and not that of the frame they ride in, but for their mass, which is taken off again
     (first, so that sums over the tree that begin with the last point stay positive).
-
-    Args:
-        body: The rod.
-        factor: Of the mass that axial shapes carry [-].
     """
     family, u = body.families["u"], body.slices["u"]
     x, weights = (a.ravel() for a in quadrature(family.breaks, family.gauss))
@@ -90,12 +86,7 @@ class Scene:
         self.to_q[2:, body.slices["u"]] = body.families["u"].evaluate(ends).f
 
     def start(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """y and v at phi1 = phi2 = 0, on the closures.
-
-        Args:
-            q: Deflections q1..q4 [m], shape (4,).
-            dq: Their rates [m/s], shape (4,).
-        """
+        """y and v at phi1 = phi2 = 0, on the closures."""
         y, v = self.m.undeformed(), np.zeros(self.m.flexible.nv)
         turn = -CRANK * OMEGA / (ROD + q[3])
         y[self.guide] = q[3]
@@ -104,12 +95,7 @@ class Scene:
         return y, v
 
     def run(self, start: tuple[tuple[float, ...], tuple[float, ...]], h: float) -> Array:
-        """phi2, x3, q1..q4, lam1, lam2 in 200 equal intervals, shape (201, 8).
-
-        Args:
-            start: q and dq, as in `start`.
-            h: Step [s].
-        """
+        """phi2, x3, q1..q4, lam1, lam2 in 200 equal intervals, shape (201, 8)."""
         r = solve_level(
             self.m, level="coupled", until=UNTIL, dt=h, samples=201, tolerance=1e-12,
             start=self.start(*(np.array(part) for part in start)),

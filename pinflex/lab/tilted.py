@@ -53,12 +53,7 @@ motion: {{kind: formula, joints: {{ab_joint: -0.6*t}}, duration: {UNTIL}}}
 
 
 def height(segments: int, h: float) -> tuple[Array, Array]:
-    """Times [s] and z of C [m].
-
-    Args:
-        segments: Bodies of each bar.
-        h: Step [s].
-    """
+    """Times [s] and z of C [m]."""
     r = solve(four_bar(segments), dt=h, until=UNTIL, samples=601, rho_inf=0.6)
     return r.t, r.frame("cd").position[:, 2]
 

@@ -78,11 +78,6 @@ def verify(
 ) -> Verification:
     """Run benchmarks.
 
-    Args:
-        names: Parts of case names ("A02", "Princeton"); none means all.
-        progress: Called with (case, number, count) before each case.
-        slow: Also cases that take minutes; without, only if the names fit no other.
-        ended: Called with the table of each case when it has ended.
     Returns:
         One record per checked quantity; a case that raises gives one record that did not pass.
     Raises:
@@ -139,12 +134,7 @@ def _records(case: Case, outcome: Outcome, seconds: float) -> list[Record]:
 
 
 def case_text(name: str, records: Sequence[Record]) -> str:
-    """The table of one case, and what there is to say about what did not pass.
-
-    Args:
-        name: Of the case.
-        records: Its checks.
-    """
+    """The table of one case, and what there is to say about what did not pass."""
     first = records[0]
     rows = [[r.mark, r.quantity, *_figures(r)] for r in records]
     head = f"{name}   [{first.source}; {first.seconds:.1f} s]"
@@ -198,12 +188,7 @@ small { color: #5b6b7b } img { max-width: 100% }
 
 
 def write_page(found: Verification, path: str | Path) -> Path:
-    """Write one self-contained HTML page: tables, and plots of measured against reference.
-
-    Args:
-        found: Cases and their checks.
-        path: The file.
-    """
+    """Write one self-contained HTML page: tables, and plots of measured against reference."""
     from pinflex.recovery.meta import version
 
     path = Path(path)

@@ -27,9 +27,6 @@ def acts_without_potential(system: System, t: float = 0.0) -> bool:
 def coupled(skew: Array, x: Array, omega2: Array) -> tuple[Array, Array]:
     """Eigenvalues s [1/s], Im s >= 0, the growing one of a divergence, slowest first, and shapes.
 
-    Args:
-        skew: Skew part of the stiffness, shape (n, n).
-        x: Modes of the symmetric part, of unit mass, shape (n, k). omega2: Their omega^2, (k,).
     Returns:
         s (k,); real shapes (n, k) of unit mass: two that flutter are the real and the imaginary
         part of one.

@@ -34,12 +34,6 @@ def start_from(
 ) -> Start:
     """The start from a given state; loads and motion may be others than those it comes from.
 
-    Args:
-        mechanism: Mechanism.
-        dynamics: Workspace of the system that is run.
-        path: Motor motion.
-        given: A result of a level in which links deform, (result, time [s]), or (y, v).
-        driven: Whether torques drive the motors, so that these too go on as they are.
     Raises:
         DescriptionError: No such state, or one whose motors stand elsewhere, whose loops are open
             or whose velocities would open them.

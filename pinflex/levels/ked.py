@@ -65,16 +65,6 @@ def solve_ked(
 ) -> Run:
     """March the linear deviation; one linear system a step.
 
-    Args:
-        mechanism: Mechanism. motion: Motion. t: Equal steps, shape (nt,).
-        method: Of equal steps, as `method_of` gives it.
-        start: straight, static or auto, as in `pinflex.levels.start`.
-        structural: Leave out what the motion and the loads add to C and K.
-        progress: Called with (step, steps).
-        close: What interpolated matrices may miss (see `linearised.along`); None: below what
-            default steps do.
-        every: Steps from one sample to the next: only samples are kept. Of a march that blows up,
-            every step is.
     Returns:
         The run: nominal motion plus deviation, torques included.
     """
@@ -143,9 +133,6 @@ def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntA
 
     A method of second order feels a jump half a step before the first step that knows of it: up to
     half a step early or late. The mean moves it to where it is.
-
-    Args:
-        grid: Times. r: Load by pieces. load: At all steps, shape (nt, n). h: Step [s].
     """
     pieces = grid.by_piece(r.whole())
     shape = len(pieces) - 1, load.shape[1]

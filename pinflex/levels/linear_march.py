@@ -59,14 +59,7 @@ class Response(NamedTuple):
 def forces_along(
     grid: Interpolation, parts: Sequence[Varying], response: Response, every: int = 1
 ) -> Array:
-    """Forces M a + C v + K d + r - J' lam at every step, shape (nt, k): of motors, what they give.
-
-    Args:
-        grid: Times of the systems, and of the steps.
-        parts: Some rows of M, C, K (k, n), columns of J (closures, k), rows of r (k,).
-        response: The deviation and its multipliers.
-        every: Steps from one of those to the next.
-    """
+    """Forces M a + C v + K d + r - J' lam at every step, shape (nt, k): what motors give."""
     force = np.empty((len(response.d), *parts[4].shape))
     each = max(_WINDOW, _VALUES // max(parts[0].constant.size, 1))
     for start in range(0, len(force), each):
@@ -90,12 +83,7 @@ class Workspace:
         self.owner: LinearMarch | None = None
 
     def take(self, owner: LinearMarch, size: int) -> Array:
-        """The buffer, for another owner; what was there is lost.
-
-        Args:
-            owner: Who is to have it.
-            size: Numbers.
-        """
+        """The buffer, for another owner; what was there is lost."""
         self.owner = owner
         if len(self._numbers) < size:
             self._numbers = np.empty(size)
@@ -113,15 +101,7 @@ class LinearMarch:
         h: float,
         workspace: Workspace | None = None,
     ) -> None:
-        """Nothing is factored yet.
-
-        Args:
-            scheme: The method.
-            grid: Times of the systems, and of the steps.
-            parts: M, C, K (n, n) and J (closures, n).
-            h: Step [s].
-            workspace: For factors of some steps, where marches go on side by side; None: one march.
-        """
+        """Nothing is factored yet."""
         self.scheme, self.grid, self.h, self.parts = scheme, grid, h, tuple(parts)
         self._workspace, self._shared = workspace or Workspace(), workspace is not None
         self._window: slice | None = None
@@ -133,12 +113,7 @@ class LinearMarch:
         return Instant(M, C, K, load, J)
 
     def __call__(self, load: Array, start: Array) -> Response:
-        """March from rest.
-
-        Args:
-            load: r at every step, shape (nt, n).
-            start: First deviation, shape (n,).
-        """
+        """March from rest."""
         march = self.begin()
         for s in self.windows():
             march.go(s, load[s], start)
@@ -173,14 +148,7 @@ class LinearMarch:
         return kernel().functions is not None and n > 0 and len(self.grid.t) > 1
 
     def advance(self, s: slice, load: Array, state: Array, response: Response) -> bool:
-        """Steps of a window by the kernel; False where a system is singular.
-
-        Args:
-            s: The window.
-            load: There, shape (steps, n).
-            state: That the steps begin from, and what they end in, shape (4, n).
-            response: Of all steps; those of the window are written.
-        """
+        """Steps of a window by the kernel; False where a system is singular."""
         values, system = self._opened(s)
         self._kernel.state[:] = state
         there = response.d[s], response.v[s], response.a[s], response.lam[s]
@@ -269,13 +237,7 @@ class RunningMarch:
         self._plain: Iterator[State] | None = None
 
     def go(self, s: slice, load: Array, start: Array) -> None:
-        """Take the steps of a window.
-
-        Args:
-            s: The window, after those before it.
-            load: r there, shape (steps, n).
-            start: First deviation of all, shape (n,).
-        """
+        """Take the steps of a window."""
         self._load[s] = load
         if s.start == 0:
             self._start = start

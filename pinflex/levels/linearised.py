@@ -62,11 +62,7 @@ class Matrices(NamedTuple):
         return Instant(self.M[:n], self.C[:n], self.K[:n], self.r[:n], self.J[:, :n])
 
     def motor_forces(self, d: Array, v: Array, a: Array, lam: Array) -> Array:
-        """What the motors give: balance in the rows below the columns.
-
-        Args:
-            d, v, a: Deviation and its rates, shape (n,). lam: Multipliers beyond `base`.
-        """
+        """What the motors give: balance in the rows below the columns."""
         M, C, K, J, r = (x[self.M.shape[1] :] for x in (*self[:3], self.J.T, self.r))
         return np.asarray(M @ a + C @ v + K @ d + r - J @ lam)
 
@@ -90,15 +86,7 @@ class LinearPath:
         dynamics: Equations | None = None,
         whole: bool = False,
     ) -> None:
-        """Nothing is evaluated yet.
-
-        Args:
-            mechanism: Mechanism.
-            path: Its nominal motion.
-            structural: Leave out what the motion and the loads add to C and K.
-            dynamics: A workspace of the flexible mechanism; None: one of its own.
-            whole: All coordinates as rows and columns.
-        """
+        """Nothing is evaluated yet."""
         self._mechanism, self.path = mechanism, path
         self.dynamics, self.structural = dynamics or Equations(mechanism.flexible), structural
         self.whole, system = whole, mechanism.flexible
@@ -109,11 +97,7 @@ class LinearPath:
         self.v, self.a = np.hstack([path.v, still]), np.hstack([path.a, still])
 
     def along(self, path: Nominal) -> LinearPath:
-        """The same along other instants of the motion.
-
-        Args:
-            path: The nominal motion there.
-        """
+        """The same along other instants of the motion."""
         return LinearPath(self._mechanism, path, self.structural, self.dynamics, self.whole)
 
     @cached_property
@@ -226,17 +210,7 @@ def along(
     dynamics: Equations | None = None,
     steps: Array | None = None,
 ) -> InterpolatedPath | EveryStep:
-    """The system at every step of a nominal motion: its free coordinates and motors.
-
-    Args:
-        mechanism: Mechanism.
-        motion: Its motion.
-        path: The nominal motion at the steps, or at some of them, the first and the last included.
-        structural: Leave out what the motion and the loads add to C and K.
-        close: What interpolation may miss, of the largest entry of each matrix.
-        dynamics: A workspace of the flexible mechanism; None: one of its own.
-        steps: Times of the steps, shape (nt,); None: those of the path.
-    """
+    """The system at every step of a nominal motion: its free coordinates and motors."""
     line = LinearPath(mechanism, path, structural, dynamics)
     t = path.t if steps is None else steps
     pieces, n = _pieces(motion, mechanism.flexible.loads, path, t, _STEPS, close)
@@ -252,15 +226,7 @@ def along(
 def full_path(
     line: LinearPath, mechanism: Mechanism, motion: Motion, close: float
 ) -> InterpolatedPath:
-    """The system along a path, interpolated whether or not that is `close`.
-
-    Args:
-        line: The system at the steps.
-        mechanism: Mechanism.
-        motion: Its motion.
-        close: What interpolation may miss, of the largest entry of each matrix. There are hardly
-            more nodes than steps, so `missed` may be larger.
-    """
+    """The system along a path, interpolated whether or not that is `close`."""
     t = line.path.t
     pieces, n = _pieces(motion, mechanism.flexible.loads, line.path, t, 1, close)
     if sum(n) + len(n) > len(t):
@@ -329,14 +295,7 @@ class VaryingEntries:
         like: Matrices,
         everything: bool = False,
     ) -> None:
-        """Find out which vary at the first nodes.
-
-        Args:
-            packed: Packed systems at times, a row each.
-            first: Those at the first nodes.
-            like: A system, for the shapes.
-            everything: Take every entry for varying.
-        """
+        """Find out which vary at the first nodes."""
         self._packed, self._constant, self.late = packed, first[0].copy(), False
         self._shapes = [x.shape for x in like]
         self._block, n = _blocks(like), 2 * len(like)
@@ -362,11 +321,7 @@ class VaryingEntries:
         return systems[:, self._varies]
 
     def relative(self, missed: Array) -> float:
-        """Largest miss of each matrix over its size; the worst of all.
-
-        Args:
-            missed: Of varying entries, shape (k, varying).
-        """
+        """Largest miss of each matrix over its size; the worst of all."""
         far = _largest(missed, self._block[self._varies], len(self._sizes))
         return float(np.max(far / np.maximum(self._sizes, 1e-300), initial=0.0))
 

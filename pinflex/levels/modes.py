@@ -200,14 +200,7 @@ def _about(
 def linearised(
     mechanism: Mechanism, dynamics: Equations, q: Array | None, preload: str
 ) -> tuple[Array, Array]:
-    """The pose y that is linearised about, and the stiffness there, as in `modes`.
-
-    Args:
-        mechanism: Mechanism.
-        dynamics: Workspace of its flexible system.
-        q: Rigid pose, shape (nq,); None: home.
-        preload: "gravity" or "none".
-    """
+    """The pose y that is linearised about, and the stiffness there, as in `modes`."""
     if preload not in ("gravity", "none"):
         raise DescriptionError(f'preload: {preload!r}. Allowed: "gravity", "none".')
     if preload == "none":
@@ -218,22 +211,14 @@ def linearised(
 
 
 def vibrating(mechanism: Mechanism) -> IntArray:
-    """Velocity rows that vibrate while motors are locked: a free base too, where nothing weighs.
-
-    Args:
-        mechanism: Mechanism.
-    """
+    """Velocity rows that vibrate while motors are locked: a free base too, where nothing weighs."""
     if base_state(mechanism) == "held":
         return mechanism.flexible.free
     return np.union1d(mechanism.flexible.free, mechanism.idle.base).astype(np.intp)
 
 
 def base_state(mechanism: Mechanism) -> str:
-    """Whether the modes are those of a free base: free, held (it would fall), "" without one.
-
-    Args:
-        mechanism: Mechanism.
-    """
+    """Whether the modes are those of a free base: free, held (it would fall), "" without one."""
     description = mechanism.description
     if not len(mechanism.idle.base):
         return ""
@@ -241,13 +226,7 @@ def base_state(mechanism: Mechanism) -> str:
 
 
 def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
-    """Basis of what the closures leave of the free coordinates, shape (free, n).
-
-    Args:
-        dynamics: Equations.
-        y: Coordinates, shape (nq,).
-        free: Velocity rows that are free.
-    """
+    """Basis of what the closures leave of the free coordinates, shape (free, n)."""
     if not dynamics.system.closed.n:
         return np.eye(len(free))
     return null_space(dynamics.close(y).J[:, free])
@@ -256,8 +235,6 @@ def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
 def condensed(K: Array, M: Array) -> tuple[Array, Array, Array]:
     """Unit-mass modes of what has mass, and the compliance of what has none.
 
-    Args:
-        K, M: Stiffness and mass of the motions that are left, shape (n, n).
     Returns:
         Modes x (n, k), the massless coordinates following statically; compliance (n, n) of the
         massless ones with the others held; omega^2 (k,).
@@ -347,11 +324,6 @@ def first_modes(found: Modes, count: int, zeros: bool = False) -> Modes:
     """The first of all modes that have a stiffness; those at 0 Hz are only counted, or `zeros`.
 
     A frequency at the round-off of the highest one is zero.
-
-    Args:
-        found: All modes, slowest first.
-        count: How many.
-        zeros: Whether those at 0 Hz are among them.
     """
     f = found.frequencies
     alive = np.abs(f) > _ROUND_OFF * np.max(np.abs(f), initial=0.0)

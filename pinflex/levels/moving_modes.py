@@ -52,14 +52,7 @@ class Moving:
 
 
 def state_at(mechanism: Mechanism, dynamics: Equations, at: At, motion: Motion | None) -> Moving:
-    """The state that `at` names; links are balanced with the inertia forces of the nominal motion.
-
-    Args:
-        mechanism: Mechanism. dynamics: Workspace of its flexible system.
-        at: Steady speeds of motors by name [rad/s | m/s], the others rest; a time [s] of the
-            nominal motion; or a run with a time, of which the nearest sample is taken.
-        motion: Of a time; default: that of the YAML.
-    """
+    """The state that `at` names; links balance the inertia forces of the nominal motion."""
     if isinstance(at, tuple):
         return state_of_run(mechanism, *at)
     if isinstance(at, Mapping):
@@ -100,13 +93,7 @@ def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:
 
 
 def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
-    """The sample of a run of this mechanism that is nearest to a time [s].
-
-    Args:
-        mechanism: The mechanism that was solved.
-        result: Its run, of a level in which links deform.
-        time: [s].
-    """
+    """The sample of a run of this mechanism that is nearest to a time [s]."""
     k = int(np.argmin(np.abs(result.t - time)))
     system, arrays = mechanism.flexible, result.arrays
     if "eta" not in arrays and system.n_eta:
@@ -134,8 +121,6 @@ def whirl(dynamics: Equations, state: Moving, free: IntArray) -> tuple[Array, Ar
 
     Of a pair the one that turns forward is kept; of a divergence s and -s the growing one.
 
-    Args:
-        dynamics: Workspace. state: What is linearised about. free: Rows that may move.
     Returns:
         s (k,), complex; shapes (nv, k), complex, of unit mass.
     """

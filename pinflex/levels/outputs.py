@@ -77,11 +77,7 @@ class Outputs:
         self._before: tuple[Run, _Poses] | None = None
 
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:
-        """Relative difference of two runs at the same samples, by output.
-
-        Args:
-            coarse, fine: Runs with the same samples; the second is the reference.
-        """
+        """Relative difference of two runs at the same samples, by output."""
         if np.ptp(fine.y, axis=0).max(initial=0.0) < REST:
             return {}  # at rest: round-off is all that differs
         found = {
@@ -102,15 +98,7 @@ class Outputs:
         from_sample: int | None = 0,
         first: Array | None = None,
     ) -> dict[str, History]:
-        """Distance of two runs and size of the finer one over time, by output that was asked for.
-
-        Args:
-            coarse, fine: Runs at the same samples, in one piece from `from_sample` on.
-            from_sample: Number of their first sample among all; None: at other instants than the
-                samples, where the size of a deviation from the rigid motion is not known (0).
-            first: First pose of all, shape (nq,), where joints are to be compared that motors and
-                motion do not determine: steps may hold no sample that says it.
-        """
+        """Distance of two runs and size of the finer run over time, by output asked for."""
         found: dict[str, History] = {}
         system, elastic = fine.system, fine.system.n_eta
         if "torque" in self._asked and fine.torque.shape[1]:
@@ -212,26 +200,14 @@ class Outputs:
 
 
 def platform_poses(mechanism: Mechanism, dynamics: Equations, y: Array) -> tuple[Array, Array]:
-    """Position (m), shape (n, 3), and rotation (n, 3, 3) of the platform at poses y (n, nq).
-
-    Args:
-        mechanism: Mechanism with a platform.
-        dynamics: Equations of the system that was run.
-        y: Coordinates, shape (n, nq).
-    """
+    """Position (m), shape (n, 3), and rotation (n, 3, 3) of the platform at poses y (n, nq)."""
     platform = dynamics.system.expansion.frames[str(mechanism.description.platform)]
     R, p = frame_poses(dynamics, y, platform)
     return p, R
 
 
 def relative_size(key: str, apart: Array, size: Array) -> float | None:
-    """Largest distance over the largest size of an output, or None where nothing can be said.
-
-    Args:
-        key: Of the output: some are not judged below a size of their own (`LEAST_SIZES`).
-        apart: Distances, any shape.
-        size: Sizes, any shape.
-    """
+    """Largest distance over the largest size of an output, or None where nothing can be said."""
     scale = float(np.max(size, initial=0.0))
     far = float(np.max(apart, initial=0.0))
     if key in LEAST_SIZES:
@@ -249,22 +225,14 @@ def _history(apart: Array, size: Array, keep: slice = slice(None)) -> History:
 
 
 def relative(a: Array, b: Array) -> float:
-    """Largest difference of two histories over the largest value of the second.
-
-    Args:
-        a, b: Histories of one shape.
-    """
+    """Largest difference of two histories over the largest value of the second."""
     scale = float(np.max(np.abs(b), initial=0.0))
     apart = float(np.max(np.abs(a - b), initial=0.0))
     return apart / scale if scale > 0 else np.inf if apart > 0 else 0.0
 
 
 def mean_square(a: Array, b: Array) -> float | None:
-    """Root mean square of a difference over that of the second, or None where both are zero.
-
-    Args:
-        a, b: Histories of one shape.
-    """
+    """Root mean square of a difference over that of the second, or None where both are zero."""
     if not (np.any(b) or np.any(a)):
         return None
     size = float(np.sqrt(np.mean(np.square(b))))
@@ -272,11 +240,7 @@ def mean_square(a: Array, b: Array) -> float | None:
 
 
 def between(a: Array, b: Array) -> Array:
-    """Rotation vectors from a to b, shape (n, 3): small ones, by their skew part.
-
-    Args:
-        a, b: Rotation matrices, shape (n, 3, 3).
-    """
+    """Rotation vectors from a to b, shape (n, 3): small ones, by their skew part."""
     turn = np.matmul(a.transpose(0, 2, 1), b)
     skew = turn - turn.transpose(0, 2, 1)
     return 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)

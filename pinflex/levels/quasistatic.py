@@ -71,12 +71,6 @@ def balance(
 
     Where full Newton fails, the load is put on in parts, in so many iterations (`patience`) in all.
 
-    Args:
-        dynamics: Workspace. y: First guess, shape (nq,). v, a: Shape (nv,).
-        free: Velocity rows that balance. t: Time in s, at which the loads are taken.
-        lam: First guess of the multipliers, shape (rows,). where: Start of an error's sentence.
-        patience: Iterations at most. links: Make v and a those of the closed motion at each pose,
-            with the links as they are bent there; None: they stay as they are.
     Returns:
         The equilibrium.
     Raises:
@@ -209,14 +203,7 @@ def rest(
     free_motors: bool = False,
     dynamics: Equations | None = None,
 ) -> Equilibrium:
-    """`static_equilibrium` for those who look at `unstable` themselves, on their workspace.
-
-    Args:
-        mechanism: Mechanism.
-        q: Rigid pose, shape (nq,); default: home.
-        free_motors: Whether motors move until nothing pushes them.
-        dynamics: Workspace of the flexible mechanism; default: a new one.
-    """
+    """`static_equilibrium` for those who look at `unstable` themselves, on their workspace."""
     dynamics = dynamics or Equations(mechanism.flexible)
     system = mechanism.flexible
     free = np.arange(system.nv) if free_motors else system.free
@@ -234,14 +221,6 @@ def unstable_directions(
     """Number of directions that the closures allow in which the tangent stiffness is negative.
 
     Of loads that follow: in which the vibration diverges; a negative direction may hold there.
-
-    Args:
-        dynamics: Equations.
-        y: Coordinates, shape (nq,).
-        v, a: Velocity and acceleration, shape (nv,).
-        lam: Multipliers of the closures [N | N m], shape (rows,).
-        t: Time [s].
-        free: Velocity rows that may move.
     """
     K, J = dynamics.iteration_matrix(y, v, a, lam, t, STIFFNESS)
     K, J = K[np.ix_(free, free)], J[:, free]
@@ -298,8 +277,6 @@ def solve_quasistatic(
 ) -> Run:
     """Balance eta and the free joints with the nominal inertia forces at each instant.
 
-    Args:
-        mechanism: Mechanism. motion: Motion. t: Sample times, shape (nt,).
     Returns:
         The run; v and a are those of the rigid motion, with the links as they are bent.
     Raises:

@@ -174,11 +174,6 @@ class Equilibria:
     ) -> Array:
         """Packed equilibria, shape (n, width).
 
-        Args:
-            path: Nominal motion at the instants. guess: Shape (n, width).
-            close: What may be left, if not that of all nodes.
-            far: A guess from afar: the equilibrium is approached in strides.
-            rounds: So many iterations, whatever they leave.
         Raises:
             _Unclear: An instant needs closer attention.
         """
@@ -252,12 +247,6 @@ def solve_equilibria(
 ) -> Run:
     """Level quasistatic at samples t (s).
 
-    Args:
-        mechanism: Mechanism. motion: Motion. t: Increasing samples, shape (nt,).
-        tol: Relative error of the outputs asked for (see `pinflex.solver.tolerance`); None: every
-            sample is balanced to round-off.
-        asked: What the tolerance is about.
-        progress: Called with (samples done, samples) where it goes from instant to instant.
     Returns:
         The run; v and a are those of the rigid motion, with the links as they are bent.
     Raises:

@@ -45,9 +45,6 @@ def multipliers(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array]
     More motors than freedoms share as stiff drives do: of all torques that balance, those with the
     least sum of tau^2 / stiffness.
 
-    Args:
-        mechanism: Mechanism. J: Closure Jacobians of its rigid system, shape (n, rows, nv).
-        r: Residuals without closure forces, shape (n, nv).
     Returns:
         lam (n, rows), tau (n, nm).
     """
@@ -100,8 +97,6 @@ def sharing(mechanism: Mechanism) -> str:
 def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     """Inverse dynamics of the rigid mechanism along a motion.
 
-    Args:
-        mechanism: Mechanism. motion: Motion. t: Sample times, shape (nt,).
     Returns:
         The run, with motor torques and closure multipliers.
     """

@@ -36,12 +36,6 @@ def with_speeds(
 ) -> Array:
     """Velocities at the start with the given ones among them.
 
-    Args:
-        mechanism: Mechanism.
-        dynamics: Workspace of the system that is run.
-        y: Start pose, shape (nq,). v: Velocities there without these speeds, shape (nv,).
-        speeds: By name of a joint or a link (see `SolveSpec`).
-        driven: Whether torques drive the motors, so that they are no more prescribed.
     Returns:
         Shape (nv,).
     Raises:
@@ -82,29 +76,13 @@ def with_speeds(
 
 
 def misses(A: Array, b: Array, v: Array, share: float = _MISSED) -> bool:
-    """Whether v misses A v = b by more than a share of the largest velocity.
-
-    Args:
-        A: Rows of constraints, shape (k, nv).
-        b: What they give, shape (k,).
-        v: Velocities, shape (nv,).
-        share: [-].
-    """
+    """Whether v misses A v = b by more than a share of the largest velocity."""
     size = max(float(np.max(np.abs(v), initial=0.0)), 1e-300)
     return float(np.max(np.abs(A @ v - b), initial=0.0)) > share * size
 
 
 def corrected(dynamics: Equations, y: Array, v: Array, A: Array, b: Array, free: IntArray) -> Array:
-    """v with the rows `free` moved by the least kinetic energy so that A v = b, if that can be.
-
-    Args:
-        dynamics: Workspace of the system.
-        y: Pose, shape (nq,).
-        v: Velocities, shape (nv,).
-        A: Rows of constraints, shape (k, nv).
-        b: What they give, shape (k,).
-        free: Velocity rows that may change.
-    """
+    """v with the rows `free` moved by the least kinetic energy so that A v = b, if that can be."""
     if not len(free) or not len(A):
         return v
     M, A_free = dynamics.mass(y)[np.ix_(free, free)], A[:, free]

@@ -56,11 +56,6 @@ def in_equilibrium(mechanism: Mechanism, start: str, y: Array | None = None) -> 
 
     `auto` is static where something acts on what is free at rest, unless the motors leave freedoms
     that fall. The equations say what acts, so that there is no list of loads to keep.
-
-    Args:
-        mechanism: Mechanism.
-        start: auto, static or straight.
-        y: Undeformed pose where it starts, shape (nq,); None: home.
     """
     if start != "auto":
         return start == "static", ""
@@ -93,12 +88,6 @@ def start_of(
     its nominal velocities and accelerations. `auto` leaves out loads that come and go: they are
     to shake the mechanism.
 
-    Args:
-        mechanism: Mechanism.
-        motion: What it is to do.
-        path: Motion of its motors; the first instant counts.
-        dynamics: Workspace of the flexible mechanism.
-        start: auto, static or straight.
     Raises:
         ConvergenceError: `static` is asked for, and there is no equilibrium.
     """
@@ -153,13 +142,6 @@ def linear_start(
     Static is the linear balance K d - J' dlam = -r, J d = 0 of the first instant. The nonlinear
     one would leave J d of second order, which the march divides by h^2. `dynamics` is a workspace
     of the flexible mechanism.
-
-    Args:
-        mechanism: Mechanism.
-        path: Nominal motion of the rigid mechanism; the first instant counts.
-        structural: Whether K is that of links and springs alone.
-        start: auto, static or straight.
-        dynamics: Workspace of the flexible mechanism.
     """
     n = len(mechanism.flexible.free)
     straight, static = Start(np.zeros(n), np.zeros(n), "straight"), "static"
@@ -221,12 +203,6 @@ def straight_start(
     """Undeformed pose and compatible velocities at the first time.
 
     Joints that neither motors nor loops determine start at home and at rest.
-
-    Args:
-        mechanism: Mechanism.
-        motion: What it is to do.
-        path: Motion of its motors; the first instant counts.
-        dynamics: Workspace of the flexible mechanism.
     """
     system = dynamics.system
     m = int(system.rigid.nv)

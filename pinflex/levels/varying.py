@@ -64,11 +64,7 @@ class Varying:
         return self.filled(self.values)
 
     def along(self, grid: Interpolation, at: slice | IntArray = slice(None)) -> Array:
-        """The matrix at steps, shape (steps, ...).
-
-        Args:
-            grid: Times of the nodes, and of the steps. at: Steps that are wanted.
-        """
+        """The matrix at steps, shape (steps, ...)."""
         return self.filled(grid.between(self.values, at))
 
     def filled(self, values: Array) -> Array:
@@ -78,22 +74,14 @@ class Varying:
         return matrix.reshape(len(values), *self.shape)
 
     def picked(self, *axes: IntArray) -> Varying:
-        """Some rows, and columns where there are any, in their order.
-
-        Args:
-            axes: Numbers of those along each axis.
-        """
+        """Some rows, and columns where there are any, in their order."""
         block = np.ix_(*axes)
         numbers = self._numbers[block].ravel()
         entries = np.flatnonzero(numbers >= 0)
         return Varying(self.constant[block], entries, self.values[:, numbers[entries]])
 
     def entries_at(self, at: tuple[IntArray, ...]) -> Array:
-        """Some entries at every node, shape (size, k).
-
-        Args:
-            at: Their rows, and columns where there are any, shape (k,) each.
-        """
+        """Some entries at every node, shape (size, k)."""
         numbers = self._numbers[at]
         values = np.tile(self.constant[at], (len(self.values), 1))
         values[:, numbers >= 0] = self.values[:, numbers[numbers >= 0]]
@@ -101,12 +89,7 @@ class Varying:
 
 
 def together(parts: Sequence[Varying], grid: Interpolation, at: slice | IntArray) -> list[Array]:
-    """Several matrices at steps, shape (steps, ...) each: one interpolation for all of them.
-
-    Args:
-        parts: Matrices at the same nodes. grid: Times of the nodes, and of the steps.
-        at: Steps that are wanted.
-    """
+    """Several matrices at steps, shape (steps, ...) each: one interpolation for all of them."""
     ends = np.cumsum([len(x.entries) for x in parts])
     values = np.split(grid.between(np.hstack([x.values for x in parts]), at), ends[:-1], axis=1)
     return [x.filled(each) for x, each in zip(parts, values, strict=True)]

@@ -96,12 +96,7 @@ class Units:
 
 
 def units(dynamics: Equations, home: Array) -> Units:
-    """Units of the closure Jacobian of a rigid mechanism.
-
-    Args:
-        dynamics: Equations of the rigid mechanism.
-        home: Closed pose q, shape (nq,).
-    """
+    """Units of the closure Jacobian of a rigid mechanism."""
     closed, length = dynamics.system.closed, size_of(dynamics, home)
     rows = np.full(closed.n, 1.0 / length)
     rows[closed.dot_rows] = 1.0
@@ -117,10 +112,6 @@ def units(dynamics: Equations, home: Array) -> Units:
 def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array, float]:
     """Newton with step halving on c(y) = 0 over some velocity rows.
 
-    Args:
-        dynamics: Workspace.
-        y: Guess, shape (nq,).
-        moving: Velocity rows that may move.
     Returns:
         The pose, and the largest |c| there (the caller judges it).
     """
@@ -155,10 +146,6 @@ def independent_rows(
 ) -> tuple[IntArray, tuple[str, ...]]:
     """Rows that carry the rank of a closure Jacobian, and the names of the others.
 
-    Args:
-        J: Closure Jacobian, shape (rows, nv).
-        labels: Row names.
-        small: Ratio below which a row counts as dependent.
     Returns:
         Kept rows in their order, and the labels of dependent rows.
     """
@@ -168,13 +155,7 @@ def independent_rows(
 
 
 def rank_beside(dynamics: Equations, full: Equations, home: Array, small: float = RANK) -> int:
-    """Largest rank of all closure rows at poses beside a closed one.
-
-    Args:
-        dynamics: Workspace with independent rows. full: With all of them.
-        home: Pose q, shape (nq,).
-        small: Ratio below which a row counts as dependent.
-    """
+    """Largest rank of all closure rows at poses beside a closed one."""
     J, rank = dynamics.close(home).J, 0
     Vt = np.linalg.svd(J)[2] if len(J) else np.eye(dynamics.n_rigid)
     for motion in Vt[len(J) :]:
@@ -198,14 +179,7 @@ def singular_ratio(J: Array) -> float:
 
 
 def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, str]:
-    """Names of the loop and of the coordinates in the weakest motion of a closure Jacobian.
-
-    Args:
-        J: Jacobian without units (`Units`), shape (rows, columns); rows beyond those of the loops
-            are other constraints.
-        rows: The loops of its first rows.
-        columns: Name of each column.
-    """
+    """Names of the loop and of the coordinates in the weakest motion of a closure Jacobian."""
     U, _, Vt = np.linalg.svd(J, full_matrices=True)
     weak = np.abs(Vt[-1])
     largest = [columns[k] for k in np.argsort(-weak)[:3] if weak[k] > 0.2 * weak.max()]
@@ -223,12 +197,6 @@ def require_regular(
 ) -> float:
     """Singular-value ratio of the passive closure Jacobian; raises where the motors lose command.
 
-    Args:
-        dynamics: Equations of the rigid mechanism.
-        y: Pose q, shape (nq,).
-        motors: Velocity rows that are locked; the others are passive.
-        names: Of every velocity row, for the message.
-        where: Place in the description or in time, for the message.
     Raises:
         SingularityError: With the loop, the motion and sigma_min.
     """
@@ -253,14 +221,7 @@ def singularity(
     time: float | None = None,
     what: tuple[str, str] = ("passive loop Jacobian", "all motors locked"),
 ) -> SingularityError:
-    """The error that names a singular pose: which loop, which motion, sigma_min.
-
-    Args:
-        J: Jacobian without units (`Units`) at, or next to, the singular pose.
-        rows, columns: Its loops, and the names of its columns.
-        where, time: Place and time [s] for the message.
-        what: Name of J, and what is held while the mechanism still moves.
-    """
+    """The error that names a singular pose: which loop, which motion, sigma_min."""
     loop, motion = null_motion(J, rows, columns)
     sigma = np.linalg.svd(J, compute_uv=False)
     ratio = singular_ratio(J)

@@ -19,9 +19,6 @@ def stack(
 ) -> tuple[Block, ...]:
     """Group neighbouring bodies of equal shape.
 
-    Args:
-        model: Expanded model. slices: Elastic coordinates of each of its flexible bodies.
-        maps: Rows of each body's map, in any order.
     Returns:
         Blocks in the order of the bodies; curved rows come first in each.
     """

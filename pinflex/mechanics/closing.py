@@ -71,10 +71,6 @@ def limits_of(written: pin.Model, model: pin.Model) -> Limits:
     """Limits of a URDF for a model with the same joints (one in which the beams are none).
 
     Only joints of one coordinate have them; lower >= upper means that nobody wrote any.
-
-    Args:
-        written: The URDF's own model.
-        model: Model with joints of the same names; its order of q and v counts.
     """
     lower, upper = np.full(int(model.nq), -np.inf), np.full(int(model.nq), np.inf)
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
@@ -99,14 +95,6 @@ def assemble(
 ) -> Closed:
     """A closed pose near the guess: with the motors held if that can be, else with all free.
 
-    Args:
-        dynamics: Workspace of the rigid mechanism.
-        guess: q, shape (nq,).
-        held: Velocity rows of the motors.
-        where: Place for messages.
-        limits: Bounds of q.
-        given: Coordinates of q that the user gave: they may be outside their limits.
-        loops: As described, for the message where nothing closes.
     Raises:
         AssemblyError: No closed pose was found, with the loop, how far it stays open in m (`gap`)
             and rad (`turn`), and the best pose.
@@ -220,12 +208,7 @@ class _Search:
         return ranks[0] == ranks[1]
 
     def run(self, motors_held: bool, known: Array | None = None) -> Closed | None:
-        """The nearest of the closed poses found: with the motors where they are, or all free.
-
-        Args:
-            motors_held: Whether the motors stay.
-            known: A closed pose, which needs not be near.
-        """
+        """The nearest of the closed poses found: with the motors where they are, or all free."""
         self.closure.signs = self.wanted
         rows = self.moving[motors_held]
         found: list[tuple[float, Array]] = []

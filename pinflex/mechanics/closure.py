@@ -124,11 +124,7 @@ class Closures:
         return {*self.bodies.tolist(), *roots}
 
     def frames(self, poses: Array) -> Array:
-        """Frames [R | p] of A, then of B in the world, shape (n, 2 loops, 3, 4).
-
-        Args:
-            poses: Of the joints, shape (n, joints, 12), see `pinflex.mechanics.poses`.
-        """
+        """Frames [R | p] of A, then of B in the world, shape (n, 2 loops, 3, 4)."""
         R, p = np.split(poses[:, self.bodies].reshape(len(poses), -1, 4, 3).swapaxes(2, 3), [3], 3)
         found: Array = R @ self.local
         found[..., 3:] += p
@@ -193,13 +189,6 @@ def closures(
 ) -> Closures:
     """Gather the loops and couplings of a description on a model.
 
-    Args:
-        loops: Described loops; a distance without a length gets NaN, to be set at assembly.
-        frames: Where each frame sits in the model.
-        model: Rigid or expanded model.
-        sleeves: What the loops of kind slider hold, by name.
-        couplings: Joints that follow others; they stand first, each as a loop without frames.
-        ground: Places in the world of loops that are held there, by loop.
     Returns:
         All rows, redundant ones included.
     """

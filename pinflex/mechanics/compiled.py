@@ -26,9 +26,6 @@ def serves(system: System, marched: bool = False) -> bool:
     """Whether the compiled kernel evaluates a system.
 
     Where nothing gives way the equations are Pinocchio itself, to the last bit, but in a march.
-
-    Args:
-        system: That is evaluated. marched: In the steps of level coupled.
     """
     if kernel().functions is None or (_stiff(system) and not marched):
         return False
@@ -36,11 +33,7 @@ def serves(system: System, marched: bool = False) -> bool:
 
 
 def evaluated_by(system: System, marched: bool = False) -> str:
-    """Which equations serve a system: the build of the kernel, or why it is not used.
-
-    Args:
-        system: That is evaluated. marched: In the steps of level coupled.
-    """
+    """Which equations serve a system: the build of the kernel, or why it is not used."""
     library = kernel()
     if _stiff(system) and not (marched and serves(system, True)):
         return "Pinocchio (nothing gives way)"
@@ -69,60 +62,32 @@ class Compiled:
     def residual(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array | Sequence[float | Array]
     ) -> tuple[Array, Array]:
-        """Residuals (n, nv) and closures (n, rows) of several states.
-
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows), N | N m.
-            t: Times in s, at which the loads are taken, shape (n,).
-        """
+        """Residuals (n, nv) and closures (n, rows) of several states."""
         return self.evaluator.residuals(Y, V, A, lam, self.scale(t))
 
     def tangent(
         self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
     ) -> tuple[Array, Array, Array, Array]:
-        """M, C, K (nv, nv) and J (rows, nv) at a state.
-
-        Args:
-            y: Shape (nq,). v, a: Shape (nv,). lam: Shape (rows,). t: Time in s.
-            rates: With what the rates of the second-order rows bring.
-        """
+        """M, C, K (nv, nv) and J (rows, nv) at a state."""
         return self.evaluator.tangent(y, v, a, lam, self.scale((t,))[0], rates)
 
     def poses(self, Y: Array, joints: Sequence[int]) -> Array:
-        """Poses of joints in the world, shape (k, n, 3, 4).
-
-        Args:
-            Y: Shape (n, nq). joints: The k joints of the expanded model.
-        """
+        """Poses of joints in the world, shape (k, n, 3, 4)."""
         return self.evaluator.poses(Y, self._nodes(joints))
 
     def motions(self, Y: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
-        """Poses (k, n, 3, 4) of joints in the world, and their motions (k, n, 2, 6).
-
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv).
-            joints: The k joints of the expanded model.
-        """
+        """Poses (k, n, 3, 4) of joints in the world, and their motions (k, n, 2, 6)."""
         return self.evaluator.motions(Y, V, A, self._nodes(joints))
 
     def energies(self, Y: Array, V: Array, t: Array) -> Energies:
-        """Energies of several states, J.
-
-        Args:
-            Y: Shape (n, nq). V: Shape (n, nv). t: Times in s, shape (n,).
-        """
+        """Energies of several states, J."""
         conserved = [force.potential for force in self._forces]
         return Energies(*self.evaluator.energies(Y, V, self.scale(t) * conserved))
 
     def joint_forces(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
     ) -> JointForces:
-        """Forces of joints, loops and sleeves at several states.
-
-        Args:
-            Y: Shape (n, nq). V, A: Shape (n, nv). lam: Shape (n, rows). t: Times in s, (n,).
-            joints: Numbers of the joints whose forces are wanted.
-        """
+        """Forces of joints, loops and sleeves at several states."""
         given = Y, V, A, lam, self.scale(t), self._nodes(joints)
         return JointForces(*self.evaluator.forces(*given))
 

@@ -24,12 +24,7 @@ _FIELDS = 26  # numbers at each: displacements, resultants, stresses, three line
 
 
 def per_body(spec: FlexibleLink, planes: Sequence[str]) -> tuple[int, int]:
-    """Elastic coordinates of one body of a link, and velocity coordinates of its stations.
-
-    Args:
-        spec: The flexible link.
-        planes: Its directions among u, v, w, p.
-    """
+    """Elastic coordinates of one body of a link, and velocity coordinates of its stations."""
     basis = spec.basis
     bending, other = sum(d in planes for d in "vw"), sum(d in planes for d in "up")
     order = 3 if basis.order == "quintic" else 2
@@ -46,14 +41,7 @@ def per_body(spec: FlexibleLink, planes: Sequence[str]) -> tuple[int, int]:
 
 
 def require_memory(where: str, spec: FlexibleLink, planes: Sequence[str], limit: float) -> None:
-    """Raise where the bodies of one link would take more memory than is taken without asking.
-
-    Args:
-        where: Place of the link in the description, for the message.
-        spec: The flexible link.
-        planes: Its directions among u, v, w, p.
-        limit: The key `limit`, a factor on `MEMORY`.
-    """
+    """Raise where the bodies of one link would take more memory than is taken without asking."""
     n, rows = per_body(spec, planes)
     total = rows * spec.segments
     # G while it is made (measured), and matrices of all elastic coordinates; of workspaces the
@@ -70,9 +58,6 @@ def require_memory(where: str, spec: FlexibleLink, planes: Sequence[str], limit:
 
 def require_workspace(where: str, system: System, limit: float) -> None:
     """Raise where the whole flexible system would take too much memory.
-
-    Args:
-        where: Name of the model. system: The system. limit: The key `limit`.
 
     Without the compiled kernel Pinocchio does the work, on four tensors of its coordinates cubed.
     """
@@ -98,11 +83,7 @@ def _matrices(n: float, coordinates: float) -> float:
 
 
 def require_steps(mechanism: Any, steps: float, end: float, key: str) -> None:
-    """Raise where a run in equal steps would take too many, or keep more than memory holds.
-
-    Args:
-        mechanism: A Mechanism. steps: Of the run. end: [s]. key: What they follow from.
-    """
+    """Raise where a run in equal steps would take too many, or keep more than memory holds."""
     limit, system = mechanism.description.limit, mechanism.flexible
     size = 8.0 * steps * (5.0 * system.nv + system.closed.n + 2.0 * len(system.motors) + 4.0)
     if steps <= STEPS * limit and size <= MEMORY * limit:
@@ -118,12 +99,7 @@ def require_steps(mechanism: Any, steps: float, end: float, key: str) -> None:
 
 
 def require_samples(mechanism: Any, samples: int) -> None:
-    """Raise where the samples of a run would not fit.
-
-    Args:
-        mechanism: A Mechanism.
-        samples: Instants that the result is to keep.
-    """
+    """Raise where the samples of a run would not fit."""
     limit, system = mechanism.description.limit, mechanism.flexible
     fields = _STATIONS * _FIELDS * len(mechanism.parts)
     size = 8.0 * samples * (6.0 * system.nv + fields + 20.0 * len(mechanism.links))

@@ -25,11 +25,7 @@ _AXES = [0, 1, 2, 5, 4, 3]  # rows (u, v, w, rz, ry, rx) as displacement and rot
 
 
 def rows_of(expansion: Expansion) -> dict[str, IntArray]:
-    """Places in eta of the coordinates of each link, root to tip.
-
-    Args:
-        expansion: Of the flexible model.
-    """
+    """Places in eta of the coordinates of each link, root to tip."""
     rows: dict[str, list[int]] = {}
     for slot in expansion.slots:
         rows.setdefault(slot.link, []).extend(range(slot.eta.start, slot.eta.stop))
@@ -37,11 +33,7 @@ def rows_of(expansion: Expansion) -> dict[str, IntArray]:
 
 
 def link_damping(part: FlexiblePart) -> Array:
-    """Damping of a link in all its coordinates, root to tip, shape (n, n).
-
-    Args:
-        part: The link; of several segments, each with the coordinates of the one before.
-    """
+    """Damping of a link in all its coordinates, root to tip, shape (n, n)."""
     first, count = part.bodies[0], len(part.bodies)
     if count == 1:
         return first.D
@@ -99,9 +91,6 @@ def _moved(root: Array, x: float) -> Array:
 def with_damping(system: System, name: str, given: Mapping[str, Array]) -> System:
     """The flexible system with the given damping of some links.
 
-    Args:
-        system: Flexible system. name: Of the model, for messages.
-        given: By link, N s/m in its elastic coordinates, root to tip, shape (n, n).
     Raises:
         DescriptionError: A link that is not flexible; a matrix of another shape, or one that is
             not symmetric or makes energy.

@@ -40,9 +40,6 @@ class Interface:
         """The translation at the bottom of its chain of joints.
 
         Its force has all six components, about the displaced section, in the beam frame.
-
-        Args:
-            model: Expanded model.
         """
         joint = self.attachment.joint
         while model.joints[joint].idx_v != self.force_rows[0]:
@@ -132,12 +129,7 @@ def gear_name(joint: str) -> str:
 
 
 def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArray]:
-    """Where the q and v of the rigid model sit in Q and V.
-
-    Args:
-        rigid: Model without stations.
-        model: Expanded model, which has joints of the same names.
-    """
+    """Where the q and v of the rigid model sit in Q and V."""
     q_at = np.empty(rigid.nq, dtype=np.intp)
     v_at = np.empty(rigid.nv, dtype=np.intp)
     for joint, name in zip(rigid.joints[1:], rigid.names[1:], strict=True):

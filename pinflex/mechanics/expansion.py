@@ -295,13 +295,6 @@ def expand(
 ) -> Expansion:
     """Build the expanded model, or, with `rigid=None`, the rigid tree itself.
 
-    Args:
-        links: The link tree, parents first.
-        parts: Flexible links by name.
-        needed: Frames that closures or outputs use.
-        rigid: The rigid model whose coordinates q keeps; None builds that model.
-        gravity: Shape (3,), m/s^2.
-        geared: Joints whose gear gives way.
     Returns:
         The expanded model with its maps.
     """
@@ -330,12 +323,7 @@ def _bounded(joint: pin.JointModel) -> pin.JointModel:
 
 
 def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
-    """Pinocchio's own model as an expansion with nothing added.
-
-    Args:
-        model: Model of Pinocchio.
-        links: Its links, for their frames.
-    """
+    """Pinocchio's own model as an expansion with nothing added."""
     frames: dict[str, Attachment] = {}
     for link in links:
         frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]

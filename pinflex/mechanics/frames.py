@@ -57,26 +57,14 @@ class Frame:
 
 
 def frame_poses(system: Equations, y: Array, place: Attachment) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) and origins (n, 3) of a frame in the world at poses y (n, nq).
-
-    Args:
-        system: Equations of a system.
-        y: Coordinates, shape (n, nq).
-        place: Joint that carries the frame, and where on it.
-    """
+    """Rotations (n, 3, 3) and origins (n, 3) of a frame in the world at poses y (n, nq)."""
     return poses_of_frames(system, y, (place,))[0]
 
 
 def poses_of_frames(
     system: Equations, y: Array, places: Sequence[Attachment]
 ) -> list[tuple[Array, Array]]:
-    """Rotations (n, 3, 3) and origins (n, 3) of some frames in the world at poses y (n, nq).
-
-    Args:
-        system: Equations of a system.
-        y: Coordinates, shape (n, nq).
-        places: Joints that carry the frames, and where on them.
-    """
+    """Rotations (n, 3, 3) and origins (n, 3) of some frames in the world at poses y (n, nq)."""
     if (compiled := system.compiled) is None:
         poses = system.joint_poses(y)
         return [Frame(system.model, place).pose(poses) for place in places]
@@ -88,25 +76,13 @@ def poses_of_frames(
 
 
 def frame_pose(system: Equations, y: Array, place: Attachment) -> pin.SE3:
-    """Pose of a frame in the world at y (nq,).
-
-    Args:
-        system: Equations of a system.
-        y: Coordinates, shape (nq,).
-        place: Joint that carries the frame, and where on it.
-    """
+    """Pose of a frame in the world at y (nq,)."""
     R, p = Frame(system.model, place).pose(system.joint_poses(y))
     return pin.SE3(R[0], p[0])
 
 
 def frame_jacobian(system: Equations, y: Array, place: Attachment) -> Array:
-    """Velocity of a frame's origin and its angular velocity by velocity rows, world axes, (6, nv).
-
-    Args:
-        system: Equations of a system.
-        y: Coordinates, shape (nq,).
-        place: Joint that carries the frame, and where on it.
-    """
+    """Velocity and angular velocity of a frame by velocity rows, world axes, shape (6, nv)."""
     found: Array = Frame(system.model, place).jacobian(system.kinematics(y))[0]
     return found
 
@@ -157,11 +133,7 @@ class PlatformCoordinates:
         return swept[:, self._columns]
 
     def error(self, values: Array, wanted: Array) -> Array:
-        """values - wanted, angles within half a turn, shape (..., k).
-
-        Args:
-            values, wanted: Coordinates [m | rad], shape (..., k).
-        """
+        """values - wanted, angles within half a turn, shape (..., k)."""
         error = values - wanted
         turned = (error[..., self.turning] + np.pi) % (2.0 * np.pi) - np.pi
         error[..., self.turning] = turned

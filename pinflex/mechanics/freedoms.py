@@ -111,13 +111,7 @@ class Freedoms:
     def idle(
         self, J: Array, locked: IntArray, placed: Sequence[Attachment], still: Attachment | None
     ) -> Idle:
-        """The idle freedoms; where others are left, spins that are nearly idle are among them.
-
-        Args:
-            J: Independent closure rows, shape (rows, nv).
-            locked: Velocity rows of motors, elastic joints and a free base.
-            placed: Frames that may not leave their places. still: The platform, may not turn.
-        """
+        """The idle freedoms; where others are left, spins that are nearly idle are among them."""
         N = allowed(J, locked)
         exact, _ = self._idle(N, J, placed, still)
         if N.shape[1] == len(exact.spins) + len(exact.rows):
@@ -312,12 +306,7 @@ class Freedoms:
 
 
 def allowed(J: Array, locked: IntArray) -> Array:
-    """Orthonormal basis of the motions that closures and locked rows leave, shape (nv, k).
-
-    Args:
-        J: Closure Jacobian, shape (rows, nv).
-        locked: Velocity rows that do not move.
-    """
+    """Orthonormal basis of the motions that closures and locked rows leave, shape (nv, k)."""
     nv = J.shape[1]
     passive = np.setdiff1d(np.arange(nv), locked)
     N = np.zeros((nv, 0))

@@ -80,12 +80,7 @@ def _excess(rubs: Friction) -> float:
 
 
 def joint_friction(description: Description, model: pin.Model) -> DryFriction:
-    """Dry friction of the joints of a description.
-
-    Args:
-        description: Scene, with the URDF's friction among its joints.
-        model: Rigid model, whose velocity rows count.
-    """
+    """Dry friction of the joints of a description."""
     found = []
     for name, extra in description.joints.items():
         rubs = extra.friction

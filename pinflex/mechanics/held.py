@@ -23,9 +23,6 @@ def elastic_rows(J: Array, motors: IntArray, springs: Springs) -> IntArray:
     a sprung joint in it takes one freedom away, the stiffest first; a sprung joint whose motion
     the loops determine anyway (a flexure hinge of a closed chain) is not among them.
 
-    Args:
-        J: Closure Jacobian of the rigid mechanism, shape (rows, nv).
-        motors: Velocity rows of the motors. springs: Springs in joints.
     Returns:
         Rows, increasing.
     """
@@ -45,13 +42,7 @@ def _base_rows(base: str) -> IntArray:
 
 
 def idle_of(system: System, description: Description, home: Array) -> Idle:
-    """The idle freedoms at home, a free base among them.
-
-    Args:
-        system: Rigid system with independent closure rows and elastic joints held.
-        description: Scene, with the key `idle`.
-        home: Closed pose q, shape (nq,).
-    """
+    """The idle freedoms at home, a free base among them."""
     if description.idle == "free":
         return Idle()
     # A loop to the ground determines the base as it does any other body.
@@ -71,14 +62,7 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
 
 
 def at_rest(system: System, description: Description, home: Array, names: Sequence[str]) -> Array:
-    """Home with the elastic joints where their springs are slack, unless `home` places them.
-
-    Args:
-        system: Rigid system with independent closure rows and elastic joints held.
-        description: Scene, with the key `home`.
-        home: Closed pose q, shape (nq,).
-        names: Of every velocity row.
-    """
+    """Home with the elastic joints where their springs are slack, unless `home` places them."""
     s = system.springs
     moved = home.copy()
     for k in np.flatnonzero(np.isin(s.v_at, system.held)):

@@ -11,12 +11,7 @@ from pinflex.errors import DescriptionError, nearest
 
 
 def home_guess(description: Description, model: pin.Model) -> Array:
-    """q with the given values, shape (nq,); joints that are not named stand at zero.
-
-    Args:
-        description: Scene, with the key `home` [rad | m] and couplings.
-        model: Rigid model.
-    """
+    """q with the given values, shape (nq,); joints that are not named stand at zero."""
     q = pin.neutral(model)
     for name, value in description.home.items():
         if not model.existJointName(name):
@@ -57,12 +52,7 @@ def _follow(q: Array, description: Description, model: pin.Model) -> None:
 
 
 def given(description: Description, model: pin.Model) -> IntArray:
-    """Places in q of the coordinates that `home` names.
-
-    Args:
-        description: Scene, with the key `home`.
-        model: Rigid model.
-    """
+    """Places in q of the coordinates that `home` names."""
     joints = [model.joints[model.getJointId(name)] for name in description.home]
     places = [k for joint in joints for k in range(joint.idx_q, joint.idx_q + joint.nq)]
     return np.array(places, dtype=np.intp)

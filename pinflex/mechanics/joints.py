@@ -37,12 +37,7 @@ class Joint:
 
 
 def joint_of(model: pin.Model, home: Array, motors: tuple[str, ...], name: str) -> Joint:
-    """A moving joint by its name.
-
-    Args:
-        model: Rigid model. home: Closed pose, shape (nq,).
-        motors: Names of those that are driven. name: Of the joint.
-    """
+    """A moving joint by its name."""
     names = list(model.names)[1:]
     if name not in names:
         raise DescriptionError(f"joints: {name}: no such moving joint.{nearest(name, names)}")
@@ -67,12 +62,7 @@ def sliding(model: pin.Model) -> set[str]:
 
 
 def motor_rows(description: Description, model: pin.Model) -> IntArray:
-    """Velocity rows of the actuated joints.
-
-    Args:
-        description: Scene, with the key `actuated`.
-        model: Rigid model.
-    """
+    """Velocity rows of the actuated joints."""
     rows: list[int] = []
     for name in description.actuated:
         joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
@@ -86,24 +76,14 @@ def motor_rows(description: Description, model: pin.Model) -> IntArray:
 
 
 def add_rotors(model: pin.Model, description: Description) -> None:
-    """Write the rotors' inertias to the model's armature.
-
-    Args:
-        model: Rigid model; it is changed.
-        description: Scene: inertias behind the gear [kg m^2 | kg].
-    """
+    """Write the rotors' inertias to the model's armature."""
     for name, extra in description.joints.items():
         if extra.armature:
             model.armature[_rows_of(model, name)] = extra.armature
 
 
 def joint_springs(description: Description, model: pin.Model) -> tuple[Springs, Array]:
-    """Springs, and the dampers' coefficients (nv,) [N m s/rad | N s/m], of the rigid joints.
-
-    Args:
-        description: Scene, with the URDF's damping among its joints.
-        model: Rigid model.
-    """
+    """Springs, and the dampers' coefficients (nv,) [N m s/rad | N s/m], of the rigid joints."""
     damping = np.zeros(model.nv)
     found: list[tuple[int, int, int, float, float]] = []
     for name, extra in description.joints.items():

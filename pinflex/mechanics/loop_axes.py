@@ -22,8 +22,6 @@ _SHOWN = 4  # joints listed before "..."
 def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
     """A sentence for each hinge of a loop whose axis crosses those of all its hinged neighbours.
 
-    Args:
-        dynamics: Workspace of the rigid mechanism. loops: As described. pose: q, shape (nq,).
     Returns:
         Text with a space before it, or "".
     """
@@ -52,12 +50,7 @@ def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
 
 
 def _hint(loop: Loop, frames: tuple[Array, Array], axes: Array, names: Sequence[str]) -> str:
-    """The sentence for one loop, "" where its axis fits.
-
-    Args:
-        loop: As described. frames: Rotations of both its frames, each (3, 3).
-        axes: Of its hinged neighbours, shape (3, n). names: Theirs.
-    """
+    """The sentence for one loop, "" where its axis fits."""
     normal, axis = axes[:, 0], frames[0][:, 2]
     bent = [float(np.linalg.norm(np.cross(normal, beside))) for beside in axes.T]
     if max(bent) > _PARALLEL or np.linalg.norm(np.cross(normal, axis)) < _TURNED:

@@ -58,13 +58,7 @@ class Manifold:
         self._sphere_q, self._sphere_v = q[:, None] + np.arange(4), v[:, None] + np.arange(3)
 
     def retract(self, y: Array, moves: Array, out: Array | None = None) -> Array:
-        """Poses that moves lead to, shape (k, nq).
-
-        Args:
-            y: Pose that all moves start from, shape (nq,), or one for each, shape (k, nq).
-            moves: Exponential coordinates, rates times time, shape (k, nv).
-            out: Poses that may be overwritten with the answer.
-        """
+        """Poses that moves lead to, shape (k, nq)."""
         d = self._dynamics
         if d.vector_space:
             return np.add(y, moves, out=out)
@@ -85,11 +79,7 @@ class Manifold:
         return out
 
     def log(self, y0: Array, y1: Array) -> Array:
-        """Moves that take poses y0 to y1, shape (k, nv); zero in the rows that the caller writes.
-
-        Args:
-            y0, y1: Poses, shape (k, nq).
-        """
+        """Moves that take poses y0 to y1, shape (k, nv); zero in rows that the caller writes."""
         d = self._dynamics
         if d.vector_space:
             return y1 - y0
@@ -107,13 +97,7 @@ class Manifold:
         return moves
 
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
-        """Rates of the exponential coordinates less the velocities, shape (k, nv).
-
-        Args:
-            y: Pose that the moves start from, shape (nq,).
-            moves: Exponential coordinates, shape (k, nv).
-            v: Velocities at their ends, shape (k, nv).
-        """
+        """Rates of the exponential coordinates less the velocities, shape (k, nv)."""
         d, turn = self._dynamics, np.zeros(v.shape)
         if self._easy:
             at = self._sphere_v

@@ -42,10 +42,6 @@ def require_mass(
 ) -> None:
     """Refuse a model that does not weigh what the scene says.
 
-    Args:
-        description: Scene. links: Its tree. parts: Flexible links by name.
-        given: Flexible links whose bodies are not the description's.
-        rigid, flexible: The systems made of it. home: Rigid pose, shape (nq,).
     Raises:
         AssemblyError: An error of pinflex, not of the scene.
     """
@@ -68,11 +64,7 @@ def require_mass(
 
 
 def of_model(system: System, poses: Array) -> Array:
-    """Spatial inertia (6, 6) of a model about the world's origin [kg, kg m, kg m^2].
-
-    Args:
-        system: The system. poses: Of its joints, shape (1, joints, 12).
-    """
+    """Spatial inertia (6, 6) of a model about the world's origin [kg, kg m, kg m^2]."""
     turn, place = poses[0, :, :9].reshape(-1, 3, 3).swapaxes(1, 2), poses[0, :, 9:]
     own = np.array([inertia.matrix() for inertia in system.expansion.model.inertias])
     own[0] = 0.0
@@ -92,9 +84,6 @@ def of_scene(
 ) -> Array:
     """The same of what the scene says: of its links, at their poses in the rigid tree, and of
     the masses added to frames.
-
-    Args:
-        As `require_mass`. poses: Of the joints of the rigid tree, shape (1, joints, 12).
     """
     frames = rigid.expansion.frames
     own: list[tuple[str, Array]] = []

@@ -72,10 +72,6 @@ class Misfit:
 def nearly_closed(dynamics: Equations, guess: Array, moving: IntArray) -> Array | None:
     """A pose at which the rows close that joints move, the others to the drawing's accuracy.
 
-    Args:
-        dynamics: Workspace of the rigid mechanism, with all rows.
-        guess: q, shape (nq,).
-        moving: Velocity rows that may move.
     Returns:
         The pose; None where more stays open, or where rows are dependent in this pose only.
     """
@@ -113,12 +109,7 @@ def _fits(dynamics: Equations, pose: Array, size: float) -> bool:
 
 
 def misfit(dynamics: Equations, pose: Array) -> Misfit:
-    """What makes the loops fit at a pose; empty where they are closed.
-
-    Args:
-        dynamics: Workspace of the rigid mechanism, with all rows.
-        pose: q, shape (nq,).
-    """
+    """What makes the loops fit at a pose; empty where they are closed."""
     closed = dynamics.system.closed
     frames_a, frames_b = np.split(closed.frames(dynamics.joint_poses(pose))[0], 2)
     c, _ = dynamics.close(pose)

@@ -111,11 +111,6 @@ def resolve(
 ) -> dict[str, FlexiblePart]:
     """Turn the description of flexible links into bodies.
 
-    Args:
-        description: The scene (its gravity and joint axes decide which planes are excited).
-        links: Link tree.
-        without: What `auto` leaves out, by link (see `pinflex.mechanics.relevance`).
-        coarse: Bodies with few coordinates, for a look at what deforms.
     Returns:
         Parts by link name.
     Raises:

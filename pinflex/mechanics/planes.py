@@ -60,10 +60,6 @@ def plane_of(description: Description, links: Sequence[Link]) -> Plane:
     """The plane that a scene is a mirror image of itself in: nothing bends out of it or twists.
 
     All joints turn about one direction, and everything that acts is in the plane across it.
-
-    Args:
-        description: The scene.
-        links: Links, each after its parent.
     """
     poses: list[pin.SE3] = []
     for link in links:
@@ -202,12 +198,7 @@ def _common_axis(links: Sequence[Link], poses: Sequence[pin.SE3]) -> Array | Non
 
 
 def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
-    """Those of a beam's planes about which the description says `auto`; one always stays.
-
-    Args:
-        spec: The flexible link.
-        planes: Its active directions among u, v, w, p.
-    """
+    """Those of a beam's planes about which the description says `auto`; one always stays."""
     if spec.basis.kind in solid_keys.KINDS or len(planes) < 2:
         return ()
     asked = _asked(spec)
@@ -217,13 +208,7 @@ def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
 def any_undecided(
     description: Description, links: Sequence[Link], given: Collection[str] = ()
 ) -> bool:
-    """Whether `auto` asks for a look at what deforms, in any link but those of given bodies.
-
-    Args:
-        description: Scene.
-        links: Links, each after its parent.
-        given: Links whose bodies come from elsewhere.
-    """
+    """Whether `auto` asks for a look at what deforms, in any link but those of given bodies."""
     index = {link.name: number for number, link in enumerate(links)}
     plane = plane_of(description, links)
     for spec in description.flexible:
@@ -251,15 +236,7 @@ def active_planes(
     plane: Plane,
     out: Sequence[LeftOut],
 ) -> tuple[tuple[str, ...], str]:
-    """Active directions: what was asked, and otherwise what the scene excites enough to matter.
-
-    Args:
-        where: Place of the link in the description, for the message.
-        spec: The flexible link.
-        world: Beam frame in the world at zero joint angles.
-        plane: Plane of all motion.
-        out: Directions found to matter too little.
-    """
+    """Active directions: what was asked, and otherwise what the scene excites enough to matter."""
     if plane.normal is None:
         auto = dict.fromkeys("uvwp", True)
         reason = f"spatial scene: {plane.reason}" if plane.reason else "spatial scene"
@@ -295,10 +272,6 @@ def with_shear(
     Both come with a short beam: where the shear makes more than `SHORT` of the sag of a
     cantilever, F L / (k G A) beside F L^3 / (3 E I). A section `given` by its numbers has no known
     shear factors, and only some bases have shear.
-
-    Args:
-        spec: The flexible link. planes: Its active directions. length: Span [m].
-        reason: Why these directions.
     """
     E, G, cut = spec.material.E, spec.material.G, spec.section
     basis = spec.basis

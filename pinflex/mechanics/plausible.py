@@ -19,12 +19,7 @@ FAR, LIGHT = 50.0, 1.0  # [m] of reach with less than so many kg for each metre 
 
 
 def require_beam(spec: FlexibleLink, length: float, where: str, allow: Sequence[str] = ()) -> None:
-    """Raise where a section is wider than its link is long, or a beam heavier than a building.
-
-    Args:
-        spec: The link, its density resolved. length: Span [m]. where: Its place.
-        allow: What the description lets pass.
-    """
+    """Raise where a section is wider than its link is long, or a beam heavier than a building."""
     sizes = {k: v for k, v in spec.section.dimensions if k in ("width", "height", "diameter")}
     # A section given by its numbers has no sizes, and may be of a beam without units.
     key, size = max(sizes.items(), key=lambda item: item[1], default=("", 0.0))
@@ -45,11 +40,7 @@ def require_beam(spec: FlexibleLink, length: float, where: str, allow: Sequence[
 
 
 def require_size(links: Sequence[Link], urdf: str, allow: Sequence[str] = ()) -> None:
-    """Raise where a robot of some kilograms reaches as far as a skyscraper is high.
-
-    Args:
-        links: Link tree. urdf: File, for messages. allow: What the description lets pass.
-    """
+    """Raise where a robot of some kilograms reaches as far as a skyscraper is high."""
     reach = 0.0
     place: list[pin.SE3] = []
     for link in links:

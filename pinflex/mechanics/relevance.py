@@ -53,15 +53,7 @@ def left_out(
     home: Array,
     given: Sequence[str] = (),
 ) -> dict[str, tuple[LeftOut, ...]]:
-    """What `auto` leaves out, by link.
-
-    Args:
-        description: The scene. links: Link tree.
-        parts: Coarse bodies with every direction that the scene may excite.
-        system: The flexible mechanism made of them.
-        home: Closed rigid pose.
-        given: Links whose bodies come from elsewhere: nothing of them is left out.
-    """
+    """What `auto` leaves out, by link."""
     cases = shares(description, links, parts, system, home)
     groups: dict[str, list[FlexiblePart]] = {}
     for name, part in parts.items():
@@ -101,15 +93,7 @@ def shares(
     system: System,
     home: Array,
 ) -> dict[str, dict[Key, float]]:
-    """Shares of each deformation in compliance, sag, holding torques and inertia loads, by case.
-
-    Args:
-        description: Scene, with its forces and motion.
-        links: Links, each after its parent.
-        parts: Flexible links by name, with every direction in doubt active.
-        system: The flexible mechanism made of them.
-        home: Closed rigid pose, shape (nq,).
-    """
+    """Shares of each deformation in compliance, sag, holding torques and inertia loads, by case."""
     look, base = _Look(system, home), base_axes(links, parts)
     found: dict[str, dict[Key, float]] = {}
     stretch = min(p.length / (p.spec.material.E * p.spec.section.A) for p in parts.values())
@@ -263,12 +247,7 @@ def _load_cases(
 
 
 def base_axes(links: Sequence[Link], flexible: Collection[str]) -> Array:
-    """Axes (3, 3) of what the mechanism stands on: a robot that is turned is judged as before.
-
-    Args:
-        links: Links, each after its parent.
-        flexible: Names of those that deform.
-    """
+    """Axes (3, 3) of what the mechanism stands on: a robot that is turned is judged as before."""
     for link in links:
         if link.steps or link.name in flexible:
             break

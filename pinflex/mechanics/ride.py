@@ -70,12 +70,7 @@ class Split:
 
 
 def end_riders(spec: FlexibleLink, length: float) -> tuple[Rider, ...]:
-    """The end masses `root` and `tip` of a description, as riders.
-
-    Args:
-        spec: The flexible link.
-        length: Place of the tip along the beam [m].
-    """
+    """The end masses `root` and `tip` of a description, as riders."""
     ends: tuple[tuple[float, EndMass | None], ...] = ((0.0, spec.root), (length, spec.tip))
     return tuple(
         Rider(x, pin.Inertia(end.mass, np.zeros(3), np.diag(np.array(end.inertia, float))))
@@ -108,10 +103,6 @@ def turning(bodies: Sequence[FlexibleBody]) -> Array:
 def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> Split:
     """Share a link's inertia between a beam and riders.
 
-    Args:
-        link: The URDF's inertia in the frame of the beam (x along the span); its mass is above 0.
-        bodies: The beam, one body per segment, with its full density.
-        length: Span [m].
     Returns:
         The shares; `share` is 0 where no part of the beam fits.
     """
@@ -145,26 +136,14 @@ def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> S
 
 
 def moved(split: Split, stretch: float) -> Split:
-    """The same riders on a beam of another length, each at its share of it.
-
-    Args:
-        split: Of a link.
-        stretch: New length over the old one.
-    """
+    """The same riders on a beam of another length, each at its share of it."""
     return replace(split, riders=tuple(replace(r, x=stretch * r.x) for r in split.riders))
 
 
 def weighed(
     body: FlexibleBody, link: FlexibleLink, shares: Split, riders: Sequence[Rider]
 ) -> FlexibleBody:
-    """A body with its share of mass, and its mass and damping matrix with the riders.
-
-    Args:
-        body: A body with the whole density of its beam, or one segment of it.
-        link: Its description: damping, and number of segments.
-        shares: Shares of the density that stations carry.
-        riders: Inertias fixed to its sections; they count in M unless the link has segments.
-    """
+    """A body with its share of mass, and its mass and damping matrix with the riders."""
     inertia = None if body.inertia is None else shares.turning * body.inertia
     mass, It = shares.share * body.mass, shares.turning * body.It
     M = np.einsum("k,kai,kaj->ij", mass, body.Phi, body.Phi)

@@ -18,12 +18,7 @@ _SHEAR = 6  # row of the shear strain in v at the far end; that in w comes next
 
 
 def sleeve_tables(closed: Closures, node_of: IntArray) -> dict[str, Any]:
-    """Tables of the sleeves among the closures.
-
-    Args:
-        closed: Closures of a system.
-        node_of: Node of each joint in the kernel's tree, shape (joints,).
-    """
+    """Tables of the sleeves among the closures."""
     loops, contacts = len(closed.names), closed.contacts
     each = [one.sleeve for one in contacts]
     on_b = [loops + one.loop for one in contacts]

@@ -137,13 +137,7 @@ class Contact:
 def sleeves(
     loops: Sequence[Loop], parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
 ) -> dict[str, Sleeve]:
-    """The sleeves of a description on a rigid or an expanded model, by loop.
-
-    Args:
-        loops: Described loops. parts: Flexible links by name.
-        expansion: The model; without elastic coordinates each sleeve holds a straight beam.
-        where: Name of the model, for messages.
-    """
+    """The sleeves of a description on a rigid or an expanded model, by loop."""
     return {
         loop.name: _sleeve(loop, parts, expansion, f"{where}: loops.{loop.name}")
         for loop in loops

@@ -20,15 +20,7 @@ _LITTLE = 0.1  # of the mass beside a beam: a camera or a cover on it, not the l
 def span(
     where: str, spec: FlexibleLink, number: int, links: Sequence[Link], index: Mapping[str, int]
 ) -> tuple[Array, Array]:
-    """Both ends of the span in the link's frame: joint to next joint unless told otherwise.
-
-    Args:
-        where: Place of the link in the description, for the message.
-        spec: The flexible link.
-        number: Of the link among `links`.
-        links: Links, each after its parent.
-        index: Number of every frame's link by name.
-    """
+    """Both ends of the span in the link's frame: joint to next joint unless told otherwise."""
     start = np.zeros(3) if spec.start is None else _point(where, spec.start, number, links, index)
     if spec.end is not None:
         return start, _point(where, spec.end, number, links, index)
@@ -68,14 +60,6 @@ def require_carrying(
 
     URDFs often split one arm into two links fixed to each other; the second carries the elbow. A
     camera on the first, beyond the root, does not make a beam of it.
-
-    Args:
-        where: Place of the link in the description, for the message.
-        description: Scene: flexible links, frames that loops, forces and springs act on.
-        spec: The flexible link.
-        number: Of the link among `links`.
-        links: Links, each after its parent.
-        index: Number of every frame's link by name.
     """
     if spec.end is None or spec.end == spec.link:
         return
@@ -165,14 +149,7 @@ def joint_axis(link: Link) -> tuple[float, float, float] | None:
 def placed_beam(
     where: str, spec: FlexibleLink, links: Sequence[Link], index: Mapping[str, int]
 ) -> tuple[pin.SE3, float]:
-    """Beam frame in the link's frame, and the span.
-
-    Args:
-        where: Place of the link in the description, for the message.
-        spec: The flexible link.
-        links: Links, each after its parent.
-        index: Number of every frame's link by name.
-    """
+    """Beam frame in the link's frame, and the span."""
     number = index[spec.link]
     start, end = span(where, spec, number, links, index)
     return beam_frame(where, spec, links[number], start, end)
@@ -181,14 +158,7 @@ def placed_beam(
 def beam_frame(
     where: str, spec: FlexibleLink, link: Link, start: Array, end: Array
 ) -> tuple[pin.SE3, float]:
-    """Beam frame in the link's frame, x along the span and z up, and the length in m.
-
-    Args:
-        where: Place of the link in the description, for the message.
-        spec: The flexible link, with `up` and `length` where they are written.
-        link: The link that it is.
-        start, end: Ends of the span in the link's frame [m], shape (3,).
-    """
+    """Beam frame in the link's frame, x along the span and z up, and the length in m."""
     span = end - start
     length = float(np.linalg.norm(span))
     if length < 1e-9:

@@ -42,12 +42,7 @@ class Squares(NamedTuple):
 
 
 def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
-    """Tables of the squares, and up to where products serve in each row.
-
-    Args:
-        expansion: Model and map.
-        g_at: Where the products of each row begin, shape (rows + 1,).
-    """
+    """Tables of the squares, and up to where products serve in each row."""
     rest, counts = g_at[1:].copy(), np.zeros(len(g_at) - 1, dtype=np.intp)
     first, above = counts.copy(), 0
     bodies = {slot.eta.start: slot.body for slot in expansion.slots}

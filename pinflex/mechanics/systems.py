@@ -68,10 +68,6 @@ def rigid_system(
 ) -> Assembled:
     """Close the loops of the rigid mechanism at home and keep the independent rows.
 
-    Args:
-        description: Scene. tree: Rigid model with its frames. parts: Flexible links by name.
-        motors: Velocity rows of the motors. names: Of every velocity row.
-        limits: Of the joints, for the search of a closed pose.
     Returns:
         The system at home.
     Raises:
@@ -177,12 +173,7 @@ def flexible_system(
     parts: Mapping[str, FlexiblePart],
     assembled: Assembled,
 ) -> tuple[System, LoopReport]:
-    """The system in which links bend and elastic joints give way, and its closure rows.
-
-    Args:
-        description: Scene. expansion: Expanded model. parts: Flexible links by name.
-        assembled: The rigid system.
-    """
+    """The system in which links bend and elastic joints give way, and its closure rows."""
     rigid, home, idle = assembled.system, assembled.home, assembled.idle
     n, m = int(rigid.rigid.nv), expansion.n_eta
     K, D = np.zeros((n + m, n + m)), np.zeros((n + m, n + m))

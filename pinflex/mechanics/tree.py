@@ -79,11 +79,6 @@ def link_tree(
 ) -> tuple[Link, ...]:
     """Undo Pinocchio's merging of fixed joints: one record per link, parents first.
 
-    Args:
-        model: Model as Pinocchio reads it from a URDF.
-        extras: Joint type overrides (fixed, spherical, universal) by joint name.
-        coupled: Joints that follow or are followed: a continuous one keeps its angle, not
-            cosine and sine, so that turns count.
     Returns:
         The links in depth-first order.
     """

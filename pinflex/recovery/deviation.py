@@ -24,9 +24,6 @@ _DELTA = 1e-5
 def frame_deviations(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     """Deviation, its rate and acceleration, of every reported frame.
 
-    Args:
-        mechanism: Mechanism.
-        run: A run with a nominal motion.
     Returns:
         frame/NAME/deviation, deviation_rate, deviation_acceleration: (nt, 6), displacement of the
         origin (m) and rotation (rad) about the world axes, and their derivatives.

@@ -25,12 +25,7 @@ from pinflex.mechanics.mechanism import Mechanism
 
 
 def drives(mechanism: Mechanism, run: Run) -> dict[str, Array]:
-    """Arrays of a Result by flat key, drive/JOINT/...; empty where no joint has a drive.
-
-    Args:
-        mechanism: Mechanism.
-        run: A run of it.
-    """
+    """Arrays of a Result by flat key, drive/JOINT/...; empty where no joint has a drive."""
     out: dict[str, Array] = {}
     for name, extra in mechanism.description.joints.items():
         if extra.drive is not None:

@@ -36,12 +36,7 @@ class Forces:
 
 
 def forces(mechanism: Mechanism, run: Run) -> Forces:
-    """Forces of a run.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        run: Its states.
-    """
+    """Forces of a run."""
     equations, nt, system = Equations(run.system), len(run.t), run.system
     model, joints = equations.model, system.looked_at[1:]
     y, v = run.y, run.v

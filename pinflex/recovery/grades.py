@@ -18,11 +18,7 @@ _ENERGY = (0.02, 0.05)
 
 
 def grades(run: Run, arrays: Mapping[str, Array], balance: float | None) -> dict[str, str]:
-    """Grades of "closure" and "energy" of a run, where there is something to say.
-
-    Args:
-        run: States. arrays: What `recover` made of them. balance: Its energy balance.
-    """
+    """Grades of "closure" and "energy" of a run, where there is something to say."""
     found = {}
     if run.system.closed.n:
         found["closure"] = GOOD if _gap(arrays) < _SHUT else _word(_open_share(run, arrays), _OPEN)
@@ -35,14 +31,7 @@ def grades(run: Run, arrays: Mapping[str, Array], balance: float | None) -> dict
 def sentences(
     run: Run, arrays: Mapping[str, Array], balance: float, found: Mapping[str, str]
 ) -> list[str]:
-    """One for each that is not good, with what to do.
-
-    Args:
-        run: The run.
-        arrays: Arrays of its result, by flat key.
-        balance: Energy that is missing, over the largest that there is [-].
-        found: Grades by check.
-    """
+    """One for each that is not good, with what to do."""
     texts, linear = [], run.path is not None
     if found.get("closure", GOOD) != GOOD:
         why, bent = "it is linear, and " if linear else "", 1e3 * _deflection(run, arrays)

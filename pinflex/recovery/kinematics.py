@@ -37,12 +37,7 @@ class Kinematics:
 
 
 def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
-    """Kinematics of a run.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        run: Its states.
-    """
+    """Kinematics of a run."""
     dynamics, nt, expansion = Equations(run.system), len(run.t), run.system.expansion
     frames = {name: expansion.frames[name] for name in mechanism.description.reported}
     working = without_potential(run.system.loads)
@@ -69,12 +64,7 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
 
 
 def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:
-    """Of a frame: position, rotation, velocity and classical acceleration in the world.
-
-    Args:
-        poses: Of its joint, shape (nt, 3, 4). rates: Spatial velocity and acceleration of the
-            joint in its own frame, shape (nt, 2, 6). placement: Of the frame in the joint.
-    """
+    """Of a frame: position, rotation, velocity and classical acceleration in the world."""
     turn, p = poses[:, :, :3], np.asarray(placement.translation)
     (v, w), (a, spin) = (x.reshape(-1, 2, 3).swapaxes(0, 1) for x in rates.swapaxes(0, 1))
     speed = v + np.cross(w, p)
@@ -88,23 +78,13 @@ def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Ar
 
 
 def joint_poses(mechanism: Mechanism, path: Nominal) -> Mapping[int, Array]:
-    """Poses of the rigid joints along a nominal motion, shape (nt, 3, 4) each.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        path: Motion of the rigid mechanism.
-    """
+    """Poses of the rigid joints along a nominal motion, shape (nt, 3, 4) each."""
     dynamics = Equations(mechanism.rigid)
     return dict(enumerate(as_matrices(dynamics.joint_poses(path.q)).swapaxes(0, 1)))
 
 
 def pose_of(poses: Mapping[int, Array], here: Attachment) -> Array:
-    """Poses (nt, 3, 4) of something attached to a joint.
-
-    Args:
-        poses: Of joints, shape (nt, 3, 4) each.
-        here: Joint and placement in its frame.
-    """
+    """Poses (nt, 3, 4) of something attached to a joint."""
     joint = poses[here.joint]
     local = np.column_stack([here.placement.rotation, here.placement.translation])
     moved: Array = joint[:, :, :3] @ local

@@ -47,11 +47,7 @@ def links(samples: Samples) -> dict[str, Array]:
 
 
 def resultants(samples: Samples) -> dict[str, Array]:
-    """Section forces of each flexible link alone [N, N m], shape (nt, nx, 6), as `links` has them.
-
-    Args:
-        samples: Of a run.
-    """
+    """Section forces of each flexible link [N, N m], shape (nt, nx, 6), as `links` has them."""
     out, found = dict[str, Array](), dict[str, Array]()
     for name in samples.mechanism.parts:
         slots = _slots(samples, name)
@@ -78,11 +74,6 @@ def _forces(
     """Deflections and section forces of one body of a link, each (nt, nx, 6).
 
     A solid body adds the stress on its surface to `out`.
-
-    Args:
-        samples: Of the run. slot: The body.
-        among: Its number on the link, and the root frames of all, shape (bodies, nt, 3, 4).
-        out: Arrays of the Result.
     """
     run = samples.run
     eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
@@ -99,11 +90,7 @@ def _forces(
 def _piece(
     samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
-    """Stations (1, nx), section forces, centre line and section rotations of one body of a link.
-
-    Args:
-        samples, slot, among, out: As in `_forces`.
-    """
+    """Stations (1, nx), section forces, centre line and section rotations of one body of a link."""
     d, forces = _forces(samples, slot, among, out)
     root, x = among[1][among[0]], slot.body.cut.x
     line = centre_line(d, x, root[:, :, :3], root[:, :, 3])
@@ -112,26 +99,14 @@ def _piece(
 
 
 def centre_line(d: Array, x: Array, R: Array, p: Array) -> Array:
-    """Sections of a body in the world [m], shape (nt, nx, 3).
-
-    Args:
-        d: How far they are moved [m], the first three of shape (nt, nx, .).
-        x: Where they are on the body [m], shape (nx,).
-        R, p: Pose of its root, shapes (nt, 3, 3) and (nt, 3).
-    """
+    """Sections of a body in the world [m], shape (nt, nx, 3)."""
     local = d[:, :, :3].copy()
     local[:, :, 0] += x
     return np.asarray(local @ R.swapaxes(1, 2) + p[:, None])
 
 
 def off_straight(line: Array, x: Array, R: Array, p: Array) -> Array:
-    """How far sections are off a straight link [m], in the frame of its root, shape (nt, nx, 3).
-
-    Args:
-        line: Of the sections in the world [m], shape (nt, nx, 3).
-        x: Where they are on the link [m], shape (nx,).
-        R, p: Pose of its root, shapes (nt, 3, 3) and (nt, 3).
-    """
+    """How far sections are off a straight link [m], in the frame of its root, shape (nt, nx, 3)."""
     back = (line - p[:, None]) @ R
     back[:, :, 0] -= x
     return np.asarray(back)

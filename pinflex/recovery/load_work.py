@@ -41,15 +41,7 @@ def without_potential(loads: Loads) -> list[tuple[FrameForce, Attachment]]:
 def load_work(
     force: FrameForce, t: Array, position: Array, rotation: Array, rate: Array, rise: Array
 ) -> Array:
-    """Work of a load until each instant, without that of a potential, J, shape (nt,).
-
-    Args:
-        force: The load.
-        t: Instants [s], shape (nt,).
-        position: Of the point it acts at [m], shape (nt, 3). rotation: Of its frame, (nt, 3, 3).
-        rate: Velocity and angular velocity in the world, shape (nt, 6).
-        rise: Acceleration and angular acceleration, likewise.
-    """
+    """Work of a load until each instant, without that of a potential, J, shape (nt,)."""
     P, power, slope = _in_full(force, t, position, rotation, rate, rise)
     knots = [_Knot(*map(float, k)) for k in zip(t, P, power, slope, strict=True)]
     steps = [_step(force, a, b) for a, b in pairwise(knots)]

@@ -52,12 +52,6 @@ def describe(
 ) -> dict[str, Callable[[], Any]]:
     """The meta mapping of a Result, key by key, but for what `assess` says.
 
-    Args:
-        mechanism: Mechanism that was solved.
-        run: Its states.
-        level: Fidelity.
-        cost: Counts and seconds.
-        stopped: Why it ended early; "" for complete.
     Returns:
         Functions that find the value of a key (plain JSON types): some take longer than a run.
     """
@@ -101,14 +95,7 @@ def _versions() -> dict[str, str]:
 def assess(
     mechanism: Mechanism, run: Run, arrays: Mapping[str, Array], spins: Mapping[int, Array]
 ) -> dict[str, Any]:
-    """The rest of the meta mapping: how far a run can be trusted, from all of its arrays.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        run: Its states.
-        arrays: Of the result.
-        spins: Of the joints that carry a flexible body, see `validity.monitors`.
-    """
+    """The rest of the meta mapping: how far a run can be trusted, from all of its arrays."""
     monitors = validity.monitors(mechanism, run, arrays, spins)
     limits = validity.warnings(mechanism, run, monitors)
     balance = _energy_balance(arrays)

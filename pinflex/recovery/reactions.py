@@ -19,8 +19,6 @@ from pinflex.results.result import Result
 def joint_reactions(mechanism: Mechanism, result: Result) -> dict[str, Array]:
     """Loads of every joint and loop, in the world frame, at the joint.
 
-    Args:
-        mechanism: The mechanism that was solved. result: A run at any level.
     Returns:
         By name of joint or loop: force (N) and moment (N m) on the child body (loop: on the body
         of frame b), (nt, 6). A motor's moment has its torque in it, less what turns its rotor.
@@ -56,12 +54,7 @@ def _rotations(samples: Samples) -> dict[str, tuple[int, Array]]:
 
 
 def shaking(mechanism: Mechanism, result: Result) -> Array:
-    """Shaking force and moment of a result; see `shaking_of`.
-
-    Args:
-        mechanism: The mechanism that was solved.
-        result: A run at any level.
-    """
+    """Shaking force and moment of a result; see `shaking_of`."""
     return shaking_of(run_of(mechanism, result))
 
 

@@ -35,16 +35,7 @@ def result_of(
     cost: dict[str, float],
     stopped: str,
 ) -> Result:
-    """The Result of a run, whose arrays and meta are computed on first use.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        run: States at the samples.
-        rigid_path: The rigid mechanism at the same motor positions (None: the run is rigid itself).
-        level: Level of fidelity.
-        cost: Counts and seconds.
-        stopped: Why it ended early, "" where it did not.
-    """
+    """The Result of a run, whose arrays and meta are computed on first use."""
     samples = Samples(mechanism, run, rigid_path)
     arrays = _arrays(samples, run)
 
@@ -65,10 +56,6 @@ def result_of(
 def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:
     """Arrays of a Result at once, by flat key.
 
-    Args:
-        mechanism: Mechanism that was solved.
-        run: States at the samples.
-        rigid_path: The rigid mechanism at the same motor positions (None: the run is rigid itself).
     Returns:
         Arrays as documented in `pinflex.results.result`.
     """

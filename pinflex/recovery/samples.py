@@ -28,14 +28,7 @@ class Samples:
     def __init__(
         self, mechanism: Mechanism, run: Run, rigid_path: Callable[[], Nominal | None] | None = None
     ) -> None:
-        """Nothing is computed yet.
-
-        Args:
-            mechanism: Mechanism that was solved.
-            run: States at the samples.
-            rigid_path: The rigid mechanism at the same motor positions; None, or one that returns
-                None: the run is rigid itself.
-        """
+        """Nothing is computed yet."""
         self.mechanism, self._run, self._rigid_path = mechanism, run, rigid_path
 
     @cached_property
@@ -69,8 +62,6 @@ class Samples:
     def interface_load(self, interface: Interface) -> tuple[Array, Array]:
         """Force (N) and moment (N m), (nt, 3) each, that what hangs on an interface needs.
 
-        Args:
-            interface: Of a body.
         Returns:
             In the beam frame.
         """
@@ -81,10 +72,6 @@ class Samples:
 
 def run_of(mechanism: Mechanism, result: Result) -> Run:
     """The states of a result as a run of the mechanism that it came from.
-
-    Args:
-        mechanism: The mechanism that was solved.
-        result: Its run.
 
     Raises:
         DescriptionError: Another mechanism: its coordinates differ.
@@ -114,10 +101,5 @@ def run_of(mechanism: Mechanism, result: Result) -> Run:
 
 
 def samples_of(mechanism: Mechanism, result: Result) -> Samples:
-    """Kinematics and forces over a run that was stored.
-
-    Args:
-        mechanism: The mechanism that was solved.
-        result: Its run.
-    """
+    """Kinematics and forces over a run that was stored."""
     return Samples(mechanism, run_of(mechanism, result))

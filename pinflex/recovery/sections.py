@@ -16,9 +16,6 @@ def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]
     """By link: sections x (nx,), m, and how far they move in the link's root frame, (n, nx, 3).
 
     The sections and values are those of the first three columns of a Result's `deflection`.
-
-    Args:
-        dynamics: Equations of the system. y: Poses, shape (n, nq).
     """
     slots = dynamics.system.expansion.slots
     by_link: dict[str, list[Slot]] = {}

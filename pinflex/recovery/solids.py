@@ -21,13 +21,6 @@ def resultants(
 
     The mass beyond a section needs a force that is linear in the forces of the mass points; its
     moment arms are the undeformed ones.
-
-    Args:
-        solid: The body. d: Rows of its sections, shape (nt, nx, 6).
-        station: Forces the points need, beam frame, shape (nt, ns, 3), N.
-        loads: Force and moment, each (nt, 3), that what hangs on each interface needs, the moment
-            about the displaced interface.
-        eta: Shape (nt, n).
     """
     force = np.einsum("xs,tsd->txd", solid.outer, station, optimize=True)
     arm, pull = solid.outer_moment, station
@@ -54,9 +47,6 @@ def surface(
     is in balance with them however few modes there are (mode acceleration). Rigid interfaces hold
     their faces flat: within a diameter of them the stress is that of this support.
 
-    Args:
-        solid: The body. station: Forces the points need, beam frame, shape (nt, ns, 3), N.
-        loads: Force and moment, each (nt, 3), that what hangs on each interface needs.
     Returns:
         nodes (nc, 3) in the beam frame of the undeformed link (m), triangles (ntri, 3), von_mises
         (nt, nc) in Pa; nothing for a body without mesh.

@@ -23,12 +23,7 @@ _ASK = 0.003  # error of the Stribeck speed that is proposed
 
 
 def sticking(mechanism: Mechanism, run: Run) -> list[str]:
-    """Sentences on joints that stick and slip, where their friction changes too slowly with speed.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        run: Its states.
-    """
+    """Sentences on joints that stick and slip, where friction changes too slowly with speed."""
     system, rubs = run.system, run.system.friction
     pushed = run.settings.get("drive") == "torque"
     if not np.any(rubs.excess) or (

@@ -16,12 +16,7 @@ from pinflex.description.section import Section
 
 
 def deflections(section: Cut, eta: Array) -> Array:
-    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n).
-
-    Args:
-        section: Sections of the body.
-        eta: Elastic coordinates of the body, shape (nt, n).
-    """
+    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n)."""
     (sections, rows, n), count = section.Phi.shape, len(eta)
     d: Array = eta @ section.Phi.reshape(-1, n).T
     if section.G is not None:
@@ -41,13 +36,6 @@ def resultants(
 ) -> Array:
     """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6).
 
-    Args:
-        section: Sections of the body. d: Their `deflections`, shape (nt, nx, 6).
-        station: Forces the stations need, beam frame, shape (nt, ns, 3), N.
-        twist: Torques the twist stations need, shape (nt, nt_stations), N m.
-        loads: Interfaces: x, force and moment about the displaced section, each (nt, 3), that what
-            hangs there needs.
-        eta: Shape (nt, n).
     Returns:
         N > 0 in tension; V, T and M are what the inner part receives from the outer.
     """
@@ -75,10 +63,6 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
 
     normal = axial + bending at the worst fibre; shear from torsion, largest on the section;
     von_mises = sqrt(normal^2 + 3 shear^2): an upper bound where the maxima are at two points.
-
-    Args:
-        section: Cross-section.
-        forces: Section forces N Vy Vz T My Mz, shape (nt, nx, 6).
     """
     N, _, _, T, My, Mz = np.ascontiguousarray(np.moveaxis(forces, -1, 0))  # read once per fibre
     axial = N / section.A

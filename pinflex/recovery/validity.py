@@ -65,9 +65,6 @@ def monitors(
 ) -> dict[str, Monitors]:
     """Monitors of every flexible link of a run.
 
-    Args:
-        mechanism: Mechanism. run: States. arrays: What `recover` made of them.
-        spins: Angular speeds [rad/s] of the joints that carry a body, shape (nt,) each.
     Returns:
         By link name; empty for a rigid run.
     """
@@ -187,12 +184,7 @@ def _passed(part: FlexiblePart, m: Monitors) -> Iterator[str]:
 
 
 def beyond_joint_limits(mechanism: Mechanism, run: Run) -> list[str]:
-    """One sentence for each joint, motor or not, that the motion takes beyond the URDF's limits.
-
-    Args:
-        mechanism: Mechanism.
-        run: A run of it.
-    """
+    """One sentence for each joint, motor or not, that the motion takes beyond the URDF's limits."""
     known, model = limits(mechanism.description.urdf_text), mechanism.rigid.rigid
     slides, texts = sliding(model), list[str]()
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
@@ -217,13 +209,7 @@ def beyond_joint_limits(mechanism: Mechanism, run: Run) -> list[str]:
 
 
 def warnings(mechanism: Mechanism, run: Run, found: dict[str, Monitors]) -> list[str]:
-    """One sentence for each link and limit that the run passes, with what to change.
-
-    Args:
-        mechanism: Mechanism.
-        run: A run of it.
-        found: Monitors of each flexible link.
-    """
+    """One sentence for each link and limit that the run passes, with what to change."""
     texts = [text for name, m in found.items() for text in _passed(mechanism.parts[name], m)]
     if run.system.closed.n and run.settings.get("gamma") == 0.5:
         texts.append(

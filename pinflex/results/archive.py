@@ -47,12 +47,7 @@ _WORTH = 0.75  # digits of a motion shrink to 0.85 at most, for a second of a ru
 
 
 def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
-    """Write an archive that `numpy.load` reads.
-
-    Args:
-        stream: A binary file.
-        arrays: By name.
-    """
+    """Write an archive that `numpy.load` reads."""
     with zipfile.ZipFile(stream, "w", compresslevel=1) as archive:
         for name, array in arrays.items():
             coded = array.dtype == np.uint8  # of `compact`: made to shrink
@@ -82,13 +77,7 @@ def contents(
     compact: bool,
     read: dict[str, Array] | None = None,
 ) -> dict[str, Any]:
-    """Members of the file of a run.
-
-    Args:
-        t: Instants [s]. arrays: By key. meta: Names and settings.
-        compact: Fields of links and bodies rounded, see `pinflex.results.compact`.
-        read: Filled with the arrays as they will be read from the file; None: nobody asks.
-    """
+    """Members of the file of a run."""
     header: dict[str, Any] = {"program": "pinflex", "format": 1, "meta": dict(meta)}
     members: Mapping[str, Any] = arrays
     if compact:
@@ -101,21 +90,13 @@ def contents(
 
 
 def meta_of(members: Mapping[str, Any]) -> dict[str, Any]:
-    """Names and settings as a file of these members has them.
-
-    Args:
-        members: Of `contents`.
-    """
+    """Names and settings as a file of these members has them."""
     meta: dict[str, Any] = json.loads(str(members[HEADER]))["meta"]
     return meta
 
 
 def write(path: Path, members: Mapping[str, Any]) -> None:
-    """Write a file; one that is there is replaced only by a complete one.
-
-    Args:
-        path: The file. members: Of `contents`.
-    """
+    """Write a file; one that is there is replaced only by a complete one."""
     with replaced(path) as part, part.open("wb") as stream:
         write_arrays(stream, members)
 
@@ -129,12 +110,7 @@ def _shrinks(array: Array) -> bool:
 
 
 def read(path: str | Path, most: float) -> tuple[Array, dict[str, Array], dict[str, Any]]:
-    """Instants, arrays and meta of a file; nothing in it is ever executed (no pickle).
-
-    Args:
-        path: The .npz.
-        most: Largest size of all arrays together [bytes].
-    """
+    """Instants, arrays and meta of a file; nothing in it is ever executed (no pickle)."""
     if not isinstance(path, (str, Path)):
         raise DescriptionError(f"result: {path!r:.80} is no path. Give that of a .npz.")
     path = Path(path)

@@ -66,12 +66,7 @@ _NEEDED = {"section", "length", "material"}  # of a link
 
 
 def require_size(path: Path, most: float) -> None:
-    """Raise where an archive says of itself that its arrays are larger than `most` [bytes].
-
-    Args:
-        path: The archive.
-        most: Largest size of all arrays [bytes].
-    """
+    """Raise where an archive says of itself that its arrays are larger than `most` [bytes]."""
     with zipfile.ZipFile(path) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > most:
@@ -84,11 +79,7 @@ def require_size(path: Path, most: float) -> None:
 
 
 def check(meta: Any, arrays: Mapping[str, Array], t: Array) -> None:
-    """Raise where names, settings or shapes of a stored run cannot be what `save` wrote.
-
-    Args:
-        meta: The mapping of the file. arrays: By key. t: Instants [s].
-    """
+    """Raise where names, settings or shapes of a stored run cannot be what `save` wrote."""
     if not isinstance(meta, dict):
         raise _wrong("meta", meta)
     for key, kind in _META.items():

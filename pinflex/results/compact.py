@@ -32,12 +32,7 @@ Codes = npt.NDArray[Any]
 def encode(
     arrays: Mapping[str, Array], read: dict[str, Array] | None = None
 ) -> tuple[dict[str, Array | Bytes], dict[str, Any]]:
-    """What to write of each array, and how to read back those that are not as they were.
-
-    Args:
-        arrays: By flat key, time first.
-        read: Filled with the arrays as `decoded` gives them back; None: nobody asks.
-    """
+    """What to write of each array, and how to read back those that are not as they were."""
     members: dict[str, Array | Bytes] = {}
     coded: dict[str, Any] = {}
     exact: dict[str, Array] = {}
@@ -69,11 +64,7 @@ def encode(
 
 
 def decoded(stored: Mapping[str, Any], coded: Mapping[str, Any]) -> dict[str, Array]:
-    """The arrays of a file.
-
-    Args:
-        stored: Members by key. coded: Of those that `encode` changed, how.
-    """
+    """The arrays of a file."""
     arrays = {key: decode(key, stored[key], coded[key]) if key in coded else stored[key]
               for key in stored}  # fmt: skip
     return arrays | _with_rigid(arrays, coded)
@@ -86,12 +77,7 @@ def _with_rigid(arrays: Mapping[str, Array], coded: Mapping[str, Any]) -> dict[s
 
 
 def decode(key: str, stored: npt.NDArray[Any], how: Mapping[str, Any]) -> Array:
-    """An array that `encode` wrote.
-
-    Args:
-        key: Its flat key. stored: Its bytes.
-        how: Shape, and of a field its steps.
-    """
+    """An array that `encode` wrote."""
     shape, field = tuple(int(n) for n in how["shape"]), "step" in how
     width = 4 if field else 8
     if stored.dtype != np.uint8 or stored.size != width * math.prod(shape) or not shape:

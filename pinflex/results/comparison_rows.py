@@ -102,12 +102,7 @@ class CostRow:
 
 
 def torque_row(label: str, rigid: Result | None, run: Result, i: int) -> TorqueRow:
-    """A motor at one level.
-
-    Args:
-        label: Of the run. rigid: Against it, where there is one. run: At the same instants.
-        i: Of the motor.
-    """
+    """A motor at one level."""
     motor, torque = run.motors[i], run.torque[:, i]
     row = TorqueRow(
         motor, run.unit(f"torque/{motor}"), label, None, None, peak(torque), rms(torque),
@@ -131,11 +126,7 @@ def torque_row(label: str, rigid: Result | None, run: Result, i: int) -> TorqueR
 
 
 def platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
-    """Largest deviations of the platform from the rigid run.
-
-    Args:
-        label: Of the run. rigid: With a platform. run: At the same instants.
-    """
+    """Largest deviations of the platform from the rigid run."""
     frame = str(rigid.meta["platform"])
     deviation = run.deviation_from(rigid, frame)
     far, turned = int(np.argmax(deviation.norm)), int(np.argmax(deviation.angle))
@@ -151,12 +142,7 @@ def platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
 
 
 def stress_row(label: str, run: Result, link: str, strength: float | None) -> StressRow:
-    """The largest stress of a link.
-
-    Args:
-        label: Of the run. run: The run. link: Its name.
-        strength: Of its material [Pa], where known.
-    """
+    """The largest stress of a link."""
     view = run.link(link)
     when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
     return StressRow(
@@ -171,11 +157,7 @@ def stress_row(label: str, run: Result, link: str, strength: float | None) -> St
 
 
 def cost_row(label: str, run: Result, cpu: float | None) -> CostRow:
-    """What a run cost.
-
-    Args:
-        label: Of the run. run: The run. cpu: CPU time [s], where known.
-    """
+    """What a run cost."""
     cost: dict[str, Any] = run.meta.get("cost", {})
     seconds, steps, newton = (cost.get(key) for key in ("seconds", "steps", "newton"))
     return CostRow(

@@ -118,12 +118,7 @@ class DriveView(View):
 
 
 def share_of_limit(curve: Array, speed: Array, torque: Array) -> float:
-    """Largest torque over the limit at its speed; infinite where the curve has ended.
-
-    Args:
-        curve: Points speed [rad/s], torque [N m], shape (n, 2).
-        speed, torque: Of a motor, shape (nt,).
-    """
+    """Largest torque over the limit at its speed; infinite where the curve has ended."""
     fast, size = np.abs(speed), np.abs(torque)
     limit = np.interp(fast, curve[:, 0], curve[:, 1])
     limit = np.where(fast > curve[-1, 0] * (1 + 1e-12), 0.0, limit)
@@ -161,25 +156,14 @@ class DriveRow:
 
 
 def drive_row(label: str, run: Result, joint: str) -> DriveRow:
-    """The largest values of a drive of a run.
-
-    Args:
-        label: Level of the run, or another name for it.
-        run: Result with a drive at the joint.
-        joint: Its name.
-    """
+    """The largest values of a drive of a run."""
     d = run.drive(joint)
     values = {key: run.array(f"drive/{joint}/{key}") for key in _PEAKS}
     return row_of(label, joint, values, d.limit_curve)
 
 
 def row_of(label: str, joint: str, values: Mapping[str, Array], curve: Array) -> DriveRow:
-    """The largest values of a drive.
-
-    Args:
-        label: Level of its run. joint: Its joint.
-        values: Its arrays (nt,) by name. curve: Its limit curve, shape (n, 2).
-    """
+    """The largest values of a drive."""
     torque, speed = values["motor_torque"], values["motor_speed"]
     use = min(share_of_limit(curve, speed, torque), _BEYOND) if len(curve) else None
     largest = {key: peak(values[key]) for key in _PEAKS}

@@ -43,12 +43,7 @@ class ErrorBars:
 
 
 def time_error(settings: Mapping[str, Any], level: str) -> tuple[dict[str, float], str]:
-    """The error of time integration that a run has found of itself, and how or why not.
-
-    Args:
-        settings: Of the run.
-        level: Its level of fidelity.
-    """
+    """The error of time integration that a run has found of itself, and how or why not."""
     known = settings.get("error")
     if known:
         return dict(

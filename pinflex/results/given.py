@@ -32,12 +32,7 @@ def without_time(key: str) -> bool:
 
 
 def timed(key: str, values: Any, t: Array) -> Array:
-    """An array of a result, read-only, with a row for each instant.
-
-    Args:
-        key: Its flat key. values: Numbers.
-        t: Instants [s].
-    """
+    """An array of a result, read-only, with a row for each instant."""
     array = read_only(values, key)
     if not without_time(key) and array.shape[:1] != t.shape:
         raise DescriptionError(
@@ -49,11 +44,7 @@ def timed(key: str, values: Any, t: Array) -> Array:
 
 
 def read_only(values: Any, key: str) -> Array:
-    """A copy of numbers that nobody writes to.
-
-    Args:
-        values: Numbers. key: Name for errors.
-    """
+    """A copy of numbers that nobody writes to."""
     try:
         array = np.array(values, dtype=np.float64)  # a copy: the caller's array stays writable
     except (TypeError, ValueError) as error:

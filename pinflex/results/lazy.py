@@ -21,13 +21,7 @@ class Late(Mapping[str, T]):
     def __init__(
         self, known: Mapping[str, T], later: Groups[T], unlisted: Groups[T] | None = None
     ) -> None:
-        """Values at hand, and functions for the others.
-
-        Args:
-            known: Values at hand.
-            later: By the heads of its keys, the function that finds a group.
-            unlisted: Groups that are found by name alone: neither listed nor saved.
-        """
+        """Values at hand, and functions for the others."""
         self._known, self._later, self._lock = dict(known), dict(later), RLock()
         self._unlisted = None if unlisted is None else Late({}, unlisted)
 

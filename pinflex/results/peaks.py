@@ -15,10 +15,6 @@ _PADDING = 4  # spectra are computed on a grid this many times finer than 1 / du
 def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Array]:
     """One-sided amplitude spectrum (Hann window, trend removed, padded to four times).
 
-    Args:
-        t: Times [s], shape (nt,).
-        values: Record, shape (nt,).
-        after: Start of the part that is looked at [s].
     Returns:
         Frequencies [Hz] and amplitudes in the unit of values: a sine of height a peaks at a.
     """
@@ -38,13 +34,7 @@ def amplitudes(t: Array, values: Array, after: float = 0.0) -> tuple[Array, Arra
 
 
 def highest(frequency: Array, amplitude: Array, count: int) -> list[tuple[float, float]]:
-    """The highest peaks (Hz, amplitude), placed between bins by a parabola through three.
-
-    Args:
-        frequency: [Hz], shape (n,).
-        amplitude: Shape (n,).
-        count: Most peaks.
-    """
+    """The highest peaks (Hz, amplitude), placed between bins by a parabola through three."""
     if not amplitude.max() > 0:
         return []
     level = np.log(np.maximum(amplitude, 1e-12 * amplitude.max()))
@@ -69,11 +59,6 @@ def maxima(height: Array, prominence: float = 0.0, least: float = -np.inf) -> li
     """Local maxima of at least `least`, by `prominence` above the valley to a higher one.
 
     Of the two valleys the higher one counts. A flat top is found at its middle, an end is none.
-
-    Args:
-        height: Shape (n,).
-        prominence: Least height above the higher valley.
-        least: Least height.
     """
     change = np.flatnonzero(np.diff(height)) + 1  # where a new value begins
     starts, stops = np.append(0, change), np.append(change, len(height))
@@ -93,13 +78,7 @@ def maxima(height: Array, prominence: float = 0.0, least: float = -np.inf) -> li
 
 
 def modes_near(f: float, natural: Sequence[float], resolution: float) -> str:
-    """Numbers of the natural frequencies that a peak may be: they shift with pose and load.
-
-    Args:
-        f: Frequency of the peak [Hz].
-        natural: Natural frequencies [Hz].
-        resolution: Of the spectrum [Hz].
-    """
+    """Numbers of the natural frequencies that a peak may be: they shift with pose and load."""
     near = [i for i, own in enumerate(natural, 1) if abs(own - f) <= max(resolution, 0.03 * f)]
     if not near:
         return ""

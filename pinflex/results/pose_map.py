@@ -107,12 +107,7 @@ class PoseMap:
 
 
 def held(i: int, j: int) -> str:
-    """Name of an entry of K: the force along i for a displacement along j, the others held.
-
-    Args:
-        i: Axis of the force, 0 to 5.
-        j: Axis of the displacement, 0 to 5.
-    """
+    """Name of an entry of K: the force along i for a displacement along j, the others held."""
     return f"K_{AXES[i]}{AXES[j]} ({HELD})"
 
 
@@ -135,9 +130,6 @@ def stiffness_of(compliance: Array) -> tuple[Array, int]:
     in fewer than six directions (a plane mechanism whose links bend in the plane), force =
     K displacement holds for the displacements that there are; the diagonal of an axis along which
     it cannot move alone is inf (rigid), and its other entries are zero.
-
-    Args:
-        compliance: Shape (6, 6), as from `platform_compliance`.
 
     Returns:
         K (N/m, N, N m/rad), shape (6, 6); and the number of directions.

@@ -29,13 +29,7 @@ class Residual:
 
 
 def stops(rigid: Result, frame: str, stop: float) -> bool:
-    """True if the rigid frame rests from the instant `stop` [s] to the end, long enough to read.
-
-    Args:
-        rigid: Rigid run.
-        frame: Output frame.
-        stop: Instant [s].
-    """
+    """True if the rigid frame rests from the instant `stop` [s] to the end, long enough to read."""
     after = rigid.t >= stop * (1 - 1e-9)
     place = rigid.frame(frame).position
     way = float(np.ptp(place, axis=0).max(initial=0.0))
@@ -51,18 +45,7 @@ def residual(
     rest: Array | None = None,
     period: float = 0.0,
 ) -> Residual:
-    """Amplitude about the rest and settling time of a deviation.
-
-    Args:
-        t: Instants (nt,) [s].
-        away: Deviation from the rigid motion (nt, 3) [m].
-        stop: End of the motion [s].
-        band: Distance from the rest that is allowed [m].
-        rest: Deviation at rest (3,); None: the mean of what follows the stop, weighed by a Hann
-            window, in which a vibration of three periods or more has no part.
-        period: Of the slowest vibration [s]: one that leaves the band less than half of it before
-            the end may do so again, and has not settled.
-    """
+    """Amplitude about the rest and settling time of a deviation."""
     after = t >= stop * (1 - 1e-9)
     t, away = t[after], away[after]
     if rest is None:

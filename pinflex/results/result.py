@@ -305,11 +305,7 @@ class Result(Shown):
 
 
 def same_grid(a: Result, b: Result) -> None:
-    """Raise unless both results hold the same instants, which every difference needs.
-
-    Args:
-        a, b: Two runs.
-    """
+    """Raise unless both results hold the same instants, which every difference needs."""
     if len(a.t) != len(b.t) or not np.allclose(a.t, b.t, rtol=0.0, atol=1e-9 * (1 + abs(a.t[-1]))):
         raise DescriptionError(
             f"the {a.level} and {b.level} results have different instants: {len(a.t)} in "

@@ -31,23 +31,12 @@ class Shown:
     def plot(self, quantity: str | None = None, ax: Axes | None = None) -> Any:
         """Draw a quantity over time; returns the matplotlib axes.
 
-            run.plot("torque"); run.plot("frame/platform"); run.plot("stress")
-
-        Args:
-            quantity: "torque", "stress", "frame/NAME", "loop/NAME", "joint/NAME", "torque/MOTOR",
-                "link/NAME/v", ..., or the key of any array; default: torque.
-            ax: Where to draw; default: axes of a new figure.
+        run.plot("torque"); run.plot("frame/platform"); run.plot("stress")
         """
         return door("viewer.axes", "plot_run")(self, quantity, ax)
 
     def plot_spectrum(self, quantity: str, ax: Axes | None = None, **options: Any) -> Any:
-        """Draw an amplitude spectrum; returns the matplotlib axes.
-
-        Args:
-            quantity: "torque/MOTOR", "joint/JOINT", "frame/FRAME/x", "link/LINK/v".
-            ax: Where to draw; default: axes of a new figure.
-            **options: reference, after [s], peaks, natural [Hz]: see `viewer.plot.spectrum`.
-        """
+        """Draw an amplitude spectrum; returns the matplotlib axes."""
         return door("viewer.axes", "plot_spectrum")(self, quantity, ax, **options)
 
     def _repr_html_(self) -> str:

@@ -65,17 +65,7 @@ def point_stress(
     warping: bool = True,
     forces: Array | None = None,
 ) -> PointStress:
-    """Stress over time at the point (y, z) of every section of a link.
-
-    Args:
-        result: A flexible run.
-        link: Flexible link.
-        y, z: Point in the section, m, in the beam frame.
-        warping: St-Venant's shear of the section; False: plane sections, G p' times the radius,
-            as in the source.
-        forces: Section forces N Vy Vz T My Mz, shape (nt, nx, 6); None: those of the run, from the
-            balance of forces.
-    """
+    """Stress over time at the point (y, z) of every section of a link."""
     view = result.link(link)
     section = section_of(result, link)
     _inside(section, y, z, link)
@@ -90,10 +80,6 @@ def point_stress(
 
 def section_of(result: Result, link: str) -> Section:
     """Cross-section of a link, from the meta of a run.
-
-    Args:
-        result: A flexible run.
-        link: Flexible link.
 
     Raises:
         DescriptionError: A file of an older pinflex lacks its dimensions.
@@ -110,13 +96,7 @@ def section_of(result: Result, link: str) -> Section:
 def torsion_shear(
     section: Section, y: float, z: float, warping: bool = True
 ) -> tuple[float, float]:
-    """Shear stresses tau_xy and tau_xz at (y, z) for a torque of one, 1/m^3.
-
-    Args:
-        section: Of a shape with a field: rectangle, circle, tube or a registered one.
-        y, z: Point in the section, m.
-        warping: St-Venant's field; False: as if plane sections stayed plane.
-    """
+    """Shear stresses tau_xy and tau_xz at (y, z) for a torque of one, 1/m^3."""
     if not warping:
         return torsion.plane(section, y, z)
     field = SHAPES[section.shape].shear if section.shape in SHAPES else None
@@ -138,25 +118,13 @@ def _inside(section: Section, y: float, z: float, link: str) -> None:
 
 
 def principal(sigma: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """Principal stresses s1 >= s2 = 0 >= s3 of a beam point, Pa.
-
-    Args:
-        sigma: Normal stress, Pa.
-        tau: Shear stress, Pa, same shape.
-    """
+    """Principal stresses s1 >= s2 = 0 >= s3 of a beam point, Pa."""
     radius = np.hypot(0.5 * sigma, tau)
     return 0.5 * sigma + radius, np.zeros_like(radius), 0.5 * sigma - radius
 
 
 def equivalent(sigma: Array, tau: Array, theory: str = "fourth", nu: float = 0.3) -> Array:
-    """Equivalent stress of the four strength theories, Pa.
-
-    Args:
-        sigma: Normal stress. tau: Shear stress.
-        theory: first (largest tension s1), second (largest strain s1 - nu (s2 + s3)), third
-            (largest shear s1 - s3), fourth (distortion energy, von Mises).
-        nu: Poisson's ratio; second theory only.
-    """
+    """Equivalent stress of the four strength theories, Pa."""
     s1, s2, s3 = principal(sigma, tau)
     if theory == "first":
         return s1
@@ -181,13 +149,7 @@ class Worst:
 
 
 def worst_section(result: Result, kind: str = "von_mises", link: str | None = None) -> Worst:
-    """Largest stress over time, sections and links.
-
-    Args:
-        result: A flexible run.
-        kind: normal, shear, von_mises, axial or bending (largest on each section).
-        link: One link only.
-    """
+    """Largest stress over time, sections and links."""
     names = [link] if link is not None else list(result.links)
     if not names:
         raise DescriptionError(

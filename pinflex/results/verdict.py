@@ -49,12 +49,7 @@ class LevelRow:
 
 
 def criterion(tol: float = TOL, band: float = BAND, best: str = "coupled") -> str:
-    """When a level suffices, in words that `compare` and `advise` share.
-
-    Args:
-        tol: Share of torques and deviations. band: Distance of the platform that does no harm [m].
-        best: Level that is judged by.
-    """
+    """When a level suffices, in words that `compare` and `advise` share."""
     return (
         f"torque within {percent(tol)} of the {best} peak, platform within {rounded_length(band)} "
         f"or {percent(tol)} (--tol, --band)"
@@ -62,11 +57,7 @@ def criterion(tol: float = TOL, band: float = BAND, best: str = "coupled") -> st
 
 
 def platform_allowed(deviation: float, tol: float = TOL, band: float = BAND) -> float:
-    """Distance of the platform from the best level that suffices [m].
-
-    Args:
-        deviation: Largest one of the best level from rigid [m]. tol, band: As of `criterion`.
-    """
+    """Distance of the platform from the best level that suffices [m]."""
     return max(band, tol * deviation)
 
 
@@ -75,9 +66,6 @@ def torque_apart(run: Result, other: Result, best: Result) -> float | None:
 
     Motors of one unit that idle, as those of a closed gripper, are judged by a thousandth of what
     their joints bear: their own torques are round-off, of which no share says anything.
-
-    Args:
-        run, other, best: Runs of one scene.
     """
     units = [best.unit(f"torque/{motor}") for motor in best.motors]
     found = None
@@ -101,14 +89,7 @@ def _borne(run: Result, motor: str) -> float:
 def level_rows(
     c: Comparison, runs: Mapping[str, Result], frame: str | None, cpu: Mapping[str, float]
 ) -> tuple[LevelRow, ...]:
-    """A row for each run, simplest level first; the last run is the best one.
-
-    Args:
-        c: Comparison with its torques, platform and stresses.
-        runs: By level.
-        frame: Of the platform, or None.
-        cpu: CPU time by level [s].
-    """
+    """A row for each run, simplest level first; the last run is the best one."""
     return tuple(_level_row(c, level, runs, frame, cpu.get(level)) for level in runs)
 
 
@@ -142,12 +123,7 @@ def allowed(c: Comparison) -> float:
 
 
 def furthest(c: Comparison, level: str) -> TorqueRow | None:
-    """The motor whose torque is furthest from rigid.
-
-    Args:
-        c: Comparison.
-        level: One of its levels.
-    """
+    """The motor whose torque is furthest from rigid."""
     off = [(r.max_difference, r) for r in c.torques if r.level == level and r.max_difference]
     return max(off, key=lambda pair: pair[0])[1] if off else None
 
@@ -234,12 +210,7 @@ def _suffices(c: Comparison) -> str:
 
 
 def miss(row: LevelRow, c: Comparison) -> str:
-    """By how much a level is off that does not suffice, or that it does.
-
-    Args:
-        row: Of one level.
-        c: Its comparison.
-    """
+    """By how much a level is off that does not suffice, or that it does."""
     if row.suffices is None:
         return ""
     if len(c.levels) < 2:

@@ -29,11 +29,7 @@ class View:
     name: str
 
     def plot(self, ax: Axes | None = None) -> Any:
-        """Draw it over time; returns the matplotlib axes.
-
-        Args:
-            ax: Where to draw; default: axes of a new figure.
-        """
+        """Draw it over time; returns the matplotlib axes."""
         return self.result.plot(f"{self.kind}/{self.name}", ax)
 
     def _repr_html_(self) -> str:

@@ -32,8 +32,6 @@ _WAY_OUT = (
 def blows(motion: Motion, until: float) -> list[str]:
     """A sentence where the speed of a motion jumps a little inside a run, else none.
 
-    Args:
-        motion: Of the motors or of the platform. until: End of the run [s].
     Raises:
         MotionError: It jumps by more than a hundredth of the top speed, and is no table of samples.
     """

@@ -17,12 +17,7 @@ def errors(run: Run) -> dict[str, float]:
 
 
 def floor(scene: Scene, tol: float, last: Run, worst: float | None = None) -> ConvergenceError:
-    """The error of a tolerance below what round-off lets a run tell.
-
-    Args:
-        scene: What was solved. tol: As asked for. last: The best run.
-        worst: Its largest estimate; None: the largest of those that it tells.
-    """
+    """The error of a tolerance below what round-off lets a run tell."""
     told = 2.0 * (max(errors(last).values(), default=0.0) if worst is None else worst)
     least = f"{10.0 ** (np.ceil(10.0 * np.log10(max(told, 1e-300))) / 10.0):.2g}"
     failed = ConvergenceError(

@@ -43,13 +43,7 @@ def few(motion: Nominal) -> Nominal:
 def expected(
     scene: Scene, end: float, dynamics: Equations | None = None, reference: Nominal | None = None
 ) -> Expected:
-    """Scales of a run.
-
-    Args:
-        scene: What is to be solved. end: Of the run, s.
-        dynamics: A workspace of what moves; None: one of its own.
-        reference: The rigid motion, where it is known.
-    """
+    """Scales of a run."""
     mechanism, system = scene.mechanism, scene.mechanism.loose
     if scene.spec.level != "coupled" or not system.n_eta or scene.spec.drive == "torque":
         return Expected(0.0, {})

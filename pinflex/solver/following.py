@@ -30,9 +30,6 @@ def rigid_torques(
 
     Polynomials of pieces, exact to round-off; of sampled motions and the like, which have none, an
     interpolant. Zero where its motors do not determine its motion.
-
-    Args:
-        mechanism: Mechanism. motion: Its motion. start, end: Of the run [s].
     """
 
     def exact(t: Array) -> Array:
@@ -61,13 +58,7 @@ def following(
     end: float,
     torques: Callable[[float, float], Callable[[Array], Array]],
 ) -> Control:
-    """The control with what its `follow` and `rigid_torque` ask for.
-
-    Args:
-        mechanism: Mechanism. motion: Its motion. control: A digital controller.
-        end: Of the run [s].
-        torques: Rigid torques between two times, as of `rigid_torques`.
-    """
+    """The control with what its `follow` and `rigid_torque` ask for."""
     found = control
     if any(control.follow):
         found = _referred(mechanism, motion, found, end)

@@ -29,13 +29,7 @@ Told = Callable[[], Mapping[str, float]]
 
 
 def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> Told:
-    """Function that finds the estimated errors, once.
-
-    Args:
-        mechanism: Mechanism that was solved.
-        coarse, fine: Runs with the same samples; the second is the reference.
-        gain: What their difference is divided by.
-    """
+    """Function that finds the estimated errors, once."""
 
     @cache
     def told() -> dict[str, float]:
@@ -52,9 +46,6 @@ def _differences(a: Samples, b: Samples) -> dict[str, float]:
     """Largest differences of stress, section forces and the platform's acceleration, relative.
 
     Forces and moments of a section have scales of their own.
-
-    Args:
-        a: Judged. b: By this one, at the same instants and sections.
     """
     mine, theirs = (_quantities(x) for x in (a, b))
     found: dict[str, float] = {}
@@ -94,11 +85,7 @@ def _worst(coarse: Run, fine: Run) -> IntArray:
 
 
 def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
-    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest.
-
-    Args:
-        coarse, fine: Runs with the same samples. mass: Of the system in some pose, (nv, nv).
-    """
+    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest."""
     m = int(fine.system.rigid.nv)
     apart, whole = (
         _squares(fine, y, mass[m:, m:]).max(axis=1, initial=0.0) ** 0.5

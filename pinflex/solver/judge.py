@@ -177,11 +177,7 @@ class Judge:
         self._before = self._corrector.last(steps, once), self._second.last(once, twice)
 
     def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
-        """The corrected run, and the one corrected twice.
-
-        Args:
-            cost, settings: As of a `Run`.
-        """
+        """The corrected run, and the one corrected twice."""
         return self._found.run(cost, settings, ""), self._better.run(cost, settings, "")
 
     def finish(self, steps: Batch) -> None:
@@ -190,11 +186,7 @@ class Judge:
         self.take(steps)
 
     def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
-        """The corrected run so far.
-
-        Args:
-            cost, settings, stopped: As of a `Run`.
-        """
+        """The corrected run so far."""
         steps = cost["steps"]
         cost = {
             **cost,
@@ -206,12 +198,7 @@ class Judge:
         return self._found.run(cost, settings, stopped)
 
     def inside(self, jumps: Sequence[float], run: Run) -> Inside:
-        """What solves the equations at samples inside steps.
-
-        Args:
-            jumps: Times in s at which accelerations jump.
-            run: A run of these steps.
-        """
+        """What solves the equations at samples inside steps."""
         problem, drive = self._radau.problem, self._radau.problem.drive
         path, axes, h = problem.path, problem.axes, float(str(run.settings["dt"]))
 

@@ -30,9 +30,6 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
 
     Where neither is asked for and equal steps do not pass an instant at which dry friction brings a
     joint to rest, steps follow the motion.
-
-    Args:
-        scene: What is solved. t: Samples in s, shape (nt,). progress: Called with (step, steps).
     """
     spec = scene.spec
     _require_one_answer(scene)
@@ -51,26 +48,14 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
 
 
 def rigid(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
-    """Inverse dynamics of the rigid mechanism; with `drive: torque` its equations are marched.
-
-    Args:
-        scene: What is solved.
-        t: Samples [s], shape (nt,).
-        progress: Called with (step, steps).
-    """
+    """Inverse dynamics of the rigid mechanism; with `drive: torque` its equations are marched."""
     if scene.spec.drive == "prescribed":
         return solve_rigid(scene.mechanism, scene.motion, t)
     return coupled(scene, t, progress)
 
 
 def quasistatic(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
-    """Equilibrium of the links at every sample.
-
-    Args:
-        scene: What is solved.
-        t: Samples [s], shape (nt,).
-        progress: Called with (step, steps).
-    """
+    """Equilibrium of the links at every sample."""
     _require_prescribed(scene)
     _require_one_answer(scene)
     spec = scene.spec
@@ -80,13 +65,7 @@ def quasistatic(scene: Scene, t: Array, progress: Progress | None = None) -> Run
 
 
 def ked(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
-    """Linear vibration about the rigid motion.
-
-    Args:
-        scene: What is solved.
-        t: Samples [s], shape (nt,).
-        progress: Called with (step, steps).
-    """
+    """Linear vibration about the rigid motion."""
     _require_prescribed(scene)
     return coupled(scene, t, progress)
 

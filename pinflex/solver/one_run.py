@@ -39,11 +39,7 @@ _FINER = 16.0  # where steps that are too long break off, shorter ones may pass
 
 
 def in_one_run(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
-    """The run at samples t (s) within a relative error tol, by Radau IIA collocation.
-
-    Args:
-        scene, t, tol, progress: As in `solve_to_tolerance`.
-    """
+    """The run at samples t (s) within a relative error tol, by Radau IIA collocation."""
     return _OneRun(scene, t, tol, progress, scene.equations()).run()
 
 

@@ -20,9 +20,6 @@ _SAME = 1e-6  # relative: two steps, two residuals
 def stored(mechanism: Mechanism, result: Result) -> Run:
     """The run that a result was made of.
 
-    Args:
-        mechanism: Mechanism that is to go on.
-        result: Its stored run.
     Raises:
         DescriptionError: It is of another level or model.
     """
@@ -69,13 +66,7 @@ def _balanced(run: Run) -> bool:
 
 
 def grid(run: Run, end: float, name: str) -> Array:
-    """Samples from 0 to end (s) that go on with those of a run.
-
-    Args:
-        run: The run so far.
-        end: New end [s].
-        name: Of the scene, for messages.
-    """
+    """Samples from 0 to end (s) that go on with those of a run."""
     if len(run.t) < 2 or end <= run.t[-1]:
         raise DescriptionError(
             f"{name}: resume: the stored run has {len(run.t)} instant(s) up to t = "
@@ -96,10 +87,6 @@ def state(run: Run, h: float) -> Step | None:
 
     The algorithmic acceleration s belongs to one step size; without it a consistent start differs
     from the uninterrupted run by the O(h^2) of its error.
-
-    Args:
-        run: The run so far.
-        h: Step [s].
     """
     if run.s is None or abs(h / float(str(run.settings["dt"])) - 1.0) > _SAME:
         return None
@@ -109,12 +96,7 @@ def state(run: Run, h: float) -> Step | None:
 
 
 def join(first: Run, rest: Run) -> Run:
-    """Two runs of which the second starts where the first ends.
-
-    Args:
-        first: The run so far.
-        rest: Its continuation, whose first instant is the last of `first`.
-    """
+    """Two runs of which the second starts where the first ends."""
     worked = np.zeros((len(first.t), 2)) if first.work is None else first.work
     work = None if rest.work is None else np.concatenate([worked[:-1], worked[-1] + rest.work])
 

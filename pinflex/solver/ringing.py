@@ -15,12 +15,7 @@ _MODES = 200
 
 
 def ringing(scene: Scene, run: Run) -> tuple[str, ...]:
-    """A sentence where a run has taken many steps to follow undamped vibration, or nothing.
-
-    Args:
-        scene: What was solved.
-        run: Its run.
-    """
+    """A sentence where a run has taken many steps to follow undamped vibration, or nothing."""
     steps, span = run.cost.get("steps", 0.0), float(run.t[-1] - run.t[0])
     if steps < _MANY or not run.system.n_eta or np.any(run.system.D):
         return ()

@@ -44,12 +44,7 @@ class SameSteps:
     """
 
     def __init__(self, mechanism: Mechanism, level: str | None, resolution: float = RESOLUTION):
-        """Find the steps.
-
-        Args:
-            mechanism: The first design. level: Default: the YAML's.
-            resolution: Of steps that follow the motion.
-        """
+        """Find the steps."""
         scene = scene_of(mechanism, level)
         self.level, self._first = scene.spec.level, mechanism
         self.linear = scene.linear
@@ -94,11 +89,6 @@ class SameSteps:
 
         Where its motion or loads switch at other times, the instants and the steps are stretched
         between them.
-
-        Args:
-            design: A design of the same scene.
-            t: Instants of the first design [s], increasing; at level ked some of its steps.
-            halved: In steps half as long.
 
         Raises:
             SceneError: It cannot be solved in these steps.

@@ -75,13 +75,7 @@ class Scene:
     before: Run | None = None
 
     def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
-        """The run at equal samples t, with steps of dt (s) or the next shorter that fits.
-
-        Args:
-            t: Samples [s], shape (nt,), at equal distances.
-            dt: Largest step [s].
-            progress: Called with (step, steps).
-        """
+        """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
         spec, samples = self.spec, len(t)
         every = max(1, int(min(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9), 1e12)))
         steps = every * (samples - 1)
@@ -174,14 +168,6 @@ class Scene:
         """The run at samples t in steps that follow the motion, on the kernel.
 
         A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
-
-        Args:
-            t: Samples [s], shape (nt,).
-            resolution: Local error of a step, relative.
-            progress: Called with (step, steps).
-            coarser: A run at a coarser resolution.
-            pilot: Whether a short run finds the scale first.
-            finer: How often a run under a digital controller was refined before.
         """
         scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
         first = collocation.SHORT if scale > 0.0 else collocation.LONG
@@ -200,17 +186,7 @@ class Scene:
         finer: int = 0,
         judge: Equations | None = None,
     ) -> Run:
-        """The run at samples t as a keeper of its steps has it, on the kernel.
-
-        Args:
-            t: Samples in s.
-            resolution: Of the first steps.
-            keeper: From the method, what its steps are kept by.
-            first, scale, progress, pilot: As `pinflex.integrators.march.integrate` has them.
-            finer: As `resolved` has it.
-            judge: A workspace of what moves, of a keeper that may send the run back; None: the
-                keeper takes all steps.
-        """
+        """The run at samples t as a keeper of its steps has it, on the kernel."""
 
         def march(problem: Problem) -> Run:
             steps, jumps = self._radau(problem, resolution), breaks(self.motion, self._loads)
@@ -222,11 +198,7 @@ class Scene:
         return self._marched(t, march, judge)
 
     def along(self, t: Array, ends: Array) -> Run:
-        """The run at samples t in given steps.
-
-        Args:
-            t: Samples [s], up to the last end. ends: Of the steps [s].
-        """
+        """The run at samples t in given steps."""
 
         def march(problem: Problem) -> Run:
             name, begun = self.mechanism.name, self._begun

@@ -59,17 +59,6 @@ def solve_level(
 ) -> Result:
     """Solve a scene at one level; the arguments are those of `pinflex.advice.solve.solve`.
 
-    Args:
-        mechanism: From `load`.
-        motion: Default: the motion of the YAML.
-        level: rigid, quasistatic, ked or coupled; default: the YAML's.
-        until: End [s].
-        dt: Step [s].
-        samples: Number of output times.
-        control: Feedback, or False: none.
-        progress: Called with (step, steps).
-        resume: A stopped or shorter run to go on with.
-        **options: Other keys of the YAML block `solve`.
     Returns:
         The result. If a run stops early, the error carries `.result` up to the last good step.
     Raises:
@@ -229,12 +218,7 @@ def sound(run: Run) -> Run:
 
 
 def rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal | None:
-    """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame.
-
-    Args:
-        mechanism: That was solved. motion: What its motors follow.
-        run: States. A run that is rigid itself has None.
-    """
+    """The rigid mechanism at the run's motor positions: its nominal motion, or frame by frame."""
     if run.system is mechanism.rigid or not mechanism.compliant:
         return None
     if run.path is not None:
@@ -281,12 +265,7 @@ def _as_far_as_it_goes(mechanism: Mechanism, motion: Motion, run: Run) -> Nomina
 
 
 def scene_of(mechanism: Mechanism, level: str | None = None) -> Scene:
-    """What `solve_level` solves where nothing but a level is said.
-
-    Args:
-        mechanism: From `load`.
-        level: Default: the YAML's.
-    """
+    """What `solve_level` solves where nothing but a level is said."""
     spec = _spec(mechanism, {"level": level})
     acting = _control(mechanism, spec, None)
     if acting is not None and acting.period is not None:
@@ -302,14 +281,7 @@ def result_from(
     began: float,
     stopped: str = "",
 ) -> Result:
-    """The result of a run.
-
-    Args:
-        mechanism, motion, spec: As they were solved.
-        run: States at the samples.
-        began: When, by `time.perf_counter` [s].
-        stopped: Why it ended early, or "".
-    """
+    """The result of a run."""
     run = replace(run, settings={**run.settings, "drive": spec.drive})
     cost = {**run.cost, "seconds": time.perf_counter() - began}
     rigid_path = partial(rigid_reference, mechanism, motion, run)

@@ -7,12 +7,7 @@ from pinflex.mechanics.mechanism import Mechanism
 
 
 def default_step(mechanism: Mechanism, end: float) -> float:
-    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run.
-
-    Args:
-        mechanism: Mechanism.
-        end: Length of the run [s].
-    """
+    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
     step = end / 400.0
     if not mechanism.compliant:
         return step

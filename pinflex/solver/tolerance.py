@@ -46,12 +46,6 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
     controller acts, `by_refinement`; without the kernel, `by_plain_steps`); members of the alpha
     family that are asked for, level ked and a continuous control in equal steps
     (`by_step_halving`).
-
-    Args:
-        scene: What is solved.
-        t: Samples [s], shape (nt,).
-        tol: Relative error of each output.
-        progress: Called with (step, steps).
     """
     # Level ked is linear: equal steps keep its matrices; a continuous law is evaluated in them.
     # Of the alpha family too: steps of its own length take up to ten times the time (compiled).
@@ -78,9 +72,6 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     every resolution: each run cuts these times in twice as many steps at least. Where a joint comes
     to rest finer steps may bring nothing: there the run may be off by all that the two differ by,
     and what the first step of a pilot misses would show as that.
-
-    Args:
-        scene, t, tol, progress: As in `solve_to_tolerance`.
     """
 
     def attempt(resolution: float, coarser: Run | None) -> Run:
@@ -93,14 +84,7 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
-    """By equal steps, half as long every time.
-
-    Args:
-        scene: What is solved.
-        t: Samples [s], shape (nt,).
-        tol: Relative error of each output.
-        progress: Called with (step, steps).
-    """
+    """By equal steps, half as long every time."""
     # Errors of a step of 1/40 of a period are near 1e-3.
     first = default_step(scene.mechanism, float(t[-1] - t[0])) * min(1.0, (tol / 1e-3) ** 0.5)
     gain = 2.0 ** _order(scene.spec) - 1.0
@@ -113,9 +97,6 @@ def by_plain_steps(scene: Scene, t: Array, tol: float, progress: Progress | None
     """By collocation in equal steps, half as long every time: where the kernel does not serve.
 
     As much less is trusted as in `by_refinement`.
-
-    Args:
-        scene, t, tol, progress: As in `solve_to_tolerance`.
     """
     first = _PLAIN * default_step(scene.mechanism, float(t[-1] - t[0]))
     gain = 1.0 if scene.sticks else 3.0

@@ -62,16 +62,6 @@ def run(
 ) -> dict[str, Record]:
     """The record of every case, by its key.
 
-    Args:
-        work: Function of one case; it, the cases and what it finds travel between processes.
-        cases: By key, see `keys`.
-        jobs: Processes of this machine; 1 works in this one.
-        scheduler: Address of a Dask cluster to use instead.
-        journal: File that keeps every record as soon as there is one. Cases that it has are not
-            worked on again.
-        fresh: Forget what the journal has.
-        progress: Called with (cases ended, cases) of those that the journal does not have.
-
     Raises:
         DescriptionError: The journal cannot be written or is in use; no such scheduler.
         Interrupted: On Ctrl-C.
@@ -123,10 +113,6 @@ def keys(description: Description, cases: Iterable[Any], *about: Any) -> list[st
 
     These are the version, the texts of the model, the contents of the files that it or a case
     names, the case itself and `about` (plain JSON values: level, outputs, ...).
-
-    Args:
-        description: The model.
-        cases: What is solved, plain JSON values.
     """
     cases = list(cases)
     model = hashlib.sha256(version().encode())

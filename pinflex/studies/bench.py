@@ -97,22 +97,13 @@ class Bench:
     key: str | None
 
     def plot(self, panel: str | None = None, ax: Axes | None = None) -> Any:
-        """Draw time against error; returns the matplotlib axes.
-
-        Args:
-            panel: One output alone.
-            ax: Where to draw that; default: axes of a new figure.
-        """
+        """Draw time against error; returns the matplotlib axes."""
         from pinflex.studies.plot_bench import drawing
 
         return drawing(self).axes(panel, ax)
 
     def pareto(self, output: str | None = None) -> list[Point]:
-        """Points that no other beats in both time and error, fast ones first.
-
-        Args:
-            output: Whose error counts; None: the worst of all.
-        """
+        """Points that no other beats in both time and error, fast ones first."""
         best, kept = np.inf, []
         for p in sorted((p for p in self.points if not p.failed), key=lambda p: p.cpu):
             error = p.worst if output is None else p.errors[output]
@@ -127,9 +118,6 @@ class Bench:
 def bench(mechanism: Mechanism, progress: Progress = None) -> Bench:
     """Run all cases of a scene against its converged solution.
 
-    Args:
-        mechanism: With a flexible link and a motion (or one second at rest).
-        progress: True: a bar; or a function called with (cases done, cases).
     Raises:
         DescriptionError: Nothing is flexible. SceneError: No converged solution.
     """

@@ -21,13 +21,7 @@ _MOST = 1_000_000  # cases: more than anyone waits for
 
 
 def values(text: str, where: str) -> list[Any]:
-    """The values that a text names.
-
-    Args:
-        text: a:b:n, n numbers evenly from a to b; a:b:n:log, by equal factors; or v,w,... where
-            each value is YAML and commas within brackets belong to it.
-        where: Its place, for messages.
-    """
+    """The values that a text names."""
     text = text.strip()
     span = _RANGE.fullmatch(text)
     if span is None:
@@ -54,12 +48,7 @@ def values(text: str, where: str) -> list[Any]:
 
 
 def parsed(assignments: Iterable[str], option: str) -> dict[str, list[Any]]:
-    """Values by key from texts "key=values", such as an option takes on the command line.
-
-    Args:
-        assignments: Texts "key=values".
-        option: Name of the option, for messages.
-    """
+    """Values by key from texts "key=values", such as an option takes on the command line."""
     found: dict[str, list[Any]] = {}
     for text in assignments:
         key, sign, rest = (part.strip() for part in text.partition("="))
@@ -73,12 +62,7 @@ def parsed(assignments: Iterable[str], option: str) -> dict[str, list[Any]]:
 
 
 def listed(parameters: Mapping[str, object], where: str) -> dict[str, list[Any]]:
-    """The same from Python: a text is read as above, anything with many entries is a list.
-
-    Args:
-        parameters: Values by key.
-        where: Begins messages.
-    """
+    """The same from Python: a text is read as above, anything with many entries is a list."""
     found = {}
     for key, given in parameters.items():
         place = f"{where}: {key}"
@@ -98,13 +82,7 @@ def listed(parameters: Mapping[str, object], where: str) -> dict[str, list[Any]]
 
 
 def combined(parameters: Mapping[str, list[Any]], paired: bool = False) -> list[Case]:
-    """Cases in order, the last parameter changing fastest.
-
-    Args:
-        parameters: Values by key.
-        paired: The n-th values of all parameters make the n-th case, instead of every combination;
-            a single value goes with all.
-    """
+    """Cases in order, the last parameter changing fastest."""
     sizes = {key: len(options) for key, options in parameters.items()}
     if paired:
         length = max(sizes.values(), default=1)

@@ -188,10 +188,6 @@ def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ..
     """Natural frequencies [Hz] at home with locked motors, and the words for that state.
 
     Where gravity leaves no equilibrium, those of the undeformed pose.
-
-    Args:
-        mechanism: From `load`.
-        count: Most frequencies.
     """
     first, note = _first_modes(mechanism, count)
     return () if first is None else tuple(float(f) for f in first.frequencies), note

@@ -120,12 +120,7 @@ def coupling_texts(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def link_check(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
-    """Beam of a flexible link beside the URDF's inertia.
-
-    Args:
-        mechanism: From `load`.
-        part: One of its flexible links.
-    """
+    """Beam of a flexible link beside the URDF's inertia."""
     spec, section = part.spec, part.spec.section
     urdf = next(link.inertia for link in mechanism.links if link.name == part.link)
     beam = np.zeros((6, 6))  # about the link's frame

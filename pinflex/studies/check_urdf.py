@@ -86,13 +86,7 @@ def _driven(description: Description, name: str) -> bool:
 def beyond_limits(
     description: Description, mechanism: Mechanism, holding: tuple[float, ...] | None
 ) -> list[str]:
-    """Motors whose home position or holding torque is beyond the URDF's limits.
-
-    Args:
-        description: With its URDF's limits.
-        mechanism: The same, loaded.
-        holding: Torque or force of each motor at home [N m | N]; None: not known.
-    """
+    """Motors whose home position or holding torque is beyond the URDF's limits."""
     known = limits(description.urdf_text)
     at_home = motor_axes(mechanism).read(mechanism.home)
     found = []

@@ -25,11 +25,7 @@ SAG_APART = 0.2  # share by which linear and full statics may differ without a w
 
 
 def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tuple[str, ...]:
-    """Warnings about freedoms, masses, sag and parts of the URDF that are not used.
-
-    Args:
-        mechanism: From `load`. links: Of `check_parts`. rest: Of `check_statics`.
-    """
+    """Warnings about freedoms, masses, sag and parts of the URDF that are not used."""
     description = mechanism.description
     return (
         *_freedom_warnings(mechanism),

@@ -44,12 +44,7 @@ class _Copy:
 
 
 def alone(work: Work, item: Any) -> Any:
-    """One piece of work on one BLAS thread: as many processes as cores leave none to spare.
-
-    Args:
-        work: Function of one piece.
-        item: The piece.
-    """
+    """One piece of work on one BLAS thread: as many processes as cores leave none to spare."""
     from threadpoolctl import threadpool_limits
 
     # a worker of Dask may have several threads, a solve is made for one
@@ -64,12 +59,7 @@ def can_fork() -> bool:
 
 
 def forked(work: Work, items: Sequence[Any], jobs: int) -> Iterator[tuple[int, Any]]:
-    """Number and answer (or `Lost`) of every item, as they are ready.
-
-    Args:
-        work: Function of one item; answers alone travel between processes.
-        items: What to work on. jobs: Processes.
-    """
+    """Number and answer (or `Lost`) of every item, as they are ready."""
     left = iter(range(len(items)))
     copies: dict[Connection, _Copy] = {}
 

@@ -149,11 +149,7 @@ def frequency_response(
 
 
 def slowest_right(zeros: Array, slowest: float) -> float | None:
-    """Size [Hz] of the slowest zero in the right half plane; None: minimum phase.
-
-    Args:
-        zeros: [1/s]. slowest: First natural frequency [Hz]; far below it motion is rigid.
-    """
+    """Size [Hz] of the slowest zero in the right half plane; None: minimum phase."""
     size = np.abs(zeros)
     counted = size > _LOW * 2.0 * np.pi * slowest
     right = size[counted & (zeros.real > _RIGHT * size)]
@@ -166,9 +162,6 @@ def read_measured(path: str | Path, source: str, outputs: Sequence[str]) -> tupl
     Either `frequency` [Hz] with OUTPUT.magnitude and OUTPUT.phase [deg], or OUTPUT.real and
     OUTPUT.imag, and OUTPUT.coherence if known; or a record: `t` [s], the input and outputs by name,
     from which H1 and the coherence are estimated (Hann windows, eight segments).
-
-    Args:
-        path: File. source: Name of the input. outputs: Names of the outputs.
     """
     try:
         columns = {name: np.array(x, dtype=np.float64) for name, x in table(path).items()}

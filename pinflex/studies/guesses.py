@@ -52,12 +52,7 @@ class Guess:
 
 
 def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> list[Guess]:
-    """Links with mass and a span, longest first, each of which loads with its guess.
-
-    Args:
-        mechanism: The robot without flexible links.
-        only: Names of the links that are asked for; otherwise all of them are looked at.
-    """
+    """Links with mass and a span, longest first, each of which loads with its guess."""
     description = mechanism.description
     visuals = drawing_of({"drawing": urdf_parts(description.urdf_text)}).visuals
     looks, _ = surfaces_of(visuals, description.package_dirs)

@@ -29,10 +29,6 @@ def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
 
     Displacements are measured from the pose that was linearised about, sag included; fields that a
     shape without size does not have (stress, forces) are left out.
-
-    Args:
-        mechanism: Mechanism.
-        found: Modes of it.
     """
     dynamics = Equations(mechanism.flexible)
     return [
@@ -43,13 +39,7 @@ def mode_runs(mechanism: Mechanism, found: Modes) -> list[tuple[float, Result]]:
 
 
 def plot_shape(found: Modes, mode: int, ax: Axes | None = None) -> Any:
-    """Axes with the shape of one mode as lines, at both ends of its swing.
-
-    Args:
-        found: Modes of `pf.modes`.
-        mode: Number, from 1.
-        ax: Where to draw; default: axes of a new figure.
-    """
+    """Axes with the shape of one mode as lines, at both ends of its swing."""
     count = len(found.frequencies)
     if found.mechanism is None or found.growth is not None:
         why = "modes about a motion turn" if found.mechanism else "these modes know no mechanism"

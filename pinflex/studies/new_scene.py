@@ -34,14 +34,7 @@ _ORDER = ("base", "gravity", "joints", "actuated", "loops", "home")
 
 
 def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str, Mechanism | None]:
-    """The YAML text for a robot, and the mechanism; None where its loops do not close.
-
-    Args:
-        source: A robot's file (URDF, MJCF, SDF, xacro, Gepetto's robot.yaml) or
-            "example-robot-data:NAME".
-        out: Where the YAML is to stand; the robot's file is named relative to it.
-        flexible: Links that are to bend, with guessed sections.
-    """
+    """The YAML text for a robot, and the mechanism; None where its loops do not close."""
     name = source if source.startswith(_PACKAGES) else _relative(Path(source), out)
     tree = sources.find(name, out.parent, "import")
     for link in flexible:
@@ -183,11 +176,7 @@ def _platform(mechanism: Mechanism) -> str:
 
 
 def coinciding(mechanism: Mechanism, taken: Collection[str]) -> list[tuple[str, str, str]]:
-    """Pairs of massless ends of different branches that coincide at home, and the kind to try.
-
-    Args:
-        mechanism: The robot. taken: Links that are in loops already.
-    """
+    """Pairs of massless ends of different branches that coincide at home, and the kind to try."""
     model, links = mechanism.rigid.rigid, mechanism.links
     parents = {link.parent for link in links}
     leaves = [

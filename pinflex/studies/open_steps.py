@@ -39,12 +39,7 @@ def steps_are_open(mechanism: Mechanism) -> bool:
 def solved(
     mechanism: Mechanism, motion: Motion | None, level: str, progress: Callback | None
 ) -> Result:
-    """The run of a level; coupled within a tolerance where that is open and can be reached.
-
-    Args:
-        mechanism: Mechanism. motion: Of its motors or platform; None: that of the YAML.
-        level: Name. progress: Called with (step, steps).
-    """
+    """The run of a level; coupled within a tolerance where that is open and can be reached."""
     if level == "coupled" and steps_are_open(mechanism):
         with suppress(ConvergenceError, _TooDear):
             within = _limited(mechanism, motion, progress)

@@ -29,12 +29,7 @@ _UNITS = {
 
 
 def check_outputs(names: Iterable[str], level: str | None) -> tuple[str, ...]:
-    """The wanted groups in the order of `OUTPUTS`; unknown ones and levels are named.
-
-    Args:
-        names: Groups of outputs.
-        level: Level of the runs; None: that of the YAML.
-    """
+    """The wanted groups in the order of `OUTPUTS`; unknown ones and levels are named."""
     wanted = list(names)
     for name in wanted:
         if name not in OUTPUTS:
@@ -54,13 +49,6 @@ def scene_outputs(
     beside: Beside = lambda run, rigid: {},
 ) -> dict[str, Any]:
     """Numbers, flags and texts of one scene, SI units; what does not exist is left out.
-
-    Args:
-        mechanism: The scene.
-        level: Default: the level of the YAML.
-        wanted: Groups of numbers; without any but `frequency` nothing is solved.
-        rigid: The rigid run, where it is known.
-        beside: More numbers of a run and of the rigid one beside it.
 
     Returns:
         torque.peak.MOTOR, torque.rms.MOTOR (N m | N); deviation.position (m) and .rotation (rad):
@@ -104,11 +92,7 @@ def prismatic(description: Description) -> frozenset[str]:
 
 
 def unit(name: str, slides: frozenset[str] = frozenset()) -> str:
-    """Unit of an output as a heading says it, "" where it has none.
-
-    Args:
-        name: Of the output. slides: Motors whose torque is a force [N].
-    """
+    """Unit of an output as a heading says it, "" where it has none."""
     if name.startswith("torque."):
         return "N" if name.split(".", 2)[-1] in slides else "N m"
     return "Hz" if name.startswith("frequency.") else _UNITS.get(name, "")

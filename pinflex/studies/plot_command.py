@@ -21,12 +21,7 @@ _LEAST = 1e-10  # m: below it a distance is round-off
 
 
 def plot_command(found: Command, panel: str | None = None, ax: Axes | None = None) -> Any:
-    """Axes with the motors' motion and torques of one command.
-
-    Args:
-        found: The command. panel: One of the two alone.
-        ax: Where to draw that.
-    """
+    """Axes with the motors' motion and torques of one command."""
     each = {name: partial(_draw, found=found, panel=name) for name in ("motors", "torque")}
     return Drawing(partial(_alone, found), each).axes(panel, ax)
 
@@ -60,11 +55,7 @@ def _place(unit: str) -> str:
 
 
 def figure(commands: Mapping[str, Command], runs: Mapping[str, Followed]) -> Figure:
-    """Platform error of each command, what the found one adds to the rigid one, and torques.
-
-    Args:
-        commands: By level, the one that was found first. runs: Their forward runs.
-    """
+    """Platform error of each command, what the found one adds to the rigid one, and torques."""
     fig, axes = panels(3, 1, 6.6, None, sharex=True)
     error, moves, torque = axes[:, 0]
     for k, (level, x) in enumerate(runs.items()):

@@ -29,12 +29,6 @@ def answers(
 ) -> Iterator[tuple[int, Any]]:
     """Number and answer (or `Lost`) of every item, in the order in which they are ready.
 
-    Args:
-        work: Function of one item; it, the items and the answers travel between processes.
-        items: What to work on.
-        jobs: Processes of this machine; 1 works in this one.
-        scheduler: Address of a Dask scheduler, whose workers are used instead.
-
     Raises:
         DescriptionError: No scheduler at that address, or Dask is not installed.
     """

@@ -29,10 +29,6 @@ def pose(mechanism: Mechanism, motors: Mapping[str, float]) -> Array:
     The loops are followed in small moves from home, so the branch is kept, and a singular pose on
     the way is found.
 
-    Args:
-        mechanism: Mechanism with its home pose.
-        motors: Position (rad | m) by motor.
-
     Returns:
         q of the rigid mechanism, shape (nq,).
 
@@ -57,12 +53,6 @@ def pose(mechanism: Mechanism, motors: Mapping[str, float]) -> Array:
 
 def moved(mechanism: Mechanism, by: Mapping[str, float]) -> Array:
     """Rigid configuration with motors or platform coordinates displaced from home.
-
-    Args:
-        mechanism: Mechanism with its home pose.
-        by: Displacement by motor (rad | m), the other motors at home; or by platform coordinate,
-            x, y, z (m), rz, ry, rx (rad), others at home as far as the mechanism can hold them
-            (where it cannot hold all, those that the motion of the YAML names).
 
     Returns:
         q of the rigid mechanism, shape (nq,).

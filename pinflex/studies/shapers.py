@@ -43,13 +43,7 @@ class ShaperRow:
 def shapers(
     mechanism: Mechanism, motion: Motion | None = None, modes: int = MODES
 ) -> tuple[Ringing, tuple[ShaperRow, ...]]:
-    """What ZV, ZVD and EI would do for the vibrations that a motion excites.
-
-    Args:
-        mechanism: With a flexible link or an elastic joint.
-        motion: Default: that of the YAML, without its shaper.
-        modes: How many modes to cancel at most.
-    """
+    """What ZV, ZVD and EI would do for the vibrations that a motion excites."""
     found = ringing(mechanism, plain_motion(mechanism) if motion is None else motion, modes)
     return found, tuple(_row(kind, found) for kind in KINDS)
 

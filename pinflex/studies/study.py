@@ -201,17 +201,6 @@ def study(
 ) -> Study:
     """Solve a scene at several levels and compare; a level that fails does not stop the others.
 
-    Args:
-        mechanism: From `load`, with at least one flexible link.
-        levels: Levels beside rigid, which is always solved first as the reference.
-        progress: Makes the progress callback of a level.
-        keep: Called with (level, result, whether it is complete) as soon as a level has ended.
-        band: Deviation of the platform that does no harm [m]: it has settled when it stays within.
-        tell: Called with the name of each stage that is no level.
-        errors: Error bars also of a scene for which they are expensive.
-        motion: Default: that of the YAML.
-        tol: Share of torques and deviations by which a level that suffices may differ.
-
     Returns:
         The study.
 
@@ -267,13 +256,7 @@ def write(
     tell: Callable[[str], None] = lambda text: None,
     drawn: Mapping[str, Result] | None = None,
 ) -> list[Path]:
-    """Write table, figures and animation; returns the files. The runs are written by `keep`.
-
-    Args:
-        done: Study. folder: Made if it is not there.
-        tell: Called with what is done next.
-        drawn: Runs of the page, by level; default: those of the study.
-    """
+    """Write table, figures and animation; returns the files. The runs are written by `keep`."""
     from pinflex.viewer.figures import save_all
     from pinflex.viewer.view import write_runs_html
 

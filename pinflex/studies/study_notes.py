@@ -25,12 +25,7 @@ class Outcomes:
 
 
 def file_name(run: Result, complete: bool = True) -> str:
-    """Name of the file of a run: NAME-LEVEL.npz, or NAME-LEVEL-partial.npz.
-
-    Args:
-        run: Of one level.
-        complete: Whether it reached its end.
-    """
+    """Name of the file of a run: NAME-LEVEL.npz, or NAME-LEVEL-partial.npz."""
     return f"{run.meta['name']}-{run.level}{'' if complete else '-partial'}.npz"
 
 
@@ -56,12 +51,7 @@ def reason(error: PinflexError) -> str:
 
 
 def why_missing(record: Outcomes, level: str) -> str:
-    """Why a level is missing, and the file that holds what there is of it.
-
-    Args:
-        record: What the levels gave.
-        level: One that failed.
-    """
+    """Why a level is missing, and the file that holds what there is of it."""
     partial = record.partial.get(level)
     text = reason(record.unsolved[level])
     if partial is not None:
@@ -70,12 +60,7 @@ def why_missing(record: Outcomes, level: str) -> str:
 
 
 def notes_of(mechanism: Mechanism, record: Outcomes, frequencies: Sequence[float]) -> list[str]:
-    """Sentences that a reader should know before trusting the numbers.
-
-    Args:
-        mechanism: Scene. record: Its runs.
-        frequencies: Natural frequencies [Hz].
-    """
+    """Sentences that a reader should know before trusting the numbers."""
     notes = _yielding(mechanism, record.runs)
     if min(frequencies, default=0.0) < 0:
         notes.append("a negative frequency is an unstable direction: the static pose buckles.")
@@ -104,12 +89,7 @@ def _yielding(mechanism: Mechanism, runs: Mapping[str, Result]) -> list[str]:
 
 
 def starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) -> list[str]:
-    """Sentence on a start that rings, if it does.
-
-    Args:
-        mechanism: Scene. spec: How it is solved.
-        runs: By level.
-    """
+    """Sentence on a start that rings, if it does."""
     shaken = [level for level in ("ked", "coupled") if level in runs]
     if spec.start != "straight" or not any(mechanism.description.gravity) or not shaken:
         return []
@@ -120,13 +100,7 @@ def starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) 
 
 
 def remark(mechanism: Mechanism, record: Outcomes, run: Result) -> str:
-    """Remark for a reader of the run alone, in a line.
-
-    Args:
-        mechanism: Scene.
-        record: What all levels gave.
-        run: The run.
-    """
+    """Remark for a reader of the run alone, in a line."""
     said = []
     lost = falls(record)
     if lost is not None and run.level != "quasistatic":

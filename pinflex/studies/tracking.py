@@ -19,10 +19,6 @@ def matched(before: Array, now: Array, M: Array) -> tuple[IntArray, Array]:
     Cosines are those of the mass matrix: shapes of different frequencies are at right angles, and
     shapes of equal ones, which may turn among themselves, stay among themselves.
 
-    Args:
-        before: Shapes of one pose, (nv, k). now: Of the next, (nv, m), of unit mass.
-        M: Mass matrix of the next pose, (nv, nv).
-
     Returns:
         Columns of now in the order of those before, and their squared cosines (the modal assurance
         criterion, 1 for the same shape), shape (min(k, m),) each.
@@ -46,12 +42,6 @@ def tracked(
     Of all poses that border on one already followed, the next is always the one whose modes agree
     best with that neighbour's. So a line of poses at which two frequencies (nearly) coincide, and
     shapes mix, is walked round where that is possible.
-
-    Args:
-        shapes: Shapes of unit mass (nv, k) by place in the grid; places without are missing.
-        mass: Mass matrix (nv, nv) at a place.
-        count: How many modes, the first ones of the first pose, must agree; the rest are spare.
-        first: Place to start from; default: the middle of the grid.
 
     Returns:
         By place: the columns in the common order, and the least squared cosine of the first

@@ -79,11 +79,7 @@ class Comparison(Protocol):
 
 
 def wrong_units(ratios: list[tuple[str, str, Array]]) -> list[str]:
-    """Sentences for quantities that are all alike a factor of two units away from the scene's.
-
-    Args:
-        ratios: As of `Comparison.ratios`, at the first design.
-    """
+    """Sentences for quantities that are all alike a factor of two units away from the scene's."""
     said = []
     for name, unit, shares in ratios:
         if len(shares) < 2 or np.any(shares <= 0):
@@ -102,13 +98,7 @@ def wrong_units(ratios: list[tuple[str, str, Array]]) -> list[str]:
 def differences(
     rows: Callable[[Mechanism], Array], designs: Variants, values: Mapping[str, float]
 ) -> Array:
-    """Central differences of rows by the logarithms of the parameters, shape (rows, n).
-
-    Args:
-        rows: Of a design.
-        designs: The parameters.
-        values: Where, by key.
-    """
+    """Central differences of rows by the logarithms of the parameters, shape (rows, n)."""
     found = []
     for key in keys(designs.parameters):
         below, above = (

@@ -46,11 +46,6 @@ def extrapolated(
 
     The difference is of logarithms, exact for a power law; of the values where they change sign.
 
-    Args:
-        outputs: By name, at a change of the parameter's logarithm.
-        step: h.
-        steps: 3, or 2 (h and h/2) at four designs instead of six.
-
     Returns:
         The derivatives and their estimated errors, by name.
     """
@@ -86,12 +81,6 @@ def of_frequencies(
     base: Mechanism, at: At, count: int, step: float = STEP
 ) -> tuple[Array, Array, Array]:
     """d ln(frequency) / d ln(parameter) of the lowest modes, implicitly.
-
-    Args:
-        base: The design differentiated at.
-        at: The design at a change of the parameter's logarithm.
-        count: How many frequencies that are not zero.
-        step: Of the differences at the held state.
 
     Returns:
         Frequencies [Hz], shape (count,); their derivatives and estimated errors, shape (count,).
@@ -141,24 +130,14 @@ class ModalState:
         return K[square], M[square], J[:, self.free]
 
     def derivatives(self, at: At, h: float) -> Array:
-        """d ln(frequency) of all modes by differences of +-h at the held, then the led state.
-
-        Args:
-            at: Design at a logarithm of the parameter over its first value.
-            h: Half the difference of logarithms.
-        """
+        """d ln(frequency) of all modes by differences of +-h at the held, then the led state."""
         found = np.zeros(len(self.omega2))
         for group, form in self.forms(at, h):
             found[group] = np.linalg.eigvalsh(form)
         return found
 
     def forms(self, at: At, h: float) -> list[tuple[Array, Array]]:
-        """d ln(frequency) as a form on the shapes of each frequency, with their places.
-
-        Args:
-            at: Design at a logarithm of the parameter over its first value.
-            h: Half the difference of logarithms.
-        """
+        """d ln(frequency) as a form on the shapes of each frequency, with their places."""
         designs = [at(s) for s in (-h, h)]
         sides = [Equations(design.flexible) for design in designs]
         held = [self._held(side, d) for side, d in zip(sides, designs, strict=True)]

@@ -167,11 +167,6 @@ def kkt(
     sum of share * slope = sum of multiplier * rate over the active margins, and of multipliers
     along the axes whose bound is reached; none is negative, and the shares add up to 1 (Karush
     1939; Kuhn, Tucker 1951).
-
-    Args:
-        slopes: Gradients of the aims of which the largest is to be least, shape (n,) or (aims, n).
-        rates: Of the margins, shape (rows, n).
-        margins: Shape (rows,). x: Shape (n,). bounds: Shape (n, 2).
     """
     from scipy.optimize import nnls
 

@@ -54,11 +54,6 @@ def distributions(
 ) -> tuple[Distribution, ...]:
     """Random parameters from texts.
 
-    Args:
-        description: The scene.
-        normal: By key path: "MEAN:STD", or "2 %" for that standard deviation about the YAML's.
-        uniform: By key path: "LOW:HIGH", or "+-2 %" about the YAML's value.
-
     Raises:
         DescriptionError: No such number, a text that is no pair, a key given twice.
     """

@@ -140,11 +140,6 @@ class Evaluator:
 
         A peak has kinks where another instant takes over; each of its samples is smooth by itself.
         So each is an aim, or a margin, of its own.
-
-        Args:
-            x: Point; it is kept in the history.
-            unit: Of a peak that is minimised: aims are its logarithms from half of that on.
-            limits: Whether limits are on samples too; else each has one margin.
         """
         self.at(x)
         return self._rows(x, unit, limits)
@@ -175,9 +170,6 @@ class Evaluator:
         """Logarithms of a peak's samples over a unit, and straight on below a half of it.
 
         There is no logarithm where a history passes zero, and no need of one.
-
-        Args:
-            x: Point. name: Of the peak. unit: SI. otherwise: Value where there are no samples.
         """
         samples = self._samples[x.tobytes()].get(name)
         if samples is None or len(samples) != self._counts[name]:
@@ -188,11 +180,7 @@ class Evaluator:
         )
 
     def slopes(self, x: Array, unit: float, limits: bool = True) -> tuple[Array, Array]:
-        """Gradients of aims, shape (aims, n), and margins, shape (rows, n).
-
-        Args:
-            As `rows`.
-        """
+        """Gradients of aims, shape (aims, n), and margins, shape (rows, n)."""
         n = len(x)
         sides = [x + s * _STEP * np.eye(n)[k] for k in range(n) for s in (-1.0, 1.0)]
         self(sides)  # many at a time
@@ -209,12 +197,7 @@ class Evaluator:
         return f"{limit.output} = {found[limit.output]:.4g} where {limit} is asked"
 
     def design(self, x: Array, continuous: bool) -> Design:
-        """What is told of the design at a point.
-
-        Args:
-            x: Logarithms of the parameters over their first values, shape (parameters,).
-            continuous: Whether all of them are numbers between bounds, and not chosen from values.
-        """
+        """What is told of the design at a point."""
         (found,) = self([x])
         assert found is not None
         unit = found[self.minimise]

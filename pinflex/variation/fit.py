@@ -228,12 +228,7 @@ class _Problem:
             return None
 
     def with_prior_rows(self, rows: Array, x: Array) -> Array:
-        """Residuals of the priors below those of the measurements.
-
-        Args:
-            rows: Of the measurements.
-            x: Where.
-        """
+        """Residuals of the priors below those of the measurements."""
         return np.concatenate([rows, (x * self.prior)[self.prior > 0]])
 
     def jacobian(self, x: Array) -> Array:

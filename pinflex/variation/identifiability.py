@@ -27,9 +27,6 @@ _TWINS = 0.98  # correlation at which two estimates are one
 def unseen(J: Array) -> tuple[IntArray, Array]:
     """Silent parameters, and changes of the others that nothing measured sees.
 
-    Args:
-        J: Shape (rows, n).
-
     Returns:
         Places of silent parameters; directions of the logarithms, shape (directions, n).
     """
@@ -49,10 +46,6 @@ def covariance(J: Array, hidden: BoolArray) -> Array:
 
     The errors of the others include what the hidden ones do to them: these may be wrong by a
     factor e either way.
-
-    Args:
-        J: With the rows of priors, shape (rows, n).
-        hidden: Parameters that no row tells, a boolean per parameter, shape (n,).
     """
     guesses = np.eye(J.shape[1])[hidden] / _UNKNOWN
     whole = np.vstack([J, guesses])
@@ -80,15 +73,7 @@ def hidden(J: Array) -> BoolArray:
 
 
 def sentences(J: Array, C: Array, names: Sequence[str], ends: Array | None = None) -> list[str]:
-    """What the measurements do not tell, in words.
-
-    Args:
-        J: Derivatives of the residuals without priors, shape (rows, n).
-        C: Covariance of the logarithms, shape (n, n).
-        names: Of the parameters.
-        ends: Of intervals that do not rest on C, in logarithms, shape (n, 2); infinite where there
-            is none. Default: those of C.
-    """
+    """What the measurements do not tell, in words."""
     silent, directions = unseen(J)
     spread = np.sqrt(np.diag(C))
     if ends is None:
@@ -116,12 +101,7 @@ def sentences(J: Array, C: Array, names: Sequence[str], ends: Array | None = Non
 
 
 def _same(direction: Array, names: Sequence[str], bent: bool) -> str:
-    """A change that nothing measured sees, in words.
-
-    Args:
-        direction: Of the logarithms, shape (n,). names: Of the parameters.
-        bent: Whether larger changes are seen.
-    """
+    """A change that nothing measured sees, in words."""
     places = np.flatnonzero(takes_part(direction))
     places = places[np.argsort(-np.abs(direction[places]), kind="stable")]
     change = direction / direction[places[0]]

@@ -35,12 +35,7 @@ class Limit:
         return self.value * base[self.output] if self.relative else self.value
 
     def margin(self, value: float, base: Mapping[str, float]) -> float:
-        """ln of how far a value keeps within the limit: 0.01 is one per cent, negative beyond.
-
-        Args:
-            value: Of the output, SI.
-            base: Outputs of the first design.
-        """
+        """ln of how far a value keeps within the limit: 0.01 is one per cent, negative beyond."""
         sign = -1.0 if self.upper else 1.0
         limit = self.number(base)
         if value > 0 and limit > 0:
@@ -54,10 +49,6 @@ class Limit:
 
 def limits(texts: Iterable[str]) -> tuple[Limit, ...]:
     """Limits from texts.
-
-    Args:
-        texts: OUTPUT < NUMBER or OUTPUT > NUMBER, SI units; NUMBER*base is that share of the first
-            design's value, and NUMBER*yield (of stress.peak) that share of the strength.
 
     Raises:
         DescriptionError: Another form.

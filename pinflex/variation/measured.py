@@ -34,10 +34,6 @@ def columns(
 ) -> Columns:
     """Columns by name.
 
-    Args:
-        source: A CSV, a universal file, or columns by name.
-        nodes: Frames by node number, for universal files.
-
     Raises:
         DescriptionError: No such file, or not of the form above.
     """

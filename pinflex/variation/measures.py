@@ -45,12 +45,7 @@ def of_a_run(name: str) -> bool:
 
 
 def units(names: Iterable[str], description: Description) -> dict[str, str]:
-    """Units of outputs by name, as in the head of this file; "" where there is none.
-
-    Args:
-        names: Outputs.
-        description: The scene: motors that slide give forces.
-    """
+    """Units of outputs by name, as in the head of this file; "" where there is none."""
     slides = prismatic(description)
     each = {motor: "N" if motor in slides else "N m" for motor in description.actuated}
     return {name: _unit(name, each) for name in names}
@@ -72,9 +67,6 @@ def _unit(name: str, motors: Mapping[str, str]) -> str:
 def check_names(names: Iterable[str], mechanism: Mechanism) -> tuple[str, ...]:
     """The names, if each is an output.
 
-    Args:
-        names: Outputs.
-        mechanism: The scene: its motors.
     Raises:
         DescriptionError: Another name, with the nearest.
     """
@@ -103,13 +95,6 @@ def measure(
 ) -> dict[str, float]:
     """The outputs of a scene.
 
-    Args:
-        mechanism: The scene.
-        names: As in the head of this file; what a run gives is solved only if it is asked for.
-        level: Of the run; default: that of the YAML.
-        rigid: The rigid run of the scene, where it is known: deviations are from it.
-        every: Peaks among the names that are wanted at every sample too, as "NAME at 0" and so on.
-
     Returns:
         By name, SI units.
 
@@ -134,15 +119,7 @@ def available(
     rigid: Result | None = None,
     every: Iterable[str] = (),
 ) -> dict[str, float]:
-    """Those of the outputs that a scene has, as `measure`.
-
-    Args:
-        mechanism: The scene.
-        names: Outputs.
-        level: Of the run; default: that of the YAML.
-        rigid: The rigid run, where it is known.
-        every: Peaks that are wanted at every sample too.
-    """
+    """Those of the outputs that a scene has, as `measure`."""
 
     def samples(run: Result, reference: Result | None) -> dict[str, float]:
         each = {name: over_time(name, mechanism, run, reference) for name in every}

@@ -101,10 +101,6 @@ class ModalData:
         """Residuals of frequencies, then of shapes if they have a standard deviation.
 
         From afar shapes count as much as frequencies do.
-
-        Args:
-            mechanism: A design.
-            coarse: From afar.
         """
         state = ModalState(mechanism)
         places, _, calculated = self._paired(state, mechanism)
@@ -122,13 +118,7 @@ class ModalData:
         return np.concatenate([first, apart.ravel()])
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By logarithms of the parameters: implicit for frequencies, differences for shapes.
-
-        Args:
-            designs: What varies.
-            values: By key, SI.
-            base: The design of these values.
-        """
+        """By logarithms of the parameters: implicit for frequencies, differences for shapes."""
         m = len(self.frequencies)
         state = ModalState(base)
         places = state.elastic[self._paired(state, base)[0]]
@@ -177,13 +167,7 @@ class ModalData:
 
 
 def modal_data(found: Mapping[str, Array], shape_std: float | None, where: str) -> ModalData:
-    """The modes of a file.
-
-    Args:
-        found: Columns, as in `measured`.
-        shape_std: As in `ModalData`.
-        where: Name for messages.
-    """
+    """The modes of a file."""
     f = np.asarray(found["frequency"], float)
     sensors = tuple(name for name in found if name not in ("frequency", "std", "mode"))
     for name in sensors:

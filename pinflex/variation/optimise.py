@@ -214,9 +214,6 @@ def _sqp(evaluate: Evaluator, x: Array, sampled: bool) -> Array:
 
     Where a peak is minimised, every sample is an aim f(x): then z = (x, s) with least s >= f(x),
     which has no kinks.
-
-    Args:
-        evaluate: Designs. x: Start. sampled: Whether limits are on samples of peaks too.
     """
     from scipy.optimize import minimize
 

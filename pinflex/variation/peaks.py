@@ -100,12 +100,6 @@ class Peaks:
     def __init__(self, base: Mechanism, names: Iterable[str], level: str | None) -> None:
         """Run the first design and find its peaks.
 
-        Args:
-            base: The first design.
-            names: Outputs of runs, see `pinflex.variation.measures`; what the scene does not have
-                is left out.
-            level: Of the run; default: that of the YAML.
-
         Raises:
             SceneError: It cannot be solved.
         """
@@ -124,11 +118,7 @@ class Peaks:
         self.remarks = self._unresolved()
 
     def slopes(self, at: At) -> dict[str, Slope]:
-        """Derivatives by a parameter, by output.
-
-        Args:
-            at: The design at a change of the parameter's logarithm.
-        """
+        """Derivatives by a parameter, by output."""
         h, noise = self._h, _NOISY if self.steps.stepped else _QUIET
         wide, near = self._differences(at, h), self._differences(at, 0.5 * h)
         rough = self._differences(at, 0.5 * h, halved=False) if self.steps.stepped else near
@@ -279,12 +269,7 @@ def _instants(curves: _Curves) -> set[int]:
 
 
 def over_time(name: str, design: Mechanism, run: Result, rigid: Result | None) -> Array:
-    """An output at every sample, by motor or link: values whose largest is the peak, shape (n,).
-
-    Args:
-        name: A peak, see `pinflex.variation.measures`.
-        design, run: The scene and its run. rigid: The rigid run that deviations are from.
-    """
+    """An output at every sample, by motor or link: values whose largest is the peak, shape (n,)."""
     curves = curves_of(name, design, run, rigid)
     if curves is None:
         return np.zeros(0)
@@ -293,11 +278,7 @@ def over_time(name: str, design: Mechanism, run: Result, rigid: Result | None) -
 
 
 def curves_of(name: str, design: Mechanism, run: Result, rigid: Result | None) -> _Curves | None:
-    """An output over time; None where the scene does not have it.
-
-    Args:
-        As `over_time`.
-    """
+    """An output over time; None where the scene does not have it."""
     head, _, rest = name.partition(".")
     if head == "torque":
         _, _, motor = rest.partition(".")

@@ -58,13 +58,7 @@ Rows = Callable[[Array], Array | None]
 
 
 def quantile(freedom: int | None, count: int = 1) -> float:
-    """Half the 95 % interval of a parameter in standard deviations.
-
-    Args:
-        freedom: Residuals less parameters, where their scale was estimated of them; NaN below 1.
-            None: standard deviations are known.
-        count: Parameters whose intervals are to hold all at once.
-    """
+    """Half the 95 % interval of a parameter in standard deviations."""
     from scipy.stats import chi2, f
 
     if freedom is None:
@@ -112,14 +106,7 @@ class Best:
 
 
 def ends(rows: Rows, best: Best, bounds: Array, z: float) -> Ends:
-    """Ends of the interval of each parameter.
-
-    Args:
-        rows: Residuals at x; None where there is no such design.
-        best: The least squares.
-        bounds: Of x, shape (n, 2): what is not told before them is untold.
-        z: Half an interval in standard deviations: `quantile`.
-    """
+    """Ends of the interval of each parameter."""
     half = z * np.sqrt(np.diag(best.C))
     found = best.x[:, None] + half[:, None] * np.array([-1.0, 1.0])
     curved = [k for k in range(len(half)) if not _straight(rows, best, bounds, z, k)]

@@ -197,13 +197,7 @@ def scatter(
 
 
 def designs(random: Sequence[Distribution], count: int, seed: int) -> Array:
-    """Rows A, B, then AB_1, AB_2, ... of the sample, shape (n (d + 2), d).
-
-    Args:
-        random: The d random parameters.
-        count: Rows at most.
-        seed: Of the Latin hypercube.
-    """
+    """Rows A, B, then AB_1, AB_2, ... of the sample, shape (n (d + 2), d)."""
     from scipy.stats.qmc import LatinHypercube
 
     d = len(random)
@@ -288,12 +282,7 @@ def _scatters(sample: Array) -> bool:
 
 
 def _indices(blocks: Array, standard: Array) -> Array:
-    """First-order and total indices and their standard errors, shape (4, d).
-
-    Args:
-        blocks: Values of rows A, B, AB_i, shape (d + 2, n).
-        standard: Their parameters, of mean 0 and variance 1, shape (d + 2, n, d).
-    """
+    """First-order and total indices and their standard errors, shape (4, d)."""
     ended = np.all(np.isfinite(blocks), axis=0)  # designs that ended in all rows
     blocks, standard = blocks[:, ended], standard[:, ended]
     n = blocks.shape[1]

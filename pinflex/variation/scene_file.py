@@ -13,13 +13,7 @@ from pinflex.writing import replaced
 
 
 def write_scene(description: Description, path: str | Path, notes: Iterable[str]) -> Path:
-    """Write a scene with comments at its head.
-
-    Args:
-        description: The scene.
-        path: Its file; paths in it become relative to its folder.
-        notes: Lines of the comment.
-    """
+    """Write a scene with comments at its head."""
     path = Path(path)
     raw = yaml.safe_load(description.yaml_text)
     old = None if description.path is None else description.path.parent

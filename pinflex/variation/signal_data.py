@@ -45,13 +45,7 @@ class _Sampled:
         return []
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By the logarithms of the parameters.
-
-        Args:
-            designs: What varies.
-            values: By key, SI.
-            base: The design of these values.
-        """
+        """By the logarithms of the parameters."""
         return differences(self.rows, designs, values)
 
 
@@ -91,12 +85,7 @@ class ResponseData(_Sampled):
         return np.stack([H[:, outputs.index(o), place.index(i)] for o, i in self.pairs], axis=1)
 
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
-        """Real and imaginary parts; from afar the logarithm of the magnitude and the phase.
-
-        Args:
-            mechanism: A design.
-            coarse: From afar.
-        """
+        """Real and imaginary parts; from afar the logarithm of the magnitude and the phase."""
         H = self._model(mechanism)
         if coarse:
             least = 1e-6 * np.max(np.abs(self.values), axis=0)  # a zero has no logarithm
@@ -180,12 +169,7 @@ class HistoryData(_Sampled):
         return found
 
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
-        """All samples of all columns.
-
-        Args:
-            mechanism: A design.
-            coarse: From afar; the same here.
-        """
+        """All samples of all columns."""
         return np.asarray(((self._model(mechanism) - self.values) / self._std).ravel())
 
     def text(self, mechanism: Mechanism) -> str:
@@ -208,12 +192,7 @@ class HistoryData(_Sampled):
 
 
 def response_data(found: Mapping[str, Array], where: str) -> ResponseData:
-    """The frequency responses of a file.
-
-    Args:
-        found: Columns, as in `measured`.
-        where: Name for messages.
-    """
+    """The frequency responses of a file."""
     names = list(dict.fromkeys(x.rpartition(".")[0] for x in found if x != "frequency"))
     for name in names:
         if "/" not in name or f"{name}.real" not in found or f"{name}.imag" not in found:
@@ -229,13 +208,7 @@ def response_data(found: Mapping[str, Array], where: str) -> ResponseData:
 def history_data(
     found: Mapping[str, Array], where: str, level: str | None, dt: float | None
 ) -> HistoryData:
-    """The time histories of a file.
-
-    Args:
-        found: Columns, as in `measured`.
-        where: Name for messages.
-        level, dt: As of `HistoryData`.
-    """
+    """The time histories of a file."""
     t = found["t"]
     if len(t) < 2 or np.any(np.diff(t) <= 0) or t[0] < 0:
         raise DescriptionError(f"{where}: t: not rising from 0 or later. Sort the rows.")

@@ -87,12 +87,7 @@ class Variants:
         return run if scene_of(self.base, "rigid").spec.drive == "prescribed" else None
 
     def scaled(self, parameter: Parameter, logarithm: float) -> Mechanism:
-        """The robot with one parameter multiplied by e^logarithm.
-
-        Args:
-            parameter: The one that changes.
-            logarithm: Of its value over the first one.
-        """
+        """The robot with one parameter multiplied by e^logarithm."""
         return self.at({parameter.key: parameter.value * math.exp(logarithm)})
 
 
@@ -100,11 +95,6 @@ def variants(
     mechanism: Mechanism, patterns: Iterable[str], changes: Sequence[str] = ()
 ) -> Variants:
     """The designs that the numbers named by key paths span.
-
-    Args:
-        mechanism: The first design.
-        patterns: Key paths of the YAML, as in `pinflex.description.parameters`.
-        changes: Overrides of all designs.
 
     Raises:
         DescriptionError: No such number, or one that is 0 and so has no relative change.
@@ -147,12 +137,7 @@ _latest: list[tuple[tuple[str, ...], Variants]] = []
 
 
 def variants_of(description: Description, patterns: tuple[str, ...]) -> Variants:
-    """The designs of a description; the last are kept, as all cases of a process share them.
-
-    Args:
-        description: The first design.
-        patterns: Key paths, as of `variants`.
-    """
+    """The designs of a description; the last are kept, as all cases of a process share them."""
     texts = (str(description.path), description.urdf_text, description.yaml_text, *patterns)
     for known, kept in _latest:
         if known == texts:

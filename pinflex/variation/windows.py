@@ -27,12 +27,7 @@ class Windows:
     closed: BoolArray
 
     def tops(self, windows: IntArray, values: Array) -> tuple[Array, Array, Array]:
-        """Largest values in windows, shape (n,); the same by fewer points; whether it is inside.
-
-        Args:
-            windows: Of each curve, shape (n,).
-            values: At the nodes of its window, shape (n, NODES).
-        """
+        """Largest values in windows, shape (n,); the same by fewer points; whether it is inside."""
         x = _unit(self.nodes[windows])
         top, place = _largest(x, values)
         fewer, _ = _largest(x[:, ::2], values[:, ::2])
@@ -41,13 +36,7 @@ class Windows:
 
 
 def around(centre: float, half: float, piece: tuple[float, float]) -> tuple[Array, BoolArray]:
-    """Nodes of a window about an instant inside a smooth piece, and which sides end that.
-
-    Args:
-        centre: Of the window [s].
-        half: Half of its width [s].
-        piece: Start and end of the smooth piece [s].
-    """
+    """Nodes of a window about an instant inside a smooth piece, and which sides end that."""
     half = min(half, 0.5 * (piece[1] - piece[0]))
     middle = min(max(centre, piece[0] + half), piece[1] - half)
     turns = np.linspace(np.pi, 0.0, NODES)
@@ -56,12 +45,7 @@ def around(centre: float, half: float, piece: tuple[float, float]) -> tuple[Arra
 
 
 def steps_around(k: int, t: Array) -> tuple[Array, BoolArray]:
-    """The same at steps t (n,) about the k-th of them.
-
-    Args:
-        k: The step in the middle.
-        t: Times of the steps [s], shape (n,).
-    """
+    """The same at steps t (n,) about the k-th of them."""
     first = min(max(k - NODES // 2, 0), len(t) - NODES)
     last = first + NODES
     return t[first:last], np.array([first == 0, last == len(t)])
@@ -71,11 +55,6 @@ def highest(curve: Array, part: float, most: int) -> IntArray:
     """Places of the local maxima of a curve that come within a part of its largest value.
 
     An end that nothing beside exceeds is one.
-
-    Args:
-        curve: Shape (nt,).
-        part: How far they may be below the largest, of that.
-        most: How many at the most, the largest first.
     """
     beside = np.concatenate([[-np.inf], curve, [-np.inf]])
     tops = np.flatnonzero((curve >= beside[:-2]) & (curve > beside[2:]))

@@ -25,15 +25,7 @@ _FEW = 8  # curves that a legend still tells apart
 
 
 def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None) -> Any:
-    """Axes with a quantity of a run over time.
-
-    Args:
-        result: Run.
-        quantity: The key of any array, "stress", "frame/NAME", "loop/NAME", "link/NAME", or as in
-            `plot.spectrum`; default: torque, or of a run without motors its first frame or joint.
-            Of fields along a link, the station where they are largest is drawn.
-        ax: Where to draw; default: axes of a new figure.
-    """
+    """Axes with a quantity of a run over time."""
     quantity = quantity or _first(result)
     kind, _, name = quantity.partition("/")
     if quantity == "stress" or (kind == "link" and name in result.links):
@@ -47,12 +39,7 @@ def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None
 
 
 def plot_spectrum(result: Result, quantity: str, ax: Axes | None = None, **options: Any) -> Any:
-    """Axes with the amplitude spectrum of a quantity.
-
-    Args:
-        result: Run. quantity: As in `plot.spectrum`.
-        ax: Where to draw. **options: Of `plot.spectrum`.
-    """
+    """Axes with the amplitude spectrum of a quantity."""
     if ax is None:
         return shown_axes(partial(plot.spectrum, result, quantity, **options))
     plot.spectrum(result, quantity, ax=styled(ax), **options)
@@ -60,13 +47,7 @@ def plot_spectrum(result: Result, quantity: str, ax: Axes | None = None, **optio
 
 
 def plot_deviation(away: Deviation, panel: str | None = None, ax: Axes | None = None) -> Any:
-    """Axes with position and rotation of a deviation.
-
-    Args:
-        away: Deviation.
-        panel: One of the two alone.
-        ax: Where to draw that.
-    """
+    """Axes with position and rotation of a deviation."""
     each = {
         part: partial(plot.draw_distance, away=away, part=part) for part in ("position", "rotation")
     }
@@ -74,12 +55,7 @@ def plot_deviation(away: Deviation, panel: str | None = None, ax: Axes | None = 
 
 
 def plot_drive(result: Result, name: str, ax: Axes | None = None) -> Any:
-    """Axes with the motor torque over the motor speed of a drive.
-
-    Args:
-        result: Run. name: Of the drive.
-        ax: Where to draw; default: axes of a new figure.
-    """
+    """Axes with the motor torque over the motor speed of a drive."""
     each = {name: partial(draw_torque_speed, view=result.drive(name))}
     return Drawing(partial(torque_speed, result, [name]), each).axes(None, ax)
 
@@ -92,13 +68,7 @@ def draw(
     ax: Axes | None,
     along: str = "time [s]",
 ) -> Axes:
-    """Curves over time on one pair of axes.
-
-    Args:
-        t: Instants [s], shape (nt,). curves: By name, shape (nt,) each.
-        label: Of the vertical axis, with its unit. heading: Above.
-        ax: Where; None: axes of a new figure. along: Label of the horizontal axis.
-    """
+    """Curves over time on one pair of axes."""
     own = ax is None
     on: Axes = shown_axes(lambda: panels(1, 1)[0]) if ax is None else styled(ax)
     for k, (name, values) in enumerate(curves.items()):

@@ -62,15 +62,7 @@ def picture(
     size: tuple[int, int] = (1280, 800),
     **state: object,
 ) -> Path:
-    """Save the whole page at one instant as a .png.
-
-    Args:
-        page: A page written by `write_html`.
-        path: The .png to write.
-        at: Instant [s]; default where the page opens.
-        size: Width and height [px].
-        **state: What the page's address may say: mag=30, field="bending", ghost="off", ui=0, ...
-    """
+    """Save the whole page at one instant as a .png."""
     path = Path(path).resolve()
     path.parent.mkdir(parents=True, exist_ok=True)
     if at is not None:
@@ -92,16 +84,7 @@ def film(
     size: tuple[int, int] = (960, 600),
     **state: object,
 ) -> Path:
-    """Save the whole motion as a .gif, .mp4 or .webm with its legend.
-
-    Args:
-        page: A page written by `write_html` or `write_modes_html`.
-        path: The file to write; the ending says which kind. Films other than .gif need ffmpeg.
-        seconds: Length of the film, whatever the motion takes.
-        fps: Pictures a second.
-        size: Width and height [px].
-        **state: What the page's address may say: mag=30, field="bending", ghost="off", run=2, ...
-    """
+    """Save the whole motion as a .gif, .mp4 or .webm with its legend."""
     path = Path(path)
     if path.suffix not in (".gif", ".mp4", ".webm"):
         raise DescriptionError(

@@ -25,9 +25,6 @@ _Element = ElementTree.Element
 def read_collada(path: Path) -> tuple[Array, IntArray]:
     """Vertices [m], shape (n, 3), and triangles, shape (m, 3), z up.
 
-    Args:
-        path: A .dae file; triangles, polylist and polygons are read, lines and skins are not.
-
     Raises:
         ValueError, ElementTree.ParseError: The file is not what it should be.
     """

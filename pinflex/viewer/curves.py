@@ -18,12 +18,7 @@ RIGID_TORQUE = "rigid/torque"  # array of a flexible run that was compared with 
 
 
 def with_rigid_torque(run: Result, rigid: Result) -> Result:
-    """The run with the torques of the same motion without elasticity beside its own.
-
-    Args:
-        run: A flexible run.
-        rigid: The same motion without elasticity.
-    """
+    """The run with the torques of the same motion without elasticity beside its own."""
     if not run.motors or run.motors != rigid.motors or run is rigid:
         return run
     beside = read_only(_at(rigid, "torque", run.t), RIGID_TORQUE)
@@ -33,13 +28,7 @@ def with_rigid_torque(run: Result, rigid: Result) -> Result:
 def track(
     result: Result, rigid: Result | None, off_path: Deviation | None = None
 ) -> dict[str, Any] | None:
-    """Path of the platform (or of the tip that moves most) and how far it is from rigid.
-
-    Args:
-        result: The run.
-        rigid: The same motion without elasticity, or None: as the run itself has it.
-        off_path: From a wanted path, which is told in place of that from rigid.
-    """
+    """Path of the platform (or of the tip that moves most) and how far it is from rigid."""
     name, angle = result.meta.get("platform"), np.zeros(len(result.t))
     if name and f"frame/{name}/position" in result.arrays:
         position = result.arrays[f"frame/{name}/position"]
@@ -95,15 +84,7 @@ def plots(
     path: dict[str, Any] | None,
     keep: IntArray,
 ) -> list[dict[str, Any]]:
-    """Plots under the time bar: {title, unit, curves}.
-
-    Args:
-        result: The run.
-        rigid: The same motion without elasticity.
-        stress: Largest von Mises stress of each link [Pa], shape (nt,).
-        path: From `track`.
-        keep: Instants kept, shape (n,).
-    """
+    """Plots under the time bar: {title, unit, curves}."""
     panels = _torques(result, rigid, keep)
     if path is not None and float(path["deviation"].max()) > 0.0:
         curve = _curve(path["name"], path["factor"] * path["deviation"][keep], 0)

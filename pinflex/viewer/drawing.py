@@ -44,11 +44,6 @@ class Drawing:
     ) -> Any:
         """Draw, and return the axes: one, or an array of several.
 
-        Args:
-            panel: One panel alone; default: all.
-            ax: Where to draw one panel; default: a new figure.
-            path: A file for the figure (.png, .pdf, .svg), which is then none of pyplot's.
-
         Raises:
             DescriptionError: `ax` for several panels, or no such panel.
         """
@@ -88,12 +83,7 @@ class Drawing:
 
 
 def save(axes: Any, path: str | Path) -> Path:
-    """Write the figure that axes stand in; returns the file.
-
-    Args:
-        axes: One, or an array of several.
-        path: .png, .pdf or .svg.
-    """
+    """Write the figure that axes stand in; returns the file."""
     path = check_figure(path)
     figure = np.atleast_1d(axes).flat[0].get_figure(root=True)
     with replaced(path) as part:

@@ -26,11 +26,6 @@ def figures_of(
     """Functions that draw what the results allow, by name.
 
     Torques of all levels; deviation, stress and spectrum of the last.
-
-    Args:
-        rigid: The reference run.
-        others: Runs by label, the most faithful one last.
-        natural: Natural frequencies [Hz] to mark in the spectra.
     """
     figures: dict[str, Callable[[], Figure]] = {}
     if rigid.motors:
@@ -59,15 +54,7 @@ def save_all(
     natural: Sequence[float] = (),
     tell: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:
-    """Write the figures that the results allow as .png files; returns their paths.
-
-    Args:
-        rigid: The reference run.
-        others: Runs by label, the most faithful one last.
-        folder: Made if it is not there.
-        natural: Natural frequencies [Hz] to mark in the spectra.
-        tell: Called with what is done next.
-    """
+    """Write the figures that the results allow as .png files; returns their paths."""
     figures = figures_of(rigid, others, natural)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -143,12 +143,7 @@ def body_names(result: Result) -> list[str]:
 
 
 def seen_from(pose: Array, points: Array) -> Array:
-    """Points of the world as a body sees them, shape (nt, 3).
-
-    Args:
-        pose: Of the body, shape (nt, 3, 4).
-        points: [m], shape (nt, 3).
-    """
+    """Points of the world as a body sees them, shape (nt, 3)."""
     return np.asarray(np.einsum("tji,tj->ti", pose[:, :, :3], points - pose[:, :, 3]))
 
 

@@ -27,14 +27,7 @@ def histograms(
     parameters: Sequence[str],
     total: Array,
 ) -> Drawing:
-    """One row per output: its histogram with quantiles, and total Sobol indices as bars.
-
-    Args:
-        samples: Values by output. units: Theirs.
-        quantiles: Low, median, high, shape (outputs, 3).
-        parameters: Random parameters.
-        total: Total indices, shape (outputs, parameters).
-    """
+    """One row per output: its histogram with quantiles, and total Sobol indices as bars."""
     each = {}
     for k, (name, values) in enumerate(samples.items()):
         label = name + (f" [{units[name]}]" if units.get(name) else "")

@@ -21,15 +21,7 @@ if TYPE_CHECKING:
 def histories(
     aims: Array, kept: BoolArray, label: str, parameters: Sequence[str], first: Array, best: Array
 ) -> Drawing:
-    """The aim over the designs tried ("search"), how far every parameter has moved ("change").
-
-    Args:
-        aims: The minimised output of each design, shape (designs,).
-        kept: Whether it kept every limit, shape (designs,).
-        label: Name and unit of the aim.
-        parameters: Their names; `first` and `best`: their values, shape (n,).
-        first: See above. best: See above.
-    """
+    """The aim over the designs tried ("search"), how far every parameter has moved ("change")."""
     change = 100.0 * (np.asarray(best) / np.asarray(first) - 1.0)
     search = partial(_search, aims=aims, kept=np.asarray(kept, bool), label=label)
     moved = partial(_change, parameters=parameters, change=change)

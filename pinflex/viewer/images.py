@@ -20,10 +20,6 @@ def write_png(figure: Figure, path: Path) -> None:
 
     Runs of equal bytes are all that a curve on white has: looked for alone they take half the time
     of zlib's default and 6 % fewer bytes than that on four channels.
-
-    Args:
-        figure: Of `panels`; it is not drawn on afterwards.
-        path: A .png.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image

@@ -24,15 +24,7 @@ GREY, PALE = "#56637a", "#c3c9d2"
 
 
 def still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) -> Path:
-    """Write one instant as a .png.
-
-    Args:
-        scene: From `build_scene`.
-        path: The file to write.
-        at: Instant [s]; the nearest one kept is drawn.
-        field: Colour of the flexible links.
-        title: Heading.
-    """
+    """Write one instant as a .png."""
     figure, draw = _canvas(scene, field, title, (12.8, 8.0))
     draw(int(np.argmin(np.abs(scene["t"] - at))))
     with replaced(path) as part:
@@ -43,16 +35,7 @@ def still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) 
 def film(
     scene: dict[str, Any], path: Path, field: str, title: str, seconds: float, fps: int
 ) -> Path:
-    """Write the whole motion as a .gif.
-
-    Args:
-        scene: From `build_scene`.
-        path: File.
-        field: What colours show.
-        title: Above the picture.
-        seconds: Length of the film [s].
-        fps: Pictures a second.
-    """
+    """Write the whole motion as a .gif."""
     import io
 
     from PIL import Image
@@ -131,13 +114,7 @@ def view_of(extent: Array) -> tuple[int, int]:
 
 
 def magnified(body: dict[str, Any], k: int, mag: float) -> Array:
-    """Affine map (3, 4) that draws a body at instant k.
-
-    Args:
-        body: Body of the scene.
-        k: Number of the instant.
-        mag: Factor on displacements.
-    """
+    """Affine map (3, 4) that draws a body at instant k."""
     pose = body["rigid"][min(k, len(body["rigid"]) - 1)]
     return np.asarray(pose if body["disp"] is None else pose + mag * body["disp"][k]).reshape(3, 4)
 
@@ -154,12 +131,7 @@ def _field(link: dict[str, Any], field: str) -> Array:
 
 
 def polylines(scene: dict[str, Any], k: int, mag: float) -> list[tuple[Array, str]]:
-    """Lines of an instant [m], each with the name of its flexible link, `BASE` or "".
-
-    Args:
-        scene: From `build_scene`. k: Number of the instant.
-        mag: Factor on displacements.
-    """
+    """Lines of an instant [m], each with the name of its flexible link, `BASE` or ""."""
     lines = [(centreline(link, k, mag), link["name"]) for link in scene["links"]]
     for body in scene["bodies"]:
         pose = magnified(body, k, mag)

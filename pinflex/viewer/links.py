@@ -26,12 +26,7 @@ FIELDS = {  # key: label, unit, shown = SI * factor
 
 
 def stations(result: Result, name: str) -> IntArray:
-    """Stations of a link worth keeping: spread evenly, and those where a field peaks.
-
-    Args:
-        result: The run.
-        name: The link.
-    """
+    """Stations of a link worth keeping: spread evenly, and those where a field peaks."""
     get = _arrays(result, name)
     count = len(get["x"])
     even = np.linspace(0, count - 1, min(STATIONS, count)).round().astype(np.intp)
@@ -43,14 +38,7 @@ def stations(result: Result, name: str) -> IntArray:
 def link_geometry(
     result: Result, name: str, skin: Surface | None, station: IntArray
 ) -> dict[str, Any]:
-    """One flexible link at every instant, at the stations worth keeping.
-
-    Args:
-        result: The run.
-        name: The link.
-        skin: What the URDF draws of it. A link with stress on its own surface is drawn by that.
-        station: Numbers of the stations to keep, shape (n,).
-    """
+    """One flexible link at every instant, at the stations worth keeping."""
     get = _arrays(result, name)
     about = result.meta.get("links", {}).get(name, {})
     centre, x = get["centreline"], get["x"]
@@ -80,21 +68,13 @@ def link_geometry(
 
 
 def undeformed(link: dict[str, Any]) -> dict[str, Any]:
-    """The link in the rigid mechanism, which has neither displacements nor stresses.
-
-    Args:
-        link: From `link_geometry`.
-    """
+    """The link in the rigid mechanism, which has neither displacements nor stresses."""
     still = {k: np.zeros_like(link[k]) for k in ("disp", "y_disp")}
     return {**link, **still, "fields": {}, "surface": {}, "sections": {}}
 
 
 def _sections(resultant: Array) -> dict[str, Array]:
-    """Section forces by name, (nt, n) each, but for those that are nothing beside the others.
-
-    Args:
-        resultant: N Vy Vz [N] and T My Mz [N m], shape (nt, n, 6).
-    """
+    """Section forces by name, (nt, n) each, but for those that are nothing beside the others."""
     found = {}
     for kind in (range(3), range(3, 6)):
         most = float(np.abs(resultant[:, :, kind]).max(initial=0.0))
@@ -105,12 +85,7 @@ def _sections(resultant: Array) -> dict[str, Array]:
 
 
 def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
-    """The link at the instants kept, shape (n,).
-
-    Args:
-        link: From `link_geometry`.
-        keep: Instants, shape (n,).
-    """
+    """The link at the instants kept, shape (n,)."""
     out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid", "y_disp")}}
     for kind in ("fields", "surface", "sections"):
         out[kind] = {k: f[keep] for k, f in link[kind].items()}
@@ -122,13 +97,7 @@ def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
 
 
 def centreline(link: dict[str, Any], k: int, mag: float) -> Array:
-    """Points of a centreline at instant k, displacements magnified; shape (n, 3).
-
-    Args:
-        link: From `thinned`.
-        k: Number of the instant.
-        mag: Factor on displacements.
-    """
+    """Points of a centreline at instant k, displacements magnified; shape (n, 3)."""
     rigid = link["rigid"][k]
     if len(rigid) == 2:  # a straight one is kept by its ends
         rigid = _straight(link["x"], rigid)
@@ -148,12 +117,7 @@ def time_arrays(link: dict[str, Any]) -> list[Array]:
 
 
 def largest(link: dict[str, Any], field: str) -> Array | None:
-    """Largest magnitude of a field in a link over time, shape (nt,); None without that field.
-
-    Args:
-        link: From `link_geometry`.
-        field: One of `FIELDS`.
-    """
+    """Largest magnitude of a field in a link over time, shape (nt,); None without that field."""
     values = link["surface"].get(field, link["fields"].get(field))
     return None if values is None else np.abs(values).max(axis=1)
 

@@ -48,14 +48,7 @@ class Live:
         scale: float | str = "auto",
         meshes: Sequence[str | Path] | None = (),
     ):
-        """Start the server and draw the first instant.
-
-        Args:
-            result: The run.
-            field: Colour of the flexible links: a stress, or displacement.
-            scale: Magnification of displacements about the rigid pose, or "auto".
-            meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
-        """
+        """Start the server and draw the first instant."""
         require_meshcat()
         self.scene = build_scene(result, scale=scale, meshes=meshes)
         self.field = field if any(f["key"] == field for f in self.scene["fields"]) else ""
@@ -96,12 +89,7 @@ class Live:
             self._viewer[f"robot/body_{n}"].set_transform(moved.astype(float))
 
     def play(self, seconds: float, speed: float | None = None) -> None:
-        """Play the run over and over for some seconds; speed 1 is real time, default 6 s a pass.
-
-        Args:
-            seconds: How long [s].
-            speed: Of real time.
-        """
+        """Play the run over and over for some seconds; speed 1 is real time, default 6 s a pass."""
         t = self.scene["t"]
         span = float(t[-1] - t[0]) or 1.0
         speed = span / 6.0 if speed is None else speed

@@ -33,13 +33,7 @@ class Room:
 
 
 def new_figure(width: float, height: float, **options: Any) -> Figure:
-    """An empty figure: of pyplot inside `shown_axes`, else one that no window knows of.
-
-    Args:
-        width: [in].
-        height: [in].
-        **options: Of matplotlib's Figure.
-    """
+    """An empty figure: of pyplot inside `shown_axes`, else one that no window knows of."""
     if _SHOWN.get():
         from matplotlib import pyplot
 
@@ -78,15 +72,7 @@ def styled(ax: Axes) -> Axes:
 def panels(
     rows: int, columns: int, height: float = HEIGHT, room: Room | None = Room(), **grid: Any
 ) -> tuple[Figure, Any]:
-    """A figure and its axes (rows, columns), with open, thin frames.
-
-    Args:
-        rows: Rows of panels.
-        columns: Columns of panels.
-        height: Of the figure [in].
-        room: Space about the panels; None: matplotlib finds what the texts need.
-        **grid: As in `Figure.subplots`, and height_ratios.
-    """
+    """A figure and its axes (rows, columns), with open, thin frames."""
     sizes: dict[str, Any] = {"height_ratios": grid.pop("height_ratios", None)}
     figure = new_figure(WIDTH, height, layout=None if room else "constrained")
     if room is not None:
@@ -109,12 +95,7 @@ def aligned(*axes: Axes) -> None:
 
 
 def legend_above(ax: Axes, count: int) -> None:
-    """A legend in one line at the right of the heading, where no curve is.
-
-    Args:
-        ax: Panel.
-        count: Of its entries.
-    """
+    """A legend in one line at the right of the heading, where no curve is."""
     if count:
         right: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99)}
         text: dict[str, Any] = {"frameon": False, "fontsize": 8, "borderaxespad": 0.0}
@@ -122,11 +103,6 @@ def legend_above(ax: Axes, count: int) -> None:
 
 
 def title(ax: Axes, text: str) -> None:
-    """A small heading at the left.
-
-    Args:
-        ax: Panel.
-        text: Its heading.
-    """
+    """A small heading at the left."""
     # at y = 1 by word: to find that nothing stands above, matplotlib lays out every tick twice
     ax.set_title(text, loc="left", fontsize=9, y=1.0)

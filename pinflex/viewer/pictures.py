@@ -27,10 +27,6 @@ def instant(result: Result, text: str) -> float:
     """Instant [s] that a text names: a number within the run, or "worst".
 
     The worst instant is that of the largest von Mises stress, in a section or on a surface.
-
-    Args:
-        result: A run.
-        text: A number [s], or "worst".
     """
     if text == "worst":
         if not result.links:
@@ -54,16 +50,7 @@ def instant(result: Result, text: str) -> float:
 def still(
     result: Result, page: Path, path: Path, at: float, field: str, scale: float | str
 ) -> Picture:
-    """Write one instant as a .png.
-
-    Args:
-        result: The run.
-        page: Its page, already written.
-        path: The file to write.
-        at: Instant [s].
-        field: Colour of the flexible links.
-        scale: Magnification, or "auto".
-    """
+    """Write one instant as a .png."""
     if capture.find_browser():
         return Picture(capture.picture(page, path, at))
     scene = build_scene(result, scale=scale, meshes=None)
@@ -71,15 +58,7 @@ def still(
 
 
 def film(result: Result, page: Path, path: Path, field: str, scale: float | str) -> Picture:
-    """Write the whole motion as a .gif or .mp4; arguments as in `still`.
-
-    Args:
-        result: A run.
-        page: Its page.
-        path: File.
-        field: What colours show.
-        scale: Factor on displacements, or "auto".
-    """
+    """Write the whole motion as a .gif or .mp4; arguments as in `still`."""
     if capture.find_browser():
         return Picture(capture.film(page, path, seconds=SECONDS, fps=FPS))
     if path.suffix != ".gif":

@@ -39,12 +39,7 @@ _PARTS = {  # of a deviation: components, and units by whether it is small
 
 
 def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
-    """One panel per motor, rigid and flexible, with the difference from rigid below it.
-
-    Args:
-        rigid: The rigid run.
-        others: Flexible runs by name.
-    """
+    """One panel per motor, rigid and flexible, with the difference from rigid below it."""
     motors = rigid.motors
     if not motors:
         raise DescriptionError("torques: the result has no motors. Name them under `actuated`.")
@@ -88,12 +83,6 @@ def deviation(
     """Position and rotation of a frame relative to the rigid run, in world axes.
 
     In mm and mrad, or in thousandths of them where that is all there is.
-
-    Args:
-        rigid: The reference run.
-        flexible: The run.
-        frame: Name of the frame.
-        still: A run without vibration, drawn beside it by dashes.
     """
     calm = None if still is None else still.deviation_from(rigid, frame)
     dashes = "" if still is None else f"; dashed: {still.level}"
@@ -102,12 +91,7 @@ def deviation(
 
 
 def distance(away: Deviation, calm: Deviation | None = None, heading: str = "") -> Figure:
-    """Position and rotation of a deviation, in mm and mrad or in thousandths of them.
-
-    Args:
-        away: Deviation. calm: One without vibration, drawn beside it by dashes.
-        heading: Of the figure.
-    """
+    """Position and rotation of a deviation, in mm and mrad or in thousandths of them."""
     figure, axes = panels(2, 1, sharex=True)
     for ax, part in zip(axes[:, 0], ("position", "rotation"), strict=True):
         draw_distance(ax, away, part, calm)
@@ -118,13 +102,7 @@ def distance(away: Deviation, calm: Deviation | None = None, heading: str = "") 
 
 
 def draw_distance(ax: Axes, away: Deviation, part: str, calm: Deviation | None = None) -> None:
-    """Position or rotation of a deviation on given axes.
-
-    Args:
-        ax: Where. away: Deviation.
-        part: "position" or "rotation".
-        calm: As in `distance`.
-    """
+    """Position or rotation of a deviation on given axes."""
     names, units = _PARTS[part]
     values = getattr(away, part)
     fine = 1e-12 < peak(values) < 1e-5  # below that it is round-off
@@ -146,12 +124,7 @@ def draw_distance(ax: Axes, away: Deviation, part: str, calm: Deviation | None =
 
 
 def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
-    """Von Mises stress [MPa] of each flexible link over time and place, on one colour scale.
-
-    Args:
-        result: A run with flexible links.
-        links: Some of them; default all.
-    """
+    """Von Mises stress [MPa] of each flexible link over time and place, on one colour scale."""
     names = tuple(result.links if links is None else links)
     if not names:
         raise DescriptionError(
@@ -179,11 +152,7 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
 
 
 def draw_stress(ax: Axes, view: LinkView, top: float) -> Any:
-    """Von Mises stress of one link over time and place on given axes; returns the image.
-
-    Args:
-        ax: Where. view: The link. top: Upper end of the colours [MPa].
-    """
+    """Von Mises stress of one link over time and place on given axes; returns the image."""
     from matplotlib.colors import PowerNorm
     from matplotlib.image import NonUniformImage
 
@@ -216,19 +185,7 @@ def spectrum(
     natural: Sequence[float] = (),
     ax: Axes | None = None,
 ) -> Figure:
-    """Amplitude spectrum of one quantity, its highest peaks labelled in Hz.
-
-    Args:
-        result: The run to look at.
-        quantity: "torque/MOTOR", "joint/JOINT", "frame/FRAME/x|y|z" or "link/LINK/u|v|w|rx|ry|rz"
-            (at the station where that deflection is largest), or the key of a `Quantity`.
-        reference: A run whose same quantity is subtracted first, usually the rigid one.
-        after: Start of the window [s]; the end of the motion leaves the free vibration.
-        peaks: How many peaks to label.
-        natural: Natural frequencies [Hz], ascending, to mark by thin lines; peaks near one of them
-            are labelled with its number.
-        ax: Where to draw; default: a figure of its own.
-    """
+    """Amplitude spectrum of one quantity, its highest peaks labelled in Hz."""
     values, label, unit = signal(result, quantity)
     if reference is not None:
         same_grid(result, reference)
@@ -284,11 +241,7 @@ def figure_of(ax: Axes) -> Figure:
 
 
 def signal(result: Result, quantity: str) -> tuple[Array, str, str]:
-    """Time series, label and unit of a quantity.
-
-    Args:
-        result: A run. quantity: As in `spectrum`.
-    """
+    """Time series, label and unit of a quantity."""
     kind, _, name = quantity.partition("/")
     if quantity in QUANTITIES and result.array(quantity).ndim == 1:
         return result.array(quantity), QUANTITIES[quantity].label, QUANTITIES[quantity].unit

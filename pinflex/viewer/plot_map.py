@@ -53,12 +53,7 @@ def plot_map(poses: PoseMap) -> Figure:
 
 
 def axes_of_map(poses: PoseMap, panel: str | None = None, ax: Axes | None = None) -> Any:
-    """Axes of `plot_map`.
-
-    Args:
-        poses: The map. panel: One of its panels alone.
-        ax: Where to draw that.
-    """
+    """Axes of `plot_map`."""
     cut = _cut(poses)
     if len(cut.drawn) == 1:
         each: dict[str, Callable[[Axes], object]] = {
@@ -113,12 +108,7 @@ def _title(poses: PoseMap, drawn: list[int]) -> str:
 
 
 def save_map(poses: PoseMap, path: str | Path) -> Path:
-    """Write the figure (.png, .pdf, .svg); returns the file.
-
-    Args:
-        poses: From `pose_map`.
-        path: File.
-    """
+    """Write the figure (.png, .pdf, .svg); returns the file."""
     path = check_figure(path)
     with replaced(path) as part:
         plot_map(poses).savefig(part, dpi=DPI)
@@ -221,14 +211,7 @@ def _stiffness(compliance: Array) -> dict[str, Array]:
 
 
 def _draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None:
-    """One line a mode, numbered; the lowest frequency of all marked.
-
-    Args:
-        ax: Where to draw.
-        t: Poses, shape (n,), in `unit`: time of a motion, or a coordinate.
-        frequencies: Hz, shape (n, count); nan where there is none.
-        unit: For the mark.
-    """
+    """One line a mode, numbered; the lowest frequency of all marked."""
     frequencies = frequencies[:, np.isfinite(frequencies).any(axis=0)]
     for i, column in enumerate(frequencies.T):
         ax.plot(t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)

@@ -33,12 +33,7 @@ class Found(Protocol):
 
 
 def plot_frequencies(found: Found, ax: Axes | None = None) -> Any:
-    """Axes with a bar for each frequency, split by the shares of the elastic energy.
-
-    Args:
-        found: Modes.
-        ax: Where to draw; default: axes of a new figure.
-    """
+    """Axes with a bar for each frequency, split by the shares of the elastic energy."""
     height = 1.1 + 0.24 * len(found.frequencies)
     return Drawing(None, {"frequencies": partial(_bars, found=found)}, height).axes(None, ax)
 
@@ -82,12 +77,7 @@ def _parts(found: Found) -> list[tuple[str, Array, str]]:
 
 
 def shape_axes(run: Result, heading: str, ax: Axes | None = None) -> Any:
-    """Axes with a period of a mode as lines: undeformed, and both ends of the swing.
-
-    Args:
-        run: One period of the mode. heading: Above.
-        ax: Where to draw; default: axes of a new figure.
-    """
+    """Axes with a period of a mode as lines: undeformed, and both ends of the swing."""
     draw = partial(_shape, scene=mode_scene(run, meshes=None), heading=heading)
     return Drawing(None, {"shape": draw}, 0.75 * WIDTH).axes(None, ax)
 

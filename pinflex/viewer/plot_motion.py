@@ -24,23 +24,13 @@ _PANELS = ("position", "velocity", "acceleration")
 def plot_motion(
     motion: Motion, until: float | None = None, panel: str | None = None, ax: Axes | None = None
 ) -> Any:
-    """Axes with position, velocity and acceleration over time.
-
-    Args:
-        motion: What to draw. until: End [s]; default: its duration.
-        panel: One of the three alone.
-        ax: Where to draw that.
-    """
+    """Axes with position, velocity and acceleration over time."""
     each = {name: partial(_draw, motion, until, name) for name in _PANELS}
     return Drawing(partial(figure, motion, until), each).axes(panel, ax)
 
 
 def figure(motion: Motion, until: float | None = None) -> Figure:
-    """Three panels, a curve for each coordinate.
-
-    Args:
-        motion: What to draw. until: End [s]; default: its duration.
-    """
+    """Three panels, a curve for each coordinate."""
     fig, axes = panels(3, 1, 5.6, sharex=True)
     for name, ax in zip(_PANELS, axes[:, 0], strict=True):
         _curves(motion, until, name, ax)

@@ -25,11 +25,7 @@ Compared = tuple[str, str, str, Array, Array, Array, "Array | None"]
 
 
 def residuals(panels: Sequence[Compared]) -> Drawing:
-    """One column per quantity: both curves above, model less measured below.
-
-    Args:
-        panels: Title, axis x, unit, and x, measured, model and standard deviations, shape (n,).
-    """
+    """One column per quantity: both curves above, model less measured below."""
     each = {p[0]: partial(_both, compared=p) for p in panels}
     below = {f"difference {p[0]}": partial(_difference, compared=p) for p in panels}
 

@@ -52,24 +52,12 @@ def build_scene(
     scale: float | str = "auto",
     meshes: Sequence[str | Path] | None = (),
 ) -> dict[str, Any]:
-    """Plain data of one run; arrays are thinned in time and along the links, extremes kept.
-
-    Args:
-        result: The run to draw.
-        rigid: The same motion without elasticity: its torques and platform path are compared.
-        scale: Magnification of displacements, or "auto" (1, 2 or 5 times a power of ten).
-        meshes: Folders of mesh files besides example-robot-data; None draws simple shapes only.
-    """
+    """Plain data of one run; arrays are thinned in time and along the links, extremes kept."""
     return build_scenes([result], rigid, scale, meshes)[0]
 
 
 def mode_scene(result: Result, meshes: Sequence[str | Path] | None = ()) -> dict[str, Any]:
-    """Scene of a period of a mode shape, magnified to be seen.
-
-    Args:
-        result: The period.
-        meshes: As in `build_scene`.
-    """
+    """Scene of a period of a mode shape, magnified to be seen."""
     scene = build_scene(result, meshes=meshes)
     largest = scene["largest"]
     return scene | {"scale": _MODE_SHARE * scene["size"] / largest if largest else 1.0}
@@ -82,15 +70,7 @@ def build_scenes(
     meshes: Sequence[str | Path] | None = (),
     off_path: Sequence[Deviation | None] = (),
 ) -> list[dict[str, Any]]:
-    """Scenes of runs of one mechanism, alike in instants, stations and magnification.
-
-    Args:
-        results: The runs to draw.
-        rigid: As in `build_scene`.
-        scale: As in `build_scene`.
-        meshes: As in `build_scene`.
-        off_path: Of each run from the path that its platform should follow; default from rigid.
-    """
+    """Scenes of runs of one mechanism, alike in instants, stations and magnification."""
     away = off_path or [None] * len(results)
     at = _stations(results)
     drawn = [_drawn(r, rigid, meshes, at, d) for r, d in zip(results, away, strict=True)]
@@ -205,12 +185,7 @@ def _notes(result: Result, kept: int) -> list[str]:
 
 
 def strength(result: Result, link: str) -> float | None:
-    """Yield strength of a link [MPa], where known.
-
-    Args:
-        result: Run.
-        link: Flexible link.
-    """
+    """Yield strength of a link [MPa], where known."""
     known = result.meta.get("links", {}).get(link, {}).get("material", {}).get("yield_strength")
     return None if not known else 1e-6 * float(known)
 
@@ -228,10 +203,6 @@ def automatic_scale(largest: float, size: float) -> float:
     """Magnification 1, 2 or 5 times a power of ten that shows `largest` as `SHARE` of `size`.
 
     A displacement that is large as it is stays at 1: nothing is ever drawn smaller.
-
-    Args:
-        largest: Displacement [m].
-        size: Of the robot [m].
     """
     if not 0.0 < largest < SHARE * size:
         return 1.0

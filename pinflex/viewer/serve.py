@@ -41,12 +41,7 @@ class Server(ThreadingHTTPServer):
 
 
 def page_until_interrupted(page: Path, port: int) -> None:
-    """Serve a page until Ctrl-C; the address is printed.
-
-    Args:
-        page: File.
-        port: 0: any that is free.
-    """
+    """Serve a page until Ctrl-C; the address is printed."""
     with Server(page, port) as server, contextlib.suppress(KeyboardInterrupt):
         print(f"{server.url} (only from this machine; Ctrl-C ends it)", flush=True)
         server.serve_forever()
@@ -55,14 +50,7 @@ def page_until_interrupted(page: Path, port: int) -> None:
 def live_until_interrupted(
     result: Result, field: str, scale: float | str, meshes: Sequence[str | Path]
 ) -> None:
-    """Play a run in meshcat until Ctrl-C; the address is printed.
-
-    Args:
-        result: A run.
-        field: What colours show.
-        scale: Factor on displacements, or "auto".
-        meshes: Folders that hold meshes.
-    """
+    """Play a run in meshcat until Ctrl-C; the address is printed."""
     from pinflex.viewer.live import Live
 
     with Live(result, field, scale, meshes) as live, contextlib.suppress(KeyboardInterrupt):

@@ -18,11 +18,6 @@ _FLAT = 0.02  # directions in which the planes of a cell are this much weaker sa
 def simplify(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
     """The mesh with at most `most` triangles; one that is small enough comes back whole.
 
-    Args:
-        vertices: Points, shape (n, 3).
-        faces: Three vertices each, shape (m, 3).
-        most: Triangles wanted.
-
     Returns:
         Vertices and faces.
     """

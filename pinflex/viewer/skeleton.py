@@ -49,13 +49,7 @@ class Skeleton:
 def skeletons(
     result: Result, locator: FrameLocator, surfaces: Mapping[str, Surface]
 ) -> list[Skeleton]:
-    """The rigid bodies of a result that have something to draw.
-
-    Args:
-        result: The run.
-        locator: Finds what moves with what.
-        surfaces: What the URDF draws, by link.
-    """
+    """The rigid bodies of a result that have something to draw."""
     names = body_names(result)
     joints = [j for j in locator.joints.values() if j.child in names]
     fixed = [j for j in joints if j.kind == "fixed" and _together(result, j.parent, j.child)]
@@ -147,13 +141,7 @@ def _skeleton(
 
 
 def body_shapes(body: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
-    """Shapes in the body's own frame, and its motion at the instants kept.
-
-    Args:
-        body: The body.
-        keep: Instants kept, shape (n,).
-        size: Size of the robot [m]; nothing is drawn thinner than a share of it.
-    """
+    """Shapes in the body's own frame, and its motion at the instants kept."""
     pose, rigid = body.pose, body.rigid
     radius = float(np.clip(body.radius, 0.007 * size, 0.03 * size))
     mesh = None if body.surface is None else packed(body.surface)[0]

@@ -33,13 +33,7 @@ class Skin:
     shown: IntArray
 
     def at(self, link: dict[str, Any], k: int, mag: float) -> Array:
-        """The points in the world at instant k, displacements magnified; shape (n, 3).
-
-        Args:
-            link: Link of the scene.
-            k: Number of the instant.
-            mag: Factor on displacements.
-        """
+        """The points in the world at instant k, displacements magnified; shape (n, 3)."""
         centre, t, y, z = _sections(link, k, mag)
         x = np.clip(self.points[:, 0], self.x[0], self.x[-1])
         i = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, len(self.x) - 2)
@@ -52,14 +46,7 @@ class Skin:
 
 
 def skin(link: dict[str, Any], field: str, least: float, most: int) -> Skin:
-    """Surface that is drawn of a flexible link.
-
-    Args:
-        link: From `build_scene`.
-        field: The colour; displacement where the link has no such field.
-        least: Nothing is drawn thinner [m].
-        most: Triangles of a mesh; it is thinned to so many.
-    """
+    """Surface that is drawn of a flexible link."""
     x, values = link["x"], link["fields"].get(field)
     if values is None:
         values = np.linalg.norm(link["disp"], axis=2)

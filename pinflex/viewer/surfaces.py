@@ -45,36 +45,21 @@ class Surface:
     from_file: bool
 
     def moved(self, rotation: Array, shift: Array) -> Surface:
-        """The surface in another frame: rotation (3, 3) first, then shift [m].
-
-        Args:
-            rotation: Shape (3, 3).
-            shift: [m], shape (3,).
-        """
+        """The surface in another frame: rotation (3, 3) first, then shift [m]."""
         return Surface(self.vertices @ rotation.T + shift, self.faces, self.from_file)
 
 
 def surfaces(
     result: Result, folders: Sequence[str | Path] = ()
 ) -> tuple[dict[str, Surface], list[str]]:
-    """Surfaces by link, and what there is to say about those that are missing or thinned.
-
-    Args:
-        result: A run; its meta names the meshes.
-        folders: Where `package://` and relative names are looked for, after example-robot-data.
-    """
+    """Surfaces by link, and what there is to say about those that are missing or thinned."""
     return surfaces_of(drawing_of(result.meta).visuals, folders)
 
 
 def surfaces_of(
     visuals: Mapping[str, Sequence[Visual]], folders: Sequence[str | Path] = ()
 ) -> tuple[dict[str, Surface], list[str]]:
-    """The same of the visuals of a drawing, by link.
-
-    Args:
-        visuals: Meshes and simple shapes by link.
-        folders: As above.
-    """
+    """The same of the visuals of a drawing, by link."""
     every = [(link, part) for link, parts in visuals.items() for part in parts]
     count = sum(bool(part.file) for _, part in every)
     most = int(np.clip(TRIANGLES / max(count, 1), 200, MOST))

@@ -21,13 +21,7 @@ _BARS = 12  # of a panel: the rest is too small to matter
 
 
 def tornado(parameters: Sequence[str], outputs: Sequence[str], table: Array) -> Drawing:
-    """One panel per output, its longest bars on top.
-
-    Args:
-        parameters: Names of the bars.
-        outputs: Titles of the panels.
-        table: Relative sensitivities, shape (parameters, outputs).
-    """
+    """One panel per output, its longest bars on top."""
     columns = np.nan_to_num(np.asarray(table, float)).T
     each = {
         output: partial(_bars, parameters=parameters, output=output, column=column)

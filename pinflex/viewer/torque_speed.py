@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 
 
 def torque_speed(result: Result, drives: Sequence[str] | None = None) -> Figure:
-    """Motor torque over motor speed of each drive, with its limit curve where there is one.
-
-    Args:
-        result: A run.
-        drives: Joints whose drives are shown; None: all.
-    """
+    """Motor torque over motor speed of each drive, with its limit curve where there is one."""
     names = tuple(result.drives if drives is None else drives)
     if not names:
         raise DescriptionError(
@@ -42,12 +37,7 @@ def torque_speed(result: Result, drives: Sequence[str] | None = None) -> Figure:
 
 
 def draw_torque_speed(ax: Axes, view: DriveView) -> None:
-    """Motor torque over motor speed of one drive on given axes.
-
-    Args:
-        ax: Where.
-        view: The drive.
-    """
+    """Motor torque over motor speed of one drive on given axes."""
     curve = view.limit_curve
     ax.axhline(0.0, color="0.6", lw=0.6, zorder=0)
     ax.axvline(0.0, color="0.6", lw=0.6, zorder=0)

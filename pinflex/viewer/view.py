@@ -75,18 +75,6 @@ def write_html(
 ) -> Path:
     """Write one page that plays a run; it needs no network, no server and no pinflex to be read.
 
-    Args:
-        result: The run; a rigid one plays too, without colours.
-        path: The .html file to write; a folder gets NAME.html.
-        field: Colour at first: von_mises, bending, axial, shear or displacement.
-        scale: Magnification of displacements about the rigid pose, or "auto".
-        title: Heading; default the run's name.
-        rigid: The same motion without elasticity, to compare torques and the platform path with.
-        limit: Stress the material bears [Pa], above which the colour changes; default the lowest
-            yield strength among the links, where known.
-        meshes: Folders in which the meshes of the URDF are looked for, besides the package
-            example-robot-data; None draws simple shapes only.
-
     Returns:
         The file written.
     """
@@ -98,13 +86,7 @@ def write_html(
 def write_modes_html(
     shapes: Iterable[tuple[float, Result]], path: str | Path, title: str | None = None
 ) -> Path:
-    """Write one page with a picker of mode shapes, played by the same player.
-
-    Args:
-        shapes: (frequency [Hz], Result over one period of the sinusoidal motion) for each mode.
-        path: The .html file to write.
-        title: Heading; default the mechanism's name.
-    """
+    """Write one page with a picker of mode shapes, played by the same player."""
     bare: dict[str, Any] = {"forces": [], "torques": [], "plots": [], "track": None}
     scenes = [
         mode_scene(result) | {"mode": {"frequency": float(frequency)}} | bare
@@ -129,22 +111,7 @@ def write_runs_html(
     first: str | None = None,
     off_path: Mapping[str, Deviation] | None = None,
 ) -> Path:
-    """Write one page on which runs of one mechanism are switched, overlaid and subtracted.
-
-    Args:
-        runs: By the words that the page shows; they share magnification.
-        path: The .html file to write.
-        field: As in `write_html`.
-        scale: As in `write_html`.
-        title: Heading; default the mechanism's name.
-        rigid: The same motion without elasticity, to compare all of them with; default the rigid
-            run among them.
-        limit: As in `write_html`.
-        meshes: As in `write_html`.
-        first: Words of the run shown at first; default the first.
-        off_path: By the same words, distance of the platform from the path that it should follow,
-            told in place of that from the rigid mechanism.
-    """
+    """Write one page on which runs of one mechanism are switched, overlaid and subtracted."""
     if not runs:
         raise DescriptionError("view: no run was given. Give at least one.")
     results = list(runs.values())
@@ -232,13 +199,7 @@ def has_desktop() -> bool:
 
 
 def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) -> str:
-    """The whole page as text.
-
-    Args:
-        scenes: From `build_scene`.
-        title: Of the page.
-        page: What the page shows besides.
-    """
+    """The whole page as text."""
     player = f'"use strict";\n(async () => {{\n{_joined(PLAYER, "js")}\n}})();'
     hash_, viewer = _viewer()
     runs = [_coarse(scene) | {"t": scene["t"].tolist()} for scene in scenes]
