@@ -116,7 +116,9 @@ def test_in_space_and_over_borders_they_are_those_of_numpy(
 def test_several_sleeves_on_one_rod(segments: int, tmp_path: Path) -> None:
     m = load(tmp_path, BESIDE, SPACE, (f"flexible.rod.segments={segments}", FIXED, *TWO))
     assert len(m.flexible.closed.contacts) == 2
-    is_numpy(m.flexible, [state(m, x, seed) for seed, x in enumerate((0.11, 0.26, 0.4))])
+    # The second sleeve stands 0.15 m farther. Off the rod, 0.5 m long, its ends have several roots.
+    places = 0.11, 0.26, 0.21  # and at the last it reaches over a border of four segments
+    is_numpy(m.flexible, [state(m, x, seed) for seed, x in enumerate(places)])
 
 
 @pytest.mark.parametrize("x", [0.1, 0.26])
