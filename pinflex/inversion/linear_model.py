@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eig
+from scipy.linalg import eig, matrix_balance
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
@@ -36,6 +36,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 RATES = ("", "velocity", "acceleration")
 INPUTS = ("torque", "acceleration")
 
+_FINITE = 1e-8  # of the inverse of the largest rate: a zero beyond is at infinity
 _RIGID = 1e-6  # of the highest frequency: below it a mode is one of the rigid body
 
 
@@ -82,11 +83,11 @@ class LinearModel:
             raise DescriptionError(
                 f"zeros: {m} inputs and {len(self.C)} outputs. Take a model with as many of each."
             )
-        S = np.block([[self.A, self.B], [self.C, self.D]])
+        S, fastest = _even(np.block([[self.A, self.B], [self.C, self.D]]), n)
         E = np.zeros_like(S)
         E[:n, :n] = np.eye(n)
         alpha, beta = eig(S, E, right=False, homogeneous_eigvals=True)
-        finite = np.abs(beta) * np.max(np.abs(self.A), initial=1.0) > 1e-8 * np.abs(alpha)
+        finite = np.abs(beta) * fastest > _FINITE * np.abs(alpha)
         found = alpha[finite] / beta[finite]
         return np.asarray(found[np.argsort(np.abs(found))])
 
@@ -183,6 +184,32 @@ def linearise(
         A, B, C_out, D_out, tuple(states + [f"{s}'" for s in states]), inputs,
         tuple(f"{text} [{_unit(text)}]" for text in wanted), found.y, frequencies,
     )  # fmt: skip
+
+
+def _even(S: Array, n: int) -> tuple[Array, float]:
+    """S = [[A, B], [C, D]] of n states in units that leave its zeros; its largest rate [1/s].
+
+    A holds ones and squares of frequencies, 1e16 of a light link: QZ errs by the round-off of the
+    largest entry, and slow zeros hang on less. Balanced, A holds rates. Units of inputs and outputs
+    are free: B and C become as large as A, so that zeros do not hang on those units, and
+    then all is balanced, since what an input moves may be small in one state and large in another.
+    """
+    unit = np.diag(matrix_balance(S[:n, :n], permute=False)[1])
+    S = S.copy()
+    S[:n] /= unit[:, None]
+    S[:, :n] *= unit
+    S = np.array(matrix_balance(_as_large(S, n), permute=False)[0])
+    return _as_large(S, n), float(np.max(np.abs(S[:n, :n]), initial=0.0)) or 1.0
+
+
+def _as_large(S: Array, n: int) -> Array:
+    """Each input's column and then each output's row scaled to the largest entry of A."""
+    fastest = float(np.max(np.abs(S[:n, :n]), initial=0.0)) or 1.0
+    S = S.copy()
+    for part in (S[:, n:], S[n:].T):
+        size = np.max(np.abs(part), axis=0, initial=0.0)
+        part *= fastest / np.where(size > 0.0, size, fastest)
+    return S
 
 
 def _state_matrices(
